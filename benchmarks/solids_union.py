@@ -95,7 +95,7 @@ def _rows(name: str, run: Row, path: Path, goals: list[Any]) -> Iterator[Row]:
             "by": {"own reader": found.closed} | others,
         }
     if pieces.count <= CROSSINGS_UP_TO:
-        crossing = crossing_triangles(read_corners(Path(run["stem"] + ".stl"))[0])
+        crossing = len(crossing_triangles(read_corners(Path(run["stem"] + ".stl"))[0]))
         yield row(f"{name}: triangles of the STL that cross", crossing, "", "0", crossing == 0)
     exact, error = capsule_union_volume(pieces.start, pieces.end, *pieces.radius.T)
     off = volume / exact - 1

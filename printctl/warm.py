@@ -17,11 +17,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 from design.errors import GrowthError
 from design.hemodynamics.three_d.surface import wall_surface
 from design.hemodynamics.three_d.wall import lumen_wall
+from design.solids.mend import without_crossings
 from design.vasculature import planar_four_vessel
 from printctl.link.history import DATA_VARIABLE
 from printctl.networks import Drive, load_source
@@ -94,12 +96,21 @@ def warm_growth() -> None:
         with suppress(GrowthError):
             _warmed(CROWDED, design_recipe, scratch)
     mesh_walls()
+    mend_crossing()
 
 
 def mesh_walls() -> None:
     """Even triangles on lumens' walls, as 3D flow wants them; needs none of its extra."""
     network = planar_four_vessel()
     wall_surface(network, lumen_wall(network, fillet_ratio=0.5, ratio=1.0))
+
+
+def mend_crossing() -> None:
+    """What takes crossings away from unions: two tetrahedra pushed into one another."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    vertices = np.concatenate([corners, corners + [0.25, 0.125, 0.0625]])
+    without_crossings(vertices, np.concatenate([faces, faces + 4]), 1e-3)
 
 
 @contextmanager

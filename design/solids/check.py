@@ -16,11 +16,9 @@ from design.solids.read import load_mesh
 from design.solids.topology import edge_faults, surface_genus
 
 SELF_INTERSECTION: Final = (
-    "all pairs of triangles whose boxes meet are tried, neighbours too: an edge of one through the "
-    "inside of another, and neighbours folded flat onto one another, each beyond the rounding of "
-    "the determinants (design/solids/crossings.py). Triangles that touch within that rounding, or "
-    "lie on one another in one plane, are counted as touching, not as crossing. It isn't part of "
-    "`valid`: readers take such files"
+    "all pairs of triangles whose boxes meet are tried, neighbours too, exactly: counted are those "
+    "that meet in more than the corners and edges which both have (design/solids/crossings.py). It "
+    "isn't part of `valid`: readers take such files"
 )
 """What the test for crossing faces covers."""
 
@@ -49,8 +47,8 @@ class SolidCheck:
         Closed surfaces that aren't joined (an enclosed cavity is one).
     open_edges, wrong_edges : int
         Edges with one face; edges with several or opposed ones.
-    crossing_faces, touching_faces : int
-        That pass through another one; that touch one as exactly as rounding can tell.
+    crossing_faces : int
+        That pass through another one, touch it, or are folded onto it.
     self_intersection : str
         What that test covers.
     """
@@ -67,7 +65,6 @@ class SolidCheck:
     open_edges: int
     wrong_edges: int
     crossing_faces: int
-    touching_faces: int
     self_intersection: str = SELF_INTERSECTION
 
     @property
@@ -118,8 +115,7 @@ def validate_file(path: Path) -> SolidCheck:
         shells=shells,
         open_edges=faults.open,
         wrong_edges=faults.wrong,
-        crossing_faces=len(met.crossing),
-        touching_faces=met.touching,
+        crossing_faces=len(met.faces),
     )
 
 

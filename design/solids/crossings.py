@@ -1,8 +1,8 @@
 """Triangles of a surface that pass through one another.
 
 Every two triangles whose boxes meet are tried, neighbours too. The signs of tetrahedra decide,
-each with a bound of its rounding (Shewchuk 1997, doi 10.1007/PL00009321, his first filter), so a
-crossing that is reported is one, and what rounding can't tell is counted apart, as touching.
+each with a bound of its rounding (Shewchuk 1997, doi 10.1007/PL00009321, his first filter); the
+few pairs that this leaves open are decided in whole numbers (`exact_meeting`).
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from design.geometry import build_triangle_tree
 from design.geometry.bvh import DEPTH
+from design.solids.exact_meeting import triangles_meet
 from kernels import jit, pjit
 
 IntArray = NDArray[np.int64]
@@ -23,7 +24,8 @@ IntArray = NDArray[np.int64]
 _ROUNDING = 8e-16
 """Of a 3 x 3 determinant over the sum of its terms' sizes: Shewchuk's (7 + 56 ε) ε, rounded up."""
 
-APART, CROSSING, TOUCHING = 0, 1, 2
+APART, OPEN, CROSSING = 0, 1, 2
+"""How two triangles meet; OPEN where rounding hides it."""
 
 
 @dataclass(frozen=True)
@@ -32,20 +34,21 @@ class Crossings:
 
     Attributes
     ----------
-    crossing : (k, 2) int64
-        Pairs of faces: an edge of one goes through the inside of the other, or two neighbours
-        are folded flat onto one another. A face that crosses several is listed with one of them.
-    touching : int
-        Faces that meet another one, or lie in its plane over it, so exactly that rounding of the
-        determinants hides on which side they are.
+    pairs : (k, 2) int64
+        Every two faces that meet in more than the corners and edges which both have: that pass
+        through one another, touch, or are folded flat onto one another. Sorted.
     """
 
-    crossing: IntArray
-    touching: int
+    pairs: IntArray
+
+    @property
+    def faces(self) -> IntArray:
+        """Faces of any pair, (f,), ascending."""
+        return np.unique(self.pairs)
 
 
 def find_crossings(vertices: NDArray[np.float64], faces: NDArray[np.integer]) -> Crossings:
-    """Faces that pass through one another.
+    """Find all pairs of faces that pass through one another, exactly.
 
     Parameters
     ----------
@@ -56,23 +59,39 @@ def find_crossings(vertices: NDArray[np.float64], faces: NDArray[np.integer]) ->
     """
     corners = np.ascontiguousarray(faces, dtype=np.int32)
     tree = build_triangle_tree(np.ascontiguousarray(vertices, dtype=np.float64), corners)
-    partner = np.full(len(corners), -1, np.int64)
-    touches = np.zeros(len(corners), np.bool_)
-    _search(tree, corners, partner, touches)
-    found = np.flatnonzero(partner >= 0)
-    pairs = np.stack([tree.face[found], tree.face[partner[found]]], axis=1).astype(np.int64)
-    return Crossings(pairs[np.lexsort(pairs.T[::-1])], int(touches.sum()))
+    count = np.zeros(len(corners), np.int64)
+    _count(tree, corners, count)
+    begin = np.cumsum(count) - count
+    pairs = np.empty((int(count.sum()), 2), np.int64)
+    status = np.empty(len(pairs), np.int8)
+    _list(tree, corners, count, begin, pairs, status)
+    kept = status == CROSSING
+    for index in np.flatnonzero(~kept).tolist():
+        one, two = corners[pairs[index]].tolist()
+        kept[index] = triangles_meet(vertices[one].tolist(), vertices[two].tolist(), one, two)
+    found = np.sort(pairs[kept], axis=1)
+    return Crossings(found[np.lexsort(found.T[::-1])])
 
 
 @pjit
-def _search(tree: Any, faces: Any, partner: Any, touches: Any) -> None:
-    """For each triangle of the tree a later one that it crosses, and whether it touches any."""
-    for n in prange(len(tree.triangles)):
-        _search_one(tree, faces, n, partner, touches)
+def _count(tree: Any, faces: Any, count: Any) -> None:
+    """For each triangle of the tree, how many later ones may cross it."""
+    none, of = np.empty((0, 2), np.int64), np.empty(0, np.int8)
+    for n in prange(len(count)):
+        count[n] = _search(tree, faces, n, -1, none, of)
+
+
+@pjit
+def _list(tree: Any, faces: Any, count: Any, begin: Any, pairs: Any, status: Any) -> None:
+    """Write those pairs, by the mesh's own numbers, and how they meet."""
+    for n in prange(len(count)):
+        if count[n] > 0:
+            _search(tree, faces, n, begin[n], pairs, status)
 
 
 @jit
-def _search_one(tree: Any, faces: Any, n: int, partner: Any, touches: Any) -> None:
+def _search(tree: Any, faces: Any, n: int, at: int, pairs: Any, status: Any) -> int:
+    """Later triangles that may cross the n-th; written from ``at`` on where that isn't below 0."""
     one = tree.triangles[n].reshape(3, 3)
     low, high = np.empty(3), np.empty(3)
     for axis in range(3):
@@ -80,7 +99,7 @@ def _search_one(tree: Any, faces: Any, n: int, partner: Any, touches: Any) -> No
         high[axis] = max(one[0, axis], max(one[1, axis], one[2, axis]))
     stack = np.empty(DEPTH, np.int32)
     stack[0] = 0
-    top = 1
+    top, count = 1, 0
     while top > 0:
         top -= 1
         node = stack[top]
@@ -97,20 +116,22 @@ def _search_one(tree: Any, faces: Any, n: int, partner: Any, touches: Any) -> No
             continue
         for m in range(max(n + 1, tree.first[node]), tree.first[node] + tree.size[node]):
             two = tree.triangles[m].reshape(3, 3)
+            apart = False
             for axis in range(3):
                 if max(two[0, axis], max(two[1, axis], two[2, axis])) < low[axis]:
                     apart = True
                 if min(two[0, axis], min(two[1, axis], two[2, axis])) > high[axis]:
                     apart = True
             if apart:
-                apart = False
                 continue
-            met = _meet(one, two, faces[tree.face[n]], faces[tree.face[m]])
-            if met == CROSSING:
-                partner[n] = m
-                return
-            if met == TOUCHING:
-                touches[n] = True
+            met = meet(one, two, faces[tree.face[n]], faces[tree.face[m]])
+            if met == APART:
+                continue
+            if at >= 0:
+                pairs[at + count, 0], pairs[at + count, 1] = tree.face[n], tree.face[m]
+                status[at + count] = met
+            count += 1
+    return count
 
 
 @jit
@@ -131,8 +152,8 @@ def side(a: Any, b: Any, c: Any, d: Any) -> int:
 
 @jit
 def _pierces(p: Any, q: Any, tri: Any, over: int, under: int) -> int:
-    """Whether pq goes through the inside of ``tri``, its ends being on the sides given."""
-    if over * under > 0 or (over == 0 and under == 0):
+    """How pq and ``tri`` meet, p and q being on the sides given; 0 is open."""
+    if over * under > 0:
         return APART
     one = side(p, q, tri[0], tri[1])
     two = side(p, q, tri[1], tri[2])
@@ -143,11 +164,11 @@ def _pierces(p: Any, q: Any, tri: Any, over: int, under: int) -> int:
         return APART
     if over * under < 0 and one != 0 and two != 0 and three != 0:
         return CROSSING
-    return TOUCHING
+    return OPEN
 
 
 @jit
-def _meet(one: Any, two: Any, corners: Any, others: Any) -> int:
+def meet(one: Any, two: Any, corners: Any, others: Any) -> int:
     """How two triangles (3, 3) meet; corners with the same number are one point."""
     shared = 0
     own, its = np.full(3, -1), np.full(3, -1)
@@ -158,6 +179,13 @@ def _meet(one: Any, two: Any, corners: Any, others: Any) -> int:
                 shared += 1
     if shared == 3:
         return CROSSING
+    met = _meet_in_space(one, two, own, its, shared)
+    return APART if met == OPEN and _parted_by_an_edge(one, two, own, its) else met
+
+
+@jit
+def _meet_in_space(one: Any, two: Any, own: Any, its: Any, shared: int) -> int:
+    """The same by signs of tetrahedra; ``own`` and ``its`` say which corners both have."""
     sides = np.zeros(3, np.int64)
     plus, minus = 0, 0
     for j in range(3):
@@ -165,29 +193,23 @@ def _meet(one: Any, two: Any, corners: Any, others: Any) -> int:
             sides[j] = side(one[0], one[1], one[2], two[j])
             plus += sides[j] > 0
             minus += sides[j] < 0
-    if shared == 2:
-        return _folded(one, two, own, its) if plus + minus == 0 else APART
     if plus == 3 - shared or minus == 3 - shared:
         return APART
-    if plus + minus == 0:
-        return _overlap(one, two, own, its)
+    if shared == 2:
+        return OPEN
     met = APART
     for j in range(3):
         k = (j + 1) % 3
         if its[j] < 0 and its[k] < 0:
-            found = _pierces(two[j], two[k], one, sides[j], sides[k])
-            if found == CROSSING:
-                return CROSSING
-            met = max(met, found)
+            met = max(met, _pierces(two[j], two[k], one, sides[j], sides[k]))
+    if met == CROSSING:
+        return CROSSING
     for i in range(3):
         sides[i] = 0 if own[i] >= 0 else side(two[0], two[1], two[2], one[i])
     for i in range(3):
         k = (i + 1) % 3
         if own[i] < 0 and own[k] < 0:
-            found = _pierces(one[i], one[k], two, sides[i], sides[k])
-            if found == CROSSING:
-                return CROSSING
-            met = max(met, found)
+            met = max(met, _pierces(one[i], one[k], two, sides[i], sides[k]))
     return met
 
 
@@ -211,32 +233,22 @@ def _turn(a: Any, b: Any, c: Any, x: int, y: int) -> int:
 
 
 @jit
-def _folded(one: Any, two: Any, own: Any, its: Any) -> int:
-    """Two neighbours in one plane: whether their third corners are on the same side."""
-    i, j = 0, 0
-    for k in range(3):
-        if own[k] < 0:
-            i = k
-        if its[k] < 0:
-            j = k
-    x, y = _flat(one)
-    s, t = one[(i + 1) % 3], one[(i + 2) % 3]
-    return CROSSING if _turn(s, t, one[i], x, y) * _turn(s, t, two[j], x, y) > 0 else APART
+def _parted_by_an_edge(one: Any, two: Any, own: Any, its: Any) -> bool:
+    """Whether a line along an edge of either parts them, seen along an axis.
 
-
-@jit
-def _overlap(one: Any, two: Any, own: Any, its: Any) -> int:
-    """Two triangles in one plane: whether a line along an edge of either parts them."""
+    On that line there may only be corners that both have, and no two of either's but the edge.
+    """
     x, y = _flat(one)
     for turn in range(2):
-        tri, other = (one, two) if turn == 0 else (two, one)
+        tri, other, known = (one, two, its) if turn == 0 else (two, one, own)
         for i in range(3):
-            a, b, c = tri[i], tri[(i + 1) % 3], tri[(i + 2) % 3]
-            inner = _turn(a, b, c, x, y)
-            parts = True
+            k = (i + 1) % 3
+            inner = _turn(tri[i], tri[k], tri[(i + 2) % 3], x, y)
+            parted = inner != 0
             for j in range(3):
-                if _turn(a, b, other[j], x, y) * inner > 0:
-                    parts = False
-            if parts:
-                return APART
-    return TOUCHING
+                on_edge = known[j] == i or known[j] == k
+                if not on_edge and _turn(tri[i], tri[k], other[j], x, y) * inner >= 0:
+                    parted = False
+            if parted:
+                return True
+    return False

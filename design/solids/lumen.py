@@ -8,12 +8,11 @@ from scipy.spatial import cKDTree
 from design.errors import SolidError
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.chains import Chain
-from design.solids.crossings import find_crossings
 from design.solids.facets import FACET_TOLERANCE_MM
 from design.solids.runs import free_ends
 from design.solids.smooth.assemble import sewn
 from design.solids.smooth.layout import Layout, lay_out
-from design.solids.snap import solid_from_mesh
+from design.solids.snap import mended_solid, solid_from_mesh
 from design.solids.solid import Solid
 from design.solids.tube import EndShape
 
@@ -76,13 +75,13 @@ def lumen_solid(
         layout.sharp |= sharp
         solid = _made(layout, extended, tolerance_mm, middle)
         crowded = [joint for joint in range(len(layout.ends)) if layout.crowded(joint)]
-        if not crowded or not (fillet_ratio > 0.0 or fillet_mm):
+        if not (crowded or any(layout.swallowed)):
             return solid
-        crossing = find_crossings(solid.vertices, solid.faces).crossing
-        if len(crossing) == 0:
+        solid, crossing = mended_solid(solid, tolerance_mm)
+        if len(crossing) == 0 or not crowded or not (fillet_ratio > 0.0 or fillet_mm):
             return solid
         # Crowds that cross themselves once they are rounded to float32 stay sharp.
-        places = solid.vertices[solid.faces[crossing[:, 0], 0]] - middle
+        places = solid.vertices[solid.faces[crossing, 0]] - middle
         centres = np.array([layout.walls[joint][0, :3] for joint in crowded])
         near = cKDTree(centres).query(places)[1]
         sharp |= {crowded[index] for index in near.tolist()}

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from design.files import write_text
 from design.solids.solid import Solid
 
@@ -18,9 +16,9 @@ def write_obj(path: Path, solid: Solid) -> None:
     OSError
         When the file can't be written.
     """
-    # Nine digits give back every float32; OBJ counts vertices from 1.
-    vertices = "v %.9g %.9g %.9g\n" * len(solid.vertices)
+    # Readers that hold doubles need all digits, or faces cross; OBJ counts vertices from 1.
+    vertices = "v %.17g %.17g %.17g\n" * len(solid.vertices)
     faces = "f %d %d %d\n" * len(solid.faces)
-    text = vertices % tuple(solid.vertices.astype(np.float32).ravel().tolist())
+    text = vertices % tuple(solid.vertices.ravel().tolist())
     text += faces % tuple((solid.faces + 1).ravel().tolist())
     write_text(path, "# printctl; mm\n" + text)

@@ -3,7 +3,7 @@
 STL and most readers hold float32. Vertices of a boolean's result may lie closer together than
 its steps: written as they are, they fall onto one another, and the file read back has edges with
 four faces. So: simplify below the steps, round, merge what coincides, drop what collapsed, draw
-apart sheets that merely touch, and look again.
+apart sheets that merely touch, and look again. Then take away what crosses (`mend`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,10 @@ from manifold3d import Manifold
 from numpy.typing import NDArray
 
 from design.errors import SolidError
+from design.solids.crossings import find_crossings
+from design.solids.facets import FACET_TOLERANCE_MM
 from design.solids.manifolds import to_manifold
+from design.solids.mend import without_crossings
 from design.solids.solid import Solid
 from design.solids.topology import edge_faults, faulty_vertices, is_closed
 
@@ -51,7 +54,7 @@ def solid_from_manifold(manifold: Manifold, what: str) -> Solid:
             faults = edge_faults(kept)
         if len(kept) and not faults:
             to_manifold(snapped, kept, what)
-            return Solid(snapped, kept.astype(np.int32))
+            return mended_solid(Solid(snapped, kept.astype(np.int32)))[0]
         step *= _COARSER
     raise SolidError(
         f"{what}: {faults.open + faults.wrong} edges don't stay closed when rounded to float32: "
@@ -78,6 +81,27 @@ def solid_from_mesh(
         return solid_from_manifold(manifold, what)
     used, renumbered = np.unique(faces, return_inverse=True)
     return solid_from_manifold(to_manifold(vertices[used], renumbered.reshape(-1, 3), what), what)
+
+
+def mended_solid(
+    solid: Solid, reach_mm: float = FACET_TOLERANCE_MM
+) -> tuple[Solid, NDArray[np.int64]]:
+    """A solid with as few crossing faces as small changes leave, and the numbers of these.
+
+    ``reach_mm`` is the farthest that one change may move the surface, at least the first try's
+    steps of `solid_from_manifold`.
+    """
+    step = _STEPS_APART * float(np.spacing(np.float32(np.abs(solid.vertices).max())))
+    faces = solid.faces.astype(np.int64)
+    vertices, faces, left = without_crossings(solid.vertices, faces, max(reach_mm, step))
+    if vertices is solid.vertices:
+        return solid, left
+    used, faces = np.unique(faces, return_inverse=True)
+    mended = Solid(vertices[used], faces.reshape(-1, 3).astype(np.int32))
+    if len(left) and not is_closed(snap_mesh(mended.vertices, mended.faces.astype(np.int64))[1]):
+        # Vertices that cross still may have come to one place: better as it was.
+        return solid, find_crossings(solid.vertices, solid.faces).faces
+    return mended, left
 
 
 def snap_mesh(vertices: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceArray]:

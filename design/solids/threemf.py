@@ -17,8 +17,6 @@ from pathlib import Path
 from typing import Final
 from xml.sax.saxutils import escape, quoteattr
 
-import numpy as np
-
 from design.errors import SolidError
 from design.files import write_bytes
 from design.solids.solid import Solid
@@ -160,12 +158,12 @@ def _resources(parts: list[Part]) -> list[str]:
 
 
 def _object(number: int, extra: str, solid: Solid) -> str:
-    # Nine digits give back every float32.
-    vertices = '<vertex x="%.9g" y="%.9g" z="%.9g"/>\n' * len(solid.vertices)
+    # Nine digits give back every float32, but not to readers that hold doubles: faces would cross.
+    vertices = '<vertex x="%.17g" y="%.17g" z="%.17g"/>\n' * len(solid.vertices)
     triangles = '<triangle v1="%d" v2="%d" v3="%d"/>\n' * len(solid.faces)
     return (
         f'<object id="{number}" type="model"{extra}><mesh>\n<vertices>\n'
-        + vertices % tuple(solid.vertices.astype(np.float32).ravel().tolist())
+        + vertices % tuple(solid.vertices.ravel().tolist())
         + "</vertices>\n<triangles>\n"
         + triangles % tuple(solid.faces.ravel().tolist())
         + "</triangles>\n</mesh></object>\n"

@@ -75,12 +75,27 @@ def surface_genus(faces: NDArray[np.integer]) -> tuple[int, int]:
     # directions: the tail corner of one is at the vertex of the head corner of the other.
     one, other = np.argsort(edge, kind="stable").reshape(-1, 2).T
     corners = 3 * len(faces)
-    fans, _ = _parts(np.r_[one, _head(one)], np.r_[_head(other), other], corners)
+    fans, _ = _fans(one, other)
     # Joined over their edges and within each face, corners fall into shells.
     every = np.arange(corners)
     shells, _ = _parts(np.r_[one, every], np.r_[other, _head(every)], corners)
     euler = fans - len(faces) // 2
     return int(shells - euler // 2), shells
+
+
+def corner_fans(faces: NDArray[np.integer]) -> IntArray:
+    """Number of the fan that each corner (m, 3) of a closed surface belongs to.
+
+    A vertex in which two fans touch has two numbers, so that one may be changed without the other.
+    """
+    edge, _ = _half_edges(faces)
+    one, other = np.argsort(edge, kind="stable").reshape(-1, 2).T
+    return _fans(one, other)[1].reshape(-1, 3)
+
+
+def _fans(one: IntArray, other: IntArray) -> tuple[int, IntArray]:
+    """Fans of corners about their vertices, from the half-edges on both sides of each edge."""
+    return _parts(np.r_[one, _head(one)], np.r_[_head(other), other], 2 * len(one))
 
 
 def _half_edges(faces: NDArray[np.integer]) -> tuple[IntArray, NDArray[np.bool_]]:

@@ -37,7 +37,7 @@ def check_surface(surface: LabelledSurface, wall: LumenWall, fillet_ratio: float
             f"room between vessels; lower the fillet ratio ({fillet_ratio:g}) to a third, or move "
             "vessels apart"
         )
-    crossing = find_crossings(surface.points, surface.faces).crossing
+    crossing = find_crossings(surface.points, surface.faces).pairs
     if len(crossing):
         place = surface.points[surface.faces[crossing[0, 0]]].mean(axis=0)
         raise FlowError(

@@ -93,7 +93,7 @@ def surface_mesh(
 
 def _check(surface: LabelledSurface, network: VesselNetwork) -> None:
     """Refuse what would bring Netgen down, and with it the process: triangles through others."""
-    crossing = find_crossings(surface.points, surface.faces).crossing
+    crossing = find_crossings(surface.points, surface.faces).pairs
     if len(crossing):
         place = surface.points[surface.faces[crossing[0, 0]]].mean(axis=0)
         near = int(np.argmin(np.linalg.norm(network.nodes - place, axis=1)))

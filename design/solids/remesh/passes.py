@@ -139,7 +139,7 @@ def _keeps_form(
 
 
 @jit
-def _stays_closed(faces: IntArray, twin: IntArray, out: IntArray, h: int) -> bool:
+def stays_closed(faces: IntArray, twin: IntArray, out: IntArray, h: int) -> bool:
     """The link condition: the ends of an edge share just the two corners across from it."""
     a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, twin[h])
     if c == d or valence(twin, out, c) <= 3 or valence(twin, out, d) <= 3:
@@ -176,7 +176,7 @@ def draw_in_short(
         between = label[h // 3] != label[twin[h] // 3]
         if rim[a] > 0 and not (between and rim[a] == 2 and rim[b] == 2):
             continue
-        if not _stays_closed(faces, twin, out, h):
+        if not stays_closed(faces, twin, out, h):
             continue
         if not _keeps_form(points, wanted, faces, twin, out, h):
             continue

@@ -127,8 +127,7 @@ def _crossing_vertices(
     vertices: FloatArray, faces: FaceArray, moved: NDArray[np.bool_]
 ) -> NDArray[np.int64]:
     """Moved vertices (all, where none is) of faces that cross others."""
-    pairs = find_crossings(vertices, faces).crossing
-    found = np.unique(faces[pairs])
+    found = np.unique(faces[find_crossings(vertices, faces).faces])
     return found[moved[found]] if moved.any() else found
 
 

@@ -18,7 +18,7 @@ CROWD = channels(PAIR @ TURN.T, [(0, 1), (1, 2), (2, 3), (1, 4), (2, 5)], [0.5, 
 
 def _assert_sound(solid: Solid) -> None:
     assert not edge_faults(solid.faces)
-    assert len(find_crossings(solid.vertices, solid.faces).crossing) == 0
+    assert len(find_crossings(solid.vertices, solid.faces).pairs) == 0
 
 
 def _sharp_share(solid: Solid, middle: np.ndarray, reach: float) -> float:

@@ -23,7 +23,7 @@ BARB = {"kind": "barb", "bore_mm": 0.8, "outer_mm": 2.0, "length_mm": 5}
 def make(network: VesselNetwork | None = None, **keys: Any) -> Built:
     built = build(SolidPart(**keys), network or ladder(), BLOCK, 0)
     for solid in (built.construct, *([built.chamber] if built.chamber else [])):
-        assert len(find_crossings(solid.vertices, solid.faces).crossing) == 0
+        assert len(find_crossings(solid.vertices, solid.faces).pairs) == 0
     assert surface_genus(built.construct.faces) == (built.genus, 1)
     return built
 
