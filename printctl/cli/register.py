@@ -46,6 +46,7 @@ from printctl.cli.scan_options import (
     said_of_counts,
     said_of_scan,
 )
+from printctl.collection import collected_rarely
 from printctl.pipeline.artefacts import HTML, PDF
 
 PAGES: Final = "printctl.pipeline.registration_pages"
@@ -92,7 +93,7 @@ def register(
     steps = Steps(progress_file, out, ("reading", "registration", "writing"))
     # Of matrices so small a second thread would do nothing but spin; numpy reads this once.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with SecondProcess(PAGES) as second, steps.whole():
+    with collected_rarely(), SecondProcess(PAGES) as second, steps.whole():
         steps.begin("reading")
         from printctl.cli.register_design import read_design  # help waits for no mesh library
 

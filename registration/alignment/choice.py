@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
@@ -42,7 +42,7 @@ class Choice:
     mirror_lead: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Pose:
     """A fit to the scan, or (`axes` reversed) to its mirror image."""
 
@@ -69,6 +69,7 @@ class Contestants:
     search: Search
     points: FloatArray
     freedom: Callable[[Fit], Freedom]
+    _known: dict[tuple[_Pose, int], FloatArray] = field(default_factory=dict)
 
     def choose(self) -> Choice:
         """Return the pose that stands against all others."""
@@ -95,7 +96,11 @@ class Contestants:
         ]
 
     def _under(self, pose: _Pose, count: int) -> FloatArray:
-        return residuals(self.search.surface, thinned(self.points, count) * pose.axes, pose.fit)
+        """Residuals of about `count` points under a pose, found once."""
+        if (pose, count) not in self._known:
+            some = thinned(self.points, count) * pose.axes
+            self._known[pose, count] = residuals(self.search.surface, some, pose.fit)
+        return self._known[pose, count]
 
     def _winner(self, poses: list[_Pose]) -> _Pose:
         """Return the pose whose least lead over the others is the greatest.

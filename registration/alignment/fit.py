@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from registration.distance import ModelSurface
+from registration.distance.closest import UNKNOWN
 
 FloatArray = NDArray[np.float64]
 
@@ -108,10 +109,11 @@ def refine(
     model without depth or without lumens solvable; against thousands of points they weigh nothing.
     `even`: sides of the part that are ragged weigh less, see `evenness`; near the answer only.
     """
-    fit = start
+    fit, face = start, UNKNOWN
     reach = float(np.linalg.norm(surface.bounds[1] - surface.bounds[0])) / 2
     for _ in range(steps):
-        step = linearised(surface, points, fit, freedom, kernel_mm, blur_mm, even).step
+        now = linearised(surface, points, fit, freedom, kernel_mm, blur_mm, even, face)
+        step, face = now.step, now.face
         fit = _advance(fit, step, freedom)
         largest = max(np.abs(step[:3]).max() * reach, np.abs(step[3:6]).max(), 0.0)
         if max(largest, np.abs(step[6:]).max(initial=0.0) * reach) < settled_mm:
@@ -137,6 +139,8 @@ class Linearised:
         Of growing distance.
     bends : (n,) float64, 1/mm
         The model's curvature there.
+    face : (n,) int64
+        Its nearest triangle.
     """
 
     jacobian: FloatArray
@@ -146,6 +150,7 @@ class Linearised:
     step: FloatArray
     direction: FloatArray
     bends: FloatArray
+    face: NDArray[np.int64]
 
 
 def linearised(
@@ -156,10 +161,14 @@ def linearised(
     kernel_mm: float | None = None,
     blur_mm: float = 0.0,
     even: bool = False,
+    guesses: NDArray[np.int64] = UNKNOWN,
 ) -> Linearised:
-    """One Gauss-Newton step of `refine`, and what it was made of."""
+    """One Gauss-Newton step of `refine`, and what it was made of.
+
+    `guesses`: see `ModelSurface.query`.
+    """
     rigid = points @ fit.rotation.T + fit.shift
-    near = surface.query(fit.centre + fit.stretch * (rigid - fit.centre))
+    near = surface.query(fit.centre + fit.stretch * (rigid - fit.centre), guesses)
     residual = near.distance - surface.blurred(near.face, blur_mm) - fit.offset_mm
     spread = 1.4826 * float(np.median(np.abs(residual)))
     scale = kernel_mm or 3 * max(spread, FINEST_SCALE_MM)
@@ -172,7 +181,7 @@ def linearised(
     weighted = jacobian * weight[:, None]
     normal = weighted.T @ jacobian + np.diag(prior + 1e-9)
     step = np.asarray(np.linalg.solve(normal, pull - weighted.T @ residual), dtype=np.float64)
-    return Linearised(jacobian, residual, weight, normal, step, near.direction, bends)
+    return Linearised(jacobian, residual, weight, normal, step, near.direction, bends, near.face)
 
 
 def facing(direction: FloatArray, bends: FloatArray) -> NDArray[np.int64]:

@@ -11,6 +11,8 @@ from kernels import jit, pjit
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+UNKNOWN = np.empty(0, dtype=np.int64)
+"""Guesses of `nearest` where there are none."""
 CHUNK = 64
 """Points a thread takes at a time; each starts from the last one's triangle."""
 FACE, EDGE_AB, EDGE_BC, EDGE_CA, CORNER_A, CORNER_B, CORNER_C = range(7)
@@ -136,12 +138,14 @@ def nearest(
     nodes: IntArray,
     order: IntArray,
     normals: FloatArray,
+    guesses: IntArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
     """Signed distance, nearest point, direction of growing distance and triangle of each point.
 
     ``normals`` (m, 7, 3) holds the pseudonormal of each triangle's face, edges and corners
     (Bærentzen & Aanæs 2005, 10.1109/TVCG.2005.49), whose side is the true side even where the
-    nearest point lies on an edge. Positive is outside.
+    nearest point lies on an edge. Positive is outside. ``guesses`` (n,) are triangles near each
+    point, or empty: the nearer the triangle, the less is searched.
     """
     n = len(points)
     distance = np.empty(n)
@@ -154,6 +158,8 @@ def nearest(
         triangle = -1
         for i in range(chunk * CHUNK, min(n, (chunk + 1) * CHUNK)):
             px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+            if len(guesses) > 0:
+                triangle = guesses[i]
             triangle, feature, fx, fy, fz, best = _nearest_one(
                 px, py, pz, triangles, boxes, nodes, order, stack, away, triangle
             )

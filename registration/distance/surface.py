@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from design.solids.solid import Solid
 from registration.distance.bvh import hierarchy
-from registration.distance.closest import nearest
+from registration.distance.closest import UNKNOWN, nearest
 from registration.distance.curvature import Edges, face_curvature, rim_samples
 
 FloatArray = NDArray[np.float64]
@@ -106,11 +106,16 @@ class ModelSurface:
         away, _ = cKDTree(self.rims).query(points, distance_upper_bound=reach_mm)
         return np.asarray(np.isfinite(away))
 
-    def query(self, points: FloatArray) -> Nearest:
-        """Nearest surface points and signed distances of (n, 3) points, exact."""
+    def query(self, points: FloatArray, guesses: IntArray = UNKNOWN) -> Nearest:
+        """Nearest surface points and signed distances of (n, 3) points, exact.
+
+        `guesses` (n,): triangles that were nearest to the points before they moved a little.
+        """
         points = np.ascontiguousarray(points, dtype=np.float64)
         return Nearest(
-            *nearest(points, self.triangles, self.boxes, self.nodes, self.order, self.normals)
+            *nearest(
+                points, self.triangles, self.boxes, self.nodes, self.order, self.normals, guesses
+            )
         )
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.distance.bvh import build
-from registration.distance.closest import nearest
+from registration.distance.closest import UNKNOWN, nearest
 from registration.segmentation import Segmentation
 
 FloatArray = NDArray[np.float64]
@@ -90,18 +90,27 @@ class ScannedSurface:
         if not kept.any():
             return np.empty(0)
         places = np.ascontiguousarray(points[kept])
+        # Each point is searched for from the one before: neighbours follow each other.
+        order = np.argsort(_along_curve(places, self.segmentation.field.voxel_mm), kind="stable")
+        places, value = places[order], value[kept][order]
         triangles = np.ascontiguousarray(fit.apply(self.segmentation.vertices)[self.faces])
         # The field itself tells on which side of its surface a point lies: normals aren't needed.
         no_normals = np.zeros((len(triangles), 7, 3))
-        unsigned, foot, _, face = nearest(places, triangles, *_hierarchy(triangles), no_normals)
+        unsigned, foot, _, face = nearest(
+            places, triangles, *_hierarchy(triangles), no_normals, UNKNOWN
+        )
         outside = np.where(
             np.abs(unsigned) < 2 * abs(self.segmentation.field.wall_mm),
             self._before(places - foot, face, fit),
-            value[kept] < 0,
+            value < 0,
         )
         distance = np.where(outside, 1.0, -1.0) * np.abs(unsigned)
         corners = self.segmentation.seen[self.faces[face]]
-        return np.asarray(distance[corners.all(axis=1)])
+        known = np.empty(len(order), dtype=np.bool_)
+        known[order] = corners.all(axis=1)
+        there = np.empty(len(order))
+        there[order] = distance
+        return there[known]
 
     def _before(self, away: FloatArray, face: IntArray, fit: Fit) -> NDArray[np.bool_]:
         """Whether steps from faces lead out of the gel: where the wall isn't the field's level."""

@@ -79,11 +79,13 @@ def near_lumen(points: FloatArray, network: VesselNetwork) -> NDArray[np.bool_]:
     """Whether each of ``points`` (n, 3) lies near the wall of a vessel of ``network``, or in it."""
     centre, radius = _samples(network)
     # A few neighbours: of a wide and a thin vessel side by side the nearest axis isn't the one.
-    distance, index = KDTree(centre).query(points, k=min(4, len(centre)), workers=1)
-    distance, index = distance.reshape(len(points), -1), index.reshape(len(points), -1)
-    reach = radius[index] + np.maximum(_REACH_MM, radius[index] / 3)
-    near: NDArray[np.bool_] = (distance <= reach).any(axis=1)
-    return near
+    reach = radius + np.maximum(_REACH_MM, radius / 3)
+    distance, index = KDTree(centre).query(
+        points, k=min(4, len(centre)), distance_upper_bound=np.nextafter(reach.max(), np.inf)
+    )
+    # Of neighbours that are farther, the distance is infinite and the number none of these.
+    near: NDArray[np.bool_] = distance <= np.append(reach, 0.0)[index]
+    return near.reshape(len(points), -1).any(axis=1)
 
 
 def _samples(network: VesselNetwork) -> tuple[FloatArray, FloatArray]:
