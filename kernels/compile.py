@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any, TypeVar
 
 # Threads that wait for a kernel's next loop would spin and keep their core from what goes on
@@ -26,6 +27,23 @@ import numba
 from kernels.stored import KernelStore
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+
+def _list_array_functions() -> None:
+    """Import numba's array functions, which loads scipy's BLAS only to know whether it is there.
+
+    That takes 0.2 s of each process and 20 MB. It is there, and a kernel that multiplies matrices
+    loads it when it is compiled or called; tests/kernels holds both.
+    """
+    linalg: Any = import_module("numba.np.linalg")
+    load, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    try:
+        import_module("numba.np.arraymath")
+    finally:
+        linalg.ensure_blas = load
+
+
+_list_array_functions()
 
 
 def _compile(function: F, **flags: bool) -> F:

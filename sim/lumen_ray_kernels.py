@@ -1,8 +1,9 @@
 """Kernels: how far one sees among the lines of a layered print.
 
-Written layers are slabs; in each, a line is a stadium seen from above, with straight flanks over
-the slab's height. A ray's way to the first line is exact: in every slab that it passes, it meets
-stadiums in plan.
+Written layers are slabs; in each, a line is a stadium seen from above, whose flanks are half
+ellipses over the slab's height: round, or straight where they are not deep. A ray's way to the
+first line is exact: in every slab that it passes, it meets stadiums in plan, and in these the
+flanks.
 """
 
 from __future__ import annotations
@@ -18,6 +19,10 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 FLAT: Final = 1e-12
+RIM: Final = 1.0 - 1e-4
+"""Share of its half height up to which a flank is followed."""
+SETTLED_MM: Final = 1e-7
+NEWTON: Final = 30
 
 
 class Slabs(NamedTuple):
@@ -27,8 +32,8 @@ class Slabs(NamedTuple):
     ----------
     low, high : (k,) float64, mm
         Of each layer, ascending and disjoint.
-    line : (n, 5) float64, mm
-        x, y of both ends and half the width.
+    line : (n, 7) float64, mm
+        x, y of both ends, half the width, the depth of a flank's ellipse and half its height.
     first : (k * ny * nx + 1,) int64
         Where each cell's lines begin in ``item``; x runs fastest.
     item : (m,) int32
@@ -85,7 +90,7 @@ def list_cells(
     """
     _, ny, nx = needed.shape
     for n in range(len(line)):
-        x0, y0, x1, y1, half = line[n]
+        x0, y0, x1, y1, half = line[n, :5]
         j0 = max(0, int(np.floor((min(y0, y1) - half - bottom) / cell)))
         j1 = min(ny - 1, int(np.floor((max(y0, y1) + half - bottom) / cell)))
         for j in range(j0, j1 + 1):
@@ -183,33 +188,105 @@ def stadium_span(
 
 
 @jit
-def _covered(slabs: Slabs, layer: int, x: float, y: float) -> bool:
-    """Whether a line of the layer covers the point."""
-    i = int(np.floor((x - slabs.left) / slabs.cell))
-    j = int(np.floor((y - slabs.bottom) / slabs.cell))
+def _flank(line: FloatArray, x: float, y: float, up: float) -> tuple[float, float, float, float]:
+    """How far a point ``up`` above a line's middle is outside it, and the gradient in x, y, z."""
+    x0, y0, x1, y1, half, deep, rise = line
+    lx, ly = x1 - x0, y1 - y0
+    square = lx * lx + ly * ly
+    t = ((x - x0) * lx + (y - y0) * ly) / square if square > 0.0 else 0.0
+    t = min(1.0, max(0.0, t))
+    ex, ey = x - x0 - t * lx, y - y0 - t * ly
+    away = np.sqrt(ex * ex + ey * ey)
+    u = up / rise
+    rest = np.sqrt(max(1.0 - u * u, 0.0))
+    steep = deep * u / (rise * max(rest, FLAT))
+    scale = 1.0 / max(away, FLAT)
+    return away - half + deep * (1.0 - rest), ex * scale, ey * scale, steep
+
+
+@jit
+def _enters(
+    line: FloatArray,
+    px: float,
+    py: float,
+    up: float,
+    dx: float,
+    dy: float,
+    dz: float,
+    ta: float,
+    tb: float,
+) -> float:
+    """First t in [ta, tb] at which a ray is in a line; inf where never.
+
+    ``up`` is how far the ray begins above the line's middle. A line is convex, and so is how far a
+    point of the ray is outside it: Newton's steps from outside come to its face from outside.
+    """
+    rise = line[6]
+    if abs(dz) > FLAT:
+        tip = RIM * rise
+        t0, t1 = (-rise - up) / dz, (rise - up) / dz
+        t0, t1 = min(t0, t1), max(t0, t1)
+        if t0 > tb or t1 < ta:
+            return np.inf
+        if t0 >= ta:
+            face = _flank(line, px + t0 * dx, py + t0 * dy, up + t0 * dz)[0]
+            if face <= 0.0:
+                return t0
+        # On the rim itself the flank lies level, and its gradient isn't finite.
+        t0, t1 = min((-tip - up) / dz, (tip - up) / dz), max((-tip - up) / dz, (tip - up) / dz)
+        ta, tb = max(ta, t0), min(tb, t1)
+    elif abs(up) > rise * (1.0 + SETTLED_MM):
+        return np.inf
+    t = ta
+    for _ in range(NEWTON):
+        if t > tb:
+            return np.inf
+        off, gx, gy, gz = _flank(line, px + t * dx, py + t * dy, up + t * dz)
+        if off <= SETTLED_MM:
+            return t
+        slope = gx * dx + gy * dy + gz * dz
+        if slope >= 0.0:
+            return np.inf
+        t -= off / slope
+    return t if t <= tb else np.inf
+
+
+@jit
+def _first_above(
+    slabs: Slabs, layer: int, px: float, py: float, pz: float, dz: float, ta: float, tb: float
+) -> float:
+    """First t in [ta, tb] at which an upright ray is in a line of the layer; inf where never."""
+    i = int(np.floor((px - slabs.left) / slabs.cell))
+    j = int(np.floor((py - slabs.bottom) / slabs.cell))
+    best = np.inf
     if i < 0 or j < 0 or i >= slabs.nx or j >= slabs.ny:
-        return False
+        return best
+    up = pz - 0.5 * (slabs.low[layer] + slabs.high[layer])
     where = (layer * slabs.ny + j) * slabs.nx + i
     for at in range(slabs.first[where], slabs.first[where + 1]):
-        x0, y0, x1, y1, half = slabs.line[slabs.item[at]]
-        lx, ly = x1 - x0, y1 - y0
-        square = lx * lx + ly * ly
-        t = ((x - x0) * lx + (y - y0) * ly) / square if square > 0.0 else 0.0
-        t = min(1.0, max(0.0, t))
-        ex, ey = x - x0 - t * lx, y - y0 - t * ly
-        if ex * ex + ey * ey < half * half:
-            return True
-    return False
+        line = slabs.line[slabs.item[at]]
+        best = min(best, _enters(line, px, py, up, 0.0, 0.0, dz, ta, tb))
+    return best
 
 
 @jit
 def _hit_in_layer(
-    slabs: Slabs, layer: int, px: float, py: float, dx: float, dy: float, ta: float, tb: float
+    slabs: Slabs,
+    layer: int,
+    px: float,
+    py: float,
+    pz: float,
+    dx: float,
+    dy: float,
+    dz: float,
+    ta: float,
+    tb: float,
 ) -> float:
     """First t in [ta, tb] at which p + t d is covered in one layer; inf where never."""
     if dx * dx + dy * dy < 1e-18:
-        return ta if _covered(slabs, layer, px + ta * dx, py + ta * dy) else np.inf
+        return _first_above(slabs, layer, px, py, pz, dz, ta, tb)
     cell = slabs.cell
+    up = pz - 0.5 * (slabs.low[layer] + slabs.high[layer])
     i = int(np.floor((px + ta * dx - slabs.left) / cell))
     j = int(np.floor((py + ta * dy - slabs.bottom) / cell))
     step_i, step_j = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
@@ -226,10 +303,13 @@ def _hit_in_layer(
         if 0 <= i < slabs.nx and 0 <= j < slabs.ny:
             where = (layer * slabs.ny + j) * slabs.nx + i
             for at in range(slabs.first[where], slabs.first[where + 1]):
-                x0, y0, x1, y1, half = slabs.line[slabs.item[at]]
-                low, high = stadium_span(px, py, dx, dy, x0, y0, x1, y1, half)
-                if low <= high and high >= ta and low <= tb:
-                    best = min(best, max(low, ta))
+                line = slabs.line[slabs.item[at]]
+                low, high = stadium_span(
+                    px, py, dx, dy, line[0], line[1], line[2], line[3], line[4]
+                )
+                low, high = max(low, ta), min(high, tb)
+                if low <= high and low < best:
+                    best = min(best, _enters(line, px, py, up, dx, dy, dz, low, high))
         if best <= leaves or leaves >= tb:
             return best
         if next_x < next_y:
@@ -261,7 +341,7 @@ def first_hit(
     if abs(dz) < 1e-9:
         if k >= layers or pz < slabs.low[k]:
             return limit
-        return min(limit, _hit_in_layer(slabs, k, px, py, dx, dy, 0.0, limit))
+        return min(limit, _hit_in_layer(slabs, k, px, py, pz, dx, dy, 0.0, 0.0, limit))
     step = 1 if dz > 0.0 else -1
     if step < 0 and (k >= layers or pz < slabs.low[k]):
         k -= 1
@@ -271,7 +351,7 @@ def first_hit(
         if ta >= limit:
             break
         if tb >= ta:
-            found = _hit_in_layer(slabs, k, px, py, dx, dy, ta, tb)
+            found = _hit_in_layer(slabs, k, px, py, pz, dx, dy, dz, ta, tb)
             if found < limit:
                 return found
         k += step

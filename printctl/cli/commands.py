@@ -10,10 +10,11 @@ from importlib import import_module
 from typing import Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from printctl.cli.completing import offered, with_profiles
 from printctl.cli.manual import with_manual
+from printctl.cli.summaries import summary
 
 COMMANDS: dict[str, str] = {
     "run": "run:run",
@@ -64,6 +65,9 @@ CALLED_WITH: dict[str, dict[str, Any]] = {
 class LazyGroup(TyperGroup):
     """The subcommands of `COMMANDS`, in their order, each imported when it is used."""
 
+    _listing = False
+    """Whether only names and summaries are asked for, which need no import."""
+
     def list_commands(self, ctx: Any) -> list[str]:
         """Names, in the order of help."""
         return list(COMMANDS)
@@ -73,7 +77,10 @@ class LazyGroup(TyperGroup):
         if cmd_name not in COMMANDS:
             return None
         module, attribute = COMMANDS[cmd_name].split(":")
-        found = getattr(import_module(f"printctl.cli.{module}"), attribute)
+        module = f"printctl.cli.{module}"
+        if self._listing:
+            return TyperCommand(cmd_name, help=summary(module, attribute))
+        found = getattr(import_module(module), attribute)
         if isinstance(found, typer.Typer):
             command: Any = typer.main.get_group(found)
         else:
@@ -82,6 +89,14 @@ class LazyGroup(TyperGroup):
             command = typer.main.get_command(alone)
         command.name = cmd_name
         return with_profiles(with_manual(command, cmd_name))
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help, with each command's summary."""
+        self._listing = True
+        try:
+            super().format_help(ctx, formatter)
+        finally:
+            self._listing = False
 
     def shell_complete(self, ctx: Any, incomplete: str) -> Any:
         """What may be typed next; a command isn't loaded for its name alone."""

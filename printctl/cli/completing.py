@@ -7,21 +7,20 @@ option's name, which nearly always means the same.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from importlib import import_module
 from typing import Any, Final, NamedTuple
 
-from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Plate, Printer, Syringe, shipped
-
-PROFILES: Final[dict[str, type[Facts]]] = {
-    "--bath": Bath,
-    "--dish": Dish,
-    "--ink": Ink,
-    "--needle": Needle,
-    "--plate": Plate,
-    "--printer": Printer,
-    "--profile": Printer,
-    "--syringe": Syringe,
+PROFILES: Final[dict[str, str]] = {
+    "--bath": "Bath",
+    "--dish": "Dish",
+    "--ink": "Ink",
+    "--needle": "Needle",
+    "--plate": "Plate",
+    "--printer": "Printer",
+    "--profile": "Printer",
+    "--syringe": "Syringe",
 }
-"""By the option that names one."""
+"""Class of `firmware_profiles` by the option that names one; it is imported when Tab is pressed."""
 
 OTHERWISE: Final = {("flow", "--profile")}
 """Command and option that means another thing there: of the pulse, in this case."""
@@ -52,6 +51,11 @@ def with_profiles(command: Any) -> Any:
     return command
 
 
-def _names_of(kind: type[Facts]) -> Callable[[Any, Any, str], list[Offered]]:
+def _names_of(kind: str) -> Callable[[Any, Any, str], list[Offered]]:
     """A file of the user's own is completed by the shell, as no shipped name begins like it."""
-    return lambda ctx, param, begun: offered(shipped(kind), begun)
+
+    def names(ctx: Any, param: Any, begun: str) -> list[Offered]:
+        profiles = import_module("firmware_profiles")
+        return offered(profiles.shipped(getattr(profiles, kind)), begun)
+
+    return names

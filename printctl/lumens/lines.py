@@ -37,7 +37,9 @@ class WrittenLines:
     ----------
     start, end : (n, 2) float64, mm
     width : (n,) float64, mm
-        Of its cross-section's model.
+        Of its cross-section's model, where it is widest.
+    mean : (n,) float64, mm
+        Over its height: cross-section by thickness of the layer.
     layer : (n,) int64
         From 0 for the lowest.
     low, high : (k,) float64, mm
@@ -52,6 +54,7 @@ class WrittenLines:
     start: FloatArray
     end: FloatArray
     width: FloatArray
+    mean: FloatArray
     layer: IntArray
     low: FloatArray
     high: FloatArray
@@ -111,7 +114,8 @@ def read_lines(
     window = flow_window(program.plunger, strokes, 1.0 if ul_per_e is None else ul_per_e)
     lines = layered(strokes.moved(origin(program, gcode)), layer_mm, window, [bead])
     if line_mm is not None:
-        lines = replace(lines, width=np.full(len(lines), line_mm))
+        width, thick = np.full(len(lines), line_mm), (lines.high - lines.low)[lines.layer]
+        lines = replace(lines, width=width, mean=bead.area(width, thick) / thick)
     check_width(lines.width, lines.line)
     return lines
 
@@ -183,6 +187,7 @@ def layered(
         np.ascontiguousarray(begin[:, :2]),
         np.ascontiguousarray(end[:, :2]),
         width,
+        np.minimum(area / thick, width),
         layer,
         low,
         high,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -18,6 +18,8 @@ RAY_SPACING_MM: Final = 0.025
 """Where rays meet the wall; a line's round end is several times as wide."""
 LEAST_RAYS: Final = 96
 MOST_RAYS: Final = 480
+STEEP: Final = 0.5
+"""Least rise of a vessel whose stations are moved to the middle of the layers."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ class Openings:
 
 def measure(lines: WrittenLines, stations: Stations) -> Openings:
     """Widest circle and open area of each station's section."""
+    stations = _at_crests(stations, lines)
     slabs = slabs_near(lines, stations)
     diameter, centre, area = sections(
         slabs,
@@ -54,9 +57,38 @@ def measure(lines: WrittenLines, stations: Stations) -> Openings:
     return Openings(diameter, centre, area)
 
 
+def _at_crests(stations: Stations, lines: WrittenLines) -> Stations:
+    """Stations of steep vessels, moved along them to the middle of their layer.
+
+    There lines are widest. Between two crests a level section would look into the notch of their
+    round sides, which carries no flow.
+    """
+    height, rise = stations.axis[:, 2], stations.along[:, 2]
+    layer = np.clip(np.searchsorted(lines.high, height), 0, len(lines.high) - 1)
+    inside = (height >= lines.low[layer]) & (height <= lines.high[layer])
+    moved = inside & (np.abs(rise) > STEEP)
+    up = (lines.low + lines.high)[layer] / 2 - height
+    way = np.where(moved, up / np.where(moved, rise, 1.0), 0.0)
+    return replace(stations, axis=stations.axis + way[:, None] * stations.along)
+
+
 def _rays(stations: Stations) -> IntArray:
     wanted = np.ceil(2 * np.pi * stations.radius / RAY_SPACING_MM)
     return np.clip(wanted, LEAST_RAYS, MOST_RAYS).astype(np.int64)
+
+
+def _flanks(lines: WrittenLines) -> tuple[FloatArray, FloatArray]:
+    """Depth and half height of each line's sides, half ellipses that leave its mean width, mm.
+
+    A half ellipse fills π/4 of the box round it. Of round sides it is a half circle, of an ellipse
+    all of it, of a rectangle nothing; a line that can't hold its sides so deep isn't as high as
+    its layer.
+    """
+    thick = (lines.high - lines.low)[lines.layer]
+    deep = np.minimum((lines.width - lines.mean) / (2 * (1 - np.pi / 4)), lines.width / 2)
+    whole = deep >= lines.width / 2
+    share = np.where(whole, lines.mean / (np.pi / 4 * np.maximum(lines.width, 1e-12)), 1.0)
+    return deep, np.minimum(share, 1.0) * thick / 2
 
 
 def slabs_near(lines: WrittenLines, stations: Stations) -> Slabs:
@@ -73,7 +105,7 @@ def slabs_near(lines: WrittenLines, stations: Stations) -> Slabs:
     needed = np.zeros((layers, ny, nx), dtype=np.bool_)
     corner = (float(low[0]), float(low[1]), cell)
     mark_needed(stations.axis, reach, lines.low, lines.high, *corner, needed)
-    line = np.column_stack([lines.start, lines.end, lines.width / 2])
+    line = np.column_stack([lines.start, lines.end, lines.width / 2, *_flanks(lines)])
     first = np.zeros(needed.size + 1, dtype=np.int64)
     nothing = np.empty(0, dtype=np.int32)
     list_cells(line, lines.layer, needed, *corner, first, nothing, False)

@@ -1,5 +1,8 @@
 """Flags of compiled kernels."""
 
+import subprocess
+import sys
+
 import numpy as np
 
 from kernels import jit
@@ -14,3 +17,17 @@ def test_nan_and_infinity_keep_their_meaning() -> None:
     assert np.isinf(_ratio(1.0, 0.0))
     assert np.isnan(_ratio(0.0, 0.0))
     assert np.isnan(_ratio(np.nan, 1.0))
+
+
+@jit
+def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.dot(a, b)
+
+
+def test_array_functions_are_listed_without_scipy() -> None:
+    listed = "import sys, kernels, numba.np.arraymath; assert 'scipy.linalg' not in sys.modules"
+    subprocess.run([sys.executable, "-c", listed], check=True)
+
+
+def test_matrix_products_find_scipy_s_blas() -> None:
+    assert (_product(2 * np.eye(2), np.ones((2, 2))) == 2).all()

@@ -110,7 +110,7 @@ class Carriage:
         here = obstacles(contours_of(section.bounds), options.line_width_mm)
         at = self._corner if self._tip is None else self._tip[:2]
         sequence = order_paths(paths, at, options.link_mm, SEAM_TURN * self._layers)
-        paths, sequence = zigzag(paths, sequence, here, options.joint_mm)
+        paths, sequence = zigzag(paths, sequence, here, options.joint_mm, options.least_move_mm)
         if len(paths) and self._tip is None:
             self._tip = np.append(paths.points[sequence.first[0]], z)
             self._active = section.head

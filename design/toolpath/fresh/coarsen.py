@@ -3,8 +3,10 @@
 Firmware merges moves shorter than its least, and cuts the corner into the lumen where it likes.
 Here a short move goes by its two neighbours being drawn out until they meet, where the path bends
 round a lumen, or by leaving out a point, where it bends the other way. Both put the path on the
-side of the material, so that the circle inside a lumen stays as wide as it was. A ring too
-small for many moves is drawn anew, as the tangent polygon of the most sides.
+side of the material, so that the circle inside a lumen stays as wide as it was. Along the part's
+outside neighbours are drawn out at bulges too, so that neither they nor sharp corners stay empty. A
+ring too small for many moves is drawn anew, as the tangent polygon of
+the most sides.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from kernels import jit
 
 #: How far a corner may be drawn out, in line widths. The moves beside it stay in their place.
 TOLERANCE = 0.3
-#: How far a point that is left out may stand from the path. Long moves beside it tilt by as much.
+#: How far points that are left out may stand from the path. Long moves beside them tilt by as much.
 DROPPED = 0.03
 #: How far a corner of a tangent polygon may stand off a ring too small for anything else.
 FURTHEST = 0.5
@@ -52,6 +54,7 @@ def without_short_moves(paths: Paths, least_mm: float, width_mm: float) -> Paths
         paths.offset,
         paths.closed,
         paths.role == Role.WALL,
+        _outer(paths),
         least_mm,
         TOLERANCE * width_mm,
         DROPPED * width_mm,
@@ -104,6 +107,15 @@ def _tangent_polygon(ring: FloatArray, least_mm: float, most_mm: float) -> Float
     return None
 
 
+def _outer(paths: Paths) -> NDArray[np.bool_]:
+    """Which paths are walls along the part's outside, (m,)."""
+    x, y = paths.points.T
+    after = np.arange(1, len(x) + 1)
+    after[paths.offset[1:] - 1] = paths.offset[:-1]
+    twice = np.append(x * y[after] - y * x[after], 0.0)
+    return np.asarray(paths.closed & (np.add.reduceat(twice, paths.offset[:-1]) > 0))
+
+
 def _area(ring: FloatArray) -> float:
     x, y = ring.T
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
@@ -124,7 +136,7 @@ def _bend(points: FloatArray, a: int, b: int, c: int) -> float:
 def _drawn_out(
     points: FloatArray, a: int, b: int, c: int, d: int, most: float
 ) -> tuple[bool, float, float]:
-    """Where the ways a to b and d to c meet beyond b and c, when that is near enough."""
+    """Where the ways a to b and d to c meet beyond b and c, when that is near enough to both."""
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     vx, vy = points[c, 0] - points[d, 0], points[c, 1] - points[d, 1]
     cross = ux * vy - uy * vx
@@ -149,12 +161,15 @@ def _coarsened(
     offset: IntArray,
     closed: NDArray[np.bool_],
     wall: NDArray[np.bool_],
+    outer: NDArray[np.bool_],
     least: float,
     most: float,
     dropped: float,
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     keep = np.ones(len(points), np.bool_)
     after, before = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
+    # How far the points that were left out may stand from the way that begins at each point.
+    off = np.zeros(len(points))
     for p in range(len(closed)):
         low, high = offset[p], offset[p + 1]
         left = high - low
@@ -174,16 +189,18 @@ def _coarsened(
                     continue
                 a, d = before[b], after[c]
                 at_b, at_c = _bend(points, a, b, c), _bend(points, b, c, d)
-                if at_b >= 0 and at_b <= dropped and (at_c < 0 or at_b <= at_c):
-                    gone = b
-                elif at_c >= 0 and at_c <= dropped:
-                    gone = c
-                elif at_b < 0 and at_c < 0:
+                without_b = at_b + max(off[a], off[b]) if at_b >= 0 else np.inf
+                without_c = at_c + max(off[b], off[c]) if at_c >= 0 else np.inf
+                met, x, y = False, 0.0, 0.0
+                if (at_b < 0 and at_c < 0) or (outer[p] and at_b > 0 and at_c > 0):
                     met, x, y = _drawn_out(points, a, b, c, d, most)
-                    if not met:
-                        continue
+                if met:
                     points[b, 0], points[b, 1] = x, y
+                    off[b] = off[c]
                     gone = c
+                elif min(without_b, without_c) <= dropped:
+                    gone = b if without_b <= without_c else c
+                    off[before[gone]] = min(without_b, without_c)
                 else:
                     continue
                 keep[gone] = False

@@ -9,6 +9,7 @@ what the print is for.
 from __future__ import annotations
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from design.toolpath.fresh.contours import Contours, Samples, sample
@@ -22,6 +23,10 @@ BoolArray = NDArray[np.bool_]
 FINENESS = 4
 #: A line's width may differ by this part from one sample to the next before a point is spent on it.
 STEP = 0.02
+#: A place between walls no longer than so many widths gets a straight line,
+SHORT = 3.0
+#: if it fills so much of the narrowest box round it, and is no wider than so many widths.
+FILLED, MOST = 0.6, 1.3
 
 
 def wall_paths(centre: Contours, width_mm: float, least: float, level: int) -> Paths:
@@ -100,11 +105,12 @@ def _shared(
     ]
 
 
-def gap_paths(region: Contours, width_mm: float, least: float) -> Paths:
+def gap_paths(region: Contours, width_mm: float, least: float, *, between: bool = False) -> Paths:
     """One line along the middle of every place in ``region``, as wide as the place is.
 
     For places thinner than ``width_mm``. Each disc that touches two sides is taken from the side
-    that comes first, so that the middle is written once.
+    that comes first, so that the middle is written once. ``between`` says that all of them lie
+    between walls: short ones are straight lines of their area then, whose ends may lie on a wall.
     """
     fine = sample(region, width_mm / FINENESS)
     room, other = measure_room(fine, 0.75 * width_mm)
@@ -113,6 +119,11 @@ def gap_paths(region: Contours, width_mm: float, least: float) -> Paths:
     points = fine.contours.points + room[:, None] * fine.normal
     lines, widths = [], []
     for k in range(len(region)):
+        straight = _straight(_ring(region, k), width_mm, least) if between else None
+        if straight is not None:
+            lines.append(straight[0])
+            widths.append(straight[1])
+            continue
         rows = np.arange(fine.contours.offset[k], fine.contours.offset[k + 1])
         closed = bool(here[rows].all()) and len(rows) > 2
         for run in [np.append(rows, rows[0])] if closed else _runs(rows, here[rows]):
@@ -122,6 +133,30 @@ def gap_paths(region: Contours, width_mm: float, least: float) -> Paths:
                     lines.append(points[keep])
                     widths.append(2 * room[keep])
     return gather(lines, widths, closed=False, role=Role.GAP)
+
+
+def _straight(ring: FloatArray, width: float, least: float) -> tuple[FloatArray, FloatArray] | None:
+    """A short place's straight line and its widths; None for one that is long, bent or a hole.
+
+    It runs along the narrowest box round the place, through its middle, and holds its area.
+    """
+    if np.ptp(ring, axis=0).max() > SHORT * width:
+        return None
+    place = shapely.Polygon(ring)
+    box = shapely.get_coordinates(shapely.oriented_envelope(place))
+    if len(box) < 5 or not shapely.is_ccw(shapely.linearrings(ring)):
+        return None
+    sides = box[1:3] - box[:2]
+    length = np.hypot(sides[:, 0], sides[:, 1])
+    long, short = int(length.argmax()), int(length.argmin())
+    made = place.area / length[long]
+    if place.area < FILLED * length.prod() or not least * width <= made <= MOST * width:
+        return None
+    across = sides[short] / length[short]
+    middle = box[:4].mean(axis=0)
+    middle += ((shapely.get_coordinates(place.centroid)[0] - middle) @ across) * across
+    half = 0.5 * sides[long]
+    return np.stack([middle - half, middle + half]), np.full(2, made)
 
 
 def thinned(points: FloatArray, made: FloatArray, width: float, *, closed: bool) -> IntArray:

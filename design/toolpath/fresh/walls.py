@@ -45,11 +45,12 @@ def build_walls(material: CrossSection, width_mm: float, count: int, least: floa
             break
         centre = _offset(material, -(level + 0.5) * width_mm)
         parts.append(wall_paths(contours_of(centre), width_mm, least, level))
-        parts.append(_gaps(region, _offset(centre, 0.5 * width_mm), width_mm, least))
+        covered = _offset(centre, 0.5 * width_mm)
+        parts.append(_gaps(region, covered, width_mm, least, between=level > 0))
         region = _offset(material, -(level + 1) * width_mm)
     # What is left between two last walls, narrower than an infill line, is a gap too.
     broad = _offset(_offset(region, -0.5 * width_mm), 0.5 * width_mm)
-    parts.append(_gaps(region, broad, width_mm, least))
+    parts.append(_gaps(region, broad, width_mm, least, between=True))
     return Walls(join(parts), broad)
 
 
@@ -79,7 +80,9 @@ def _signed_area(ring: FloatArray) -> float:
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
-def _gaps(region: CrossSection, covered: CrossSection, width_mm: float, least: float) -> Paths:
+def _gaps(
+    region: CrossSection, covered: CrossSection, width_mm: float, least: float, *, between: bool
+) -> Paths:
     """Lines in the places of ``region`` that are thinner than a line: those not ``covered``."""
     left = region - covered
     half = 0.5 * least * width_mm
@@ -87,9 +90,8 @@ def _gaps(region: CrossSection, covered: CrossSection, width_mm: float, least: f
     if core.is_empty():
         return join([])
     # Corners and rounding fall away here; places as wide as a line that can be written stay.
-    return gap_paths(
-        contours_of(left ^ core.offset(2 * half, JoinType.Miter, 2.0)), width_mm, least
-    )
+    kept = contours_of(left ^ core.offset(2 * half, JoinType.Miter, 2.0))
+    return gap_paths(kept, width_mm, least, between=between)
 
 
 def _offset(section: CrossSection, by_mm: float) -> CrossSection:

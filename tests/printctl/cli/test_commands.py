@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
 import subprocess
 import sys
 
 import pytest
 from typer.testing import CliRunner
 
-from printctl.cli.commands import COMMANDS
+from printctl.cli.commands import COMMANDS, LazyGroup
 from printctl.cli.main import app
+from printctl.cli.summaries import summary
 
 LOADED = """
 import sys
@@ -24,6 +26,20 @@ def test_every_command_can_be_asked_for_help(name):
     result = CliRunner().invoke(app, [name, "--help"])
     assert result.exit_code == 0, result.output
     assert f" {name} " in result.output
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_summary_is_what_the_command_says_of_itself(name: str) -> None:
+    module, attribute = COMMANDS[name].split(":")
+    own = LazyGroup().get_command(None, name).help
+    assert summary(f"printctl.cli.{module}", attribute) == inspect.cleandoc(own)
+
+
+def test_the_list_of_commands_imports_none_of_them() -> None:
+    code = LOADED.replace('"pause", "--help"', '"--help"').replace("registration", "numpy")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert all(f" {name} " in done.stdout for name in COMMANDS)
+    assert done.stdout.splitlines()[-1] == "False"
 
 
 def test_a_slip_of_the_pen_is_answered_with_what_may_have_been_meant():

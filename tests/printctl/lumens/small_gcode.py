@@ -18,7 +18,7 @@ SIDES = 96
 
 
 def gcode(
-    layers: Sequence[Strokes], *, decimals: int = 7, head: str = "", line_mm: float = LINE_MM
+    layers: Sequence[Strokes], *, decimals: int = 9, head: str = "", line_mm: float = LINE_MM
 ) -> bytes:
     """Strokes (k, 2) by layer, as absolute E; the tip stands at each layer's top."""
     rows = [head] if head else []

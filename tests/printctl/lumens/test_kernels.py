@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from firmware_profiles import BeadSection
 from printctl.lumens import Stations, WrittenLines
 from printctl.lumens.measure import slabs_near
 from sim.lumen_kernels import widest_in_polygon
@@ -29,11 +32,12 @@ def naive_distance(points: FloatArray, line: FloatArray) -> FloatArray:
     return found
 
 
-def written(line: FloatArray, layer: IntArray, layers: int) -> WrittenLines:
+def written(line: FloatArray, layer: IntArray, layers: int, mean: FloatArray) -> WrittenLines:
     return WrittenLines(
         line[:, :2].copy(),
         line[:, 2:4].copy(),
         2 * line[:, 4],
+        mean,
         layer.astype(np.int64),
         np.linspace(0.0, 0.1 * (layers - 1), layers),
         np.linspace(0.1, 0.1 * layers, layers),
@@ -74,16 +78,19 @@ def test_a_ray_is_in_a_stadium_where_points_on_it_are(
 
 
 @settings(deadline=None, max_examples=60)
-@given(st.integers(0, 2**32 - 1))
-def test_a_ray_stops_at_the_first_line_of_any_layer(seed: int) -> None:
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["rectangle", "rounded", "ellipse", 15.0]))
+def test_a_ray_stops_at_the_first_line_of_any_layer(seed: int, model: Any) -> None:
+    """Lines by their own cross-section: as wide at each height as its outline says."""
     rng = np.random.default_rng(seed)
-    line = np.column_stack([rng.uniform(-1, 1, (30, 4)), rng.uniform(0.02, 0.1, 30)])
+    line = np.column_stack([rng.uniform(-1, 1, (30, 4)), rng.uniform(0.06, 0.1, 30)])
+    mean = BeadSection(model).area(2 * line[:, 4], 0.1) / 0.1
+    deep = (line[:, 4] - mean / 2) / (1 - np.pi / 4)  # half ellipses that leave this mean
     layer = np.sort(np.append(rng.integers(0, 6, 24), np.arange(6))).astype(np.int64)
     point = np.array([*rng.uniform(-0.5, 0.5, 2), rng.uniform(0, 0.6)])
-    way = rng.normal(size=3)
+    way = rng.normal(size=3) * [1, 1, rng.choice([0.0, 1.0, 9.0])]
     way /= np.linalg.norm(way)
     limit = 1.0
-    slabs = slabs_near(written(line, layer, 6), station(point, limit))
+    slabs = slabs_near(written(line, layer, 6, mean), station(point, limit))
     found = first_hit(slabs, point[0], point[1], point[2], way[0], way[1], way[2], limit)
     t = np.linspace(0, limit, 20001)
     at = point + t[:, None] * way
@@ -91,7 +98,9 @@ def test_a_ray_stops_at_the_first_line_of_any_layer(seed: int) -> None:
     away = np.full(len(t), np.inf)
     for k in range(30):
         there = here == layer[k]
-        away[there] = np.minimum(away[there], naive_distance(at[there][:, :2], line[k]))
+        up = at[there][:, 2] / 0.1 - layer[k] - 0.5
+        less = deep[k] * (1 - np.sqrt(np.clip(1 - 4 * up**2, 0, 1)))
+        away[there] = np.minimum(away[there], naive_distance(at[there][:, :2], line[k]) + less)
     inked = np.flatnonzero(away < 0)
     expected = t[inked[0]] if len(inked) else limit
     assert found <= expected + 1e-4

@@ -13,7 +13,7 @@ from tests.printctl.lumens.small_gcode import LAYER_MM, LINE_MM, UL_PER_E, gcode
 
 def test_a_line_is_as_wide_as_its_volume_says() -> None:
     lines = read_lines(gcode([tube(0.3), tube(0.3)]), UL_PER_E)
-    assert lines.width == pytest.approx(LINE_MM, abs=1e-4)
+    assert lines.width == pytest.approx(LINE_MM, abs=2e-5)
     assert lines.low == pytest.approx([0, LAYER_MM])
     assert lines.high == pytest.approx([LAYER_MM, 2 * LAYER_MM])
 
@@ -45,7 +45,7 @@ def test_the_ink_s_bead_says_how_wide_a_line_is() -> None:
     mean = LINE_MM - LAYER_MM * (1 - np.pi / 4)
     for model, width in (("rectangle", mean), ("ellipse", mean * 4 / np.pi), (20.0, mean + 0.02)):
         found = read_lines(data, UL_PER_E, bead=BeadSection(model)).width
-        assert found == pytest.approx(width, abs=1e-4)
+        assert found == pytest.approx(width, abs=2e-5)
 
 
 def test_a_fixed_width_needs_no_meaning_of_e() -> None:
@@ -66,14 +66,14 @@ def test_a_layer_over_nothing_has_the_usual_thickness() -> None:
     layers = [tube(0.3), tube(0.3), [], [], tube(0.3)]
     lines = read_lines(gcode(layers), UL_PER_E)
     assert lines.high - lines.low == pytest.approx(LAYER_MM)
-    assert lines.width == pytest.approx(LINE_MM, abs=1e-4)
+    assert lines.width == pytest.approx(LINE_MM, abs=2e-5)
 
 
 def test_one_layer_asks_for_its_thickness() -> None:
     with pytest.raises(UsageError, match="--layer-um"):
         read_lines(gcode([tube(0.3)]), UL_PER_E)
     assert read_lines(gcode([tube(0.3)]), UL_PER_E, layer_mm=LAYER_MM).width == pytest.approx(
-        LINE_MM, abs=1e-4
+        LINE_MM, abs=2e-5
     )
 
 
