@@ -12,10 +12,6 @@ JOINT: Final = math.sqrt(2.0)
 45 degrees may join, and be written downward."""
 
 
-PLANNED_MM: Final = 0.05
-"""By so much less joints reach for the order: it looks at few places near their borders."""
-
-
 class Needle(NamedTuple):
     """A vertical needle.
 
@@ -39,10 +35,6 @@ class Needle(NamedTuple):
     shaft_mm: float
     cone_mm: float
     overlap_radii: float
-
-    def planned(self) -> Needle:
-        """With joints that reach less far: what is ordered by it holds between places, too."""
-        return self._replace(joint_mm=self.joint_mm - PLANNED_MM / JOINT)
 
     def bare(self) -> Needle:
         """The needle itself, without its clearance."""

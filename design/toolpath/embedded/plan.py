@@ -125,10 +125,9 @@ def plan_embedded(
     heads = EmbeddedHeads.one(options, network) if isinstance(options, EmbeddedOptions) else options
     heads.check(network)
     scene = Scene.of(bundles, heads)
-    needle = scene.needle.planned()
-    found = find_rules(scene.elements, scene.squares, scene.meetings, needle)
+    found = find_rules(scene.elements, scene.squares, scene.meetings, scene.needle)
     rules = scene.lumens.without(found)
-    joiner = Joiner(scene.elements, scene.squares, scene.meetings, needle)
+    joiner = Joiner(scene.elements, scene.squares, scene.meetings, scene.needle)
     passes, joined = ordered(scene.elements, rules, heads.vessel_head, joiner)
     joined = scene.lumens.closed(joined)
     _refuse_open(joined, heads)
