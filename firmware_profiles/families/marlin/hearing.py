@@ -62,14 +62,24 @@ class Hearing:
         elif state.phase is Phase.FLIGHT:
             self._in_flight(reply, now, events)
         elif state.phase is Phase.READY:
-            if reply.kind is Kind.OK and state.numbered and not state.tokens.suspect:
-                self._hold_at_surplus(1, events)
-            elif reply.kind is Kind.ERROR:
-                events.append(state.fault(reply.words))
-            elif reply.kind not in (Kind.REPORT, Kind.TEXT, Kind.BUSY, Kind.WAIT):
-                events.append(said.Notice(f"stray {reply.words!r} with nothing in flight"))
+            self._at_rest(reply, now, events)
         else:
             self._doubting.hear(reply, now)
+
+    def _at_rest(self, reply: Reply, now: float, events: list[Event]) -> None:
+        """Take a line with nothing in flight, but for a line whose end hasn't left yet."""
+        state, kind = self._state, reply.kind
+        refused = kind is Kind.RESEND or (kind is Kind.ERROR and reply.number >= 0)
+        if state.second is not None and (refused or kind in (Kind.UNKNOWN_COMMAND, Kind.JUNK)):
+            noisy = state.errors.count(state.number)  # it has ended that line
+            events += [noisy] if noisy else []
+            self._begin_doubt(reply, now, events)
+        elif kind is Kind.OK and state.numbered and not state.tokens.suspect:
+            self._hold_at_surplus(1, events)
+        elif kind is Kind.ERROR:
+            events.append(state.fault(reply.words))
+        elif kind not in (Kind.REPORT, Kind.TEXT, Kind.BUSY, Kind.WAIT):
+            events.append(said.Notice(f"stray {reply.words!r} with nothing in flight"))
 
     def _in_flight(self, reply: Reply, now: float, events: list[Event]) -> None:
         state = self._state

@@ -155,6 +155,24 @@ def test_a_cut_answer_lets_nothing_go_before_it_is_whole():
     assert protocol.take_output() == end(2) + text(3)
 
 
+@pytest.mark.parametrize("cut", [1, 6, 40])
+def test_a_line_that_noise_has_ended_is_sent_again(cut):
+    """Its `*` became a line end, and a read has cut the printer's refusal."""
+    protocol = started(calm_lines=3)
+    protocol.take_output()
+    said = b"Error:No Checksum with line number, Last Line: 1\nResend: 2\nok\n"
+    assert not protocol.feed(b"ok\n" + said[:cut], 0.1)
+    assert not protocol.feed(said[cut:], 0.11)
+    assert protocol.take_output() == b"\n"
+    protocol.tick(0.2)
+    assert protocol.take_output() == QUESTION
+    protocol.feed(
+        b"Error:Line Number is not Last Line Number+1, Last Line: 1\nResend: 2\nok\n", 0.21
+    )
+    assert not any(isinstance(event, (Fault, Stray)) for event in protocol.tick(0.3))
+    assert protocol.take_output() == frame(2, JOB[1])
+
+
 def test_behind_a_text_that_is_never_ended_the_second_is_refused_and_a_token_sent():
     protocol = started()
     protocol.take_output()
