@@ -16,7 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from registration.segmentation.classes import Levels, split
 from registration.segmentation.filters import bin_mean, gaussian_weights, normalise, smooth
@@ -33,8 +32,6 @@ BRIGHT = 0.2
 SOFTEST = 3.2
 """Voxels, standard deviation: averages over more see no lumen."""
 ROUNDS = 4
-FEWEST = 200
-"""Voxels of each class, for a depth to tell the noise."""
 GLARE = 4.0
 """Times the gel: no voxel counts for more in averages."""
 COARSE_MM = 0.09
@@ -129,26 +126,6 @@ def two_media(signal: FloatVolume, working: Working) -> TwoMedia | None:
         light = _evened(signal, light, sides, liquid, working)
         found = TwoMedia(light, sides, liquid)
     return found
-
-
-def floor_of(signal: FloatVolume, found: TwoMedia) -> float:
-    """Noise floor, at most: by how much brighter liquid is where light is weakest.
-
-    Liquid over gel is (q E + n) / (E + n) under the light E: the less of it, the more the noise n
-    shows. Haze that gathers on the way down counts as noise.
-    """
-    gel, liquid = found.sides.gel, found.sides.liquid
-    known = (gel.sum(axis=(1, 2)) >= FEWEST) & (liquid.sum(axis=(1, 2)) >= FEWEST)
-    if known.sum() < 2:
-        return 0.0
-    light = np.array([found.light[z][gel[z]].mean() for z in np.flatnonzero(known)])
-    back = np.array([signal[z][liquid[z]].mean() for z in np.flatnonzero(known)])
-    over = np.array([found.light[z][liquid[z]].mean() for z in np.flatnonzero(known)])
-    share = median_filter(back / over, 9, mode="nearest")
-    least = float(np.percentile(share, 10))
-    dim = light < 2 * light.min()
-    noise = np.median((light * (share - least))[dim]) / (1 - least)
-    return float(np.clip(noise, 0.0, back.min()))
 
 
 def _liquid(ratio: FloatVolume, sides: Sides, lit: Mask) -> float:

@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 FloatVolume = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-LIT = 0.1
+LIT = 0.02
 """Of the strongest light: where there is less classes aren't asked for."""
 REACH_MM = (0.25, 0.4, 0.4)
 """The light's slow rest (standard deviations), z, y, x."""

@@ -21,7 +21,6 @@ from registration.errors import SegmentationError
 from registration.scan import Scan
 from registration.segmentation.bright_liquid import (
     TwoMedia,
-    floor_of,
     liquid_is_dark,
     sides_of,
     two_media,
@@ -104,10 +103,10 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     else:
         sides, bright = both.sides, both.liquid
         signal *= response
-        signal += np.float32(noise)  # which isn't noise
-        noise = floor_of(signal, both)
-        looks = looks_of(signal / both.light, sides.gel)
-        share, known = _share_of_step(signal, both), np.ones(signal.shape, dtype=np.bool_)
+        raw = signal + np.float32(noise)  # the floor may be bright liquid's
+        looks = looks_of(raw / both.light, sides.gel)
+        share, known = _share_of_step(raw, both), np.ones(signal.shape, dtype=np.bool_)
+        del raw
     del dull, light, both
     most, dazzling = (np.float32((b - bright) / (1 - bright)) for b in (BRIGHTEST, DAZZLE))
     share = without_lines(share, sides.gel, float(most))
