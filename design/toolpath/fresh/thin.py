@@ -24,7 +24,7 @@ FINENESS = 4
 #: A line's width may differ by this part from one sample to the next before a point is spent on it.
 STEP = 0.02
 #: Lines in thin places shorter than so many widths aren't worth a start and a stop.
-SHORTEST = 0.75
+SHORTEST = 1.0
 #: A place between walls no longer than so many widths gets a straight line,
 SHORT = 3.0
 #: if it fills so much of the narrowest box round it, and is no wider than so many widths.
@@ -177,7 +177,9 @@ def _straight(ring: FloatArray, width: float, least: float) -> tuple[FloatArray,
     length = np.hypot(sides[:, 0], sides[:, 1])
     long, short = int(length.argmax()), int(length.argmin())
     made = place.area / length[long]
-    if place.area < FILLED * length.prod() or not least * width <= made <= MOST * width:
+    if length[long] < SHORTEST * width or place.area < FILLED * length.prod():
+        return None
+    if not least * width <= made <= MOST * width:
         return None
     across = sides[short] / length[short]
     middle = box[:4].mean(axis=0)
