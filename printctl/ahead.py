@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import multiprocessing
+import multiprocessing.context
+import os
 import signal
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from importlib import import_module
 from types import TracebackType
 from typing import Any
@@ -17,12 +20,18 @@ class SecondProcess:
     Plotting libraries hold the interpreter's lock while they load and draw; a thread would keep
     from work what it is to do beside it. Where no second process can run, or when it ends early,
     the call is made here, when its result is asked for. Leave it by ``with``.
+
+    Parameters
+    ----------
+    module : str or None
+        To be imported at once, before the first call.
     """
 
-    def __init__(self) -> None:
-        # Spawned: a fork of a process with numba's threads may hang.
-        spawn = multiprocessing.get_context("spawn")
-        self._pool = ProcessPoolExecutor(1, spawn, initializer=_leave_interrupts)
+    def __init__(self, module: str | None = None) -> None:
+        self._pool = ProcessPoolExecutor(1, _context(), initializer=_leave_interrupts)
+        if module is not None:
+            with suppress(BrokenProcessPool, OSError):
+                self._pool.submit(_load, module)
 
     def __enter__(self) -> SecondProcess:
         return self
@@ -58,9 +67,26 @@ class Call:
             return _work(*self._what)
 
 
+def _context() -> multiprocessing.context.BaseContext:
+    """Fork, which imports nothing twice, where no thread could hold a lock; else spawn."""
+    return multiprocessing.get_context("fork" if _is_alone() else "spawn")
+
+
+def _is_alone() -> bool:
+    """Whether this process has one thread, libraries' own among them; told by Linux alone."""
+    try:
+        return len(os.listdir("/proc/self/task")) == 1
+    except OSError:
+        return False
+
+
 def _leave_interrupts() -> None:
     """Ctrl-C reaches both processes; the first one says what it means."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _load(module: str) -> None:
+    import_module(module)
 
 
 def _work(module: str, function: str, arguments: tuple[Any, ...]) -> Any:

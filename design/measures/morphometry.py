@@ -97,6 +97,16 @@ def measure_morphometry(network: VesselNetwork) -> tuple[Morphometry, ...]:
     return tuple(found)
 
 
+def network_strahler_orders(network: VesselNetwork) -> FloatArray:
+    """Strahler's order of each vessel, (v,), 1 for terminals; NaN for kinds with loops."""
+    values = np.full(network.vessel_count, np.nan)
+    for kind in VesselKind:
+        forest = forest_of(network, kind)
+        if forest is not None:
+            values[forest.vessels] = strahler_orders(forest.parent, forest.order)
+    return values
+
+
 def diameter_defined_orders(diameter: FloatArray, strahler: IntArray) -> tuple[IntArray, float]:
     """Orders by ranges of diameter, found from Strahler's by iteration.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any, Final
 
@@ -89,7 +90,9 @@ def register(
     Exit code 1 when the print doesn't pass: a fail, or undecided.
     """
     steps = Steps(progress_file, out, ("reading", "registration", "writing"))
-    with SecondProcess() as second, steps.whole():
+    # Of matrices so small a second thread would do nothing but spin; numpy reads this once.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with SecondProcess(PAGES) as second, steps.whole():
         steps.begin("reading")
         from printctl.cli.register_design import read_design  # help waits for no mesh library
 

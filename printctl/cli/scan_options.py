@@ -6,12 +6,15 @@ The names stand in the commands, each with one of these types; typer makes optio
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from printctl.cli.options import three_numbers, two_numbers
-from registration.readers import ScanOverrides
+from registration import readers
+
+if TYPE_CHECKING:
+    from registration.readers import ScanOverrides
 
 ScanFile = Annotated[
     Path,
@@ -113,7 +116,7 @@ def said_of_scan(
     counts: dict[str, Any],
 ) -> ScanOverrides:
     """What the command line says of a scan."""
-    return ScanOverrides(
+    return readers.ScanOverrides(
         voxel_mm=voxel_mm(voxel_um),
         refractive_index=refractive_index,
         optical_depth=optical_depth,

@@ -11,7 +11,7 @@ from typing import Any
 from printctl.errors import UsageError
 from printctl.link.print_identity import print_identity
 from printctl.pipeline.artefacts import JSON as REPORT
-from printctl.pipeline.registration_files import NUMBERS
+from printctl.pipeline.artefacts import NUMBERS
 from printctl.pipeline.stages.printing import JOURNAL_FOLDER
 from printctl.pipeline.verdict import verdict
 from registration.comparison import GaugedScan, Origin, gauged_scan

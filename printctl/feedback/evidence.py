@@ -22,12 +22,11 @@ from printctl.compensation import (
 )
 from printctl.compensation.schema import Three
 from printctl.errors import PrintctlError, UsageError
-from printctl.pipeline.artefacts import NETWORK, SOLID
+from printctl.pipeline.artefacts import NETWORK, NUMBERS, SOLID
 from printctl.pipeline.compensated import PRINTED_WITH
 from printctl.pipeline.manifest import MANIFEST, Manifest, digest_file, digest_json
 from printctl.pipeline.stages.scan import of_simulator
 
-NUMBERS = "registration.json"
 ORIGIN = "made"
 """Section of what `printctl register` writes that says of which run the print was."""
 NO_ORIGIN = "made_unknown"

@@ -14,6 +14,7 @@ from design.errors import FlowError
 from design.hemodynamics import FlowConditions, PulsatileConditions, solve_flow
 from design.network import FloatArray, IntArray, VesselNetwork
 from printctl.errors import UsageError
+from printctl.pipeline.artefacts import NUMBERS
 from registration.gauging import (
     MeasuredLumen,
     led_through,
@@ -23,7 +24,6 @@ from registration.gauging import (
 )
 from registration.gauging.planes import stations
 
-NUMBERS: Final = "registration.json"
 _FEW: Final = 0.5
 """Of a vessel without a section: spacing of its stations over its length."""
 

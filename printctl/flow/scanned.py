@@ -18,8 +18,8 @@ from design.solids.denoise import denoised
 from design.solids.lumen import lumen_solid
 from design.solids.manifolds import solid_manifold, to_manifold
 from printctl.errors import UsageError
-from printctl.flow.as_printed import NUMBERS
 from printctl.flow.scanned_size import arrays_of, facing, set_out
+from printctl.pipeline.artefacts import NUMBERS
 from printctl.pipeline.registration_files import DEVIATION, load_deviation
 
 PASSES: Final = 10

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from numpy import float64
+    from numpy.typing import NDArray
+
     from design.network import VesselNetwork
     from registration.views import Views
 
@@ -21,6 +24,8 @@ class PageParts:
     surfaces : list of dict
         Of the 3D view, packed (`registration.report.packing.pack_surfaces`).
     network : VesselNetwork
+    orders : (v,) float64
+        Strahler's of the vessels: found by kernels, which the pages' process doesn't load.
     views : Views
     drawn : dict of str to bytes
         Figures that are drawn already.
@@ -31,6 +36,7 @@ class PageParts:
     data: dict[str, Any]
     surfaces: list[dict[str, Any]]
     network: VesselNetwork
+    orders: NDArray[float64]
     views: Views
     drawn: dict[str, bytes]
     origin: dict[str, Any] | None

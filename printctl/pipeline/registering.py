@@ -10,15 +10,16 @@ from pathlib import Path
 from typing import Any, Final
 
 from design.files import write_text
+from design.measures.morphometry import network_strahler_orders
 from design.network import VesselNetwork
 from design.solids import Solid
 from printctl.ahead import Call, SecondProcess
+from printctl.pipeline.artefacts import NUMBERS
 from printctl.pipeline.facts import scan_origin
 from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.pipeline.page_parts import PageParts
 from printctl.pipeline.registration_files import (
     DEVIATION,
-    NUMBERS,
     design_facts,
     scan_facts,
     surface_facts,
@@ -128,7 +129,8 @@ class Registered:
         )
         surfaces = pack_surfaces(self._surfaces())
         origin = scan_origin(self.source, self.network) if pdf else None
-        return PageParts(data, surfaces, self.vessels, views, drawn.result(), origin)
+        orders = network_strahler_orders(self.vessels)
+        return PageParts(data, surfaces, self.vessels, orders, views, drawn.result(), origin)
 
     def _surfaces(self) -> list[ReportSurface]:
         vertices, deviation_um = scaled_vertices(self.found), self.found.scaled_deviation_um

@@ -24,7 +24,7 @@ from registration.exports import (
 from registration.gauging.near_lumen import apart
 from registration.result import scaled_vertices
 
-NUMBERS, DEVIATION = "registration.json", "deviation.ply"
+DEVIATION = "deviation.ply"
 VIEWS = "views.npz"
 SURFACE_VTP, AXES_VTP, SCAN_NRRD = "deviation.vtp", "sections.vtp", "scan_in_part.nrrd"
 

@@ -7,11 +7,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from printctl.pipeline.artefacts import HTML, PDF
+from printctl.pipeline.artefacts import HTML, NUMBERS, PDF
 from printctl.pipeline.page_parts import PageParts
-from printctl.pipeline.registration_files import NUMBERS
 from registration.report import all_figures, network_drawing, write_report_html
-from registration.report.pdf import write_report_pdf
 
 __all__ = ["all_figures", "network_drawing", "write_pages"]
 
@@ -20,8 +18,11 @@ def write_pages(folder: Path, parts: PageParts) -> None:
     """Write the HTML page, and the PDF where it is asked for, into a folder."""
     # Drawn once for page and PDF.
     drawn = all_figures(parts.data, parts.network, parts.drawn, parts.views)
-    shown = {**parts.data, "numbers_file": NUMBERS}
+    shown = {**parts.data, "numbers_file": NUMBERS, "strahler_orders": parts.orders}
     write_report_html(folder / HTML, shown, parts.surfaces, parts.network, drawn, views=parts.views)
     if parts.origin is not None:
+        # A PDF library that a page alone doesn't need.
+        from registration.report.pdf import write_report_pdf
+
         data = {**parts.data, "provenance": parts.origin}
         write_report_pdf(folder / PDF, data, parts.network, drawn, parts.views)

@@ -9,7 +9,8 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from registration.judging.guard import Decision, worst
-    from registration.judging.judged import RULE, judge, judge_plain, listed
+    from registration.judging.judged import RULE, judge, judge_plain
+    from registration.judging.listing import listed
     from registration.judging.pose import as_if_pose_sure, pose_in_doubt
     from registration.judging.tolerance import (
         Limit,

@@ -120,12 +120,6 @@ def is_defect(finding: Record) -> bool:
     return off is not None and limit is not None and not limit[0] <= off <= limit[1]
 
 
-def listed(numbers: Record) -> Sequence[Record]:
-    """Return all findings of a registration; the defects of one that wasn't judged."""
-    found = numbers.get("findings", numbers.get("defects", ()))
-    return found if isinstance(found, Sequence) else ()
-
-
 def judge_plain(
     numbers: Record, tolerance_um: float, diameter_tolerance_percent: float
 ) -> dict[str, Any]:

@@ -9,10 +9,10 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from design.measures.morphometry import measure_morphometry
 from design.network import FloatArray, VesselKind, VesselNetwork
 from design.units import PA_PER_MMHG
 from registration.picture.colours import KIND_COLOURS, SEQUENTIAL, TREE_COLOURS
+from registration.picture.pressures import point_pressure
 from registration.picture.quantity import Quantity, magnitude, signed
 
 Colour = Literal["radius", "flow", "pressure", "shear", "order", "tree", "deviation"]
@@ -46,10 +46,13 @@ class Known:
         Of `FLOW`.
     gauged : mapping
         Of `GAUGED`.
+    orders : (v,) float64 or None
+        Strahler's (`network_strahler_orders`); None to find them.
     """
 
     flow: Mapping[str, FloatArray] = field(default_factory=dict)
     gauged: Mapping[str, FloatArray] = field(default_factory=dict)
+    orders: FloatArray | None = None
 
 
 def quantities(network: VesselNetwork, known: Known | None = None) -> list[Quantity]:
@@ -63,7 +66,7 @@ def quantities(network: VesselNetwork, known: Known | None = None) -> list[Quant
         pressure(network, flow),
         magnitude("shear", "Wall shear", "Pa", np.abs(flow.get("wall_shear_pa", none))),
         magnitude("velocity", "Velocity", "mm/s", np.abs(flow.get("velocity_mm_s", none))),
-        order(network),
+        order(network, known.orders),
         named_kinds(network),
         named_trees(network),
         signed("deviation", "Diameter deviation", "%", gauged.get("error_percent", none)),
@@ -83,33 +86,14 @@ def pressure(network: VesselNetwork, flow: Mapping[str, FloatArray]) -> Quantity
     return magnitude("pressure", "Pressure", "mmHg", values, log=False)
 
 
-def point_pressure(
-    network: VesselNetwork, first: FloatArray | None, last: FloatArray | None
-) -> FloatArray | None:
-    """Pressure at each point of the polylines from that at the vessels' ends, (p,).
-
-    It falls evenly along a vessel of even diameter; a taper's curve is drawn straight.
-
-    Returns
-    -------
-    (p,) float64 or None
-        None when no vessel has both pressures.
-    """
-    if first is None or last is None or not np.isfinite(first + last).any():
-        return None
-    steps = np.linalg.norm(np.diff(network.points, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    vessel = np.repeat(np.arange(network.vessel_count), np.diff(network.offset))
-    begin, end = along[network.offset[:-1]], along[network.offset[1:] - 1]
-    part = (along - begin[vessel]) / (end - begin)[vessel]
-    return np.asarray(first[vessel] + part * (last - first)[vessel], dtype=np.float64)
-
-
-def order(network: VesselNetwork) -> Quantity | None:
+def order(network: VesselNetwork, orders: FloatArray | None = None) -> Quantity | None:
     """Strahler's order, 1 for terminals; NaN for kinds with loops, None where all have them."""
-    values = np.full(network.vessel_count, np.nan)
-    for each in measure_morphometry(network):
-        values[each.vessels] = each.strahler_order - 1
+    if orders is None:
+        # Kernels, which a page that was given its orders doesn't load.
+        from design.measures.morphometry import network_strahler_orders
+
+        orders = network_strahler_orders(network)
+    values = orders - 1
     if not np.isfinite(values).any():
         return None
     count = int(np.nanmax(values)) + 1

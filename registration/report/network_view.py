@@ -37,13 +37,17 @@ class Thinned:
 
 
 def report_view(network: VesselNetwork, data: Mapping[str, Any]) -> dict[str, Any]:
-    """`network_view` of what report.json says of each vessel."""
+    """`network_view` of what report.json says of each vessel.
+
+    ``strahler_orders`` in `data`: (v,) float64, where they are known already.
+    """
     gauged = records(mapping(data, "registration"), "vessels")
     flow = records(mapping(data, "flow"), "vessels")
     names = {**vessel_names(flow), **vessel_names(gauged)}
     known = Known(
         flow=columns(flow, FLOW, network.vessel_count),
         gauged=columns(gauged, GAUGED, network.vessel_count),
+        orders=data.get("strahler_orders"),
     )
     return network_view(network, quantities(network, known), names)
 

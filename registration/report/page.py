@@ -16,7 +16,7 @@ from design.files import write_text
 from design.network import VesselNetwork
 from registration.judging import Limit, listed
 from registration.picture.colours import NO_DATA, samples
-from registration.picture.known_quantities import point_pressure
+from registration.picture.pressures import point_pressure
 from registration.report import sections
 from registration.report.added import AddedSection
 from registration.report.budget_table import budget_table

@@ -24,6 +24,7 @@ from registration.segmentation.filters import bin_mean, normalise
 from registration.segmentation.light import light_left, share_of_gel
 from registration.segmentation.local_level import local_level
 from registration.segmentation.reflections import without_lines
+from registration.segmentation.response import depth_response
 from registration.segmentation.volume import GelField, Strength
 from registration.segmentation.walls import Sides, share_of_volume
 from registration.segmentation.working import Working, probe
@@ -73,6 +74,9 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     step = float(working.voxel_mm[2])
     _refuse_upside_down(signal, step, scan.depth_down)
     dull = without_glare(signal, step)
+    response = depth_response(dull, noise, working, scan.depth_down)[:, None, None]
+    signal /= response
+    dull /= response
     light, typical = light_left(dull, step, 3 * noise, working.voxel_mm[:2], scan.depth_down)
     light *= np.float32(typical)
     light = evened(dull, light, working)
@@ -97,6 +101,7 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
         field, faint_mm=facing, facing_mm=facing, cut_mm=cut_mm(working.blur_mm, contrast)
     )
     dark = float(np.median(liquid) / np.median(gel))
+    signal *= response  # as it came back, to be held against the noise
     return field, contrast, Strength(signal, noise, dark)
 
 

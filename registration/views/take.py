@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.solids import Solid
 from registration.judging import listed
 from registration.scan import Scan
 from registration.views.findings import Contours, FindingView, half_window, panel
@@ -17,6 +16,7 @@ from registration.views.sampling import Shades
 from registration.views.stack import SectionStack, section_stack
 
 if TYPE_CHECKING:
+    from design.solids import Solid
     from registration.result import RegistrationReport
 
 FloatArray = NDArray[np.float64]

@@ -93,12 +93,13 @@ class Joints(NamedTuple):
     own, there : (m,) float64, mm
         Way along the vessel, ascending for each other, and along that one.
     wide : (m,) float64, mm
-        Length of the place itself: 0 for a node.
+        How far the place itself reaches to either side: 0 for a node.
     radius_mm : float, mm
         The thinnest needle's at its tip, without its clearance.
     overlap_radii : float
     lumen_mm : (v,) float64, mm
         Radius of a lumen that is written as several strands: joints reach by it. 0 for others.
+    length_mm : (v,) float64, mm
     """
 
     begin: IntArray
@@ -109,3 +110,4 @@ class Joints(NamedTuple):
     radius_mm: float
     overlap_radii: float
     lumen_mm: FloatArray
+    length_mm: FloatArray

@@ -17,8 +17,10 @@ from sim.clearance.bodies import LEFT, Ink, Joints, Tips
 
 FloatArray = NDArray[np.float64]
 
-WIDEST_MM: Final = 0.1
-"""Of places where vessels meet."""
+WIDEST_MM: Final = 0.025
+"""Reach of a place where vessels meet, to either side."""
+PAST_MM: Final = 0.002
+"""Rounding of a place at a vessel's end."""
 
 
 @jit
@@ -37,6 +39,21 @@ def _mixed(pair: FloatArray, share: float) -> float:
     if pair[0] == np.inf:
         return np.inf
     return float(pair[0] + share * (pair[1] - pair[0]))
+
+
+@jit
+def _far_end(pair: FloatArray, vessel: int, joints: Joints) -> float:
+    """The vessel's other end, of a piece that goes on past one; inf of all others, mm.
+
+    What lies past a vessel's end lies where another one is: it belongs to the joint there, and not
+    to that at its own other end, however short the vessel is.
+    """
+    low, high, length = min(pair[0], pair[1]), max(pair[0], pair[1]), joints.length_mm[vessel]
+    if low < -PAST_MM and high <= PAST_MM:
+        return float(length)
+    if high > length + PAST_MM and low >= length - PAST_MM:
+        return 0.0
+    return np.inf
 
 
 @jit
@@ -61,6 +78,7 @@ def slack_of(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, joints: J
     if w < 0:
         return float(best)
     place = _mixed(ink.along[j], t)
+    far_ink = _far_end(ink.along[j], w, joints)
     for role in range(2):
         v = tips.vessel[i, role]
         if v < 0:
@@ -72,11 +90,14 @@ def slack_of(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, joints: J
         at = _mixed(tips.along[i, role], s)
         if v == w:
             best = max(best, left - abs(place - at))
+        far = _far_end(tips.along[i, role], v, joints)
         low, high = _between(v, w, joints)
         most = reach + WIDEST_MM
         for m in range(low + np.searchsorted(joints.own[low:high], at - most), high):
             if joints.own[m] > at + most:
                 break
+            if joints.wide[m] == 0.0 and (joints.own[m] == far or joints.there[m] == far_ink):
+                continue
             here = min(left - abs(joints.own[m] - at), reach - abs(joints.there[m] - place))
             best = max(best, here + joints.wide[m])
     return float(best)

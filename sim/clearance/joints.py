@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from sim.clearance.bodies import Joints
 from sim.clearance.network import WrittenNetwork
-from sim.clearance.overlaps import BORDER_MM, Overlaps, overlaps_of
+from sim.clearance.overlaps import Overlaps, overlaps_of
 
 FloatArray = NDArray[np.float64]
 
 _GRAIN_MM: Final = 0.05
-"""Overlapping places that lie so near to each other along both vessels are kept once."""
+_GRAIN_FROM: Final = 0.3183
+"""Overlapping places are kept once for each cell of that size along both vessels, as its middle.
+Cells begin at such a part of one, where no spot of a straight vessel of round length lies."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +46,13 @@ def joints_of(
 ) -> tuple[Joints, tuple[OwnOverlap, ...]]:
     """What counts as a joint for a shaft, and which of it no node explains, the deepest first."""
     found = overlaps_of(network, radius_mm, overlap_radii)
-    (u, v), (a, b) = found.vessel.T, found.along.T
-    grain = np.floor(found.along / _GRAIN_MM)
-    once = np.unique(np.column_stack([found.vessel, grain]), axis=0, return_index=True)[1]
-    forth, back = np.column_stack([u, v, a, b])[once], np.column_stack([v, u, b, a])[once]
+    cells = np.floor(found.along / _GRAIN_MM + _GRAIN_FROM)
+    u, v, a, b = np.unique(np.column_stack([found.vessel, cells]), axis=0).T
+    a, b = ((one + 0.5 - _GRAIN_FROM) * _GRAIN_MM for one in (a, b))
+    forth, back = np.column_stack([u, v, a, b]), np.column_stack([v, u, b, a])
     at_nodes = _at_nodes(network)
     rows = np.concatenate([at_nodes, forth, back])
-    wide = np.where(np.arange(len(rows)) < len(at_nodes), 0.0, BORDER_MM)
+    wide = np.where(np.arange(len(rows)) < len(at_nodes), 0.0, _GRAIN_MM / 2)
     order = np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))
     rows, wide = rows[order], wide[order]
     count = np.bincount(rows[:, 0].astype(np.int64), minlength=network.vessel_count)
@@ -58,7 +60,7 @@ def joints_of(
     other, own, there = (np.ascontiguousarray(column) for column in rows[:, 1:].T)
     met = other.astype(np.int64)
     lumens = network.lumen_mm
-    joints = Joints(begin, met, own, there, wide, radius_mm, overlap_radii, lumens)
+    joints = Joints(begin, met, own, there, wide, radius_mm, overlap_radii, lumens, network.lengths)
     return joints, _told(network, found)
 
 

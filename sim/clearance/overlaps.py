@@ -22,9 +22,6 @@ TURN: Final = 0.7
 than a right angle, or forks at less. A thick vessel's own way ahead is near, too."""
 FINEST_MM: Final = 0.05
 COARSEST_MM: Final = 0.1
-BORDER_MM: Final = 0.1
-"""An overlap that ends so little inside a joint goes on beyond it: filaments that part just there
-are no place for a needle either, and a spot more or less mustn't decide."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +69,7 @@ def overlaps_of(network: WrittenNetwork, radius_mm: float, overlap_radii: float)
     thick = np.maximum(spots.radius[one], spots.radius[other])
     deep = thin + thick - gap
     reach = np.sqrt(2.0) * (radius_mm + thick) + overlap_radii * thick
-    way, joined = _through_nodes(network, spots, one, other, reach - BORDER_MM)
+    way, joined = _through_nodes(network, spots, one, other, reach)
     found = (deep >= DEEP * thin) & ~joined & (gap < TURN * way)
     pair = np.column_stack([one, other])[found]
     order = np.argsort(spots.vessel[pair], axis=1, kind="stable")

@@ -11,8 +11,8 @@ union of balls. |dg/ds| is at most the move's length and |dg/dt| the filament's 
 rectangle of s and t with half sides hs and ht holds nothing below its middle's g less those slopes
 times hs and ht: `pair_approach` cuts rectangles in half and drops those that can't lie below what
 is found already. What it returns is attained, and not above the true minimum by more than
-`ERROR_MM` (or `ERROR_SHARE` of it, where that is more). A joint's border is found within `ERROR_MM`
-of arc length in the same way, since its slack is Lipschitz, too.
+`ERROR_MM` (or `ERROR_SHARE` of it, where that is more). A joint's border is found within
+`DECIDING_ERROR_MM` of arc length in the same way, since its slack is Lipschitz, too.
 """
 
 from __future__ import annotations
@@ -31,6 +31,10 @@ FloatArray = NDArray[np.float64]
 
 ERROR_MM: Final = 0.002
 ERROR_SHARE: Final = 0.05
+DECIDING_MM: Final = 0.02
+DECIDING_ERROR_MM: Final = 0.0005
+"""So small an error where the shaft is no deeper in ink than the first: there it decides what
+crosses."""
 
 
 @jit
@@ -78,19 +82,21 @@ def pair_approach(
         s, t, hs, ht = 0.5 * (s0 + s1), 0.5 * (t0 + t1), 0.5 * (s1 - s0), 0.5 * (t1 - t0)
         value = approach(i, j, s, t, tips, ink, body)
         error = max(ERROR_MM, ERROR_SHARE * best)
+        if -DECIDING_MM < best < 0.0:
+            error = DECIDING_ERROR_MM
         if value - hs * move - ht * fall >= best - error:
             continue
         if joined:
             slack, margin = slack_of(i, j, s, t, tips, ink, joints), hs * by_s + ht * by_t
             if slack > margin:
                 continue
-            if slack > 0.0 and margin <= ERROR_MM:
+            if slack > 0.0 and margin <= DECIDING_ERROR_MM:
                 continue
             if slack <= 0.0 and value < best:
                 best, best_s, best_t = value, s, t
         elif value < best:
             best, best_s, best_t = value, s, t
-        if hs * by_s + ht * by_t <= 0.25 * ERROR_MM:
+        if hs * by_s + ht * by_t <= 0.25 * DECIDING_ERROR_MM:
             continue
         if hs * by_s >= ht * by_t:
             stack[count, 0], stack[count, 1], stack[count, 2], stack[count, 3] = s0, s, t0, t1

@@ -54,6 +54,24 @@ class Bundles:
         """Every vessel one filament."""
         return Bundles(network, np.arange(network.vessel_count))
 
+    def design(self) -> VesselNetwork:
+        """The design's vessels, each as wide as its lumen."""
+        if self.is_plain:
+            return self.network
+        count, strands = int(self.owner.max()) + 1, np.bincount(self.owner)
+        last, whole = int(self.network.offset[count]), self.network
+        wide = whole.radius[:last] * np.sqrt(np.repeat(strands, np.diff(whole.offset[: count + 1])))
+        ends = whole.vessel_nodes[:count]
+        return VesselNetwork(
+            nodes=whole.nodes[: int(ends.max()) + 1],
+            vessel_nodes=ends,
+            kind=whole.kind[:count],
+            tree=whole.tree[:count],
+            offset=whole.offset[: count + 1],
+            points=whole.points[:last],
+            radius=wide,
+        )
+
     def widest_radius(self) -> FloatArray:
         """Of the design's vessel of each strand, (n,), mm."""
         count = np.bincount(self.owner)[self.owner]

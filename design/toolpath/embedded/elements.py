@@ -30,7 +30,9 @@ class Elements(NamedTuple):
         There.
     length : (n,) float64, mm
     arc : (n,) float64, mm
-        Way along the vessel to where each begins.
+        Way along the vessel's elements to where each begins.
+    along : (n, 2) float64, mm
+        Way along the vessel itself to both ends: a curve is a little longer than its chords.
     vessel : (n,) int64
     first : (v + 1,) int64
         Vessel ``v`` has the elements ``first[v]`` to ``first[v + 1] - 1``.
@@ -41,25 +43,30 @@ class Elements(NamedTuple):
     radius: FloatArray
     length: FloatArray
     arc: FloatArray
+    along: FloatArray
     vessel: IntArray
     first: IntArray
 
 
 def elements_of(network: VesselNetwork, longest_mm: float) -> Elements:
     """Cut every vessel into elements no longer than `longest_mm`, and straight within 2 µm."""
-    points, radii, ends, first = [network.nodes], [], [], [0]
+    points, radii, ends, ways, first = [network.nodes], [], [], [], [0]
     count = len(network.nodes)
     for (tail, head), (line, radius) in zip(
         network.vessel_nodes.tolist(), network.polylines(), strict=True
     ):
-        line, radius = subdivided(
-            *straightened(*_without_repeats(line, radius)), longest_mm, TAPER_STEP
-        )
+        line, radius = _without_repeats(line, radius)
+        way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+        keep = off_chords(line, radius)
+        line, radius, way = line[keep], radius[keep], way[keep]
+        place = finer_places(line, radius, longest_mm, TAPER_STEP)
+        line, radius, way = at_places(line, place), at_places(radius, place), at_places(way, place)
         inner = np.arange(count, count + len(line) - 2)
         number = np.concatenate([[tail], inner, [head]])
         count += len(inner)
         points.append(line[1:-1])
         radii.append(np.column_stack([radius[:-1], radius[1:]]))
+        ways.append(np.column_stack([way[:-1], way[1:]]))
         ends.append(np.column_stack([number[:-1], number[1:]]))
         first.append(first[-1] + len(line) - 1)
     point, end = np.concatenate(points), np.concatenate(ends).astype(np.int64)
@@ -68,7 +75,8 @@ def elements_of(network: VesselNetwork, longest_mm: float) -> Elements:
     vessel = np.repeat(np.arange(len(first) - 1), np.diff(offset))
     along = np.cumsum(length) - length
     arc = along - along[offset[:-1]][vessel]
-    return Elements(point, end, np.concatenate(radii), length, arc, vessel, offset)
+    radius, way = np.concatenate(radii), np.concatenate(ways)
+    return Elements(point, end, radius, length, arc, way, vessel, offset)
 
 
 def _without_repeats(line: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -81,8 +89,13 @@ def _without_repeats(line: FloatArray, radius: FloatArray) -> tuple[FloatArray, 
 
 def straightened(line: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Leave out points near the chord of those kept (Douglas & Peucker 1973), radii included."""
-    keep = _near_chords(np.column_stack([line, radius]))
+    keep = off_chords(line, radius)
     return line[keep], radius[keep]
+
+
+def off_chords(line: FloatArray, radius: FloatArray) -> NDArray[np.bool_]:
+    """Which points of a polyline `straightened` keeps, (k,)."""
+    return _near_chords(np.column_stack([line, radius]))
 
 
 @jit
@@ -119,15 +132,20 @@ def _from_chord(value: FloatArray, low: FloatArray, high: FloatArray) -> float:
     return float(np.sqrt(away2))
 
 
-def subdivided(
+def finer_places(
     line: FloatArray, radius: FloatArray, longest_mm: float, taper_step: float
-) -> tuple[FloatArray, FloatArray]:
-    """Insert points where a stretch is long, or its radius changes much."""
+) -> FloatArray:
+    """Places along a polyline, in its points' numbers: more where it is long or tapers much."""
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     taper = np.abs(np.diff(np.log(radius))) / taper_step
     count = np.ceil(np.maximum(steps / longest_mm, taper)).astype(int).clip(min=1)
     place = np.concatenate([k + np.arange(n) / n for k, n in enumerate(count)])
-    place = np.append(place, len(line) - 1)
-    whole = np.arange(len(line))
-    finer = np.column_stack([np.interp(place, whole, line[:, axis]) for axis in range(3)])
-    return finer, np.interp(place, whole, radius)
+    return np.append(place, len(line) - 1)
+
+
+def at_places(values: FloatArray, place: FloatArray) -> FloatArray:
+    """Values of a polyline's points, (k,) or (k, m), at places of `finer_places`."""
+    whole = np.arange(len(values))
+    if values.ndim == 1:
+        return np.interp(place, whole, values)
+    return np.column_stack([np.interp(place, whole, column) for column in values.T])

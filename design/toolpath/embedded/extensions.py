@@ -27,6 +27,8 @@ class Extension(NamedTuple):
         Way along the vessel to where it begins.
     step : int
         1 where it leads on along the vessel's order, -1 where against it.
+    far : float, mm
+        Way along the vessel to its other end, where it leads past one; else inf.
     """
 
     start: FloatArray
@@ -35,6 +37,7 @@ class Extension(NamedTuple):
     vessel: int
     at: float
     step: int
+    far: float
 
 
 @jit
@@ -62,7 +65,7 @@ def barring(
                     continue
                 if when[j] < before and (
                     depth_at(place, extension.radius, extension.vessel, at, j,
-                             elements, meetings, needle) > 0.0
+                             elements, meetings, needle, extension.far) > 0.0
                 ):  # fmt: skip
                     met.append(j)
     return np.unique(np.array(met, np.int64))
@@ -125,6 +128,8 @@ def meets(
                 continue
             way = ink - extension.start
             there = extension.at + extension.step * np.sqrt((way * way).sum())
-            if not of_one_joint(vessel, at, extension.vessel, there, reach, meetings):
+            if not of_one_joint(
+                vessel, at, extension.vessel, there, reach, meetings, extension.far
+            ):
                 return True
     return False

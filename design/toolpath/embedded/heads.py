@@ -9,6 +9,7 @@ import numpy as np
 from design.errors import ToolpathError
 from design.network import VesselNetwork
 from design.toolpath.embedded.filament import check_vessels
+from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.options import EmbeddedOptions
 from design.toolpath.toolpath import IntArray
 
@@ -70,6 +71,21 @@ class EmbeddedHeads:
     def cone_mm(self) -> float:
         """Height over which the tip widens to the shaft, mm; the shortest of all heads'."""
         return min(one.cone_mm for one in self.options)
+
+    def needles(self) -> tuple[Needle, ...]:
+        """Each head's needle without its clearance."""
+        joint, widest = self.bare_mm
+        return tuple(
+            Needle(
+                joint,
+                widest,
+                one.tip_mm - one.clearance_mm,
+                one.shaft_mm - one.clearance_mm,
+                one.cone_mm,
+                self.overlap_radii,
+            )
+            for one in self.options
+        )
 
     @property
     def overlap_radii(self) -> float:

@@ -168,6 +168,7 @@ class _Round:
             int(elements.vessel[element]),
             float(elements.arc[element] + (elements.length[element] if head == point else 0.0)),
             1 if head == point else -1,
+            self._far(element, head == point),
         )
         about = self._when, elements, scene.squares, scene.meetings, scene.needle
         now = end.number + end.last
@@ -181,6 +182,15 @@ class _Round:
             [Brushed(element, k, k in entered) for k in bars.tolist()],
             [self._brushed(k, end, extension) for k in brushes],
         )
+
+    def _far(self, element: int, ahead: bool) -> float:
+        """Way along its vessel to the end behind a vessel's last element, mm; inf within one."""
+        elements = self._elements
+        vessel = int(elements.vessel[element])
+        first, last = int(elements.first[vessel]), int(elements.first[vessel + 1]) - 1
+        if element != (last if ahead else first):
+            return np.inf
+        return 0.0 if ahead else float(elements.arc[last] + elements.length[last])
 
     def _brushed(self, later: int, end: _End, extension: Extension) -> Brushed:
         scene = self._scene

@@ -14,8 +14,9 @@ from design.toolpath.embedded.bundles import Bundles
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.joined import Joined, WeakJoint
 from design.toolpath.embedded.needle import JOINT, Needle
-from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
+from design.toolpath.embedded.report import EmbeddedReport
 from design.toolpath.embedded.rules import Rules, barring_each_other, kept, owners
+from design.toolpath.embedded.touches import arcs_of
 from design.toolpath.toolpath import FloatArray, IntArray
 
 Mask = NDArray[np.bool_]
@@ -56,9 +57,21 @@ class Lumens:
         within = self._beside(first, after) & barring_each_other(rules)
         return kept(rules, ~(within | self._joined(first, after)))
 
-    def one_body(self, first: IntArray, second: IntArray) -> Mask:
-        """Whether pairs of elements (k,) lie side by side in a lumen, or in a joint of bundles."""
-        return self._beside(first, second) | self._joined(first, second)
+    @property
+    def lumen_mm(self) -> FloatArray:
+        """Widest radius of each of the design's vessels that is a bundle, mm; 0 of the others."""
+        count = int(self._owner.max()) + 1
+        return np.where(self._bundled, self._bundles.widest_radius(), 0.0)[:count]
+
+    def of_design(
+        self, vessel: IntArray, along: FloatArray, radius: FloatArray
+    ) -> tuple[IntArray, FloatArray, FloatArray]:
+        """What strands lay, (w,) and (w, 2), by the design's vessels and the ways along these."""
+        if self._bundles.is_plain:
+            return vessel, along, radius
+        length = arcs_of(self._bundles.network)[1]
+        share = length[self._owner] / length
+        return self._owner[vessel], along * share[vessel][:, None], radius
 
     def closed(self, joined: Joined) -> Joined:
         """Without joints that bundles close all the same: the strands beside them go on."""
@@ -67,28 +80,17 @@ class Lumens:
         return replace(joined, open=[one for one in joined.open if not self._inside(one)])
 
     def told(self, report: EmbeddedReport) -> EmbeddedReport:
-        """The report in the design's vessels; what meets within one isn't told."""
+        """The report in the design's vessels; crossings are told so already."""
         if self._bundles.is_plain:
             return report
         owner = self._owner.tolist()
-        ends = [set(pair) for pair in self._nodes.tolist()]
-
-        def crossing(one: Crossing) -> Crossing:
-            return replace(one, vessel=owner[one.vessel], through=owner[one.through])
-
-        def merged(one: Merged) -> Merged:
-            return replace(one, vessel=owner[one.vessel], other=owner[one.other])
 
         def weak(one: WeakJoint) -> WeakJoint:
             return replace(one, vessel=owner[one.vessel], other=owner[one.other])
 
-        apart = (one for one in report.merged if not ends[one.vessel] & ends[one.other])
         return replace(
             report,
             vessels=int(self._owner.max()) + 1,
-            crossings=tuple(map(crossing, report.crossings)),
-            grazes=tuple(map(crossing, report.grazes)),
-            merged=tuple(map(merged, apart)),
             shortened=tuple(map(weak, report.shortened)),
             open=tuple(map(weak, report.open)),
         )

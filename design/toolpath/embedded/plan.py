@@ -3,28 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from design.errors import ToolpathError
 from design.network import VesselNetwork
+from design.toolpath.embedded.account import Entry, Laid, account
 from design.toolpath.embedded.bundles import Bundles
 from design.toolpath.embedded.elements import Elements, elements_of
 from design.toolpath.embedded.heads import EmbeddedHeads
-from design.toolpath.embedded.improve import broken, ordered
+from design.toolpath.embedded.improve import ordered
 from design.toolpath.embedded.joined import Joined
 from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.lumens import Lumens
-from design.toolpath.embedded.meetings import Meetings, Touches, at_nodes, touches, with_touches
+from design.toolpath.embedded.meetings import Meetings, at_nodes, with_touches
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.options import EmbeddedOptions
 from design.toolpath.embedded.recovery import waited
 from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
-from design.toolpath.embedded.rules import Rules, entered, find_rules
+from design.toolpath.embedded.rules import find_rules
 from design.toolpath.embedded.schedule import Pass
+from design.toolpath.embedded.spared import spared_of
 from design.toolpath.embedded.squares import Squares, squares_of
+from design.toolpath.embedded.touches import Touches, touches
 from design.toolpath.embedded.write import FilamentWriter
-from design.toolpath.toolpath import IntArray, MoveKind, Toolpath
+from design.toolpath.toolpath import MoveKind, Toolpath
+
+TOUCH_MM: Final = 0.005
+"""Deeper is a crossing, as for the check before a print."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +55,7 @@ class EmbeddedPlan:
 class Scene:
     """A network and a needle made ready for planning."""
 
+    design: VesselNetwork
     elements: Elements
     squares: Squares
     meetings: Meetings
@@ -67,23 +75,21 @@ class Scene:
         squares = squares_of(elements, needle.shaft_mm)
         nodes = at_nodes(network, elements)
         lumens = Lumens(bundles, elements, needle)
-        collisions = touches(elements, squares, nodes, needle)
-        meetings = with_touches(nodes, collisions)
-        return Scene(elements, squares, meetings, collisions, needle, lumens)
+        design = bundles.design()
+        collisions = touches(design, needle)
+        meetings = with_touches(nodes, collisions, elements)
+        return Scene(design, elements, squares, meetings, collisions, needle, lumens)
 
-    def met(self, rules: Rules, passes: list[Pass], joined: Joined, network: VesselNetwork) -> Met:
-        """What the shaft meets: elements written out of turn, and overlaps."""
-        first, second = broken(rules, passes)
-        bare = entered(first, second, self.elements, self.meetings, self.needle)
-        brushed = np.array(joined.brushed, dtype=np.int64).reshape(-1, 3)
-        first, second = np.append(first, brushed[:, 0]), np.append(second, brushed[:, 1])
-        bare = np.append(bare, brushed[:, 2] > 0)
-        apart = ~self.lumens.one_body(first, second)
-        deep, near = bare & apart, ~bare & apart
+    def met(self, toolpath: Toolpath, writer: FilamentWriter, heads: EmbeddedHeads) -> Met:
+        """What the shaft meets on a path: the bare needle, and what it must keep free."""
+        laid = Laid(*self.lumens.of_design(*writer.laid()))
+        spared = spared_of(self.design, self.collisions, self.lumens.lumen_mm)
+        look = max(one.clearance_mm for one in heads.options)
+        found = account(toolpath, laid, spared, heads.needles(), look)
         return Met(
-            crossings=_by_vessels(self.elements, first[deep], second[deep]),
-            grazes=_by_vessels(self.elements, first[near], second[near]),
-            merged=_merged(network, self.collisions),
+            crossings=_by_vessels([one for one in found if one.depth_mm > TOUCH_MM]),
+            grazes=_by_vessels([one for one in found if one.depth_mm <= TOUCH_MM]),
+            merged=_merged(self.design, self.collisions),
         )
 
 
@@ -119,17 +125,18 @@ def plan_embedded(
     heads = EmbeddedHeads.one(options, network) if isinstance(options, EmbeddedOptions) else options
     heads.check(network)
     scene = Scene.of(bundles, heads)
-    found = find_rules(scene.elements, scene.squares, scene.meetings, scene.needle)
+    needle = scene.needle.planned()
+    found = find_rules(scene.elements, scene.squares, scene.meetings, needle)
     rules = scene.lumens.without(found)
-    joiner = Joiner(scene.elements, scene.squares, scene.meetings, scene.needle)
+    joiner = Joiner(scene.elements, scene.squares, scene.meetings, needle)
     passes, joined = ordered(scene.elements, rules, heads.vessel_head, joiner)
     joined = scene.lumens.closed(joined)
     _refuse_open(joined, heads)
     writer = FilamentWriter(scene.elements, passes[0], heads)
     writer.write_all(passes, joined)
-    met = scene.met(rules, passes, joined, network)
     recovery_s = max(one.recovery_s for one in heads.options)
     toolpath = waited(writer.builder.build(), recovery_s, heads.shaft_mm)
+    met = scene.met(toolpath, writer, heads)
     report = _report(toolpath, scene.elements, passes, joined, writer, met)
     return EmbeddedPlan(toolpath, scene.lumens.told(report))
 
@@ -148,16 +155,16 @@ def _refuse_open(joined: Joined, heads: EmbeddedHeads) -> None:
         )
 
 
-def _by_vessels(elements: Elements, first: IntArray, second: IntArray) -> tuple[Crossing, ...]:
-    """Pairs of elements by pairs of vessels, with the way along the first."""
-    count = int(elements.vessel[-1]) + 1
-    pair = elements.vessel[first] * count + elements.vessel[second]
-    found = []
-    for key in np.unique(pair).tolist():
-        rows = np.unique(first[pair == key])
-        vessel, through = divmod(key, count)
-        found.append(Crossing(vessel, through, float(elements.length[rows].sum())))
-    return tuple(sorted(found, key=lambda c: (-c.length_mm, c.vessel, c.through)))
+def _by_vessels(found: list[Entry]) -> tuple[Crossing, ...]:
+    """Entries by pairs of vessels, the deepest first."""
+    pairs: dict[tuple[int, int], list[Entry]] = {}
+    for one in found:
+        pairs.setdefault((one.vessel, one.through), []).append(one)
+    crossings = [
+        Crossing(*pair, sum(one.length_mm for one in own), max(one.depth_mm for one in own))
+        for pair, own in pairs.items()
+    ]
+    return tuple(sorted(crossings, key=lambda c: (-c.depth_mm, c.vessel, c.through)))
 
 
 def _merged(network: VesselNetwork, touches: Touches) -> tuple[Merged, ...]:

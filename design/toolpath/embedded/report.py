@@ -14,15 +14,18 @@ class Crossing:
     Attributes
     ----------
     vessel, through : int
-        While `vessel` is written, the shaft passes through vessel `through` (itself, where a
-        vessel folds over itself).
+        While `vessel` is written, left or gone to, the shaft passes through vessel `through`
+        (itself, where a vessel folds over itself).
     length_mm : float, mm
-        Along `vessel`.
+        Of the way on which that happens.
+    depth_mm : float, mm
+        Deepest: how far the bare shaft reaches into the ink. Below 0 it passes at that distance.
     """
 
     vessel: int
     through: int
     length_mm: float
+    depth_mm: float
 
 
 @dataclass(frozen=True)

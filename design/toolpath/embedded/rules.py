@@ -167,17 +167,19 @@ def depth_at(
     elements: Elements,
     meetings: Meetings,
     needle: Needle,
+    far: float = np.inf,
 ) -> float:
     """Harm that the shaft above a tip does to element j, joints spared, mm; 0 for none.
 
-    The tip writes a filament of `radius`, ``at`` mm along a vessel.
+    The tip writes a filament of `radius`, ``at`` mm along a vessel; of one that goes on past an end
+    ``far`` is the other.
     """
     a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
     thick = max(elements.radius[j, 0], elements.radius[j, 1])
     if _harm(tip, a, b, thick, 0.0, 1.0, needle) == 0.0:
         return 0.0
     reach = joint_reach(needle, max(thick, radius))
-    low, high = outside_joints(vessel, at, j, reach, elements, meetings)
+    low, high = outside_joints(vessel, at, j, reach, elements, meetings, far)
     if low >= high:
         return 0.0
     return _harm(tip, a, b, thick, low, high, needle)

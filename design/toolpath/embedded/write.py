@@ -6,7 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from design.toolpath.embedded.elements import TAPER_STEP, Elements, straightened, subdivided
+from design.toolpath.embedded.elements import (
+    TAPER_STEP,
+    Elements,
+    at_places,
+    finer_places,
+    off_chords,
+)
 from design.toolpath.embedded.filament import frustum_ul, writing_speed
 from design.toolpath.embedded.ground import Ground, ground_under, highest_along, lay
 from design.toolpath.embedded.heads import EmbeddedHeads
@@ -14,7 +20,7 @@ from design.toolpath.embedded.joined import Joined
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.walk import Leg
 from design.toolpath.moves import MoveBuilder
-from design.toolpath.toolpath import FloatArray
+from design.toolpath.toolpath import FloatArray, IntArray
 
 STEP = 1.5
 """Where a pass goes on into a vessel by so much thinner or thicker, the plunger relieves and primes
@@ -24,10 +30,11 @@ one behind it. A smaller step swells the first half millimetre by 27 % at most (
 
 @dataclass(frozen=True)
 class Stretch:
-    """Part of one vessel as it is written: points (k, 3), radii (k,), mm."""
+    """Part of one vessel as it is written: points (k, 3), radii and way along it (k,), mm."""
 
     points: FloatArray
     radius: FloatArray
+    along: FloatArray
     vessel: int
 
 
@@ -51,6 +58,9 @@ class FilamentWriter:
         self.builder = MoveBuilder(start, "vessel")
         self.builder.tool = self._head
         self.overlap_ul = 0.0
+        self._vessels: list[int] = []
+        self._along: list[FloatArray] = []
+        self._radius: list[FloatArray] = []
         self._pressed: set[int] = set()
         self._started = False
         self._ground: Ground = ground_under(
@@ -62,6 +72,12 @@ class FilamentWriter:
         for one, before, beyond in zip(passes, joined.before, joined.beyond, strict=True):
             self._write([self._stretch(leg) for leg in one.legs], float(before), float(beyond))
 
+    def laid(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Vessel (w,), way along it and radius at both ends (w, 2), of each move that writes."""
+        counts = [len(one) for one in self._along]
+        vessel = np.repeat(np.array(self._vessels, dtype=np.int64), counts)
+        return vessel, np.concatenate(self._along), np.concatenate(self._radius)
+
     def _stretch(self, leg: Leg) -> Stretch:
         """A leg as few straight moves as its shape and taper need."""
         order = leg.elements()
@@ -69,9 +85,14 @@ class FilamentWriter:
         ends, radius = self._elements.end[order], self._elements.radius[order]
         numbers = np.append(ends[:, side[0]], ends[-1, side[1]])
         thick = np.append(radius[:, side[0]], radius[-1, side[1]])
-        points, thick = straightened(self._elements.point[numbers], thick)
-        points, thick = subdivided(points, thick, np.inf, TAPER_STEP)
-        return Stretch(points, thick, int(self._elements.vessel[leg.element]))
+        way = self._elements.along[order]
+        along = np.append(way[:, side[0]], way[-1, side[1]])
+        points = self._elements.point[numbers]
+        keep = off_chords(points, thick)
+        points, thick, along = points[keep], thick[keep], along[keep]
+        place = finer_places(points, thick, np.inf, TAPER_STEP)
+        points, thick, along = (at_places(each, place) for each in (points, thick, along))
+        return Stretch(points, thick, along, int(self._elements.vessel[leg.element]))
 
     def _write(self, stretches: list[Stretch], before: float, beyond: float) -> None:
         if before > 0.0:
@@ -87,6 +108,9 @@ class FilamentWriter:
             volume = frustum_ul(one.points, one.radius)
             speed = writing_speed(volume / length, self._options)
             self.builder.write(one.points[1:], volume, speed, one.vessel)
+            self._vessels.append(one.vessel)
+            self._along.append(np.column_stack([one.along[:-1], one.along[1:]]))
+            self._radius.append(np.column_stack([one.radius[:-1], one.radius[1:]]))
             lay(self._ground, one.points, one.radius, self._heads.shaft_mm)
         self._pressed.add(self._head)
 
@@ -103,10 +127,13 @@ class FilamentWriter:
         way = one.points[end] - one.points[inner]
         further = one.points[end] + reach_mm * way / np.linalg.norm(way)
         place = len(one.points) if at_end else 0
+        rises = one.along[end] > one.along[inner]
+        along = one.along[end] + (reach_mm if rises else -reach_mm)
         self.overlap_ul += float(np.pi * one.radius[end] ** 2 * reach_mm)
         return Stretch(
             np.insert(one.points, place, further, axis=0),
             np.insert(one.radius, place, one.radius[end]),
+            np.insert(one.along, place, along),
             one.vessel,
         )
 

@@ -12,12 +12,11 @@ import numpy as np
 
 from design.files import write_text
 from design.solids import Solid
-from printctl.pipeline.artefacts import GCODE, LINE_MAP, LUMEN, NETWORK, SOLID
+from printctl.pipeline.artefacts import GCODE, LINE_MAP, LUMEN, NETWORK, NUMBERS, SOLID
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.pipeline.registration_files import (
     DEVIATION,
-    NUMBERS,
     VIEWS,
     design_facts,
     scan_facts,

@@ -9,11 +9,12 @@ import numpy as np
 from design.network import VesselNetwork
 from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.embedded.elements import Elements, elements_of
-from design.toolpath.embedded.meetings import Meetings, Touches, at_nodes, touches, with_touches
+from design.toolpath.embedded.meetings import Meetings, at_nodes, with_touches
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.rules import Rules
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.squares import Squares, squares_of
+from design.toolpath.embedded.touches import Touches, touches
 
 
 class Parts(NamedTuple):
@@ -37,8 +38,8 @@ def parts_of(net: VesselNetwork, options: EmbeddedOptions, longest_mm: float = 0
     elements = elements_of(net, longest_mm)
     squares = squares_of(elements, needle.shaft_mm)
     nodes = at_nodes(net, elements)
-    found = touches(elements, squares, nodes, needle)
-    return Parts(elements, squares, found, with_touches(nodes, found), needle)
+    found = touches(net, needle)
+    return Parts(elements, squares, found, with_touches(nodes, found, elements), needle)
 
 
 def rules_of(pairs: dict[tuple[int, int], float], count: int) -> Rules:

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from design.network import VesselNetwork
 from design.network_csv import write_network_csv
-from printctl.feedback.evidence import NUMBERS
+from printctl.pipeline.artefacts import NUMBERS
 from printctl.pipeline.manifest import Manifest, StageRecord, digest_file
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe

@@ -10,8 +10,7 @@ import pytest
 
 from printctl.errors import UsageError
 from printctl.feedback import NO_ORIGIN, ORIGIN, keep_origin, read_print
-from printctl.feedback.evidence import NUMBERS
-from printctl.pipeline.artefacts import NETWORK
+from printctl.pipeline.artefacts import NETWORK, NUMBERS
 from printctl.pipeline.manifest import MANIFEST, Manifest, StageRecord, digest_file
 from printctl.pipeline.stages.scan import of_simulator
 from tests.printctl.feedback.lab import Lab

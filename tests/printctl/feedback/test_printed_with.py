@@ -13,7 +13,8 @@ import yaml
 
 from design.errors import ToolpathError
 from printctl.errors import RecipeError, SafetyError, UsageError
-from printctl.feedback.evidence import NUMBERS, read_print
+from printctl.feedback.evidence import read_print
+from printctl.pipeline.artefacts import NUMBERS
 from printctl.pipeline.manifest import Manifest
 from printctl.recipe import parse_recipe
 from tests.printctl.cli.shell import Shell

@@ -7,7 +7,7 @@ from matplotlib.colors import to_rgb
 from design.network import VesselKind, VesselNetwork
 from registration.picture import Colour, Known, Quantity, quantities
 from registration.picture.colours import NO_DATA, SEQUENTIAL
-from registration.picture.known_quantities import point_pressure
+from registration.picture.pressures import point_pressure
 from registration.picture.quantity import magnitude, signed
 
 

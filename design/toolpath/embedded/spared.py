@@ -1,0 +1,120 @@
+"""Ink that a joint spares, of a planned path: ways along vessels to where they meet."""
+
+from __future__ import annotations
+
+from itertools import permutations
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from design.network import VesselNetwork
+from design.toolpath.embedded.needle import JOINT, Needle
+from design.toolpath.embedded.touches import CELL_MM, Touches, arcs_of
+from design.toolpath.toolpath import FloatArray, IntArray
+from kernels import jit
+
+PAST_MM: Final = 0.002
+"""What ends so near to a vessel's end ends there."""
+
+
+class Spared(NamedTuple):
+    """Where vessels meet, those of vessel ``v`` in ``begin[v]:begin[v + 1]``.
+
+    Attributes
+    ----------
+    begin : (v + 1,) int64
+    other : (m,) int64
+        The vessel met, ascending for each vessel.
+    own, there : (m,) float64, mm
+        Way along the vessel, ascending for each other, and along that one.
+    wide : (m,) float64, mm
+        How far the place reaches to either side: 0 for a node.
+    lumen_mm : (v,) float64, mm
+        Radius of a vessel that is a bundle of strands, by which its joints reach; 0 for others.
+    length : (v,) float64, mm
+    """
+
+    begin: IntArray
+    other: IntArray
+    own: FloatArray
+    there: FloatArray
+    wide: FloatArray
+    lumen_mm: FloatArray
+    length: FloatArray
+
+
+def spared_of(network: VesselNetwork, touches: Touches, lumen_mm: FloatArray) -> Spared:
+    """Nodes and touches of a network, in the vessels' own lengths."""
+    length = arcs_of(network)[1]
+    ends: dict[int, list[tuple[int, float]]] = {}
+    for vessel, (tail, head) in enumerate(network.vessel_nodes.tolist()):
+        ends.setdefault(tail, []).append((vessel, 0.0))
+        ends.setdefault(head, []).append((vessel, float(length[vessel])))
+    nodes = [(v, w, a, b, 0.0) for met in ends.values() for (v, a), (w, b) in permutations(met, 2)]
+    (u, v), (a, b) = touches.vessel.T, touches.arc.T
+    wide = np.full(len(u), CELL_MM / 2)
+    rows = np.concatenate([
+        np.array(nodes, dtype=np.float64).reshape(-1, 5),
+        np.column_stack([u, v, a, b, wide]),
+        np.column_stack([v, u, b, a, wide]),
+    ])  # fmt: skip
+    rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
+    count = np.bincount(rows[:, 0].astype(np.int64), minlength=network.vessel_count)
+    begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    own, there, wide = (np.ascontiguousarray(column) for column in rows[:, 2:].T)
+    return Spared(begin, rows[:, 1].astype(np.int64), own, there, wide, lumen_mm, length)
+
+
+@jit
+def reach_of(
+    vessel: int, radius: float, other: int, thick: float, spared: Spared, needle: Needle
+) -> float:
+    """How far the joint of a filament with another one goes, mm."""
+    wide = max(radius, thick, spared.lumen_mm[vessel], spared.lumen_mm[other])
+    return JOINT * (needle.joint_mm + wide) + needle.overlap_radii * wide
+
+
+@jit
+def meetings_between(vessel: int, other: int, spared: Spared) -> tuple[int, int]:
+    """Range of the places where two vessels meet."""
+    begin, end = spared.begin[vessel], spared.begin[vessel + 1]
+    low = begin + np.searchsorted(spared.other[begin:end], other)
+    return low, begin + np.searchsorted(spared.other[begin:end], other + 1)
+
+
+@jit
+def far_end(low: float, high: float, vessel: int, spared: Spared) -> float:
+    """The other end of a vessel, of a piece that goes on past one; inf of all others, mm.
+
+    Such a piece lies where another vessel is, and belongs to that end's joint alone.
+    """
+    if low > high:
+        low, high = high, low
+    if low < -PAST_MM and high <= PAST_MM:
+        return spared.length[vessel]
+    if high > spared.length[vessel] + PAST_MM and low >= spared.length[vessel] - PAST_MM:
+        return 0.0
+    return np.inf
+
+
+@jit
+def inside_joint(
+    vessel: int, at: float, left: float, far: float, other: int, there: float, reach: float,
+    far_ink: float, spared: Spared,
+) -> float:  # fmt: skip
+    """How far inside a joint ink ``there`` along a vessel lies, mm; below 0 it is outside.
+
+    The tip is ``at`` mm along its vessel; ``left`` of the joint's reach is not yet used up by its
+    way from or to there. ``far`` and ``far_ink`` are what `far_end` says of both.
+    """
+    best = left - abs(there - at) if vessel == other else -np.inf
+    low, high = meetings_between(vessel, other, spared)
+    most = left + CELL_MM
+    for m in range(low + np.searchsorted(spared.own[low:high], at - most), high):
+        if spared.own[m] > at + most:
+            break
+        if spared.wide[m] == 0.0 and (spared.own[m] == far or spared.there[m] == far_ink):
+            continue
+        tip, ink = left - abs(spared.own[m] - at), reach - abs(spared.there[m] - there)
+        best = max(best, min(tip, ink) + spared.wide[m])
+    return float(best)

@@ -1,0 +1,14 @@
+"""List of all findings of a registration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+Record = Mapping[str, Any]
+
+
+def listed(numbers: Record) -> Sequence[Record]:
+    """Return all findings of a registration; the defects of one that wasn't judged."""
+    found = numbers.get("findings", numbers.get("defects", ()))
+    return found if isinstance(found, Sequence) else ()

@@ -1,0 +1,180 @@
+"""Depth response of an OCT: what roll-off and focus take, told from what the gel takes.
+
+Gel's signal falls on the way down for two reasons. Light fades in the gel above, so that gel below
+a lumen gets more of it; and the instrument shows less of whatever lies deep or out of focus. The
+model of light (`light`) knows the first alone. What the instrument loses it took for the gel's
+attenuation, and gel below a lumen, a leak or a hollow face, where less has faded than it thought,
+looked like half gel or less: false pits in the foot, 0.2 to 0.5 mm deep, and walls astray.
+
+Gel below a length G of gel sends back
+
+    I = R(z) exp(-a G)
+
+At one depth R is the same, so that a is the regression of ln I on G within each depth
+(Beer-Lambert), and R what is left of the depth's mean. Gel isn't even and lumens are few, so a is
+uncertain. Before any regression it lies anywhere from 0, where the instrument takes all, to what it
+is where the instrument takes nothing (rectangular, GUM 4.3.7); the two are weighted by their
+variances.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from registration.segmentation.filters import bin_mean
+from registration.segmentation.light import light_left, share_of_gel
+from registration.segmentation.working import Working
+
+FloatArray = NDArray[np.float64]
+FloatVolume = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+COARSE_MM = (0.045, 0.09, 0.09)
+"""Blocks that are averaged, z, y, x."""
+SURE = 0.9
+"""Share of gel around, for a block to tell the gel's signal."""
+FEWEST = 50
+"""Such blocks, for a depth to be known."""
+ROUNDS = 3
+"""Each finds more of the gel that the one before it lost in the dark."""
+PATCH_MM = 1.0
+"""Gel is uneven over about this length: only columns so wide err independently."""
+SMOOTH_MM = 0.1
+"""The response changes over no less: standard deviation of its average."""
+LEAST = 0.02
+"""Of the most: deeper, noise would be taken for gel."""
+STEEP_MM, STEEP = 0.2, 0.5
+"""What falls to less over so short a way isn't an instrument (a Rayleigh range of 0.3 mm does
+that), but liquid below the foot that the model of light took for gel."""
+
+
+@dataclass(frozen=True)
+class Gel:
+    """Blocks that are surely gel.
+
+    Attributes
+    ----------
+    sure : (nz, ny, nx) bool
+    above : (nz, ny, nx) float64, mm
+        Length of gel above each.
+    """
+
+    sure: Mask
+    above: FloatArray
+
+
+def depth_response(
+    signal: FloatVolume, noise: float, working: Working, depth_down: bool
+) -> NDArray[np.float32]:
+    """Return what the instrument shows of each depth, (nz,), 1 where it shows most.
+
+    Parameters
+    ----------
+    signal : (nz, ny, nx) float32
+        Linear intensity without noise floor and glare.
+    noise : float
+        The floor that was taken off.
+    working : Working
+    depth_down : bool
+        Whether light runs along growing z.
+    """
+    voxel = working.voxel_mm[::-1]
+    wanted = np.maximum(1, np.round(np.array(COARSE_MM) / voxel)).astype(int)
+    fz, fy, fx = np.minimum(wanted, signal.shape).tolist()
+    coarse = bin_mean(signal, (fz, fy, fx), False, 0.0)
+    down = coarse if depth_down else coarse[::-1]
+    size = voxel * (fz, fy, fx)
+    fades, response = 0.0, np.ones(len(down))
+    for _ in range(ROUNDS):
+        gel = _gel(down, response, noise / np.sqrt(fz * fy * fx), size)
+        known = _known(down, gel.sure, noise, round(STEEP_MM / float(size[0])))
+        if np.count_nonzero(known) < 2:
+            return np.ones(len(signal), dtype=np.float32)
+        fades, likely = _regressed(down, gel, known, fades, size)
+        response = _response(down, gel, known, likely, float(size[0]))
+    response = response if depth_down else response[::-1]
+    rows = (np.arange(len(signal)) + 0.5) / fz - 0.5
+    return np.interp(rows, np.arange(len(response)), response).astype(np.float32)
+
+
+def _gel(down: FloatVolume, response: FloatArray, noise: float, size: FloatArray) -> Gel:
+    """Blocks of gel by the model of light, with a response; `noise` is a block's."""
+    even = (down / response[:, None, None]).astype(np.float32)
+    light, typical = light_left(even, float(size[0]), 6 * noise, size[:0:-1], True)
+    share = even / (light * np.float32(typical))
+    gel = share > 0.5
+    above = (np.cumsum(gel, axis=0) - 0.5 * gel) * float(size[0])
+    return Gel(share_of_gel(share, 1.0) > SURE, above)
+
+
+def _known(down: FloatVolume, sure: Mask, noise: float, reach: int) -> Mask:
+    """Depths with enough gel that outshines the noise, (nz,), down to its foot."""
+    count = np.maximum(sure.sum(axis=(1, 2)), 1)
+    mean = np.where(sure, down, 0).sum(axis=(1, 2), dtype=np.float64) / count
+    known = np.asarray((count >= FEWEST) & (mean > noise))
+    for z in np.flatnonzero(known):
+        below = np.s_[z + 1 : z + 1 + reach]
+        if (mean[below][known[below]] < STEEP * mean[z]).any():
+            known[z + 1 :] = False
+            break
+    return known
+
+
+def _regressed(
+    down: FloatVolume, gel: Gel, known: Mask, fades: float, size: FloatArray
+) -> tuple[float, float]:
+    """Regression of ln I on G, 1/mm, a Gauss-Newton step on from `fades`, and the likeliest value.
+
+    Ratios to the last prediction, not logarithms: noise in the dark has none.
+    """
+    sure, above, back = gel.sure[known], gel.above[known], down[known]
+    count = sure.sum(axis=(1, 2))
+    usual = np.where(sure, above, 0).sum(axis=(1, 2)) / count
+    apart = np.where(sure, above - usual[:, None, None], 0)
+    mean = _level(back, sure, above, fades)
+    ratio = np.where(sure, back / (mean[:, None, None] * np.exp(-fades * above)) - 1, 0)
+    square = max(float((apart**2).sum()), 1e-12)
+    fades -= float((apart * ratio).sum()) / square
+    variance = float((_columns((apart * ratio).sum(axis=0), size) ** 2).sum()) / square**2
+    whole = _without_instrument(_level(back, sure, above, 0.0), usual, count)
+    trust = whole**2 / 12 / (whole**2 / 12 + variance)
+    return fades, trust * fades + (1 - trust) * whole / 2
+
+
+def _columns(values: FloatArray, size: FloatArray) -> FloatArray:
+    """Sums of (ny, nx) values over squares of `PATCH_MM`: errors within one aren't independent.
+
+    Of a regression's scores their squares sum to its variance (Liang & Zeger 1986, robust).
+    """
+    every = np.maximum(1, np.round(PATCH_MM / size[1:])).astype(int)
+    for axis in (0, 1):
+        starts = np.arange(0, values.shape[axis], every[axis])
+        values = np.add.reduceat(values, starts, axis=axis)
+    return values
+
+
+def _without_instrument(mean: FloatArray, usual: FloatArray, count: NDArray[np.int64]) -> float:
+    """How gel fades where the instrument takes nothing, 1/mm: by the depths' means alone."""
+    away = usual - np.average(usual, weights=count)
+    square = float((count * away**2).sum())
+    return max(-float((count * away * np.log(mean)).sum()) / max(square, 1e-12), 1e-3)
+
+
+def _level(back: FloatVolume, sure: Mask, above: FloatArray, fades: float) -> FloatArray:
+    """R of each depth, (nz,), where gel fades so."""
+    left = np.where(sure, np.exp(-fades * above), 0).sum(axis=(1, 2))
+    return np.asarray(np.where(sure, back, 0).sum(axis=(1, 2), dtype=np.float64) / left)
+
+
+def _response(down: FloatVolume, gel: Gel, known: Mask, fades: float, step_mm: float) -> FloatArray:
+    """Response at every depth, (nz,); beyond the gel as at its last."""
+    rows = np.flatnonzero(known)
+    level = np.log(_level(down[known], gel.sure[known], gel.above[known], fades))
+    smooth = gaussian_filter1d(
+        np.interp(np.arange(len(down)), rows, level), SMOOTH_MM / step_mm, mode="nearest"
+    )
+    return np.asarray(np.exp(np.maximum(smooth - smooth.max(), np.log(LEAST))))
