@@ -139,27 +139,30 @@ def gap_paths(region: Contours, width_mm: float, least: float, *, between: bool 
 
 
 def _linked(parts: list[IntArray], points: FloatArray, width: float) -> list[IntArray]:
-    """Runs joined where one goes on as another.
+    """Runs joined where one goes on as another, and not back along itself.
 
     The side that comes first changes where the ring begins, and the middle goes on from the other.
     """
-    left, made = [part for part in parts if len(part)], []
+    left, made = [part for part in parts if len(part) > 1], []
     while left:
         run = left.pop()
         for _ in range(2):  # at its end, then, turned round, at what was its begin
-            near = [
-                (float(np.hypot(*(points[other[end]] - points[run[-1]]))), k, end)
-                for k, other in enumerate(left)
-                for end in (0, -1)
-            ]
-            if near and min(near)[0] <= 0.5 * width:
-                _, k, end = min(near)
-                other = left.pop(k)
-                run = np.concatenate([run, other if end == 0 else other[::-1]])
+            for k, other in enumerate(left):
+                ways = [way for way in (other, other[::-1]) if _goes_on(points, run, way, width)]
+                if ways:
+                    del left[k]
+                    run = np.concatenate([run, ways[0]])
+                    break
             run = run[::-1]
-        if len(run) > 1:
-            made.append(run)
+        made.append(run)
     return made
+
+
+def _goes_on(points: FloatArray, run: IntArray, other: IntArray, width: float) -> bool:
+    """Whether ``other`` begins near the end of ``run`` and goes the same way."""
+    gap = points[other[0]] - points[run[-1]]
+    before, after = points[run[-1]] - points[run[0]], points[other[-1]] - points[other[0]]
+    return bool(np.hypot(*gap) <= 0.5 * width and before @ after > 0 and gap @ before >= 0)
 
 
 def _straight(ring: FloatArray, width: float, least: float) -> tuple[FloatArray, FloatArray] | None:
@@ -227,6 +230,8 @@ def _runs(rows: IntArray, keep: BoolArray) -> list[IntArray]:
 
 
 def _unbroken(points: FloatArray, run: IntArray, width: float) -> list[IntArray]:
-    """Cut a run where the middle jumps from one place to another."""
-    step = np.hypot(*np.diff(points, axis=0).T)
-    return np.split(run, np.flatnonzero(step > width) + 1)
+    """Cut a run where the middle jumps from one place to another, or turns back."""
+    step = np.diff(points, axis=0)
+    cut = np.hypot(step[:, 0], step[:, 1]) > width
+    cut[1:] |= (step[1:] * step[:-1]).sum(axis=1) < 0
+    return np.split(run, np.flatnonzero(cut) + 1)
