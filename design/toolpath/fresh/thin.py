@@ -24,7 +24,7 @@ FINENESS = 4
 #: A line's width may differ by this part from one sample to the next before a point is spent on it.
 STEP = 0.02
 #: Lines in thin places shorter than so many widths aren't worth a start and a stop.
-SHORTEST = 0.75
+SHORTEST = 1.0
 #: A place between walls no longer than so many widths gets a straight line,
 SHORT = 3.0
 #: if it fills so much of the narrowest box round it, and is no wider than so many widths.
@@ -139,27 +139,30 @@ def gap_paths(region: Contours, width_mm: float, least: float, *, between: bool 
 
 
 def _linked(parts: list[IntArray], points: FloatArray, width: float) -> list[IntArray]:
-    """Runs joined where one goes on as another.
+    """Runs joined where one goes on as another, and not back along itself.
 
     The side that comes first changes where the ring begins, and the middle goes on from the other.
     """
-    left, made = [part for part in parts if len(part)], []
+    left, made = [part for part in parts if len(part) > 1], []
     while left:
         run = left.pop()
         for _ in range(2):  # at its end, then, turned round, at what was its begin
-            near = [
-                (float(np.hypot(*(points[other[end]] - points[run[-1]]))), k, end)
-                for k, other in enumerate(left)
-                for end in (0, -1)
-            ]
-            if near and min(near)[0] <= 0.5 * width:
-                _, k, end = min(near)
-                other = left.pop(k)
-                run = np.concatenate([run, other if end == 0 else other[::-1]])
+            for k, other in enumerate(left):
+                ways = [way for way in (other, other[::-1]) if _goes_on(points, run, way, width)]
+                if ways:
+                    del left[k]
+                    run = np.concatenate([run, ways[0]])
+                    break
             run = run[::-1]
-        if len(run) > 1:
-            made.append(run)
+        made.append(run)
     return made
+
+
+def _goes_on(points: FloatArray, run: IntArray, other: IntArray, width: float) -> bool:
+    """Whether ``other`` begins near the end of ``run`` and goes the same way."""
+    gap = points[other[0]] - points[run[-1]]
+    before, after = points[run[-1]] - points[run[0]], points[other[-1]] - points[other[0]]
+    return bool(np.hypot(*gap) <= 0.5 * width and before @ after > 0 and gap @ before >= 0)
 
 
 def _straight(ring: FloatArray, width: float, least: float) -> tuple[FloatArray, FloatArray] | None:
@@ -177,7 +180,9 @@ def _straight(ring: FloatArray, width: float, least: float) -> tuple[FloatArray,
     length = np.hypot(sides[:, 0], sides[:, 1])
     long, short = int(length.argmax()), int(length.argmin())
     made = place.area / length[long]
-    if place.area < FILLED * length.prod() or not least * width <= made <= MOST * width:
+    if length[long] < SHORTEST * width or place.area < FILLED * length.prod():
+        return None
+    if not least * width <= made <= MOST * width:
         return None
     across = sides[short] / length[short]
     middle = box[:4].mean(axis=0)
@@ -225,6 +230,8 @@ def _runs(rows: IntArray, keep: BoolArray) -> list[IntArray]:
 
 
 def _unbroken(points: FloatArray, run: IntArray, width: float) -> list[IntArray]:
-    """Cut a run where the middle jumps from one place to another."""
-    step = np.hypot(*np.diff(points, axis=0).T)
-    return np.split(run, np.flatnonzero(step > width) + 1)
+    """Cut a run where the middle jumps from one place to another, or turns back."""
+    step = np.diff(points, axis=0)
+    cut = np.hypot(step[:, 0], step[:, 1]) > width
+    cut[1:] |= (step[1:] * step[:-1]).sum(axis=1) < 0
+    return np.split(run, np.flatnonzero(cut) + 1)

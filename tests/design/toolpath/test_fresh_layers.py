@@ -92,8 +92,11 @@ def test_moves_join_end_to_end(plan):
 
 def test_little_is_left_unfilled_and_nothing_lies_outside(plan):
     assert plan.report.unfilled_fraction < 0.005
-    # Lumens that lie are left open in layers that they reach into, if only from beside the middle.
-    assert plan.report.unfilled.max() < 0.03
+    # Layer 16 (0.96 to 1.02 mm) is solid at its middle, but the headers begin at 1 mm: they are
+    # open in it, as wide as at 1.0068 mm less what lines' sides lie behind: 1.85 % of the layer.
+    half = np.sqrt(0.5**2 - (0.5 - 0.0068) ** 2) - 0.28 * 0.03
+    assert plan.report.unfilled.max() < 2 * 8 * 2 * half / 128 + 0.003
+    assert np.delete(plan.report.unfilled, [16, 33]).max() < 0.015
     assert plan.report.outside.max() < 0.001
 
 

@@ -50,7 +50,7 @@ def test_edge_of_upright_lumens_is_the_lines_edge(drilled, walls, angle):
 def test_round_sides_of_lines_hardly_stand_in_a_slanted_lumen(tilt_deg, open_ends):
     """A line is all that is within r of a flat band at mid-layer, r half its height.
 
-    Half of what would let it touch alone is given: at 60° and more up to 13 µm stand inside.
+    Seven tenths of what would let it touch alone are given: at 75° up to 9 µm stand inside.
     """
     radius, height = 0.3, 0.06
     bar = manifold3d.Manifold.cylinder(12 if open_ends else 6, radius, circular_segments=96)
@@ -71,7 +71,7 @@ def test_round_sides_of_lines_hardly_stand_in_a_slanted_lumen(tilt_deg, open_end
         place = np.column_stack([rim, np.full(len(rim), (layer + 0.5) * height - 0.6)])
         away = np.linalg.norm(np.cross(place, axis), axis=1) - height / 2
         nearest = min(nearest, float(away.min()))
-    assert radius - (0.013 if tilt_deg >= 60 else 0.005) <= nearest <= radius + 0.005
+    assert radius - (0.009 if tilt_deg == 75 else 0.005) <= nearest <= radius
 
 
 def test_outer_edge_is_the_solids_edge(drilled):

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from manifold3d import CrossSection
 
 from design.toolpath.fresh.coarsen import without_short_moves
-from design.toolpath.fresh.contours import contours_of, sample
-from design.toolpath.fresh.paths import Paths, Role
+from design.toolpath.fresh.contours import Contours, contours_of, sample
+from design.toolpath.fresh.paths import Paths, Role, gather
 from design.toolpath.fresh.room import measure_room
+from design.toolpath.fresh.thin import gap_paths
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens
 
 W = 0.15
@@ -185,3 +186,31 @@ def test_a_jog_in_a_long_wall_doesnt_tilt_it():
     band = shape(section).intersection(shapely.Polygon(slot).buffer(0.05))
     bare = band.difference(inked(paths)).buffer(-0.005)
     assert bare.is_empty
+
+
+@pytest.mark.parametrize("radius", [0.6, 2.0])
+def test_points_left_out_of_a_fine_wall_do_not_add_up(radius):
+    """Rounds of leaving out points that each stand off a little once tilted walls by 40 µm."""
+    turn = np.linspace(0, 2 * np.pi, int(2 * np.pi * radius / 0.004), endpoint=False)
+    ring = radius * np.column_stack([np.cos(turn), 0.7 * np.sin(turn)])
+    walls = gather([ring], [np.full(len(ring), W)], closed=True, role=Role.WALL)
+    made = without_short_moves(walls, 0.0875, W)
+    wall = shapely.Polygon(made.points)
+    assert wall.buffer(0.03 * W + 1e-5).contains(shapely.Polygon(ring))
+    assert shapely.distance(shapely.points(ring), wall.exterior).max() < 0.1 * W
+    assert len(made.points) < len(ring) / 10
+
+
+def test_middles_of_thin_places_do_not_turn_back():
+    """A lens between two arcs: one line from tip to tip, wherever the ring begins."""
+    turn = np.linspace(-0.35, 0.35, 30)
+    arc = np.column_stack([np.sin(turn), np.cos(turn) - np.cos(0.35)])
+    lens = np.vstack([arc[1:-1] * [1, -1], arc[::-1]])
+    for begin in range(0, len(lens), 7):
+        ring = np.roll(lens, begin, axis=0)
+        found = gap_paths(Contours(ring, np.array([0, len(ring)])), W, 0.4)
+        for k in range(len(found)):
+            step = np.diff(found.points[found.offset[k] : found.offset[k + 1]], axis=0)
+            assert ((step[1:] * step[:-1]).sum(axis=1) > 0).all()
+        length = [np.ptp(found.points[a:b, 0]) for a, b in pairwise(found.offset)]
+        assert sum(length) > 0.3
