@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -43,5 +44,21 @@ LayerHeightOption = Annotated[
         min=1,
         max=5000,
         help="G-code: height of the lines; as the file says, or the spacing of its levels.",
+    ),
+]
+ModelOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--model",
+        help="G-code, --png: the part's mesh; its outline is drawn, coloured by how far ink lies "
+        "beyond it.",
+    ),
+]
+PlaceOption = Annotated[
+    str | None,
+    typer.Option(
+        "--place",
+        metavar="X,Y,Z",
+        help="G-code: the --model's origin in the printer's frame, mm; found from what is written.",
     ),
 ]

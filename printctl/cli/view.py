@@ -18,6 +18,8 @@ from printctl.cli.gcode_options import (
     GcodeSyringeOption,
     LayerHeightOption,
     LayerOption,
+    ModelOption,
+    PlaceOption,
 )
 from printctl.cli.network_options import (
     InletFlowOption,
@@ -34,10 +36,19 @@ from printctl.networks import READ, Drive
 from registration.report.network_view import MAX_PIECES
 
 _FOR_NETWORKS: Final = (
-    "seen_from", "unit", "tissue", "tissue_unit", "inlet_flow_ml_min", "viscosity_mpa_s",
+    "seen_from", "tissue", "tissue_unit", "inlet_flow_ml_min", "viscosity_mpa_s",
     "most_pieces",
 )  # fmt: skip
-_FOR_GCODE: Final = ("layer", "printer", "syringe", "filament_mm", "flow_ul_s", "layer_um")
+_FOR_GCODE: Final = (
+    "layer",
+    "printer",
+    "syringe",
+    "filament_mm",
+    "flow_ul_s",
+    "layer_um",
+    "model",
+    "place",
+)
 
 
 def view(
@@ -62,6 +73,8 @@ def view(
     filament_mm: FilamentOption = None,
     flow_ul_s: FlowOption = None,
     layer_um: LayerHeightOption = None,
+    model: ModelOption = None,
+    place: PlaceOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Show a network or G-code: a page that opens offline, or with --png a picture.
@@ -74,8 +87,9 @@ def view(
     page = out if out is not None or png is not None else _default_page(source)
     if gcode:
         asked = GcodeWish(
-            colour, layer, printer, syringe, filament_mm, flow_ul_s, layer_um, width, palette
-        )
+            colour, layer, printer, syringe, filament_mm, flow_ul_s, layer_um, width, palette,
+            model, unit, place,
+        )  # fmt: skip
         found = view_gcode(source, page, png, asked)
     else:
         drive = Drive(inlet_flow_ml_min, viscosity_mpa_s)

@@ -6,12 +6,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from design.files import write_bytes
+from design.units import LengthUnit
 from firmware_profiles import Printer, Syringe, load
-from printctl.cli.options import messages, read_gcode_file
+from printctl.cli.lumens_read import read_part
+from printctl.cli.options import messages, read_gcode_file, three_numbers
 from printctl.errors import UsageError
 from printctl.gcode_view import Pushing, read_job, read_line_map
-from registration.report.gcode import GcodeJob, GcodePage, draw_layer, write_gcode_html
+from printctl.gcode_view.outline import part_outline
+from registration.report.gcode import (
+    DesignOutline,
+    GcodeJob,
+    GcodePage,
+    draw_layer,
+    write_gcode_html,
+)
 from registration.report.gcode.colouring import Colouring, colourings
 
 SUFFIXES: Final = (".gcode", ".gco", ".g", ".nc", ".ngc", ".gc")
@@ -38,6 +49,9 @@ class GcodeWish:
     layer_um: float | None = None
     width: int = 1600
     palette: bool = False
+    model: Path | None = None
+    unit: LengthUnit | None = None
+    place: str | None = None
 
 
 def is_gcode(source: Path) -> bool:
@@ -61,17 +75,40 @@ def view_gcode(
     UsageError
         When the file can't be shown, or not as asked.
     """
+    _check_model(wish, png)
     job = _read(source, wish)
     colouring = _chosen(job, wish.colour, source)
     layer = _layer(job, wish.layer, source)
     written: dict[str, Path] = {}
     if png is not None:
-        write_bytes(png, draw_layer(job, layer, colouring, wish.width, wish.palette))
+        outline = _outline(job, layer, wish)
+        write_bytes(png, draw_layer(job, layer, colouring, wish.width, wish.palette, outline))
         written["picture"] = png
     if page is not None:
         write_gcode_html(page, job, GcodePage(colouring.key, layer))
         written["page"] = page
     return written, job.notes
+
+
+def _check_model(wish: GcodeWish, png: Path | None) -> None:
+    if wish.model is not None and png is None:
+        raise UsageError(f"--model {wish.model}: its outline is drawn in a picture; give --png")
+    if wish.model is None and wish.unit is not None:
+        raise UsageError(f"--unit {wish.unit}: it is for a network, or of the --model; drop it")
+    if wish.model is None and wish.place is not None:
+        raise UsageError(f"--place {wish.place}: it is of the --model; give one, or drop it")
+    if wish.model is not None and wish.colour is not None:
+        raise UsageError("--colour and --model both colour the picture; give one")
+
+
+def _outline(job: GcodeJob, layer: int, wish: GcodeWish) -> DesignOutline | None:
+    part = read_part(wish.model, None, wish.unit)
+    if part is None:
+        return None
+    if job.layers.passes:
+        raise UsageError(f"--model {wish.model}: {job.name} isn't written in layers")
+    place = None if wish.place is None else np.array(three_numbers(wish.place, "--place"))
+    return part_outline(job, layer, part, place)
 
 
 def _read(source: Path, wish: GcodeWish) -> GcodeJob:

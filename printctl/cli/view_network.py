@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from design.files import write_bytes
+from design.network import VesselNetwork
 from design.units import LengthUnit
 from printctl.cli.options import messages
 from printctl.errors import UsageError
@@ -61,18 +64,24 @@ def view_network(
     loaded = load_source(source, wish.unit, wish.drive)
     surface = _tissue(wish.tissue, wish.tissue_unit, loaded)
     known = quantities(loaded.network, loaded.known)
-    chosen = _chosen(known, wish.colour or "radius", source)
+    chosen = _chosen(known, wish.colour or _telling(loaded.network), source)
     written: dict[str, Path] = {}
     if png is not None:
         messages().print("drawing ...")
         options = PictureOptions(wish.seen_from, wish.width, wish.palette)
-        write_bytes(png, draw_picture(loaded.network, chosen, surface, options))
+        flow = loaded.known.flow.get("flow_ml_min")
+        write_bytes(png, draw_picture(loaded.network, chosen, surface, options, flow))
         written["picture"] = png
     if page is not None:
         content = NetworkPage(loaded.name, chosen.key, loaded.notes, wish.most_pieces)
         write_network_html(page, loaded.network, known, _shown(surface), content)
         written["page"] = page
     return written, loaded.notes
+
+
+def _telling(network: VesselNetwork) -> str:
+    """What a network is coloured by unless the user says: its kinds, where it has several."""
+    return "kind" if len(np.unique(network.kind)) > 1 else "radius"
 
 
 def _chosen(known: list[Quantity], colour: str, source: Path) -> Quantity:

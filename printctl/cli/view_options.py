@@ -36,8 +36,9 @@ ColourOption = Annotated[
     typer.Option(
         "--colour",
         "--color",
-        help="What is coloured by at first: radius to deviation a network (radius), width to "
-        "vessel and order G-code (width; height z of a job in passes).",
+        help="What is coloured by at first: radius to deviation a network (kind where it has "
+        "several, else radius), width to vessel and order G-code (width; height z of a job in "
+        "passes).",
     ),
 ]
 FromOption = Annotated[View, typer.Option("--from", help="Where the picture is seen from.")]

@@ -21,6 +21,7 @@ from PIL import Image
 from design.network import FloatArray, VesselNetwork
 from registration.picture.camera import Camera, View, fitted_camera
 from registration.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
+from registration.picture.flow_marks import draw_flow_marks, port_reach
 from registration.picture.quantity import Quantity
 from registration.picture.shade import Surface, shade
 
@@ -64,9 +65,15 @@ class PictureOptions:
 
 
 def draw_picture(
-    network: VesselNetwork, quantity: Quantity, surface: Surface | None, options: PictureOptions
+    network: VesselNetwork,
+    quantity: Quantity,
+    surface: Surface | None,
+    options: PictureOptions,
+    flow: FloatArray | None = None,
 ) -> bytes:
     """Draw the network in its tissue and return a PNG; same input, same bytes.
+
+    Arrows mark inlets, outlets and the way of the flow.
 
     Parameters
     ----------
@@ -76,15 +83,18 @@ def draw_picture(
     surface : Surface or None
         The tissue's, shown as a translucent shell.
     options : PictureOptions
+    flow : (v,) float64, optional
+        Of each vessel, below 0 where it runs against the vessel; as designed where it isn't known.
     """
     camera = _camera(network, surface, options)
-    image = shade(network, quantity, surface, camera, FINER)
+    image, depth = shade(network, quantity, surface, camera, FINER)
     height, width = image.shape[:2]
     # Letters keep their share of the picture, whatever its width.
     dpi = options.width / 8.0
     with rc_context({**_STYLE, "font.size": 8.5}):
         figure = Figure(figsize=(options.width / dpi, height / dpi), dpi=dpi, facecolor="white")
         figure.figimage(image, 0, 0, origin="upper")
+        draw_flow_marks(_in_pixels(figure, camera, options.width), network, flow, camera, depth)
         _explain(figure, quantity, width / options.width)
         _scale_bar(figure, camera.pixels_per_mm / FINER, options.width, height)
         _axes(figure, camera, options.width, height)
@@ -110,7 +120,8 @@ def _few_colours(image: Image.Image, quantity: Quantity) -> Image.Image:
 
 def _camera(network: VesselNetwork, surface: Surface | None, options: PictureOptions) -> Camera:
     """A camera whose picture is as high as the scene needs."""
-    points = _hull(network) if surface is None else np.vstack([_hull(network), surface.vertices])
+    shown = [_hull(network), port_reach(network)]
+    points = np.vstack(shown if surface is None else [*shown, surface.vertices])
     width = round(options.width * (1.0 - _BAR_SHARE))
     margin = round(0.035 * width)
     trial = fitted_camera(points, options.view, 1000, 100_000, 0).project(points)
@@ -200,6 +211,15 @@ def _axes(figure: Figure, camera: Camera, width: int, height: int) -> None:
         axes.plot(*np.stack([origin, tip]).T, color=_MUTED, linewidth=0.9)
         end = origin + 0.042 * np.array([across, up * width / height])
         axes.text(end[0], end[1], name, ha="center", va="center", color=_MUTED, fontsize=7.5)
+
+
+def _in_pixels(figure: Figure, camera: Camera, width: int) -> Axes:
+    """Axes over the scene, in the camera's pixels."""
+    share = camera.width / FINER / width
+    axes = figure.add_axes((0.0, 0.0, share, 1.0), zorder=1)
+    axes.set(xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5))
+    axes.set_axis_off()
+    return axes
 
 
 def _over(figure: Figure) -> Axes:

@@ -43,8 +43,8 @@ class Surface:
 
 def shade(
     network: VesselNetwork, quantity: Quantity, surface: Surface | None, camera: Camera, finer: int
-) -> NDArray[np.uint8]:
-    """Draw a scene, (height, width, 3), sRGB.
+) -> tuple[NDArray[np.uint8], FloatArray]:
+    """Draw a scene.
 
     Parameters
     ----------
@@ -57,6 +57,13 @@ def shade(
         Its width and height are multiples of ``finer``.
     finer : int
         So many pixels a side are averaged into one.
+
+    Returns
+    -------
+    image : (height / finer, width / finer, 3) uint8
+        sRGB.
+    depth : (height, width) float64
+        Of the vessels' fronts towards the eye, pixels; -inf where there is none.
     """
     start, end, r0, r1, _ = network.pieces()
     scale = camera.pixels_per_mm
@@ -75,7 +82,7 @@ def shade(
         seen = camera.project(surface.vertices)
         through = draw_shell(seen, corners, surface.faces.astype(np.int64), depth)[:, :, None]
         image = image * through + SHELL * (1.0 - through)
-    return _averaged(image, finer)
+    return _averaged(image, finer), depth
 
 
 def _normals(

@@ -19,10 +19,11 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 from PIL import Image
 
-from registration.picture.colours import NO_DATA, SEQUENTIAL
+from registration.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
 from registration.report.drawing import blank, styled, to_svg
 from registration.report.gcode.bands import band_outlines
 from registration.report.gcode.colouring import Colouring
+from registration.report.gcode.design_outline import DesignOutline
 from registration.report.gcode.job import Act, FloatArray, GcodeJob, IntArray
 from registration.report.scaled_lines import VECTOR_PIECES, aspect, set_limits
 from registration.report.svg import MUTED
@@ -42,10 +43,19 @@ _REST_SHARE: Final = 0.1924
 _ALPHA: Final = 0.8
 _HAIR_MM: Final = 0.02
 _LEGEND_AT_MOST: Final = 9
+_PALE: Final = Colouring("line", "Line", colours=("#ccd6de",))
+"""Of lines under the design's outline."""
+_RIM: Final = "#1c2126"
+_SCALE_UM: Final = 30.0
 
 
 def draw_layer(
-    job: GcodeJob, layer: int, colouring: Colouring, width_px: int, palette: bool
+    job: GcodeJob,
+    layer: int,
+    colouring: Colouring,
+    width_px: int,
+    palette: bool,
+    outline: DesignOutline | None = None,
 ) -> bytes:
     """Draw one layer, or a pass with those before it, from above; a PNG.
 
@@ -59,11 +69,13 @@ def draw_layer(
         The picture is as high as the layer needs: of a square one 928 for each 1,040.
     palette : bool
         Keep to 256 colours.
+    outline : DesignOutline, optional
+        Drawn over pale lines, coloured by how far ink lies beyond it; with seams as dots.
     """
     # Letters keep their share of the picture, whatever its width.
     dpi = width_px / _WIDTH_IN
     with styled():
-        drawn = _figure(job, layer, colouring, _WIDTH_IN, _title, dpi)
+        drawn = _figure(job, layer, colouring, _WIDTH_IN, _title, dpi, outline)
         drawn.set_facecolor("white")
         return _png(drawn, dpi, palette)
 
@@ -89,6 +101,7 @@ def _figure(
     width_in: float,
     title: Callable[[GcodeJob, int, IntArray], str] | None,
     dpi: float | None,
+    outline: DesignOutline | None = None,
 ) -> Figure:
     """Axes in mm with the layer's lines to scale and its ways; in whole pixels of ``dpi``."""
     here = job.layer <= layer if job.layers.passes else job.layer == layer
@@ -102,9 +115,15 @@ def _figure(
     if title is not None:
         axes.set_title(title(job, layer, written), fontsize=9.2, loc="left", color=MUTED)
     set_limits(axes, ends, float(np.nanmax(job.width_mm[written], initial=0.0)) / 2)
-    _draw_lines(axes, job, written, colouring)
+    shown = colouring if outline is None else _PALE
+    _draw_lines(axes, job, written, shown)
     _draw_ways(axes, job, np.flatnonzero(here & ~job.writes))
-    _explain(figure, axes, job, written, colouring)
+    handles = _way_handles()
+    if outline is None:
+        handles = _explain(figure, axes, job, written, colouring) + handles
+    else:
+        handles += [_draw_outline(figure, axes, outline), _draw_seams(axes, job, written)]
+    figure.legend(handles=handles, loc="outside lower left", ncols=5, frameon=False)
     return figure
 
 
@@ -120,6 +139,8 @@ def _title(job: GcodeJob, layer: int, written: IntArray) -> str:
 
 def quantity(job: GcodeJob, rows: IntArray, key: str) -> FloatArray:
     """Number that each row is coloured by; NaN where there is none."""
+    if key == "line":
+        return np.zeros(len(rows))
     if key == "order":
         return np.linspace(0.0, 1.0, max(len(rows), 2))[: len(rows)]
     if key == "height":
@@ -170,24 +191,58 @@ def _draw_ways(axes: Axes, job: GcodeJob, rows: IntArray) -> None:
         )
 
 
-def _explain(
-    figure: Figure, axes: Axes, job: GcodeJob, rows: IntArray, colouring: Colouring
-) -> None:
-    handles: list[Artist] = [
+def _draw_outline(figure: Figure, axes: Axes, outline: DesignOutline) -> Artist:
+    """The design's outline, blue where ink falls short of it, orange where it lies beyond."""
+    pieces = [np.stack([ring[:-1], ring[1:]], axis=1) for ring in outline.rings]
+    rim = LineCollection(list(outline.rings), colors=_RIM, linewidths=2.8, zorder=3)
+    axes.add_collection(rim, autolim=False)
+    drawn = LineCollection(
+        list(np.concatenate(pieces)), cmap=DIVERGING, norm=Normalize(-_SCALE_UM, _SCALE_UM),
+        linewidths=1.9, zorder=4,
+    )  # fmt: skip
+    drawn.set_array(1e3 * np.concatenate(outline.beyond_mm))
+    axes.add_collection(drawn, autolim=False)
+    bar = figure.colorbar(drawn, ax=axes, pad=0.02, shrink=0.8, extend="both")
+    bar.set_label("Ink beyond the design's outline / µm")
+    bar.outline.set_visible(False)
+    return Line2D([], [], color=_RIM, linewidth=2.4, label="design")
+
+
+def _draw_seams(axes: Axes, job: GcodeJob, rows: IntArray) -> Artist:
+    """A dot where each closed line begins and ends."""
+    first = np.flatnonzero(np.diff(rows, prepend=-2) != 1)
+    last = np.append(first[1:], len(rows)) - 1
+    gap = np.linalg.norm(job.start[rows[first], :2] - job.end[rows[last], :2], axis=1)
+    closed = (gap <= np.nan_to_num(job.width_mm[rows[first]])) & (last > first + 1)
+    at = job.start[rows[first[closed]], :2]
+    (dots,) = axes.plot(
+        *at.T, ".", color=_RIM, markersize=3.5, markeredgewidth=0.0, zorder=5, label="seam"
+    )
+    return dots
+
+
+def _way_handles() -> list[Artist]:
+    return [
         Line2D([], [], color=colour, linewidth=0.8, linestyle=dashes, label=label)
         for _, label, colour, dashes in _WAYS
     ]
+
+
+def _explain(
+    figure: Figure, axes: Axes, job: GcodeJob, rows: IntArray, colouring: Colouring
+) -> list[Artist]:
+    """A colour bar, or what goes into the legend."""
     if colouring.labels:
         there = np.unique(job.kind[rows][job.kind[rows] >= 0])[:_LEGEND_AT_MOST]
-        handles[:0] = [Patch(color=colouring.colours[k], label=colouring.labels[k]) for k in there]
-    elif not colouring.colours:
+        return [Patch(color=colouring.colours[k], label=colouring.labels[k]) for k in there]
+    if not colouring.colours:
         bar = figure.colorbar(
             ScalarMappable(Normalize(*colouring.limits), SEQUENTIAL), ax=axes, pad=0.02, shrink=0.8
         )
         unit = f" / {colouring.unit}" if colouring.unit else ""
         bar.set_label(colouring.name + (unit or ", first to last"))
         bar.outline.set_visible(False)
-    figure.legend(handles=handles, loc="outside lower left", ncols=5, frameon=False)
+    return []
 
 
 def _png(figure: Figure, dpi: float, palette: bool) -> bytes:

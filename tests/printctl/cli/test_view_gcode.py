@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from design.solids import block_solid, write_stl
+
 from .test_network_commands import Shell, shell  # noqa: F401
 
 LAYERS = """G21
@@ -127,3 +129,20 @@ def test_wrong_input_is_told_in_one_message_and_leaves_nothing(
     for word in words:
         assert word in err
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_the_models_outline_goes_onto_a_picture_only(tmp_path: Path, shell: Shell) -> None:  # noqa: F811
+    (tmp_path / "part.gcode").write_text(LAYERS)
+    write_stl(tmp_path / "part.stl", block_solid((10, 0.2, 0.3)))
+    model = ("--model", "part.stl", "--unit", "mm")
+    code, _, _ = shell("view", "part.gcode", "--png", "a.png", *model, "--place", "0,-0.1,0")
+    assert code == 0
+    for words, said in (
+        (("--no-open", *model), "give --png"),
+        (("--png", "b.png", "--place", "0,0,0"), "it is of the --model"),
+        (("--png", "b.png", *model, "--colour", "speed"), "both colour the picture"),
+    ):
+        code, _, err = shell("view", "part.gcode", *words)
+        assert code == 2
+        assert said in " ".join(err.split())
+    assert not (tmp_path / "b.png").exists()

@@ -16,6 +16,7 @@ from registration.picture import (
     quantities,
 )
 from registration.picture.compose import round_down
+from registration.picture.flow_marks import port_reach
 
 from ..report.sample import block_surface, planar_network
 
@@ -86,3 +87,20 @@ def test_without_a_tissue_there_is_no_shell() -> None:
 
 def test_bars_have_round_lengths() -> None:
     assert [round_down(x) for x in (0.3, 1.0, 4.99, 5.0, 73.0)] == [0.2, 1.0, 2.0, 5.0, 50.0]
+
+
+def test_inlets_and_outlets_have_arrows_within_the_picture() -> None:
+    reach = port_reach(NETWORK)
+    ports = len(NETWORK.inlets()) + len(NETWORK.outlets())
+    assert len(reach) == ports > 0
+    shown = pixels(draw_picture(NETWORK, quantity("radius"), None, PictureOptions(width=800)))
+    dark = (shown[:, :660].max(axis=2) < 60).sum()
+    assert dark > 100
+
+
+def test_arrows_turn_with_the_flow() -> None:
+    options = PictureOptions(width=800)
+    ahead = np.ones(NETWORK.vessel_count)
+    designed = draw_picture(NETWORK, quantity("radius"), None, options)
+    assert draw_picture(NETWORK, quantity("radius"), None, options, ahead) == designed
+    assert draw_picture(NETWORK, quantity("radius"), None, options, -ahead) != designed
