@@ -37,6 +37,8 @@ _EXTERNAL: Final = frozenset({"numpy", "math", "cmath", "numba", "builtins"})
 
 _READS: Final = frozenset({"LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_FROM_DICT_OR_DEREF"})
 
+_TAKES_CONSTANT: Final = frozenset(dis.hasconst)
+
 _ADDRESS: Final = re.compile(r"\b0x[0-9a-f]{6,}\b")
 
 Memo = dict[Dispatcher, tuple[str, tuple[Dispatcher, ...]]]
@@ -217,9 +219,13 @@ def _code_text(code: CodeType) -> str:
 
 
 def _loads_first_constant(code: CodeType) -> bool:
+    # Read as bytes, of which every second one is an argument: ten times as fast as by `dis`.
+    operations, arguments = code.co_code[::2], code.co_code[1::2]
     return any(
-        instruction.opcode in dis.hasconst and instruction.arg == 0
-        for instruction in dis.get_instructions(code)
+        arguments[place] == 0
+        and operation in _TAKES_CONSTANT
+        and not (place and operations[place - 1] == dis.EXTENDED_ARG)
+        for place, operation in enumerate(operations)
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 
 import typer
@@ -37,6 +38,8 @@ def main() -> None:
         if known is None:
             raise
         _fail(*known)
+    finally:
+        gc.freeze()  # what ends needs no search for circles among all that it has loaded
 
 
 def _fail(message: str, code: int) -> None:

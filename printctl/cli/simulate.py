@@ -29,7 +29,6 @@ from printctl.cli.set_up_options import (
     set_up,
 )
 from printctl.cli.shaft_file import file_shaft
-from printctl.cli.simulate_bead import BeadSaid, predicted, tell
 from printctl.cli.start_of import start_of
 from printctl.preflight import file_checks, placed_failures, refuse_failed, warnings
 from sim.dryrun import dry_run
@@ -68,9 +67,12 @@ def simulate(
     run = dry_run(gcode, profile, tip)
     shaft = file_shaft(file, run, mounted)
     checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
-    said = BeadSaid(out, lag_s, network, unit, place, voxel_um, window_s)
+    said = options.BeadSaid(out, lag_s, network, unit, place, voxel_um, window_s)
     bead = None
     if said.asks:
+        # What measures and draws the bead takes seconds to load; the dry run needs none of it.
+        from printctl.cli.simulate_bead import predicted, tell
+
         bead = predicted(file, gcode, run, mounted, said, placed_failures(checks))
     if as_json:
         print_json(

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from design.network import VesselNetwork
-from design.units import LengthUnit
 from printctl.bead import (
     Mounting,
     Predicted,
@@ -25,29 +24,12 @@ from printctl.bead import (
 )
 from printctl.cli.lumens_read import place_of_filaments, read_designed
 from printctl.cli.options import messages, print_lines
+from printctl.cli.simulate_options import BeadSaid
 from printctl.errors import UsageError
 from printctl.gcode_view import read_line_map
 from printctl.set_up import SetUp
 from sim.bead import swell
 from sim.dryrun import DryRun
-
-
-@dataclass(frozen=True)
-class BeadSaid:
-    """What the options say; None for what wasn't given."""
-
-    out: Path | None = None
-    lag_s: float | None = None
-    network: Path | None = None
-    unit: LengthUnit | None = None
-    place: str | None = None
-    voxel_um: float | None = None
-    window: str | None = None
-
-    @property
-    def asks(self) -> bool:
-        """Whether anything of this is wanted."""
-        return self != BeadSaid()
 
 
 def predicted(

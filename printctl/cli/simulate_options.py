@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -46,3 +47,21 @@ WindowOption = Annotated[
     str | None,
     typer.Option("--window-s", metavar="FROM,TO", help="Of the time line; the whole job if not."),
 ]
+
+
+@dataclass(frozen=True)
+class BeadSaid:
+    """What the options say; None for what wasn't given."""
+
+    out: Path | None = None
+    lag_s: float | None = None
+    network: Path | None = None
+    unit: LengthUnit | None = None
+    place: str | None = None
+    voxel_um: float | None = None
+    window: str | None = None
+
+    @property
+    def asks(self) -> bool:
+        """Whether anything of this is wanted."""
+        return self != BeadSaid()

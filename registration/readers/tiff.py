@@ -53,12 +53,7 @@ def read_tiff(path: Path) -> Found:
 def _volume(tiff: tifffile.TiffFile, path: Path) -> Array:
     pages = len(tiff.pages)
     first = tiff.pages.first
-    shapes = {page.shape for page in tiff.pages} if pages < _MOST_PAGES else {first.shape}
-    if len(shapes) > 1:
-        raise ScanFileError(
-            f"{path}: {pages} images of {len(shapes)} different sizes aren't a stack"
-        )
-    _check_upright(tiff, path)
+    _check_pages(tiff, path)
     series = tiff.series[0]
     whole = tuple(series.shape)
     kind = np.dtype(first.dtype).newbyteorder(tiff.byteorder)
@@ -75,16 +70,27 @@ def _volume(tiff: tifffile.TiffFile, path: Path) -> Array:
     return filled((page.asarray() for page in series.pages), whole, first.dtype, path)
 
 
-def _check_upright(tiff: tifffile.TiffFile, path: Path) -> None:
-    """Refuse pictures whose Orientation tag says that they are stored turned or mirrored."""
-    for index, page in enumerate(tiff.pages if len(tiff.pages) < _MOST_PAGES else (tiff.pages[0],)):
-        tag = page.tags.get(_ORIENTATION) if isinstance(page, tifffile.TiffPage) else None
-        if tag is not None and int(tag.value) != 1:
+def _check_pages(tiff: tifffile.TiffFile, path: Path) -> None:
+    """Refuse pictures of several sizes, and such as are stored turned or mirrored."""
+    looked_at = tiff.pages if len(tiff.pages) < _MOST_PAGES else (tiff.pages[0],)
+    pages = [(page.shape, _orientation(page)) for page in looked_at]
+    shapes = {shape for shape, _ in pages}
+    if len(shapes) > 1:
+        raise ScanFileError(
+            f"{path}: {len(pages)} images of {len(shapes)} different sizes aren't a stack"
+        )
+    for index, (_, orientation) in enumerate(pages):
+        if orientation != 1:
             raise ScanFileError(
-                f"{path}: page {index + 1} has the Orientation tag {int(tag.value)} (stored turned "
+                f"{path}: page {index + 1} has the Orientation tag {orientation} (stored turned "
                 "or mirrored; needed: 1, rows from the top, columns from the left); write it again "
                 "upright"
             )
+
+
+def _orientation(page: Any) -> int:
+    tag = page.tags.get(_ORIENTATION) if isinstance(page, tifffile.TiffPage) else None
+    return 1 if tag is None else int(tag.value)
 
 
 def _check_size(tiff: tifffile.TiffFile, shape: tuple[int, ...], path: Path) -> None:
