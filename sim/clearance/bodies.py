@@ -94,6 +94,8 @@ class Joints(NamedTuple):
         Way along the vessel, ascending for each other, and along that one.
     wide : (m,) float64, mm
         How far the place itself reaches to either side: 0 for a node.
+    gap : (m,) float64, mm
+        Between the two axes: 0 for a node.
     radius_mm : float, mm
         The thinnest needle's at its tip, without its clearance.
     overlap_radii : float
@@ -107,6 +109,7 @@ class Joints(NamedTuple):
     own: FloatArray
     there: FloatArray
     wide: FloatArray
+    gap: FloatArray
     radius_mm: float
     overlap_radii: float
     lumen_mm: FloatArray

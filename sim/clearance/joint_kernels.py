@@ -98,7 +98,8 @@ def slack_of(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, joints: J
                 break
             if joints.wide[m] == 0.0 and (joints.own[m] == far or joints.there[m] == far_ink):
                 continue
-            here = min(left - abs(joints.own[m] - at), reach - abs(joints.there[m] - place))
+            tip = left - abs(joints.own[m] - at) - joints.gap[m]
+            here = min(tip, reach - abs(joints.there[m] - place))
             best = max(best, here + joints.wide[m])
     return float(best)
 

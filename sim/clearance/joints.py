@@ -47,9 +47,13 @@ def joints_of(
     """What counts as a joint for a shaft, and which of it no node explains, the deepest first."""
     found = overlaps_of(network, radius_mm, overlap_radii)
     cells = np.floor(found.along / _GRAIN_MM + _GRAIN_FROM)
-    u, v, a, b = np.unique(np.column_stack([found.vessel, cells]), axis=0).T
+    nearest = np.argsort(found.gap, kind="stable")
+    keys = np.column_stack([found.vessel, cells])[nearest]
+    keys, first = np.unique(keys, axis=0, return_index=True)
+    gap = found.gap[nearest[first]]
+    u, v, a, b = keys.T
     a, b = ((one + 0.5 - _GRAIN_FROM) * _GRAIN_MM for one in (a, b))
-    forth, back = np.column_stack([u, v, a, b]), np.column_stack([v, u, b, a])
+    forth, back = np.column_stack([u, v, a, b, gap]), np.column_stack([v, u, b, a, gap])
     at_nodes = _at_nodes(network)
     rows = np.concatenate([at_nodes, forth, back])
     wide = np.where(np.arange(len(rows)) < len(at_nodes), 0.0, _GRAIN_MM / 2)
@@ -57,10 +61,12 @@ def joints_of(
     rows, wide = rows[order], wide[order]
     count = np.bincount(rows[:, 0].astype(np.int64), minlength=network.vessel_count)
     begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
-    other, own, there = (np.ascontiguousarray(column) for column in rows[:, 1:].T)
+    other, own, there, gap = (np.ascontiguousarray(column) for column in rows[:, 1:].T)
     met = other.astype(np.int64)
     lumens = network.lumen_mm
-    joints = Joints(begin, met, own, there, wide, radius_mm, overlap_radii, lumens, network.lengths)
+    joints = Joints(
+        begin, met, own, there, wide, gap, radius_mm, overlap_radii, lumens, network.lengths
+    )
     return joints, _told(network, found)
 
 
@@ -70,8 +76,8 @@ def _at_nodes(network: WrittenNetwork) -> FloatArray:
     for vessel, (tail, head) in enumerate(network.vessel_nodes.tolist()):
         ends.setdefault(tail, []).append((vessel, 0.0))
         ends.setdefault(head, []).append((vessel, float(network.lengths[vessel])))
-    rows = [(v, w, a, b) for meet in ends.values() for (v, a), (w, b) in permutations(meet, 2)]
-    return np.array(rows, dtype=np.float64).reshape(-1, 4)
+    rows = [(v, w, a, b, 0.0) for meet in ends.values() for (v, a), (w, b) in permutations(meet, 2)]
+    return np.array(rows, dtype=np.float64).reshape(-1, 5)
 
 
 def _told(network: WrittenNetwork, found: Overlaps) -> tuple[OwnOverlap, ...]:

@@ -36,11 +36,14 @@ class Overlaps:
         Way along either.
     overlap : (k,) float64, mm
         By which the filaments reach into each other.
+    gap : (k,) float64, mm
+        Between their axes.
     """
 
     vessel: IntArray
     along: FloatArray
     overlap: FloatArray
+    gap: FloatArray
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ def overlaps_of(network: WrittenNetwork, radius_mm: float, overlap_radii: float)
     pair = np.column_stack([one, other])[found]
     order = np.argsort(spots.vessel[pair], axis=1, kind="stable")
     pair = np.take_along_axis(pair, order, axis=1)
-    return Overlaps(spots.vessel[pair], spots.along[pair], deep[found])
+    return Overlaps(spots.vessel[pair], spots.along[pair], deep[found], gap[found])
 
 
 def _spots(network: WrittenNetwork) -> _Spots:

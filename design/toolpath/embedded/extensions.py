@@ -8,7 +8,7 @@ import numpy as np
 
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.meetings import Meetings, of_one_joint
-from design.toolpath.embedded.needle import Needle, joint_reach, radius_at
+from design.toolpath.embedded.needle import Needle, joint_reach, off_shaft, radius_at
 from design.toolpath.embedded.rules import TIPS, depth_at, flat_gap
 from design.toolpath.embedded.squares import Squares, near
 from design.toolpath.toolpath import FloatArray, IntArray
@@ -130,6 +130,87 @@ def meets(
             there = extension.at + extension.step * np.sqrt((way * way).sum())
             if not of_one_joint(
                 vessel, at, extension.vessel, there, reach, meetings, extension.far
+            ):
+                return True
+    return False
+
+
+class Kept(NamedTuple):
+    """Extensions chosen so far, ``size[0]`` of them.
+
+    Attributes
+    ----------
+    place : (n, 2, 3) float64, mm
+        Start and tip.
+    value : (n, 4) float64
+        Radius, way along the vessel, step and far end of `Extension`.
+    number : (n, 3) int64
+        Vessel, element, and when it is written.
+    size : (1,) int64
+    """
+
+    place: FloatArray
+    value: FloatArray
+    number: IntArray
+    size: IntArray
+
+
+def none_kept(room: int) -> Kept:
+    """No extension yet, with room for so many."""
+    places, values = np.zeros((room, 2, 3)), np.zeros((room, 4))
+    return Kept(places, values, np.zeros((room, 3), np.int64), np.zeros(1, np.int64))
+
+
+def keep(kept: Kept, extension: Extension, element: int, when: int) -> None:
+    """Add one."""
+    row = int(kept.size[0])
+    kept.place[row] = extension.start, extension.tip
+    kept.value[row] = extension.radius, extension.at, extension.step, extension.far
+    kept.number[row] = extension.vessel, element, when
+    kept.size[0] += 1
+
+
+@jit
+def tangled(extension: Extension, when: int, kept: Kept, meetings: Meetings, needle: Needle) -> int:
+    """Element of a kept extension of which one's shaft meets the other's ink; -1 for none."""
+    for row in range(kept.size[0]):
+        start, tip = kept.place[row, 0], kept.place[row, 1]
+        room = needle.shaft_mm + extension.radius + kept.value[row, 0]
+        room += np.hypot(tip[0] - start[0], tip[1] - start[1])
+        room += np.hypot(
+            extension.tip[0] - extension.start[0], extension.tip[1] - extension.start[1]
+        )
+        apart = np.hypot(start[0] - extension.start[0], start[1] - extension.start[1])
+        if apart >= room or kept.number[row, 2] == when:
+            continue
+        other = Extension(
+            start, tip, kept.value[row, 0], kept.number[row, 0], kept.value[row, 1],
+            int(kept.value[row, 2]), kept.value[row, 3],
+        )  # fmt: skip
+        if kept.number[row, 2] < when:
+            meets_ink = _enters(extension, other, meetings, needle)
+        else:
+            meets_ink = _enters(other, extension, meetings, needle)
+        if meets_ink:
+            return int(kept.number[row, 1])
+    return -1
+
+
+@jit
+def _enters(later: Extension, earlier: Extension, meetings: Meetings, needle: Needle) -> bool:
+    """Whether the shaft that writes one extension passes through the ink of another."""
+    reach = joint_reach(needle, max(later.radius, earlier.radius))
+    for tip in _places(later, 0.25 * needle.tip_mm):
+        way = tip - later.start
+        at = later.at + later.step * np.sqrt((way * way).sum())
+        for ink in _places(earlier, 0.25 * needle.tip_mm):
+            across = np.hypot(ink[0] - tip[0], ink[1] - tip[1])
+            if off_shaft(across, ink[2] - tip[2], needle) >= earlier.radius:
+                continue
+            way = ink - earlier.start
+            there = earlier.at + earlier.step * np.sqrt((way * way).sum())
+            if not of_one_joint(
+                later.vessel, at, earlier.vessel, there, reach, meetings, earlier.far, later.far
             ):
                 return True
     return False

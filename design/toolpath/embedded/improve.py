@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.joined import Joined
 from design.toolpath.embedded.joints import Joiner
+from design.toolpath.embedded.merge import fewest
 from design.toolpath.embedded.rules import Rules, one_way, with_more
 from design.toolpath.embedded.schedule import Pass, Scheduler
 from design.toolpath.embedded.travel import with_shorter_ways
@@ -19,6 +21,17 @@ ROUNDS, PATIENCE = 8, 3
 WORK = 100_000
 """Elements that all rounds may order together: what a large network leaves open after its first
 round is open by its design."""
+
+
+class _Way(NamedTuple):
+    """How passes are laid: whether they are merged, and moved for shorter ways between them."""
+
+    merge: bool
+    shorten: bool
+
+
+WAYS = (_Way(True, True), _Way(False, True), _Way(False, False))
+"""Tried in turn as long as joints stay open."""
 
 
 @dataclass(frozen=True)
@@ -40,21 +53,26 @@ def ordered(
     of the shaft's says the opposite.
     """
     asked = one_way(rules, elements.vessel)
-    best = _best_round(elements, rules, asked, head, joiner, shorten=True)
-    if best.joined.open and _rounds(elements) == ROUNDS:
-        plain = _best_round(elements, rules, asked, head, joiner, shorten=False)
-        best = min(best, plain, key=_score)
+    best: _Order | None = None
+    for way in WAYS if _rounds(elements) > 1 else WAYS[:1]:
+        one = _best_round(elements, rules, asked, head, joiner, way)
+        best = one if best is None else min(best, one, key=_score)
+        if not best.joined.open:
+            break
+    assert best is not None
     return best.passes, best.joined
 
 
 def _best_round(
-    elements: Elements, rules: Rules, asked: Rules, head: IntArray, joiner: Joiner, *, shorten: bool
+    elements: Elements, rules: Rules, asked: Rules, head: IntArray, joiner: Joiner, way: _Way
 ) -> _Order:
     best: _Order | None = None
-    since = 0
+    since, random = 0, np.random.default_rng(0)
     for _ in range(_rounds(elements)):
         passes = Scheduler(elements, asked, head).run()
-        if shorten:
+        if way.merge:
+            passes = fewest(passes, elements, asked, head, random)
+        if way.shorten:
             passes = with_shorter_ways(passes, elements, asked, head)
         one = _judged(passes, rules, joiner)
         if best is None or _score(one) < _score(best):

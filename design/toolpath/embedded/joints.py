@@ -13,7 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.extensions import Extension, barred, barring, meets
+from design.toolpath.embedded.extensions import (
+    Extension,
+    barred,
+    barring,
+    keep,
+    meets,
+    none_kept,
+    tangled,
+)
 from design.toolpath.embedded.joined import Brushed, Joined, WeakJoint
 from design.toolpath.embedded.meetings import Meetings
 from design.toolpath.embedded.needle import Needle
@@ -80,6 +88,7 @@ class _Round:
         self._when = np.full(len(joiner.elements.end), len(passes), dtype=np.int64)
         for number, one in enumerate(passes):
             self._when[one.elements()] = number
+        self._kept = none_kept(2 * len(joiner.elements.end) + 2)
         self._ends: dict[int, list[_End]] = {}  # passes that end at each point
         self._inked: dict[int, int] = {}  # the element last written at each point
 
@@ -176,10 +185,15 @@ class _Round:
         bare = (*about[:-1], scene.needle.bare())
         entered = set(barring(extension, now, *bare).tolist()) if len(bars) else set()
         brushes = barred(extension, now, *about).tolist() if not entered else []
+        met = [Brushed(element, k, k in entered) for k in bars.tolist()]
+        order = 2 * end.number + end.last
+        other = tangled(extension, order, self._kept, scene.meetings, scene.needle.bare())
+        if other >= 0:
+            met.append(Brushed(element, int(other), True))
         return _Extended(
             end,
             extension,
-            [Brushed(element, k, k in entered) for k in bars.tolist()],
+            met,
             [self._brushed(k, end, extension) for k in brushes],
         )
 
@@ -227,4 +241,5 @@ class _Round:
         far = out.beyond if end.last else out.before
         far[end.number] = max(far[end.number], one.length)
         out.overlapped += 1
+        keep(self._kept, one.extension, end.element, 2 * end.number + end.last)
         out.brushed += one.barred + one.brushed

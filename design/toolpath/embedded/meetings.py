@@ -28,12 +28,15 @@ class Meetings(NamedTuple):
         The vessel met; the same one where it meets itself.
     there : (m,) float64, mm
         Way along that one.
+    gap : (m,) float64, mm
+        From one axis to the other; 0 at a node.
     """
 
     begin: IntArray
     own: FloatArray
     other: IntArray
     there: FloatArray
+    gap: FloatArray
 
 
 def at_nodes(network: VesselNetwork, elements: Elements) -> Meetings:
@@ -43,8 +46,8 @@ def at_nodes(network: VesselNetwork, elements: Elements) -> Meetings:
     for vessel, (tail, head) in enumerate(network.vessel_nodes.tolist()):
         ends.setdefault(tail, []).append((vessel, 0.0))
         ends.setdefault(head, []).append((vessel, float(length[vessel])))
-    rows = [(*a, *b) for meet in ends.values() for a, b in permutations(meet, 2)]
-    return _sorted(np.array(rows, dtype=np.float64).reshape(-1, 4), len(length))
+    rows = [(*a, *b, 0.0) for meet in ends.values() for a, b in permutations(meet, 2)]
+    return _sorted(np.array(rows, dtype=np.float64).reshape(-1, 5), len(length))
 
 
 def with_touches(meetings: Meetings, touches: Touches, elements: Elements) -> Meetings:
@@ -54,9 +57,9 @@ def with_touches(meetings: Meetings, touches: Touches, elements: Elements) -> Me
     chords = (elements.arc[last] + elements.length[last]) / elements.along[last, 1]
     (u, v), (a, b) = touches.vessel.T, (touches.arc * chords[touches.vessel]).T
     rows = np.concatenate([
-        np.column_stack([own, meetings.own, meetings.other, meetings.there]),
-        np.column_stack([u, a, v, b]),
-        np.column_stack([v, b, u, a]),
+        np.column_stack([own, meetings.own, meetings.other, meetings.there, meetings.gap]),
+        np.column_stack([u, a, v, b, touches.gap]),
+        np.column_stack([v, b, u, a, touches.gap]),
     ])  # fmt: skip
     return _sorted(rows, len(meetings.begin) - 1)
 
@@ -66,8 +69,8 @@ def _sorted(rows: FloatArray, vessels: int) -> Meetings:
     count = np.bincount(rows[:, 0].astype(np.int64), minlength=vessels)
     begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     columns = (np.ascontiguousarray(column) for column in rows[:, 1:].T)
-    own, other, there = columns
-    return Meetings(begin, own, other.astype(np.int64), there)
+    own, other, there, gap = columns
+    return Meetings(begin, own, other.astype(np.int64), there, gap)
 
 
 @jit
@@ -90,8 +93,8 @@ def outside_joints(
     """Part of element j (0..1) that belongs to no joint of a tip ``at`` mm along a vessel.
 
     A joint's is what lies within reach of the tip along the same vessel, or of a place where its
-    vessel meets the tip's, the tip within reach of that place too; but not of the vessel's end
-    ``far``, where the tip goes on past the other one.
+    vessel meets the tip's, the tip within reach of that place on either vessel too; but not of the
+    vessel's end ``far``, where the tip goes on past the other one.
     """
     other, start = elements.vessel[j], elements.arc[j]
     low, high = start, start + elements.length[j]
@@ -102,18 +105,21 @@ def outside_joints(
     for m in range(first, end):
         if meetings.own[m] > at + reach or low >= high:
             break
-        if meetings.other[m] == other and abs(meetings.own[m] - far) > SAME_MM:
+        near = abs(meetings.own[m] - at) + meetings.gap[m] <= reach
+        if near and meetings.other[m] == other and abs(meetings.own[m] - far) > SAME_MM:
             low, high = clipped(low, high, meetings.there[m], reach)
     return (low - start) / elements.length[j], (high - start) / elements.length[j]
 
 
 @jit
 def of_one_joint(
-    vessel: int, at: float, other: int, there: float, reach: float, meetings: Meetings, far: float
-) -> bool:
+    vessel: int, at: float, other: int, there: float, reach: float, meetings: Meetings, far: float,
+    far_tip: float = np.inf,
+) -> bool:  # fmt: skip
     """Whether two places on vessels belong to one joint, as in `outside_joints`.
 
-    The other one lies past its vessel's end; the joint at that vessel's end ``far`` is none of its.
+    Of a place past its vessel's end the joint at the vessel's other end, ``far``, is none: of the
+    ink ``there``, and ``far_tip`` of the tip.
     """
     if vessel == other and abs(at - there) <= reach:
         return True
@@ -121,7 +127,9 @@ def of_one_joint(
         if (
             meetings.other[m] == other
             and abs(meetings.there[m] - far) > SAME_MM
-            and (abs(meetings.own[m] - at) <= reach and abs(meetings.there[m] - there) <= reach)
+            and abs(meetings.own[m] - far_tip) > SAME_MM
+            and abs(meetings.own[m] - at) + meetings.gap[m] <= reach
+            and abs(meetings.there[m] - there) <= reach
         ):
             return True
     return False

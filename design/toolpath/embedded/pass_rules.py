@@ -47,7 +47,8 @@ def pass_rules(passes: list[Pass], elements: Elements, rules: Rules) -> PassRule
 
 def _grouped(one: IntArray, other: IntArray, count: int) -> tuple[IntArray, IntArray]:
     """Of each `one` where its `other` begin, and those of all in a row; without repeats."""
-    key = np.unique((one * count + other)[one != other])
+    key = np.sort((one * count + other)[one != other])
+    key = key[np.diff(key, prepend=-1) > 0]
     begin = np.searchsorted(key, np.arange(count + 1) * count)
     return begin, key % count
 

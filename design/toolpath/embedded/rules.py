@@ -138,15 +138,6 @@ def _places(keys: IntArray, known: IntArray) -> IntArray:
     return np.where(known[at] == keys, at, -1)
 
 
-def entered(
-    first: IntArray, after: IntArray, elements: Elements, meetings: Meetings, needle: Needle
-) -> NDArray[np.bool_]:
-    """Which of these pairs (k,) the needle itself enters, its clearance apart."""
-    bare = needle.bare()
-    depth = (_pair_depth(i, j, elements, meetings, bare) for i, j in zip(first, after, strict=True))
-    return np.fromiter(depth, dtype=np.float64, count=len(first)) > 0.0
-
-
 @jit
 def flat_gap(x: float, y: float, a: FloatArray, b: FloatArray, low: float, high: float) -> float:
     """Distance in the plan from a place to the part ``low`` to ``high`` (0..1) of a stretch."""

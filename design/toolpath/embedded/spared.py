@@ -29,6 +29,8 @@ class Spared(NamedTuple):
         Way along the vessel, ascending for each other, and along that one.
     wide : (m,) float64, mm
         How far the place reaches to either side: 0 for a node.
+    gap : (m,) float64, mm
+        From one axis to the other: 0 for a node.
     lumen_mm : (v,) float64, mm
         Radius of a vessel that is a bundle of strands, by which its joints reach; 0 for others.
     length : (v,) float64, mm
@@ -39,6 +41,7 @@ class Spared(NamedTuple):
     own: FloatArray
     there: FloatArray
     wide: FloatArray
+    gap: FloatArray
     lumen_mm: FloatArray
     length: FloatArray
 
@@ -50,19 +53,21 @@ def spared_of(network: VesselNetwork, touches: Touches, lumen_mm: FloatArray) ->
     for vessel, (tail, head) in enumerate(network.vessel_nodes.tolist()):
         ends.setdefault(tail, []).append((vessel, 0.0))
         ends.setdefault(head, []).append((vessel, float(length[vessel])))
-    nodes = [(v, w, a, b, 0.0) for met in ends.values() for (v, a), (w, b) in permutations(met, 2)]
+    nodes = [
+        (v, w, a, b, 0.0, 0.0) for met in ends.values() for (v, a), (w, b) in permutations(met, 2)
+    ]
     (u, v), (a, b) = touches.vessel.T, touches.arc.T
     wide = np.full(len(u), CELL_MM / 2)
     rows = np.concatenate([
-        np.array(nodes, dtype=np.float64).reshape(-1, 5),
-        np.column_stack([u, v, a, b, wide]),
-        np.column_stack([v, u, b, a, wide]),
+        np.array(nodes, dtype=np.float64).reshape(-1, 6),
+        np.column_stack([u, v, a, b, wide, touches.gap]),
+        np.column_stack([v, u, b, a, wide, touches.gap]),
     ])  # fmt: skip
     rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
     count = np.bincount(rows[:, 0].astype(np.int64), minlength=network.vessel_count)
     begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
-    own, there, wide = (np.ascontiguousarray(column) for column in rows[:, 2:].T)
-    return Spared(begin, rows[:, 1].astype(np.int64), own, there, wide, lumen_mm, length)
+    own, there, wide, gap = (np.ascontiguousarray(column) for column in rows[:, 2:].T)
+    return Spared(begin, rows[:, 1].astype(np.int64), own, there, wide, gap, lumen_mm, length)
 
 
 @jit
@@ -115,6 +120,7 @@ def inside_joint(
             break
         if spared.wide[m] == 0.0 and (spared.own[m] == far or spared.there[m] == far_ink):
             continue
-        tip, ink = left - abs(spared.own[m] - at), reach - abs(spared.there[m] - there)
+        tip = left - abs(spared.own[m] - at) - spared.gap[m]
+        ink = reach - abs(spared.there[m] - there)
         best = max(best, min(tip, ink) + spared.wide[m])
     return float(best)

@@ -40,11 +40,14 @@ class Touches(NamedTuple):
         Way along either vessel.
     overlap : (k,) float64, mm
         By which the two reach into each other.
+    gap : (k,) float64, mm
+        Between the axes.
     """
 
     vessel: IntArray
     arc: FloatArray
     overlap: FloatArray
+    gap: FloatArray
 
 
 class _Spots(NamedTuple):
@@ -78,7 +81,8 @@ def touches(network: VesselNetwork, needle: Needle) -> Touches:
     arc, length = arcs_of(network)
     spots = _spots(network, arc)
     pair, deep = _overlapping(spots, _cells(spots), network.vessel_nodes, length, needle)
-    return _in_cells(Touches(spots.vessel[pair], spots.arc[pair], deep))
+    gap = spots.radius[pair].sum(axis=1) - deep
+    return _in_cells(Touches(spots.vessel[pair], spots.arc[pair], deep, gap))
 
 
 def arcs_of(network: VesselNetwork) -> tuple[FloatArray, FloatArray]:
@@ -119,13 +123,13 @@ def _cells(spots: _Spots) -> _Cells:
 
 
 def _in_cells(found: Touches) -> Touches:
-    """The deepest of each cell along both vessels, at the cell's middle."""
+    """The nearest of each cell along both vessels, at the cell's middle."""
     cell = np.floor(found.arc / CELL_MM + CELL_FROM)
-    order = np.argsort(-found.overlap, kind="stable")
+    order = np.argsort(found.gap, kind="stable")
     key = np.column_stack([found.vessel, cell])[order]
     rows = np.sort(order[np.unique(key, axis=0, return_index=True)[1]])
     middle = (cell[rows] + 0.5 - CELL_FROM) * CELL_MM
-    return Touches(found.vessel[rows], middle, found.overlap[rows])
+    return Touches(found.vessel[rows], middle, found.overlap[rows], found.gap[rows])
 
 
 @jit

@@ -33,7 +33,7 @@ FORKS = network(
 
 
 def meetings_of(net, parts: Parts):
-    """(vessel, way along it, other vessel, way along that) of each node and touch."""
+    """(vessel, way along it, other vessel, way along that, gap) of each node and touch."""
     length = net.lengths()
     ends = [(v, k, n) for v, both in enumerate(net.vessel_nodes) for k, n in enumerate(both)]
     rows = [
@@ -42,22 +42,24 @@ def meetings_of(net, parts: Parts):
             j * parts.elements.length[parts.elements.vessel == v].sum(),
             w,
             k * parts.elements.length[parts.elements.vessel == w].sum(),
+            0.0,
         )
         for v, j, n in ends
         for w, k, m in ends
         if n == m and (v, j) != (w, k)
     ]
     assert len(length) == net.vessel_count
-    for (v, w), (a, b) in zip(parts.touches.vessel, parts.touches.arc, strict=True):
-        rows += [(v, a, w, b), (w, b, v, a)]
+    touches = parts.touches
+    for (v, w), (a, b), gap in zip(touches.vessel, touches.arc, touches.gap, strict=True):
+        rows += [(v, a, w, b, gap), (w, b, v, a, gap)]
     return rows
 
 
 def spared(vessel, at, other, places, reach, meetings):
     """Which places along another vessel belong to a joint of the tip."""
     found = (other == vessel) & (np.abs(places - at) <= reach)
-    for v, own, w, there in meetings:
-        if v == vessel and w == other and abs(own - at) <= reach:
+    for v, own, w, there, gap in meetings:
+        if v == vessel and w == other and abs(own - at) + gap <= reach:
             found |= np.abs(places - there) <= reach
     return found
 

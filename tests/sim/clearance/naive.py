@@ -45,9 +45,9 @@ def overlapping(one: dict, other: dict, needle: NeedleBody, overlap: float, radi
     found = gap <= 2 * radius - radius / 4
     for node in one["nodes"] & other["nodes"]:
         ways = [np.linalg.norm(places - node, axis=1) for places in (a, b)]
-        found &= np.maximum(ways[0][:, None], ways[1][None]) > reach - 0.1
+        found &= np.maximum(ways[0][:, None], ways[1][None]) > reach
         found &= gap < 0.7 * (ways[0][:, None] + ways[1][None])
-    return p, q, found
+    return p, q, found, gap
 
 
 def spared_by(move: dict, one: dict, tips: np.ndarray, reach: float, overlaps) -> np.ndarray:
@@ -61,10 +61,11 @@ def spared_by(move: dict, one: dict, tips: np.ndarray, reach: float, overlaps) -
         own = np.abs(arc - np.linalg.norm(move["axis"][0] - node)) <= reach
         spared |= own[:, None] & (np.linalg.norm(one["at"] - node, axis=1)[None] <= reach)
     if overlaps is not None:
-        p, q, found = overlaps
-        far = reach + 0.1  # the place is as long
-        near = (np.abs(arc[:, None] - p[None]) <= far) @ found
-        spared |= near @ (np.abs(one["arc"][None] - q[:, None]) <= far)
+        p, q, found, gap = overlaps
+        far = reach + 0.025  # the place reaches as far to either side
+        for row, column in np.argwhere(found):  # the tip is near both axes' places
+            near = np.abs(arc - p[row]) + gap[row, column] <= far
+            spared |= near[:, None] & (np.abs(one["arc"] - q[column]) <= far)[None]
     return spared
 
 
