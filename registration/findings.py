@@ -15,6 +15,7 @@ from registration.distance import ModelSurface
 from registration.gauging import (
     ContrastGauge,
     Defect,
+    Ends,
     Perfusion,
     VesselGauge,
     VesselTrace,
@@ -113,7 +114,7 @@ def inspect(case: Inspection) -> Findings:
     """Gauge every vessel, look for defects, compare topology and volume, solve the flow."""
     field, fit = case.segmentation.field, case.alignment.scaled
     traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm)
-    traces, errors = with_ledges(traces, case.segmentation, case.errors)
+    traces, errors, wall_mm = with_ledges(traces, case.segmentation, case.errors)
     margin = _margin(case)
     grid = _grid(case, margin)
     evidence = case.evidence
@@ -126,7 +127,7 @@ def inspect(case: Inspection) -> Findings:
         search = LeakSearch(grid, case.surface, case.model_is_lumen, _wall(case),
                             case.false_alarm, field, evidence, liquid, fit)  # fmt: skip
         leaking = other.submit(find_leaks, search, traces)
-        closures = find_closures(traces, field, fit)
+        closures = find_closures(traces, Ends(field, fit, wall_mm, errors))
         scale = float(np.mean(fit.scale))
         hidden = _in_junctions(case, traces)
         changes = [*find_changes(traces, scale, case.false_alarm), *hidden]

@@ -10,7 +10,7 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from registration.gauging.back import ScannedSurface, surface_points
     from registration.gauging.changes import find_changes
-    from registration.gauging.closures import find_closures
+    from registration.gauging.closures import Ends, find_closures
     from registration.gauging.contrast import ContrastGauge, liquid_level, withdrawn
     from registration.gauging.defect import Defect, DefectKind
     from registration.gauging.deviation import (
@@ -35,6 +35,7 @@ __all__ = [
     "Defect",
     "DefectKind",
     "Deviation",
+    "Ends",
     "MeasuredLumen",
     "Perfusion",
     "ScannedSurface",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,7 @@ from registration.gauging.changes import bordered, point_at
 from registration.gauging.defect import Defect
 from registration.gauging.trace import VesselTrace
 from registration.segmentation import GelField
+from registration.uncertainty import ScanErrors
 
 FloatArray = NDArray[np.float64]
 
@@ -17,22 +20,47 @@ MISSING_SHARE = 0.9
 """A vessel closed over this much of what was seen of it, clear of junctions, is missing."""
 
 
-def find_closures(traces: tuple[VesselTrace, ...], field: GelField, fit: Fit) -> list[Defect]:
+@dataclass(frozen=True)
+class Ends:
+    """What ends of occlusions are measured with.
+
+    Attributes
+    ----------
+    field : GelField
+        The scan's gel, in which they are found along the lumen's own axis.
+    fit : Fit
+        Scan to part, with which the traces were made.
+    wall_mm : float, mm
+        How much further into the gel walls along the light lie than the field says (`with_ledges`).
+    errors : ScanErrors
+        Of those walls.
+    """
+
+    field: GelField
+    fit: Fit
+    wall_mm: float
+    errors: ScanErrors
+
+    @property
+    def shared_mm(self) -> float:
+        """Standard uncertainty that both ends share, mm."""
+        errors = self.errors
+        return float(np.hypot(np.hypot(errors.level_mm, errors.cut_mm), errors.faint_mm))
+
+
+def find_closures(traces: tuple[VesselTrace, ...], ends: Ends) -> list[Defect]:
     """Occlusions and missing vessels.
 
     Parameters
     ----------
     traces : tuple of VesselTrace
         One a vessel.
-    field : GelField
-        The scan's gel, in which an occlusion's ends are found along the lumen's own axis.
-    fit : Fit
-        Scan to part, with which the traces were made.
+    ends : Ends
     """
-    return [defect for trace in traces for defect in _closures(trace, field, fit)]
+    return [defect for trace in traces for defect in _closures(trace, ends)]
 
 
-def _closures(trace: VesselTrace, field: GelField, fit: Fit) -> list[Defect]:
+def _closures(trace: VesselTrace, measured: Ends) -> list[Defect]:
     closed = trace.seen & ~trace.sections.open
     if not closed.any():
         return []
@@ -42,7 +70,7 @@ def _closures(trace: VesselTrace, field: GelField, fit: Fit) -> list[Defect]:
         return [_missing(trace, np.flatnonzero(closed))]
     found = np.flatnonzero(closed)
     runs = np.split(found, np.flatnonzero(np.diff(found) > 1) + 1)
-    return [_occlusion(trace, run, field, fit) for run in runs]
+    return [_occlusion(trace, run, measured) for run in runs]
 
 
 def _missing(trace: VesselTrace, closed: NDArray[np.int64]) -> Defect:
@@ -65,8 +93,9 @@ def _missing(trace: VesselTrace, closed: NDArray[np.int64]) -> Defect:
     )
 
 
-def _occlusion(trace: VesselTrace, run: NDArray[np.int64], field: GelField, fit: Fit) -> Defect:
-    ends = [_end(trace, int(run[0]), -1, field, fit), _end(trace, int(run[-1]), 1, field, fit)]
+def _occlusion(trace: VesselTrace, run: NDArray[np.int64], measured: Ends) -> Defect:
+    ends = [_end(trace, int(run[0]), -1, measured), _end(trace, int(run[-1]), 1, measured)]
+    shared = 2 * measured.shared_mm
     middle = (ends[0][0] + ends[1][0]) / 2
     extent = (ends[0][0], ends[1][0])
     return Defect(
@@ -78,7 +107,7 @@ def _occlusion(trace: VesselTrace, run: NDArray[np.int64], field: GelField, fit:
         at_mm=middle,
         point_mm=point_at(trace, middle),
         size_um=1e3 * (extent[1] - extent[0]),
-        error_um=1.96e3 * float(np.hypot(ends[0][1], ends[1][1])),
+        error_um=1.96e3 * float(np.hypot(np.hypot(ends[0][1], ends[1][1]), shared)),
         percent=float("nan"),
         wall_um=float("nan"),
         significance=float("inf"),
@@ -86,14 +115,15 @@ def _occlusion(trace: VesselTrace, run: NDArray[np.int64], field: GelField, fit:
     )
 
 
-def _end(
-    trace: VesselTrace, station: int, way: int, field: GelField, fit: Fit
-) -> tuple[float, float]:
+def _end(trace: VesselTrace, station: int, way: int, measured: Ends) -> tuple[float, float]:
     """Where along the vessel the gel of a closed station ends in one direction, and its error.
 
-    The level's crossing is looked for on a bundle of lines beside the lumen's axis; the bundle's
-    scatter is the error. Without a free neighbour the end lies half a spacing off.
+    The level's crossing is looked for on a bundle of lines beside the lumen's axis, and moved into
+    the gel as lumens' walls are; the bundle's scatter is the error, of as many lines as the blur σ
+    leaves independent: an area π s² holds s²/(4 σ²) of its correlation's 4 π σ². Without a free
+    neighbour the end lies half a spacing off.
     """
+    field, fit = measured.field, measured.fit
     border, half = station + way, trace.spacing / 2
     plain = float(trace.along[station] + way * half)
     if not 0 <= border < len(trace.along) or not trace.sections.open[border]:
@@ -117,5 +147,8 @@ def _end(
     if not met.any():
         return plain, half / np.sqrt(3)
     places = along[crossing[met].argmax(axis=1)] + way * float(field.voxel_mm.min()) / 16
-    error = float(places.std(ddof=1)) if len(places) > 1 else half / np.sqrt(3)
-    return float(np.median(places)), error / np.sqrt(len(places))
+    scatter = float(places.std(ddof=1)) if len(places) > 1 else half / np.sqrt(3)
+    lines = np.clip(1 + (spread / max(2 * field.blur_mm, 1e-9)) ** 2, 1, len(places))
+    along_light = float(np.cross(*across)[2])
+    inwards = measured.wall_mm + field.facing_mm * along_light**2
+    return float(np.median(places)) - way * inwards, scatter / float(np.sqrt(lines))

@@ -31,8 +31,10 @@ def with_ledges(
     traces: tuple[VesselTrace, ...],
     segmentation: Segmentation,
     errors: ScanErrors,
-) -> tuple[tuple[VesselTrace, ...], ScanErrors]:
-    """Return sections with their walls moved, and the errors that are left.
+) -> tuple[tuple[VesselTrace, ...], ScanErrors, float]:
+    """Return sections with their walls moved, the errors that are left, and where walls lie.
+
+    The last is how much further into the gel than the field says, mm, for walls along the light.
 
     `GelField.faint_mm` has moved all walls as if they had ledges all over: what they lack of that
     is taken back, and what the cap on bright voxels moves them by (`GelField.cut_mm`) is added. A
@@ -46,12 +48,13 @@ def with_ledges(
     """
     field = segmentation.field
     if field.faint_mm == 0:
-        return traces, errors
+        return traces, errors, field.wall_mm
     # The middle of what is possible is half of `UNSEEN_LINE` (a half) of a voxel of depth.
     part = share_of_ledges(traces, field.blur_mm, segmentation.contrast, 4 * field.faint_mm)
     wider = 2 * (field.cut_mm - (1 - part) * field.faint_mm)
     moved = tuple(_widened(trace, wider) for trace in traces)
-    return moved, replace(errors, faint_mm=part * errors.faint_mm)
+    left = replace(errors, faint_mm=part * errors.faint_mm)
+    return moved, left, field.wall_mm + wider / 2
 
 
 def share_of_ledges(

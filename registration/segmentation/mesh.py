@@ -13,10 +13,9 @@ from scipy.sparse.csgraph import connected_components
 from kernels import pjit
 from registration.errors import SegmentationError
 from registration.segmentation.nets import surface
-from registration.segmentation.volume import GelField, Strength
+from registration.segmentation.volume import GelField, Strength, Volume
 
 FloatArray = NDArray[np.float64]
-FloatVolume = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ def surface_mesh(field: GelField, strength: Strength | None, speck_mm: float) ->
     outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-30)
     seen = _away_from_edge(position, field)
     if strength is not None:
-        seen &= _lit(position, gradient, strength)
+        seen &= _lit(position, gradient, strength) & _stepped(position, gradient, field)
     kept = _large_components(vertices, faces, speck_mm)
     if not kept.any():
         raise SegmentationError(
@@ -66,6 +65,9 @@ def _away_from_edge(position: FloatArray, field: GelField) -> NDArray[np.bool_]:
 LIT = 4.0
 """Of the noise: the gel beside a surface sends back more, averaged over `LIT_VOXELS`."""
 LIT_VOXELS = 2
+STEP = 0.4
+"""Of the step from liquid to gel: from one side of a wall to the other there is more. A surface
+within gel that fades slowly below half its level, in a corner's dark, shows a quarter."""
 
 
 def _lit(position: FloatArray, gradient: FloatArray, strength: Strength) -> NDArray[np.bool_]:
@@ -74,25 +76,35 @@ def _lit(position: FloatArray, gradient: FloatArray, strength: Strength) -> NDAr
     Averaged over neighbours within the gel: a single voxel of speckle or noise says nothing.
     """
     least = LIT * strength.noise * (2 * LIT_VOXELS + 1) ** 3
-    return _beside(position, gradient, strength.signal) > least
+    return _beside(position, gradient, strength.signal, 1) > least
+
+
+def _stepped(position: FloatArray, gradient: FloatArray, field: GelField) -> NDArray[np.bool_]:
+    """Where gel and liquid beside the surface differ as the two sides of a wall do.
+
+    An OCT's field has liquid at 0 and gel at 1 (`oct_field`).
+    """
+    gel, liquid = (_beside(position, gradient, field.values, side) for side in (1, -1))
+    return np.asarray(gel - liquid > STEP * (2 * LIT_VOXELS + 1) ** 3)
 
 
 @pjit
-def _beside(position: FloatArray, gradient: FloatArray, signal: FloatVolume) -> FloatArray:
-    """Sum of the signal over a cube of voxels beside each vertex, on the gel's side."""
-    nz, ny, nx = signal.shape
+def _beside(position: FloatArray, gradient: FloatArray, values: Volume, side: int) -> FloatArray:
+    """Sum over a cube of voxels beside each vertex; `side` 1 is the gel's, -1 the liquid's."""
+    nz, ny, nx = values.shape
+    away = side * (1 + LIT_VOXELS)
     out = np.empty(len(position))
     for i in numba.prange(len(position)):
-        x = position[i, 0] + (1 + LIT_VOXELS) * gradient[i, 0]
-        y = position[i, 1] + (1 + LIT_VOXELS) * gradient[i, 1]
-        z = position[i, 2] + (1 + LIT_VOXELS) * gradient[i, 2]
+        x = position[i, 0] + away * gradient[i, 0]
+        y = position[i, 1] + away * gradient[i, 1]
+        z = position[i, 2] + away * gradient[i, 2]
         total = 0.0
         for dz in range(-LIT_VOXELS, LIT_VOXELS + 1):
             k = min(max(int(np.rint(z + dz)), 0), nz - 1)
             for dy in range(-LIT_VOXELS, LIT_VOXELS + 1):
                 j = min(max(int(np.rint(y + dy)), 0), ny - 1)
                 for dx in range(-LIT_VOXELS, LIT_VOXELS + 1):
-                    total += signal[k, j, min(max(int(np.rint(x + dx)), 0), nx - 1)]
+                    total += values[k, j, min(max(int(np.rint(x + dx)), 0), nx - 1)]
         out[i] = total
     return out
 

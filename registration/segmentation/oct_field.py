@@ -58,11 +58,12 @@ UNSEEN_LINE = 0.5
 """Of the scan's own depth voxel: the most that a reflection no brighter than gel adds to it at a
 wall, which is half gel already. Rough walls have ledges that send light back whichever way they
 stand; walls that face the light or away from it send back as much again."""
-CUT = 2.25
+CUT = 1.4
 """Shift of a wall by `BRIGHTEST`, of what the gel's relative variance moves a half level by: voxels
-filled in part lose less to the cap than gel does. Taken from the difference that the cap makes in
-nine scans of the shared generator (2.0 to 2.6; truth unused); the spectral one has 1.7 to 2.3, a
-third 2.1 to 2.5, in haze and noise 4.3."""
+filled in part lose less to the cap than gel does. Taken from the shared generator's scans without
+reflections (1.3 smooth, 1.5 rough); without them the spectral one has 1.3 and -0.1, a third 1.3 and
+1.5, a fourth 0.2 to 1.7. (What the cap's removal changes is no measure: 2.25. Without it the peaks
+that `without_lines` takes from speckle beside walls weigh more, and walls move into the gel.)"""
 QUIET = 6.0
 """Distance of gel and liquid, in standard deviations of the gel, from which on no more smoothing
 helps: half of it is 3, by which no speckle of a section's middle passes for gel."""

@@ -54,7 +54,8 @@ def test_smooth_walls_give_back_what_ledges_would_have_sent_and_get_what_the_cap
     smooth = tuple(scattering(trace, 0.0) for trace in found)
     field = replace(segmentation.field, faint_mm=0.006, cut_mm=0.004)
     errors = replace(ScanErrors.of_blur(BLUR), faint_mm=0.003)
-    moved, left = with_ledges(smooth, replace(segmentation, field=field), errors)
+    moved, left, wall = with_ledges(smooth, replace(segmentation, field=field), errors)
+    assert wall == pytest.approx(field.wall_mm + 0.004 - 0.006)
     assert left.faint_mm == 0.0
     for before, after in zip(smooth, moved, strict=True):
         known = before.sections.diameter > 0
@@ -68,7 +69,7 @@ def test_smooth_walls_give_back_what_ledges_would_have_sent_and_get_what_the_cap
 def test_micro_ct_has_no_reflections():
     found, segmentation = case()
     errors = ScanErrors.of_blur(BLUR)
-    assert with_ledges(found, segmentation, errors) == (found, errors)
+    assert with_ledges(found, segmentation, errors) == (found, errors, segmentation.field.wall_mm)
 
 
 def test_the_cap_takes_more_of_gel_than_of_half_filled_voxels():
