@@ -75,7 +75,8 @@ class Hearing:
             events += [noisy] if noisy else []
             self._begin_doubt(reply, now, events)
         elif kind is Kind.OK and state.numbered and not state.tokens.suspect:
-            self._hold_at_surplus(1, events)
+            # M410 without emergency parser may have a token run twice: that ok names our own line
+            self._hold_at_surplus(0 if reply.number >= 0 else 1, events)
         elif kind is Kind.ERROR:
             events.append(state.fault(reply.words))
         elif kind not in (Kind.REPORT, Kind.TEXT, Kind.BUSY, Kind.WAIT):

@@ -186,6 +186,14 @@ def test_ok_with_nothing_in_flight_is_one_more_than_lines():
     assert protocol.feed(b"ok\n", 0.2) == [Stray(31, 1)]
 
 
+def test_second_ok_that_names_our_own_line_is_nobody_elses():
+    """Seen on a real board: a token run twice, behind M410 without emergency parser."""
+    protocol = started()
+    protocol.held = True
+    protocol.feed(b"ok N31 P15 B3\n", 0.1)
+    assert protocol.feed(b"ok N31 P15 B3\n", 0.2) == [Stray(31, 0)]
+
+
 @pytest.mark.parametrize("oks", [1, 2])
 def test_each_ok_before_the_echo_is_one_more_than_lines(oks):
     protocol = started()
