@@ -130,7 +130,7 @@ def _told_along(
 
 @jit
 def _pushed(
-    waiting: NDArray[np.uint64], count: int, cost: float, flat: int, bits: NDArray[np.float32]
+    waiting: NDArray[np.uint64], count: int, cost: np.float32, flat: int, bits: NDArray[np.float32]
 ) -> tuple[NDArray[np.uint64], int]:
     """Put a voxel into a heap of four children a node; return the heap and how many it holds.
 
@@ -155,7 +155,7 @@ def _pushed(
 
 
 @jit
-def _popped(waiting: NDArray[np.uint64], count: int) -> tuple[int, int]:
+def _popped(waiting: NDArray[np.uint64], count: int) -> tuple[np.int64, int]:
     """Take the cheapest voxel out; return it and how many are left."""
     first, last = waiting[0], waiting[count - 1]
     count -= 1
