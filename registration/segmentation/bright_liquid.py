@@ -27,7 +27,7 @@ FloatArray = NDArray[np.float64]
 FloatVolume = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-BRIGHT = 0.2
+BRIGHT = 0.33
 """Of the gel's brightness: of brighter liquid light and levels are found together."""
 SOFTEST = 3.2
 """Voxels, standard deviation: averages over more see no lumen."""
