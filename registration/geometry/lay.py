@@ -179,9 +179,20 @@ def _axis(datum: Datum, scene: Scene, fit: Fit) -> Lumen:
     if found is None:
         raise DatumError(
             f"datum {datum} isn't seen: fewer than {LEAST_SECTIONS} whole sections of vessel "
-            f"{datum.vessel} were measured; choose another datum"
+            f"{datum.vessel} were measured; {_seen_axes(scene, fit)}"
         )
     return found
+
+
+def _seen_axes(scene: Scene, fit: Fit) -> str:
+    seen = [
+        str(v)
+        for v in range(scene.network.vessel_count)
+        if Line.of(scene.network, v).straight and scene.lumen(v, fit) is not None
+    ]
+    if not seen:
+        return "no straight vessel has so many; name faces or mouths"
+    return f"straight vessels with so many: {', '.join(seen)}"
 
 
 def _mouth(vessel: int, last: bool, scene: Scene, setting: Setting) -> Rows | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -102,6 +103,16 @@ def test_a_face_that_was_not_seen_is_refused() -> None:
     found.seen[found.vertices[:, 2] < 0.4] = False
     with pytest.raises(DatumError, match=r"face .z isn't seen: 0 % of it"):
         frame(scene(found), *read_datums(["face -z", "face -x", "face -y"]))
+
+
+def test_an_axis_that_was_not_seen_is_refused_with_those_that_were() -> None:
+    whole = posed()
+    wall = whole.cuts[1].outlines.wall.copy()
+    wall[6:] = np.nan
+    cut = replace(whole.cuts[1], outlines=replace(whole.cuts[1].outlines, wall=wall))
+    found = replace(whole, cuts=(whole.cuts[0], cut, *whole.cuts[2:]))
+    with pytest.raises(DatumError, match=r"axis 1 isn't seen: .*with so many: 0, 2"):
+        frame(found, *read_datums(["face -z", "axis 1"]))
 
 
 @pytest.mark.parametrize(
