@@ -1,6 +1,12 @@
 """Uncertainty of what a scan says, after the GUM: terms, budgets, 95 % intervals."""
 
-from registration.uncertainty.budget import Budget, Term, coverage_factor, rectangular
+from registration.uncertainty.budget import (
+    Budget,
+    Term,
+    at_either_end,
+    coverage_factor,
+    rectangular,
+)
 from registration.uncertainty.flow import pressure_interval
 from registration.uncertainty.scan_errors import BLUR_PART, LEAST_STEP, ScanErrors, scan_errors
 from registration.uncertainty.sections import SectionErrors, section_errors
@@ -13,6 +19,7 @@ __all__ = [
     "ScanErrors",
     "SectionErrors",
     "Term",
+    "at_either_end",
     "coverage_factor",
     "pressure_interval",
     "quantity",

@@ -77,3 +77,11 @@ def coverage_factor(dof: float) -> float:
 def rectangular(half_width: float) -> float:
     """Standard uncertainty of what lies anywhere within ± `half_width` (GUM 4.3.7)."""
     return half_width / math.sqrt(3)
+
+
+def at_either_end(half_width: float) -> float:
+    """Standard deviation where a quantity is at either end of ± `half_width` more than between.
+
+    The arc sine distribution (GUM Supplement 1, 6.4.6).
+    """
+    return half_width / math.sqrt(2)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from registration.scan import Scan
 from registration.segmentation import Segmentation
-from registration.uncertainty.budget import coverage_factor, rectangular
+from registration.uncertainty.budget import at_either_end, coverage_factor, rectangular
 from registration.walls_file import WallCalibration
 
 FloatArray = NDArray[np.float64]
@@ -102,8 +102,9 @@ def scan_errors(
 
     The level: a part of the step shifts a wall by √(2π) σ times that part; with liquid nearly as
     bright as gel, the same error of a level is a larger part of the step. Reflections: anywhere
-    from none to one just not seen (`GelField.faint_mm` and `facing_mm` are the middle of that, GUM
-    4.3.7), and more where the step is small. A calibration of walls replaces all.
+    from none to one just not seen (`GelField.faint_mm` and `facing_mm` are the middle of that); the
+    walls of one print either have them or not, so that the ends are likelier than the middle. And
+    more where the step is small. A calibration of walls replaces all.
     """
     field, strength = segmentation.field, segmentation.strength
     step = 1.0 - (strength.dark if strength else 0.0)
@@ -113,7 +114,7 @@ def scan_errors(
     # A reflection as bright as gel is 1 / step of the step from bright liquid: anything from 0 to
     # 2 / step times the correction.
     reach = 2 / float(np.clip(step, LEAST_STEP, 1.0)) - 1
-    faint, facing = (reach * rectangular(one) for one in (field.faint_mm, field.facing_mm))
+    faint, facing = (reach * at_either_end(one) for one in (field.faint_mm, field.facing_mm))
     if walls is not None:
         level, faint, facing = 1e-3 * walls.interval_um / coverage_factor(np.inf), 0.0, 0.0
         cut = 0.0

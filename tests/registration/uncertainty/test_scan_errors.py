@@ -12,7 +12,7 @@ from registration.notes import step_notes
 from registration.scan import Scan
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import GelField, Strength
-from registration.uncertainty import ScanErrors, rectangular, scan_errors
+from registration.uncertainty import ScanErrors, at_either_end, rectangular, scan_errors
 from registration.uncertainty.scan_errors import CUT_PART
 
 
@@ -34,14 +34,14 @@ def shared(dark: float, depth_standard: bool = False) -> ScanErrors:
 
 def test_the_level_is_less_sure_the_brighter_the_liquid():
     assert shared(0.5).level_mm == pytest.approx(2 * shared(0.0).level_mm)
-    assert shared(0.0).facing_mm == pytest.approx(rectangular(0.006))
-    assert shared(0.0).faint_mm == pytest.approx(rectangular(0.004))
+    assert shared(0.0).facing_mm == pytest.approx(at_either_end(0.006))
+    assert shared(0.0).faint_mm == pytest.approx(at_either_end(0.004))
     assert shared(0.0).cut_mm == pytest.approx(CUT_PART * 0.005)
 
 
 def test_reflections_weigh_more_where_the_step_from_the_liquid_is_small():
-    assert shared(0.4).faint_mm == pytest.approx((2 / 0.6 - 1) * rectangular(0.004))
-    assert shared(0.4).facing_mm == pytest.approx((2 / 0.6 - 1) * rectangular(0.006))
+    assert shared(0.4).faint_mm == pytest.approx((2 / 0.6 - 1) * at_either_end(0.004))
+    assert shared(0.4).facing_mm == pytest.approx((2 / 0.6 - 1) * at_either_end(0.006))
 
 
 def test_a_note_tells_the_contrast_and_the_one_needed():
