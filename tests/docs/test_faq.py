@@ -45,4 +45,4 @@ def test_errors_are_found_at_all():
 
 
 def test_a_fault_of_the_simulator_leaves_as_a_message():
-    assert message_and_code(GcodeError("a binary file")) == ("a binary file", 1)
+    assert message_and_code(GcodeError("a binary file")) == ("a binary file", 2)
