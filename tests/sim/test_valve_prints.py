@@ -79,7 +79,7 @@ def test_speeding_up_and_down_lays_more_where_the_flow_is_steady() -> None:
 
 
 def test_embedded_vessels_are_as_thick_as_by_plunger() -> None:
-    toolpath = embedded_toolpath(random_tree(20, 6, 3, 0.15), EmbeddedOptions())
+    toolpath = embedded_toolpath(random_tree(20, 8, 3, 0.15), EmbeddedOptions())
     air, plunger = by_air(toolpath, 0.3), by_plunger(toolpath)
     assert air.written_ul == pytest.approx(plunger.written_ul, rel=0.03)
     assert air.volume_mm3 == pytest.approx(plunger.volume_mm3, rel=0.04)
@@ -87,7 +87,7 @@ def test_embedded_vessels_are_as_thick_as_by_plunger() -> None:
 
 def test_a_flow_too_small_for_the_board_s_slowest_steps_lays_too_little_and_is_found() -> None:
     """The timer of an 8-bit board can't step slower than 32 a second, so such moves run faster."""
-    toolpath = embedded_toolpath(random_tree(20, 6, 3, 0.15), EmbeddedOptions())
+    toolpath = embedded_toolpath(random_tree(20, 8, 3, 0.15), EmbeddedOptions())
     options = GcodeOptions(start_mm=START, flow_ul_s=0.1)
     data = write_gcode(toolpath, AIR, SYRINGE, PLACE, options).data
     run = dry_run(data, AIR, START)

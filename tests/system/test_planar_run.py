@@ -31,7 +31,10 @@ def test_pose_is_that_of_the_scanner_within_30_um(planar_report: dict[str, Any])
 
 
 def test_shrinkage_is_found(planar_report: dict[str, Any]) -> None:
-    np.testing.assert_allclose(planar_report["registration"]["scale"], 0.99, atol=0.005)
+    scale = planar_report["registration"]["scale"]
+    np.testing.assert_allclose(scale[:2], 0.99, atol=0.002)
+    # Crests of lines stand 5 to 8 µm beyond each face: 16 µm of the part's 3 mm.
+    np.testing.assert_allclose(scale[2], 0.99, atol=0.0055)
 
 
 def test_verdict_passes_with_reasons(planar_report: dict[str, Any]) -> None:
