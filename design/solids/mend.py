@@ -8,28 +8,17 @@ crossings, as long as the surface moves by no more than a given length. Vertices
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry import build_triangle_tree
-from design.geometry.bvh import DEPTH, TriangleTree
-from design.solids.crossings import APART, find_crossings, meet
-from design.solids.remesh.halfedges import (
-    apex,
-    before,
-    collapse,
-    flip,
-    joined,
-    leaving,
-    origin,
-    tip,
-    twins_of,
-    valence,
-)
-from design.solids.remesh.passes import normal, stays_closed
+from design.geometry.bvh import TriangleTree
+from design.solids.crossings import find_crossings
+from design.solids.mend_changes import draw_in, move, turn
+from design.solids.mend_meeting import hits
+from design.solids.remesh.halfedges import leaving, twins_of
 from design.solids.topology import corner_fans
 from kernels import jit
 
@@ -171,33 +160,33 @@ def _leaves(
 def _mend(s: Any, hot: Any, single: Any, reach: float, step: float) -> None:
     """Make the best change at each of the faces ``hot`` that still crosses another."""
     for f in hot:
-        if s.dead[f] or _hits(s, f, 0) == 0:
+        if s.dead[f] or hits(s, f, 0) == 0:
             continue
         best, at, draws = 0, -1, False
         for k in range(3):
             h = 3 * f + k
-            gain = _turn(s, h, reach, False)
+            gain = turn(s, h, reach, False)
             if gain > best:
                 best, at, draws = gain, h, False
             for half in (h, s.twin[h]):
-                gain = _draw_in(s, half, reach, False)
+                gain = draw_in(s, half, reach, False)
                 if gain > best:
                     best, at, draws = gain, half, True
         if best > 0:
             if draws:
-                _draw_in(s, at, reach, True)
+                draw_in(s, at, reach, True)
             else:
-                _turn(s, at, reach, True)
+                turn(s, at, reach, True)
             continue
         which = 0
         for k in range(3):
             for way in range(2 * _STEPS):
                 a = s.faces[f, k]
-                gain = _move(s, a, way, reach, step, False) if single[a] else 0
+                gain = move(s, a, way, reach, step, False) if single[a] else 0
                 if gain > best:
                     best, at, which = gain, a, way
         if best > 0:
-            _move(s, at, which, reach, step, True)
+            move(s, at, which, reach, step, True)
 
 
 @jit
@@ -205,238 +194,5 @@ def _crossing(s: Any, faces: Any) -> Any:
     """Which of ``faces`` cross others."""
     kept = np.zeros(len(faces), np.bool_)
     for n in range(len(faces)):
-        kept[n] = _hits(s, faces[n], 0) > 0
+        kept[n] = hits(s, faces[n], 0) > 0
     return faces[kept]
-
-
-@jit
-def _turn(s: Any, h: int, reach: float, do: bool) -> int:
-    """By how many crossings fewer there are when an edge is turned; 0 where it mustn't be."""
-    faces, t = s.faces, s.twin[h]
-    here, there = h // 3, t // 3
-    a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, t)
-    if c == d or valence(s.twin, s.out, a) <= 3 or valence(s.twin, s.out, b) <= 3:
-        return 0
-    if joined(faces, s.twin, s.out, c, d) or _thickness(s.points, a, b, c, d) > reach:
-        return 0
-    s.patch[0], s.patch[1] = here, there
-    now = _patch_hits(s, 2)
-    mine, its = faces[here].copy(), faces[there].copy()
-    if do:
-        flip(faces, s.twin, s.out, h)
-        _grow(s, 2)
-        return 0
-    faces[here, 0], faces[here, 1], faces[here, 2] = a, d, c
-    faces[there, 0], faces[there, 1], faces[there, 2] = b, c, d
-    then = _patch_hits(s, 2)
-    faces[here], faces[there] = mine, its
-    return now - then
-
-
-@jit
-def _draw_in(s: Any, h: int, reach: float, do: bool) -> int:
-    """The same for a half-edge whose origin is drawn into its tip."""
-    faces, dead = s.faces, s.dead
-    one, two = h // 3, s.twin[h] // 3
-    a, b = origin(faces, h), tip(faces, h)
-    count = _around(s, a)
-    if count == 0 or not stays_closed(faces, s.twin, s.out, h):
-        return 0
-    g = h
-    for _ in range(count):
-        p, q = tip(faces, g), apex(faces, g)
-        if p != b and q != b and not _may_turn(s.points, a, b, p, q, reach):
-            return 0
-        g = s.twin[before(g)]
-    if do:
-        collapse(faces, s.twin, s.out, h)
-        dead[one] = dead[two] = True
-        _grow(s, count)
-        return 0
-    now = _patch_hits(s, count)
-    _rename(s, count, a, b)
-    dead[one] = dead[two] = True
-    then = _patch_hits(s, count)
-    dead[one] = dead[two] = False
-    g = h
-    for _ in range(count):
-        faces[g // 3, g % 3] = a
-        g = s.twin[before(g)]
-    return now - then
-
-
-@jit
-def _rename(s: Any, count: int, a: int, b: int) -> None:
-    for n in range(count):
-        for k in range(3):
-            if s.faces[s.patch[n], k] == a:
-                s.faces[s.patch[n], k] = b
-
-
-@jit
-def _move(s: Any, a: int, way: int, reach: float, step: float, do: bool) -> int:
-    """The same for a vertex moved along its normal: outwards for even ``way``, inwards for odd."""
-    points, count = s.points, _around(s, a)
-    length = 2.0 * 4.0 ** (way // 2) * step
-    if count == 0 or length > reach:
-        return 0
-    nx = ny = nz = 0.0
-    for n in range(count):
-        f = s.patch[n]
-        x, y, z = normal(points, s.faces[f, 0], s.faces[f, 1], s.faces[f, 2])
-        nx, ny, nz = nx + x, ny + y, nz + z
-    size = sqrt(nx * nx + ny * ny + nz * nz)
-    if size == 0.0:
-        return 0
-    share = (length if way % 2 == 0 else -length) / size
-    now = _patch_hits(s, count)
-    x, y, z = points[a, 0], points[a, 1], points[a, 2]
-    points[a, 0] = np.float32(x + share * nx)
-    points[a, 1] = np.float32(y + share * ny)
-    points[a, 2] = np.float32(z + share * nz)
-    if do:
-        _grow(s, count)
-        return 0
-    then = _patch_hits(s, count)
-    points[a, 0], points[a, 1], points[a, 2] = x, y, z
-    return now - then
-
-
-@jit
-def _around(s: Any, a: int) -> int:
-    """Write the faces around a vertex into the patch; 0 where they are too many."""
-    count, g = 0, s.out[a]
-    while True:
-        if count == len(s.patch):
-            return 0
-        s.patch[count] = g // 3
-        count += 1
-        g = s.twin[before(g)]
-        if g == s.out[a]:
-            return count
-
-
-@jit
-def _thickness(points: Any, a: int, b: int, c: int, d: int) -> float:
-    """Least height of a tetrahedron: six times its volume over twice its largest face."""
-    x, y, z = normal(points, a, b, c)
-    volume = abs(
-        x * (points[d, 0] - points[a, 0])
-        + y * (points[d, 1] - points[a, 1])
-        + z * (points[d, 2] - points[a, 2])
-    )
-    largest = x * x + y * y + z * z
-    for p, q, r in ((a, b, d), (b, c, d), (c, a, d)):
-        x, y, z = normal(points, p, q, r)
-        largest = max(largest, x * x + y * y + z * z)
-    return volume / sqrt(largest) if largest > 0.0 else 0.0
-
-
-@jit
-def _may_turn(points: Any, a: int, b: int, p: int, q: int, reach: float) -> bool:
-    """Whether the face apq may become bpq: near it, and not turned over unless it is a sliver."""
-    if _thickness(points, a, b, p, q) > reach:
-        return False
-    x, y, z = normal(points, a, p, q)
-    u, v, w = normal(points, b, p, q)
-    if x * u + y * v + z * w > 0.0:
-        return True
-    longest = 0.0
-    for i, j in ((a, p), (p, q), (q, a), (b, p), (q, b)):
-        for k in range(3):
-            longest = max(longest, abs(points[i, k] - points[j, k]))
-    area = min(x * x + y * y + z * z, u * u + v * v + w * w)
-    return sqrt(area) <= reach * longest
-
-
-@jit
-def _grow(s: Any, count: int) -> None:
-    """Let the tree's boxes hold the faces of the patch again."""
-    for n in range(count):
-        f = s.patch[n]
-        if s.dead[f]:
-            continue
-        s.changed[f] = True
-        node = s.leaf[f]
-        while node >= 0:
-            for k in range(3):
-                for axis in range(3):
-                    value = s.points[s.faces[f, k], axis]
-                    s.tree.low[node, axis] = min(s.tree.low[node, axis], value)
-                    s.tree.high[node, axis] = max(s.tree.high[node, axis], value)
-            node = s.above[node]
-
-
-@jit
-def _patch_hits(s: Any, count: int) -> int:
-    """How many faces those of the patch meet, one another included."""
-    for n in range(count):
-        s.within[s.patch[n]] = True
-    total = 0
-    for n in range(count):
-        if not s.dead[s.patch[n]]:
-            total += _hits(s, s.patch[n], count)
-    for n in range(count):
-        s.within[s.patch[n]] = False
-    return total
-
-
-@jit
-def _hits(s: Any, face: int, count: int) -> int:
-    """How many faces one meets, those included that rounding hides.
-
-    The first ``count`` of the patch may be out of their boxes, and are tried each.
-    """
-    tree = s.tree
-    one, two = np.empty((3, 3)), np.empty((3, 3))
-    mine, its = np.empty(3, np.int64), np.empty(3, np.int64)
-    low, high = np.empty(3), np.empty(3)
-    for k in range(3):
-        mine[k] = s.place[s.faces[face, k]]
-        one[k] = s.points[s.faces[face, k]]
-    for axis in range(3):
-        low[axis] = min(one[0, axis], min(one[1, axis], one[2, axis]))
-        high[axis] = max(one[0, axis], max(one[1, axis], one[2, axis]))
-    found = 0
-    for n in range(count):
-        if s.patch[n] != face:
-            found += _met(s, s.patch[n], one, mine, low, high, two, its)
-    stack = np.empty(DEPTH, np.int32)
-    stack[0] = 0
-    top = 1
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        apart = False
-        for axis in range(3):
-            if low[axis] > tree.high[node, axis] or high[axis] < tree.low[node, axis]:
-                apart = True
-        if apart:
-            continue
-        if tree.right[node] >= 0:
-            stack[top] = tree.right[node]
-            stack[top + 1] = node + 1
-            top += 2
-            continue
-        for m in range(tree.first[node], tree.first[node] + tree.size[node]):
-            other = tree.face[m]
-            if other != face and not s.within[other]:
-                found += _met(s, other, one, mine, low, high, two, its)
-    return found
-
-
-@jit
-def _met(s: Any, other: int, one: Any, mine: Any, low: Any, high: Any, two: Any, its: Any) -> int:
-    """1 where a face meets ``other``, else 0."""
-    if s.dead[other]:
-        return 0
-    for k in range(3):
-        two[k] = s.points[s.faces[other, k]]
-    for axis in range(3):
-        if max(two[0, axis], max(two[1, axis], two[2, axis])) < low[axis]:
-            return 0
-        if min(two[0, axis], min(two[1, axis], two[2, axis])) > high[axis]:
-            return 0
-    for k in range(3):
-        its[k] = s.place[s.faces[other, k]]
-    return 0 if meet(one, two, mine, its) == APART else 1
