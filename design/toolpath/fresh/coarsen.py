@@ -4,9 +4,9 @@ Firmware merges moves shorter than its least, and cuts the corner into the lumen
 Here a short move goes by its two neighbours being drawn out until they meet, where the path bends
 round a lumen, or by leaving out a point, where it bends the other way. Both put the path on the
 side of the material, so that the circle inside a lumen stays as wide as it was. Along the part's
-outside neighbours are drawn out at bulges too, so that neither they nor sharp corners stay empty. A
-ring too small for many moves is drawn anew, as the tangent polygon of
-the most sides.
+outside neighbours are drawn out at bulges too, so that neither they nor sharp corners stay empty,
+but where another ink may lie there. A ring too small for many moves is drawn anew, as the tangent
+polygon of the most sides.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ _MOST_SIDES, _TURNS = 16, 6
 ROUNDS = 12
 
 
-def without_short_moves(paths: Paths, least_mm: float, width_mm: float) -> Paths:
+def without_short_moves(
+    paths: Paths, least_mm: float, width_mm: float, *, beside_ink: bool = False
+) -> Paths:
     """Take moves shorter than ``least_mm`` out of the walls, where `TOLERANCE` lets that be.
 
     Parameters
@@ -45,6 +47,8 @@ def without_short_moves(paths: Paths, least_mm: float, width_mm: float) -> Paths
         Along the longer of x and y, which is what a firmware counts; 0 leaves all as it is.
     width_mm : float, mm
         Of a line.
+    beside_ink : bool
+        Whether another ink lies beside the outside: nothing is drawn out into it then.
     """
     if least_mm <= 0 or len(paths) == 0:
         return paths
@@ -54,7 +58,7 @@ def without_short_moves(paths: Paths, least_mm: float, width_mm: float) -> Paths
         paths.offset,
         paths.closed,
         paths.role == Role.WALL,
-        _outer(paths),
+        _outer(paths) & (not beside_ink),
         least_mm,
         TOLERANCE * width_mm,
         DROPPED * width_mm,

@@ -187,17 +187,23 @@ def _sections(
     found = []
     for head, own in parted.items():
         rectangles = own ^ moved_in(material, heads[head].inset_mm)
-        paths = _section_paths(rectangles, layer, cut, heads[head], origin)
+        paths = _section_paths(rectangles, layer, cut, heads[head], origin, beside_ink=True)
         found.append(Section(head, paths, own))
     return [section for section in found if len(section.paths)]
 
 
 def _section_paths(
-    material: CrossSection, layer: Layer, cut: Cut, options: FreshOptions, origin: FloatArray
+    material: CrossSection,
+    layer: Layer,
+    cut: Cut,
+    options: FreshOptions,
+    origin: FloatArray,
+    *,
+    beside_ink: bool = False,
 ) -> Paths:
     width, origin = options.spacing_mm, origin + options.inset_mm
     walls = build_walls(material, width, options.walls, options.least_line)
-    outlines = without_short_moves(walls.paths, options.least_move_mm, width)
+    outlines = without_short_moves(walls.paths, options.least_move_mm, width, beside_ink=beside_ink)
     shares = cut.shares(walls.inside, options.filling)
     return join([outlines, *(_infill(share, layer, way, options, origin) for share, way in shares)])
 

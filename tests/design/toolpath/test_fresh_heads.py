@@ -118,10 +118,9 @@ def check_border(x: float, y: float, radius: float, least: float) -> None:
     circle = radius * np.column_stack([np.cos(angle), np.sin(angle)])
     disc = shapely.Polygon(np.array([x, y]) + circle)
     outer, inner = ink_of(path, 0, 0), ink_of(path, 1, 0)
-    # Of moves long enough for the firmware a point may be left out: 0.03 lines, 4.5 µm, of either
-    # ink's section, which is simplified within 0.5 µm.
+    # Of moves long enough for the firmware a point may be left out: 0.03 lines, 4.5 µm.
     # Else the round ends of lines at a facet's corner remain.
-    rounding = 5.5e-3 if least else 1e-4
+    rounding = 5e-3 if least else 1e-4
     past = rounding + CREST
     assert outer.intersection(disc.buffer(-past)).area < 1e-9
     assert inner.difference(disc.buffer(past)).area < 1e-9
