@@ -21,7 +21,7 @@ from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.jobs import parse_job, with_codes
 from tests.printctl.link.journals import journal_in
 from tests.printctl.link.sim_transport import SimTransport
-from tests.printctl.link.simulated import PRINTER, START, gcode, printed, same_motion, wire
+from tests.printctl.link.simulated import HEADER, PRINTER, START, gcode, printed, same_motion, wire
 
 
 def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
