@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+from collections.abc import Callable
 from functools import reduce
 from operator import xor
 from pathlib import Path
@@ -47,7 +48,12 @@ def gcode(moves: int) -> bytes:
 
 
 def printed(
-    data: bytes, folder: Path, transport: SimTransport, *wishes: str, printer: Printer = PRINTER
+    data: bytes,
+    folder: Path,
+    transport: SimTransport,
+    *wishes: str,
+    printer: Printer = PRINTER,
+    on_status: Callable[[Status], None] = lambda status: None,
 ) -> tuple[Status, Streamer]:
     wiring = Wiring(
         transport=transport,
@@ -55,6 +61,7 @@ def printed(
         clock=transport.clock,
         journal=journal_in(folder),
         printer=printer,
+        on_status=on_status,
     )
     streamer = Streamer(wiring, parse_job(data, "test.gcode", printer))
     for wish in wishes:
@@ -344,10 +351,14 @@ def test_printer_reset_while_the_host_was_dead_is_position_unknown(tmp_path):
 def test_host_killed_twice_at_random_moments_goes_on_exactly(tmp_path, seed):
     rng = np.random.default_rng(seed)
     data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
-    handshake = 17  # writes before the first job line
-    last = handshake + int(rng.integers(1, 60))
+    transport, last, part = SimTransport(printer, clock), int(rng.integers(1, 60)), rng.random()
+
+    def arm(status: Status) -> None:
+        if status.state is LinkState.PRINTING and status.lines_done == 0:
+            transport.die_at(last, part)
+
     with pytest.raises(HostDiedError):
-        printed(data, tmp_path, doomed(printer, clock, last, rng.random()))
+        printed(data, tmp_path, transport, on_status=arm)
     with pytest.raises(HostDiedError):
         resumed(data, tmp_path, doomed(printer, clock, int(rng.integers(1, 9)), 0.5))
     status = resumed(data, tmp_path, SimTransport(printer, clock))
