@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
+    from design.geometry.crossings import Crossings, find_crossings
     from design.solids.bodies import chamber_solid, cylinder_solid
     from design.solids.chamber import Chamber
     from design.solids.check import SolidCheck, validate_file
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
         with_connector,
     )
     from design.solids.construct import block_solid, construct_solid, solid_from_surface
-    from design.solids.crossings import Crossings, find_crossings
     from design.solids.genus import construct_genus, network_genus
     from design.solids.lumen import lumen_solid
     from design.solids.marks import fiducial_places, text_solid, with_text

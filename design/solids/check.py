@@ -11,14 +11,14 @@ from manifold3d import Error, Manifold, Mesh64
 from numpy.typing import NDArray
 
 from design.errors import SolidError
-from design.solids.crossings import find_crossings
+from design.geometry.crossings import find_crossings
 from design.solids.read import load_mesh
 from design.solids.topology import edge_faults, surface_genus
 
 SELF_INTERSECTION: Final = (
     "all pairs of triangles whose boxes meet are tried, neighbours too, exactly: counted are those "
-    "that meet in more than the corners and edges which both have (design/solids/crossings.py). It "
-    "isn't part of `valid`: readers take such files"
+    "that meet in more than the corners and edges which both have (design/geometry/crossings.py). "
+    "It isn't part of `valid`: readers take such files"
 )
 """What the test for crossing faces covers."""
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from design.geometry import build_triangle_tree
 from design.geometry.bvh import TriangleTree
-from design.solids.crossings import find_crossings
+from design.geometry.crossings import find_crossings
 from design.solids.mend_changes import draw_in, move, turn
 from design.solids.mend_meeting import hits
 from design.solids.remesh.halfedges import leaving, twins_of

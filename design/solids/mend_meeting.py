@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from design.geometry.boxes import apart, corners_box, next_leaf
 from design.geometry.bvh import DEPTH
-from design.solids.crossings import APART, meet
+from design.geometry.crossings import APART, meet
 from kernels import jit
 
 
@@ -56,34 +57,19 @@ def hits(s: Any, face: int, count: int) -> int:
     for k in range(3):
         mine[k] = s.place[s.faces[face, k]]
         one[k] = s.points[s.faces[face, k]]
-    for axis in range(3):
-        low[axis] = min(one[0, axis], min(one[1, axis], one[2, axis]))
-        high[axis] = max(one[0, axis], max(one[1, axis], one[2, axis]))
+    corners_box(one, low, high)
     found = 0
     for n in range(count):
         if s.patch[n] != face:
             found += _met(s, s.patch[n], one, mine, low, high, two, its)
-    stack = np.empty(DEPTH, np.int32)
-    stack[0] = 0
-    top = 1
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        apart = False
-        for axis in range(3):
-            if low[axis] > tree.high[node, axis] or high[axis] < tree.low[node, axis]:
-                apart = True
-        if apart:
-            continue
-        if tree.right[node] >= 0:
-            stack[top] = tree.right[node]
-            stack[top + 1] = node + 1
-            top += 2
-            continue
+    stack = np.zeros(DEPTH, np.int32)
+    node, top = next_leaf(tree, low, high, stack, 1)
+    while node >= 0:
         for m in range(tree.first[node], tree.first[node] + tree.size[node]):
             other = tree.face[m]
             if other != face and not s.within[other]:
                 found += _met(s, other, one, mine, low, high, two, its)
+        node, top = next_leaf(tree, low, high, stack, top)
     return found
 
 
@@ -94,11 +80,8 @@ def _met(s: Any, other: int, one: Any, mine: Any, low: Any, high: Any, two: Any,
         return 0
     for k in range(3):
         two[k] = s.points[s.faces[other, k]]
-    for axis in range(3):
-        if max(two[0, axis], max(two[1, axis], two[2, axis])) < low[axis]:
-            return 0
-        if min(two[0, axis], min(two[1, axis], two[2, axis])) > high[axis]:
-            return 0
+    if apart(two, low, high):
+        return 0
     for k in range(3):
         its[k] = s.place[s.faces[other, k]]
     return 0 if meet(one, two, mine, its) == APART else 1

@@ -13,7 +13,7 @@ from manifold3d import Manifold
 from numpy.typing import NDArray
 
 from design.errors import SolidError
-from design.solids.crossings import find_crossings
+from design.geometry.crossings import find_crossings
 from design.solids.facets import FACET_TOLERANCE_MM
 from design.solids.manifolds import to_manifold
 from design.solids.mend import without_crossings

@@ -161,7 +161,7 @@ def _own_crossings(work: _Work) -> NDArray[np.int64]:
 def _unite(work: _Work) -> None:
     """Make one solid of shells that overlap or lie within one another without a cavity."""
     work.points, work.faces, united, kept = unite_shells(work.points, work.faces)
-    work.did(united, "overlapping shells united (their overlaps counted twice before)")
+    work.did(united, "overlapping shells united, or touching ones (overlaps counted twice before)")
     if kept:
         work.notes.append(
             f"{kept} shell(s) inside others look outward and were taken for solid; where that is a "

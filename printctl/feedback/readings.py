@@ -183,9 +183,14 @@ def _left_out(
             near = np.abs(along - defect["at_mm"]) < 3 * reach + defect["size_um"] * 1e-3
             out |= np.ones_like(out) if whole else near
             continue
-        inside = (along > defect["from_mm"] - reach) & (along < defect["to_mm"] + reach)
         change = defect["kind"] in ("bulge", "stenosis")
-        if change and whole_changes and inside.mean() > WHOLE_VESSEL:
+        if change and whole_changes and _within(along, defect, reach).mean() > WHOLE_VESSEL:
             continue
-        out |= inside
+        # Of a run with changes within it only these differ from the rest of their vessel.
+        for part in defect.get("changes", (defect,)):
+            out |= _within(along, part, reach)
     return out
+
+
+def _within(along: FloatArray, extent: dict[str, Any], reach: float) -> BoolArray:
+    return (along > extent["from_mm"] - reach) & (along < extent["to_mm"] + reach)

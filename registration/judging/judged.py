@@ -27,7 +27,7 @@ from registration.judging.features import (
 )
 from registration.judging.guard import ORDER, RISK, Decision, decide, fail_width, worst
 from registration.judging.pose import fails_withdrawn, pose_in_doubt
-from registration.judging.runs import apart_from_sections, findings
+from registration.judging.runs import BARE, apart_from_sections, findings
 from registration.judging.series import Series, series_of
 from registration.judging.tolerance import Limit, Tolerances, VesselLimits
 from registration.judging.zones import judged_zones
@@ -55,9 +55,10 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     -------
     dict
         As given; ``findings``: defects with ``decision``, and all runs of sections that aren't a
-        pass; ``defects``: those of them that stand out or are measured beyond their limits; each
-        vessel with ``decision``, and along it ``decision_along``, ``interval_95_um``,
-        ``lower_um`` and ``upper_um`` (limits of the diameter); ``judging`` with the features.
+        pass (what tells of one place is one, with the ``changes`` within it); ``defects``: those
+        of them that stand out or are measured beyond their limits; each vessel with ``decision``,
+        and along it ``decision_along``, ``interval_95_um``, ``lower_um`` and ``upper_um`` (limits
+        of the diameter); ``judging`` with the features.
         Of a pose in doubt nothing fails (`pose_in_doubt`).
 
     Raises
@@ -71,7 +72,12 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     kinds = {int(row["vessel"]): str(row["kind"]) for row in rows}
     tolerances.check(kinds)
     zones, of_zones = judged_zones(numbers.get("characteristics", ()), kinds, tolerances)
-    before = [d for d in numbers["defects"] if d.get("local", True)]
+    before = [
+        change
+        for d in numbers["defects"]
+        if d.get("local", True)
+        for change in d.get("changes", (d,))
+    ]
     ways = [_way(d, tolerances.of(int(d["vessel"]), _kind(rows, d))) for d in before
             if d["kind"] in _WAYS]  # fmt: skip
     judged = [
@@ -183,19 +189,13 @@ def band_of(series: Series, limit: Limit) -> Band:
 
 def _closure(defect: Record, limits: VesselLimits) -> dict[str, Any]:
     decision: Decision = "fail" if limits.open else "pass"
-    return {**defect, "local": True, **_BARE, "decision": decision}
+    return {**defect, "local": True, **BARE, "decision": decision}
 
 
 def _way(defect: Record, limits: VesselLimits) -> tuple[dict[str, Any], Feature]:
     feature = leak_feature(defect, limits)
     judged = {"decision": feature.decision, "u_um": feature.u_um, "limit": feature.limit}
-    return {**defect, "local": True, **_BARE, **judged}, feature
-
-
-_BARE: dict[str, Any] = {
-    "decision": None, "deviation_um": None, "deviation_percent": None, "u_um": None,
-    "tolerance_um": None, "limit": None,
-}  # fmt: skip
+    return {**defect, "local": True, **BARE, **judged}, feature
 
 
 def _kind(rows: Sequence[Record], defect: Record) -> str:

@@ -11,20 +11,25 @@ from numpy.typing import NDArray
 
 from registration.judging.features import Band, worst_section
 from registration.judging.guard import ORDER, decide, single_width
+from registration.judging.same_place import SIGN, groups, length
 from registration.judging.tolerance import Limit
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 Record = Mapping[str, Any]
 
-_SIGN = {"bulge": 1, "stenosis": -1}
+BARE: dict[str, Any] = {
+    "decision": None, "deviation_um": None, "deviation_percent": None, "u_um": None,
+    "tolerance_um": None, "limit": None,
+}  # fmt: skip
+"""What judging adds to a finding, of one without a diameter."""
 _CLOSED = ("occlusion", "missing")
 
 
 def findings(
     row: Record, band: Band, limit: Limit, found: Sequence[Record]
 ) -> list[dict[str, Any]]:
-    """List what isn't a pass on a vessel, and what stands out from it.
+    """List what isn't a pass on a vessel, and what stands out from it; one place is one finding.
 
     Parameters
     ----------
@@ -35,32 +40,47 @@ def findings(
     limit : Limit
         Of their diameters.
     found : sequence of mapping
-        Its bulges, stenoses and closures that were found without a tolerance. A run of sections
-        that mostly lies in a change of its sign is part of it; a longer run stands beside it. A
-        change whose own interval includes zero isn't listed (`denied`).
+        Its bulges, stenoses and closures that were found without a tolerance. A change whose own
+        interval includes zero isn't listed (`denied`).
     """
     changes = [
         change
-        for change in (
-            judged_change(row, band, limit, one) for one in found if one["kind"] in _SIGN
-        )
+        for change in (judged_change(row, band, limit, one) for one in found if one["kind"] in SIGN)
         if not denied(band, change)
     ]
-    runs = []
-    for run in _runs(row, band, _closed(band, found)):
-        finding = _finding(row, band, limit, run)
-        parts = [c for c in changes if _shared(finding, c) > 0]
-        if len(parts) > 1:  # one change that was found in pieces
-            changes = [c for c in changes if c not in parts or not _within(c, finding)]
-            runs.append(finding | {"local": True})
-        elif parts and _shared(finding, parts[0]) >= 0.5 * _length(finding):
-            host = parts[0]
-            host["from_mm"] = min(host["from_mm"], finding["from_mm"])
-            host["to_mm"] = max(host["to_mm"], finding["to_mm"])
-            host |= _judged(band, limit, _inside(band, host))
-        else:
-            runs.append(finding)
-    return [*changes, *runs]
+    # What is known of a junction's own wall is measured otherwise than the sections beside it.
+    alone = [one for one in changes if apart_from_sections(band, one)]
+    within = [one for one in changes if one not in alone]
+    runs = [_finding(row, band, limit, run) for run in _runs(row, band, _closed(band, found))]
+    return [*alone, *(_joined(band, limit, group) for group in groups(within, runs))]
+
+
+def _joined(band: Band, limit: Limit, group: Sequence[Record]) -> dict[str, Any]:
+    """Make one finding of runs and changes of one place: numbers of the worst, then the longest.
+
+    Its ``changes`` are those that stand out within it, as they were found.
+    """
+    lead = max(group, key=lambda one: (ORDER.index(one["decision"]), length(one)))
+    if len(group) == 1:
+        return dict(lead)
+    changes = [one for one in group if one["local"]]
+    outward = max(changes, key=lambda one: one["significance"] or math.inf)["wall_um"]
+    extent = {
+        "from_mm": min(one["from_mm"] for one in group),
+        "to_mm": max(one["to_mm"] for one in group),
+    }
+    return {
+        **lead,
+        **extent,
+        "wall_um": outward if lead["wall_um"] is None else lead["wall_um"],
+        "local": True,
+        **_judged(band, limit, _inside(band, extent)),
+        "changes": [_as_found(one) for one in changes],
+    }
+
+
+def _as_found(change: Record) -> dict[str, Any]:
+    return {key: value for key, value in change.items() if key not in BARE}
 
 
 def _closed(band: Band, found: Sequence[Record]) -> BoolArray:
@@ -174,7 +194,7 @@ def denied(band: Band, change: Record) -> bool:
 
 def apart_from_sections(band: Band, finding: Record) -> bool:
     """Whether a finding is a change where no section counts, as within a junction."""
-    return finding["kind"] in _SIGN and not _inside(band, finding).any()
+    return finding["kind"] in SIGN and not _inside(band, finding).any()
 
 
 def _alone(row: Record, limit: Limit, change: Record) -> dict[str, Any]:
@@ -213,20 +233,3 @@ def _judged(band: Band, limit: Limit, inside: BoolArray) -> dict[str, Any]:
         "tolerance_um": [-float(band.below_um[k]), float(band.above_um[k])],
         "limit": str(limit),
     }
-
-
-def _shared(run: Record, change: Record) -> float:
-    """Length that a run and a change to the same side share, mm; 0 to different sides."""
-    if _SIGN[run["kind"]] != _SIGN[change["kind"]]:
-        return 0.0
-    shared = min(run["to_mm"], change["to_mm"]) - max(run["from_mm"], change["from_mm"])
-    return max(0.0, float(shared))
-
-
-def _within(change: Record, run: Record) -> bool:
-    """Whether half of a change or more lies in a run."""
-    return _shared(run, change) >= 0.5 * _length(change)
-
-
-def _length(one: Record) -> float:
-    return float(one["to_mm"]) - float(one["from_mm"])

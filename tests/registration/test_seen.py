@@ -1,4 +1,4 @@
-"""What of an OCT's surface counts as seen."""
+"""Surface points of an OCT scan that count as seen."""
 
 from __future__ import annotations
 

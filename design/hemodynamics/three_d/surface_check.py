@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 
 from design.errors import FlowError
+from design.geometry.crossings import find_crossings
 from design.hemodynamics.three_d.lumen_mesh import WALL, MeshPort
 from design.hemodynamics.three_d.wall import LumenWall
 from design.network import FloatArray
-from design.solids.crossings import find_crossings
 from design.solids.remesh import LabelledSurface
 
 _OFF: Final = 0.01

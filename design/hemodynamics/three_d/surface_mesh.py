@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from design.errors import FlowError
+from design.geometry.crossings import find_crossings
 from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.curve import curved
 from design.hemodynamics.three_d.cut_ends import cut_ends
@@ -16,7 +17,6 @@ from design.hemodynamics.three_d.mesh import INSIDE
 from design.hemodynamics.three_d.volume import fill
 from design.hemodynamics.three_d.wall import free_ends
 from design.network import FloatArray, IntArray, VesselNetwork
-from design.solids.crossings import find_crossings
 from design.solids.denoise import denoised
 from design.solids.remesh import LabelledSurface, remesh
 

@@ -184,16 +184,21 @@ def rounded_distance(walls: FloatArray, rho: float, x: float, y: float, z: float
 
 
 @jit
+def leaves(wall: FloatArray, dx: float, dy: float, dz: float) -> float:
+    """Where a ray from the common first point leaves one of the vessels (an infinite one)."""
+    c = dx * wall[3] + dy * wall[4] + dz * wall[5]
+    if c <= 0.0:
+        return float(wall[7])
+    slant = sqrt(max(0.0, 1.0 - c * c)) - c * wall[8]
+    return wall[7] / slant if slant > 1e-9 else inf
+
+
+@jit
 def _exit(walls: FloatArray, dx: float, dy: float, dz: float) -> float:
-    """Where a ray from the common first point leaves the last of the vessels (infinite ones)."""
+    """Where a ray from the common first point leaves the last of the vessels."""
     far = 0.0
     for i in range(len(walls)):
-        c = dx * walls[i, 3] + dy * walls[i, 4] + dz * walls[i, 5]
-        t = walls[i, 7]
-        if c > 0.0:
-            slant = sqrt(max(0.0, 1.0 - c * c)) - c * walls[i, 8]
-            t = walls[i, 7] / slant if slant > 1e-9 else inf
-        far = max(far, t)
+        far = max(far, leaves(walls[i], dx, dy, dz))
     return far
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from design.solids.crossings import find_crossings
+from design.geometry.crossings import find_crossings
 from design.solids.smooth.fillet import least_step, wall_distance
 from design.solids.smooth.parted import Edges, part_faces
 from kernels import jit, pjit
@@ -243,6 +243,12 @@ def _bends(
 
 
 @jit
+def _outside(box: FloatArray, x: float, y: float, z: float) -> bool:
+    low = x < box[0] or y < box[1] or z < box[2]
+    return bool(low or x > box[3] or y > box[4] or z > box[5])
+
+
+@jit
 def _radius_at(
     walls: FloatArray,
     wanted: FloatArray,
@@ -256,9 +262,7 @@ def _radius_at(
     """The fillet's radius at a point: the least that walls, ends and limits allow."""
     rho = inf
     for w in range(len(walls)):
-        if x < boxes[w, 0] or y < boxes[w, 1] or z < boxes[w, 2]:
-            continue
-        if x > boxes[w, 3] or y > boxes[w, 4] or z > boxes[w, 5]:
+        if _outside(boxes[w], x, y, z):
             continue
         a, _, _, _ = wall_distance(walls[w], x, y, z)
         rho = min(rho, wanted[w] + _GROWS * max(0.0, a))
@@ -329,9 +333,7 @@ def _move_one(
     near = np.empty(_NEAR, np.int64)
     count, within, out = 0, 0, inf
     for w in range(len(walls)):
-        if x < boxes[w, 0] or y < boxes[w, 1] or z < boxes[w, 2]:
-            continue
-        if x > boxes[w, 3] or y > boxes[w, 4] or z > boxes[w, 5]:
+        if _outside(boxes[w], x, y, z):
             continue
         a, _, _, _ = wall_distance(walls[w], x, y, z)
         # The ball's centre goes no farther than a few radii; no wall beyond can touch it.

@@ -8,12 +8,12 @@ vessels are; what remains is to put directions where the surface bends.
 
 from __future__ import annotations
 
-from math import cos, inf, sin, sqrt
+from math import cos, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from design.solids.smooth.fillet import rounded_distance, shoot, wall_distance
+from design.solids.smooth.fillet import leaves, rounded_distance, shoot, wall_distance
 from design.solids.smooth.reach import across_axis
 from design.solids.smooth.sphere import insert, start
 from kernels import jit
@@ -42,11 +42,7 @@ def _owner(walls: FloatArray, dx: float, dy: float, dz: float) -> int:
     """Vessel that a ray from the junction's middle leaves last."""
     far, found = -1.0, 0
     for i in range(len(walls)):
-        c = dx * walls[i, 3] + dy * walls[i, 4] + dz * walls[i, 5]
-        t = walls[i, 7]
-        if c > 0.0:
-            slant = sqrt(max(0.0, 1.0 - c * c)) - c * walls[i, 8]
-            t = walls[i, 7] / slant if slant > 1e-9 else inf
+        t = leaves(walls[i], dx, dy, dz)
         if t > far:
             far, found = t, i
     return found

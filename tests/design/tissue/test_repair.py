@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from manifold3d import Manifold
 
 from design.errors import TissueError
 from design.tissue import Surface, load_tissue, repair_surface
@@ -120,6 +121,24 @@ def test_overlapping_shells_become_one():
     assert mended(*joined(*parts), "2 overlapping shells") == pytest.approx(union, rel=1e-6)
     volume = mended(*joined(parts[0], inverted(parts[1])), "1 shell(s) turned", "2 overlapping")
     assert volume == pytest.approx(union, rel=1e-6)
+
+
+def test_shells_that_touch_in_a_face_become_one():
+    block = surfaces.surface(Manifold.cube((2.0, 2.0, 2.0)))
+    beside = Surface(block.vertices + [2.0, 0.5, 0.5], block.faces)
+    volume = mended(*joined(block, beside), "2 overlapping shells united, or touching ones")
+    assert volume == pytest.approx(16.0)
+
+
+def test_sliver_without_area_needs_no_repair():
+    shape = surfaces.surface(Manifold.cube((2.0, 2.0, 2.0)))
+    (a, b, c), rest = shape.faces[0], shape.faces[1:]
+    middle = len(shape.vertices)
+    vertices = np.concatenate([shape.vertices, [shape.vertices[[a, b]].mean(axis=0)]])
+    split = np.array([[a, middle, c], [middle, b, c], [a, b, middle]], dtype=np.int32)
+    found, notes = repair_surface(vertices, np.concatenate([rest, split]))
+    assert notes == ()
+    assert found.volume_mm3 == pytest.approx(8.0)
 
 
 def test_shell_that_looks_inward_beside_another_is_turned():

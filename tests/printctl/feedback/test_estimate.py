@@ -150,6 +150,11 @@ def test_defects_are_left_out_of_what_is_measured() -> None:
     beyond = Lab(faults_mm={15: -0.06})
     beyond.defects = [lab.defects[0] | {"local": False, "decision": "fail"}]
     assert 15 in {vessel.vessel for vessel in estimate([beyond.print()], CALIBRATED).vessels}
+    # Of a run with a change within it only the change is left out.
+    within = Lab(faults_mm={15: -0.06})
+    short = lab.defects[0] | {"from_mm": 1.9, "to_mm": 2.1}
+    within.defects = [lab.defects[0] | {"changes": [short]}]
+    assert 15 in {vessel.vessel for vessel in estimate([within.print()], CALIBRATED).vessels}
     # In every print, and over all of its length: not an accident.
     always = estimate([lab.print() for _ in range(3)], CALIBRATED)
     assert 15 in {vessel.vessel for vessel in always.vessels}

@@ -1,4 +1,4 @@
-"""How far lines pass the design's outline, on lines whose edges are known."""
+"""Distances of drawn lines beyond the design's outline."""
 
 import numpy as np
 import pytest

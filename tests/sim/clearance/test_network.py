@@ -1,4 +1,4 @@
-"""Where rows of a job lie along the vessels that they write."""
+"""Stretches of vessels that the moves of a job write."""
 
 from __future__ import annotations
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from design.geometry.crossings import side
 from design.solids import Solid, block_solid, find_crossings, lumen_solid
-from design.solids.crossings import side
 from tests.design.solids.networks import channels
 
 

@@ -14,9 +14,9 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from design.geometry import build_triangle_tree
-from design.geometry.bvh import DEPTH
-from design.solids.exact_meeting import triangles_meet
+from design.geometry.boxes import apart, corners_box, next_leaf
+from design.geometry.bvh import DEPTH, build_triangle_tree
+from design.geometry.exact_meeting import triangles_meet
 from kernels import jit, pjit
 
 IntArray = NDArray[np.int64]
@@ -94,35 +94,14 @@ def _search(tree: Any, faces: Any, n: int, at: int, pairs: Any, status: Any) -> 
     """Later triangles that may cross the n-th; written from ``at`` on where that isn't below 0."""
     one = tree.triangles[n].reshape(3, 3)
     low, high = np.empty(3), np.empty(3)
-    for axis in range(3):
-        low[axis] = min(one[0, axis], min(one[1, axis], one[2, axis]))
-        high[axis] = max(one[0, axis], max(one[1, axis], one[2, axis]))
-    stack = np.empty(DEPTH, np.int32)
-    stack[0] = 0
-    top, count = 1, 0
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        apart = False
-        for axis in range(3):
-            if low[axis] > tree.high[node, axis] or high[axis] < tree.low[node, axis]:
-                apart = True
-        if apart:
-            continue
-        if tree.right[node] >= 0:
-            stack[top] = tree.right[node]
-            stack[top + 1] = node + 1
-            top += 2
-            continue
+    corners_box(one, low, high)
+    stack = np.zeros(DEPTH, np.int32)
+    count = 0
+    node, top = next_leaf(tree, low, high, stack, 1)
+    while node >= 0:
         for m in range(max(n + 1, tree.first[node]), tree.first[node] + tree.size[node]):
             two = tree.triangles[m].reshape(3, 3)
-            apart = False
-            for axis in range(3):
-                if max(two[0, axis], max(two[1, axis], two[2, axis])) < low[axis]:
-                    apart = True
-                if min(two[0, axis], min(two[1, axis], two[2, axis])) > high[axis]:
-                    apart = True
-            if apart:
+            if apart(two, low, high):
                 continue
             met = meet(one, two, faces[tree.face[n]], faces[tree.face[m]])
             if met == APART:
@@ -131,6 +110,7 @@ def _search(tree: Any, faces: Any, n: int, at: int, pairs: Any, status: Any) -> 
                 pairs[at + count, 0], pairs[at + count, 1] = tree.face[n], tree.face[m]
                 status[at + count] = met
             count += 1
+        node, top = next_leaf(tree, low, high, stack, top)
     return count
 
 
