@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from kernels import pjit
+from kernels import jit, pjit
 from registration.segmentation.filters import between, bin_mean, normalise
 from registration.segmentation.light import share_of_gel
 from registration.segmentation.local_level import local_level
@@ -43,16 +43,50 @@ def without_glare(signal: FloatVolume, step_mm: float) -> FloatVolume:
 
     Beside them is the brighter of what lies above and below: a line at a face has gel on one side.
     """
-    nz, ny, nx = signal.shape
+    _, ny, nx = signal.shape
     factor = (1, min(ACROSS_VOXELS, ny), min(ACROSS_VOXELS, nx))
     coarse = bin_mean(signal, factor, False, 0.0)
     half = max(2, round(DEEP_MM / step_mm / 2))
-    around = np.arange(-half, half + 1)
-    middle = np.stack(
-        [np.median(coarse[np.clip(z + around, 0, nz - 1)], axis=0) for z in range(nz)]
-    )
-    beside = maximum_filter1d(middle, 2 * half + 1, axis=0, mode="nearest")
+    beside = maximum_filter1d(running_median(coarse, half), 2 * half + 1, axis=0, mode="nearest")
     return _at_most(signal, np.float32(GLARE) * np.maximum(beside, np.float32(0.0)), factor)
+
+
+@pjit
+def running_median(values: FloatVolume, half: int) -> FloatVolume:
+    """Median over depth of each value (nz, ny, nx) and `half` above and below it.
+
+    Beyond the ends lies the nearest value. The window is kept in order: of each step one value
+    leaves it and one comes in.
+    """
+    nz, ny, nx = values.shape
+    out = np.empty_like(values)
+    for y in numba.prange(ny):
+        window = np.empty(2 * half + 1, dtype=values.dtype)
+        for x in range(nx):
+            for k in range(-half, half + 1):
+                window[k + half] = values[min(max(k, 0), nz - 1), y, x]
+            window.sort()
+            out[0, y, x] = window[half]
+            for z in range(1, nz):
+                gone = values[max(z - 1 - half, 0), y, x]
+                _replace(window, gone, values[min(z + half, nz - 1), y, x])
+                out[z, y, x] = window[half]
+    return out
+
+
+@jit
+def _replace(window: NDArray[np.float32], gone: float, new: float) -> None:
+    """Put `new` in the place of `gone` in an ordered window, and in order again."""
+    k = 0
+    while k < len(window) - 1 and window[k] != gone:
+        k += 1
+    while k > 0 and window[k - 1] > new:
+        window[k] = window[k - 1]
+        k -= 1
+    while k < len(window) - 1 and window[k + 1] < new:
+        window[k] = window[k + 1]
+        k += 1
+    window[k] = new
 
 
 @pjit

@@ -17,11 +17,6 @@ FloatVolume = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 Weights = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 
-_CHUNK = 12
-"""Planes that a thread smooths at a time, at least: enough to spread the halo, little enough for
-memory; three times the halo where that is wide."""
-
-
 _PER_DB = np.float32(math.log(10.0) / 10.0)
 
 
@@ -131,7 +126,68 @@ def gaussian_weights(sigma_voxels: float) -> NDArray[np.float32]:
     return np.asarray(weights / weights.sum(), dtype=np.float32)
 
 
-@pjit
+@jit
+def _add_taps(
+    out: NDArray[np.float32],
+    first: NDArray[np.generic],
+    second: NDArray[np.generic],
+    third: NDArray[np.generic],
+    weights: NDArray[np.float32],
+    tap: int,
+) -> None:
+    """Add three weighted rows to one, in their order: a third of the loads and stores."""
+    a, b, c = weights[tap], weights[tap + 1], weights[tap + 2]
+    for x in range(len(out)):
+        out[x] = ((out[x] + a * np.float32(first[x])) + b * np.float32(second[x])) + c * np.float32(
+            third[x]
+        )
+
+
+@jit
+def _add_tap(out: NDArray[np.float32], row: NDArray[np.generic], weight: np.float32) -> None:
+    for x in range(len(out)):
+        out[x] += weight * np.float32(row[x])
+
+
+@jit
+def _row(plane: NDArray[np.generic], y: int) -> NDArray[np.generic]:
+    """Row `y` of a plane, the nearest beyond its edges."""
+    return plane[min(max(y, 0), len(plane) - 1)]
+
+
+@jit
+def _smooth_plane(
+    plane: NDArray[np.generic],
+    out: FloatVolume,
+    weights: tuple[NDArray[np.float32], NDArray[np.float32]],
+    row: NDArray[np.float32],
+) -> None:
+    """Smooth one plane along y and x into `out`; `row` is room for a row and its margins."""
+    wy, wx = weights
+    ny, nx = plane.shape
+    ty, tx = len(wy), len(wx)
+    ry, rx = ty // 2, tx // 2
+    inner = row[rx : rx + nx]
+    for y in range(ny):
+        row[:] = 0.0
+        for j in range(0, ty - 2, 3):
+            top = y - ry + j
+            a, b, c = _row(plane, top), _row(plane, top + 1), _row(plane, top + 2)
+            _add_taps(inner, a, b, c, wy, j)
+        for j in range(ty - ty % 3, ty):
+            _add_tap(inner, _row(plane, y - ry + j), wy[j])
+        for i in range(rx):
+            row[i], row[nx + rx + i] = row[rx], row[nx + rx - 1]
+        line = out[y]
+        line[:] = 0.0
+        for i in range(0, tx - 2, 3):
+            _add_taps(
+                line, row[i : i + nx], row[i + 1 : i + 1 + nx], row[i + 2 : i + 2 + nx], wx, i
+            )
+        for i in range(tx - tx % 3, tx):
+            _add_tap(line, row[i : i + nx], wx[i])
+
+
 def smooth(
     values: NDArray[np.generic],
     out: Volume,
@@ -142,42 +198,36 @@ def smooth(
 
     `rounding` is 0.5 when `out` holds whole numbers.
     """
+    _smooth(values, out, weights, rounding, -(-len(values) // numba.get_num_threads()))
+
+
+@pjit
+def _smooth(
+    values: NDArray[np.generic], out: Volume, weights: Weights, rounding: float, thick: int
+) -> None:
+    """Smooth slabs of `thick` planes; a thread keeps those that the slab's next one needs."""
     wz, wy, wx = weights
     nz, ny, nx = values.shape
-    rz, ry, rx = len(wz) // 2, len(wy) // 2, len(wx) // 2
-    thick = max(_CHUNK, min(3 * rz, (nz + 1) // 2))
-    for chunk in numba.prange((nz + thick - 1) // thick):
-        first = int(np.int64(chunk)) * thick  # numba's own index is unsigned
+    taps, rz = len(wz), len(wz) // 2
+    for slab in numba.prange((nz + thick - 1) // thick):
+        first = int(np.int64(slab)) * thick  # numba's own index is unsigned
         last = min(nz, first + thick)
-        low, high = max(0, first - rz), min(nz, last + rz)
-        planes = np.empty((high - low, ny, nx), dtype=np.float32)
-        row = np.empty(nx + 2 * rx, dtype=np.float32)
-        line = np.empty(nx, dtype=np.float32)
-        for z in range(low, high):
-            for y in range(ny):
-                row[:] = 0.0
-                for j in range(-ry, ry + 1):
-                    source = values[z, min(max(y + j, 0), ny - 1)]
-                    weight, part = wy[j + ry], row[rx : rx + nx]
-                    for x in range(nx):
-                        part[x] += weight * np.float32(source[x])
-                for i in range(rx):
-                    row[i], row[nx + rx + i] = row[rx], row[nx + rx - 1]
-                # Weights outside, places inside: many places at a time.
-                line[:] = 0.0
-                for i in range(2 * rx + 1):
-                    weight, part = wx[i], row[i : i + nx]
-                    for x in range(nx):
-                        line[x] += weight * part[x]
-                planes[z - low, y, :] = line
+        planes = np.empty((taps, ny, nx), dtype=np.float32)
+        row, line = np.empty(nx + 2 * (len(wx) // 2), np.float32), np.empty(nx, np.float32)
+        known = max(0, first - rz)
         for z in range(first, last):
+            while known < min(nz, z + rz + 1):
+                _smooth_plane(values[known], planes[known % taps], (wy, wx), row)
+                known += 1
             for y in range(ny):
                 line[:] = np.float32(rounding)
-                for k in range(-rz, rz + 1):
-                    source = planes[min(max(z + k, 0), nz - 1) - low, y]
-                    weight = wz[k + rz]
-                    for x in range(nx):
-                        line[x] += weight * source[x]
+                for k in range(0, taps - 2, 3):
+                    a = planes[min(max(z - rz + k, 0), nz - 1) % taps, y]
+                    b = planes[min(max(z - rz + k + 1, 0), nz - 1) % taps, y]
+                    c = planes[min(max(z - rz + k + 2, 0), nz - 1) % taps, y]
+                    _add_taps(line, a, b, c, wz, k)
+                for k in range(taps - taps % 3, taps):
+                    _add_tap(line, planes[min(max(z - rz + k, 0), nz - 1) % taps, y], wz[k])
                 for x in range(nx):
                     out[z, y, x] = line[x]
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from registration.distance import ModelSurface, distance_grid
+from registration.distance.bvh import build
 from tests.registration.parts import planar_construct, planar_distance, solid
 
 FloatArray = NDArray[np.float64]
@@ -83,3 +84,19 @@ def test_grid_holds_the_exact_distances_at_its_points() -> None:
 def test_grid_grows_coarser_instead_of_too_large() -> None:
     surface = ModelSurface.of(solid(manifold3d.Manifold.cube((20, 20, 20))))
     assert distance_grid(surface, 1.0, 0.1, most=8000).values.size < 12_000
+
+
+def test_tree_of_triangles_that_double_in_size_is_no_deeper_than_a_search_holds() -> None:
+    size = 2.0 ** np.arange(-400, 400)
+    triangles = size[:, None, None] * (np.eye(3) + 1.0)
+    boxes, nodes, order = build(triangles)
+    depth = np.zeros(len(nodes), dtype=np.int64)
+    for node in range(len(nodes)):
+        first, last = nodes[node]
+        if first >= 0:
+            depth[[first, last]] = depth[node] + 1
+    assert depth.max() <= 64
+    assert sorted(order) == list(range(len(size)))
+    assert (
+        boxes[0].reshape(2, 3) == [triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))]
+    ).all()

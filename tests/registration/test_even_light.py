@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
-from registration.segmentation.even_light import GLARE, evened, without_glare
+from registration.segmentation.even_light import GLARE, evened, running_median, without_glare
 from registration.segmentation.working import Working
 
 FloatVolume = NDArray[np.float32]
@@ -60,3 +61,11 @@ def test_a_bright_line_of_a_face_is_cut_off_and_gel_beside_it_is_not() -> None:
     lines = np.concatenate([dull[15:17, 14:56, 14:56], dull[83:85, 14:56, 14:56]])
     assert lines.max() < 1.2 * GLARE
     assert dull[20:80, 14:56, 14:56].mean() > 0.97 * signal[20:80, 14:56, 14:56].mean()
+
+
+@pytest.mark.parametrize(("depth", "half"), [(30, 3), (6, 9), (50, 1)])
+def test_running_median_is_numpys_also_of_equal_values_and_short_volumes(depth, half) -> None:
+    values = np.random.default_rng(0).random((depth, 5, 7)).round(1).astype(np.float32)
+    around = np.arange(-half, half + 1)
+    naive = [np.median(values[np.clip(z + around, 0, depth - 1)], axis=0) for z in range(depth)]
+    np.testing.assert_array_equal(running_median(values, half), naive)
