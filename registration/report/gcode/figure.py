@@ -193,17 +193,18 @@ def _draw_ways(axes: Axes, job: GcodeJob, rows: IntArray) -> None:
 
 def _draw_outline(figure: Figure, axes: Axes, outline: DesignOutline) -> Artist:
     """The design's outline, blue where ink falls short of it, orange where it lies beyond."""
+    thin = 1.0 if figure.get_figwidth() > REPORT_IN else 0.6
     pieces = [np.stack([ring[:-1], ring[1:]], axis=1) for ring in outline.rings]
-    rim = LineCollection(list(outline.rings), colors=_RIM, linewidths=2.8, zorder=3)
+    rim = LineCollection(list(outline.rings), colors=_RIM, linewidths=2.8 * thin, zorder=3)
     axes.add_collection(rim, autolim=False)
     drawn = LineCollection(
         list(np.concatenate(pieces)), cmap=DIVERGING, norm=Normalize(-SCALE_UM, SCALE_UM),
-        linewidths=1.9, zorder=4,
+        linewidths=1.9 * thin, zorder=4,
     )  # fmt: skip
     drawn.set_array(1e3 * np.concatenate(outline.beyond_mm))
     axes.add_collection(drawn, autolim=False)
     bar = figure.colorbar(drawn, ax=axes, pad=0.02, shrink=0.8, extend="both")
-    bar.set_label("Ink beyond the design's outline / µm")
+    bar.set_label("Ink beyond design / µm")
     bar.outline.set_visible(False)
     return Line2D([], [], color=_RIM, linewidth=2.4, label="design")
 

@@ -57,7 +57,7 @@ def test_layers_are_drawn_under_the_designs_outline_too(tmp_path: Path) -> None:
     found = layer_pictures(path, PUSHING, design)
     outlined = [name for name in found if OUTLINED in name]
     assert len(found) == 2 * len(outlined) == 4
-    assert b"Ink beyond the design" in found[outlined[0]]
+    assert b"Ink beyond design" in found[outlined[0]]
 
 
 def test_an_embedded_print_is_drawn_whole(tmp_path: Path) -> None:
