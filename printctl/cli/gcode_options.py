@@ -50,8 +50,8 @@ ModelOption = Annotated[
     Path | None,
     typer.Option(
         "--model",
-        help="G-code, --png: the part's mesh; its outline is drawn, coloured by how far ink lies "
-        "beyond it.",
+        help="G-code: the part's mesh; its outline is drawn in each layer, coloured by how far "
+        "ink lies beyond it.",
     ),
 ]
 PlaceOption = Annotated[

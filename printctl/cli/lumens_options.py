@@ -25,7 +25,11 @@ UnitOption = Annotated[
     typer.Option("--unit", help="Of the network's and the model's files, if they don't say."),
 ]
 SyringeOption = Annotated[
-    str | None, typer.Option("--syringe", help="E is the plunger's travel in this syringe.")
+    str | None,
+    typer.Option(
+        "--syringe",
+        help="E is the plunger's travel in this syringe; of several heads: left,right.",
+    ),
 ]
 InkOption = Annotated[
     str | None,

@@ -12,6 +12,7 @@ from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from firmware_profiles import BeadSection, Ink, Needle, Printer, Syringe, load, steady_flow
 from printctl.cli.options import three_numbers
+from printctl.cli.set_up_options import of_each
 from printctl.errors import UsageError
 from printctl.gcode_view import read_line_map
 from printctl.gcode_view.levels import is_flat
@@ -53,7 +54,8 @@ def writing_of(said: InkSaid) -> Writing:
     """
     printer = load(Printer, said.printer)
     layer_mm = None if said.layer_um is None else said.layer_um * 1e-3
-    beads = (BeadSection() if said.ink is None else load(Ink, said.ink).bead_section,)
+    inks = None if said.ink is None else [load(Ink, n) for n in of_each(printer, said.ink, "--ink")]
+    beads = (BeadSection(),) if inks is None else tuple(ink.bead_section for ink in inks)
     if printer.pneumatic is not None:
         flow = _flow(said, printer)
         return Writing(printer, flow_ul_s=flow, layer_mm=layer_mm, beads=beads)
@@ -62,12 +64,14 @@ def writing_of(said: InkSaid) -> Writing:
             f"--flow-ul-s: {printer.name} has a plunger, whose E says what flows; name a printer "
             "with a pneumatic head (--printer)"
         )
+    areas = _areas(said, printer, inks)
     return Writing(
         printer,
-        _area(said),
+        None if areas is None else areas[0],
         line_mm=None if said.line_um is None else said.line_um * 1e-3,
         layer_mm=layer_mm,
         beads=beads,
+        ul_per_e_of_heads=tuple(areas or ()) if printer.heads else (),
     )
 
 
@@ -90,16 +94,20 @@ def _flow(said: InkSaid, printer: Printer) -> float:
     return steady_flow(head, load(Ink, said.ink), load(Needle, said.needle)).ul_s
 
 
-def _area(said: InkSaid) -> float | None:
-    """Volume of one E, µL/mm; None where line widths are given."""
+def _areas(said: InkSaid, printer: Printer, inks: list[Ink] | None) -> list[float] | None:
+    """Volume of one E of each head, µL/mm; None where line widths are given."""
     if sum(value is not None for value in (said.syringe, said.filament_mm, said.line_um)) != 1:
         raise UsageError(
             "what E means must be said once: --syringe NAME (the plunger's travel), "
             "--filament-mm D (PrusaSlicer and others, often 1.75), or --line-um W"
         )
-    bore = load(Syringe, said.syringe).inner_mm if said.syringe is not None else said.filament_mm
-    factor = load(Ink, said.ink).flow_factor if said.ink is not None else 1.0
-    return None if bore is None else float(np.pi / 4 * bore**2 * factor)
+    if said.line_um is not None:
+        return None
+    bores = [said.filament_mm or 0.0] * printer.head_count
+    if said.syringe is not None:
+        bores = [load(Syringe, n).inner_mm for n in of_each(printer, said.syringe, "--syringe")]
+    factors = [1.0] * len(bores) if inks is None else [ink.flow_factor for ink in inks]
+    return [np.pi / 4 * d**2 * factor for d, factor in zip(bores, factors, strict=True)]
 
 
 def is_embedded(file: Path, gcode: bytes, writing: Writing) -> bool:

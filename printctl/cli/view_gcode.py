@@ -15,15 +15,14 @@ from printctl.cli.lumens_read import read_part
 from printctl.cli.options import messages, read_gcode_file, three_numbers
 from printctl.errors import UsageError
 from printctl.gcode_view import Pushing, read_job, read_line_map
-from printctl.gcode_view.outline import part_outline
+from printctl.gcode_view.outline import PartOutlines
 from registration.report.gcode import (
-    DesignOutline,
     GcodeJob,
     GcodePage,
     draw_layer,
     write_gcode_html,
 )
-from registration.report.gcode.colouring import Colouring, colourings
+from registration.report.gcode.colouring import PLAIN, Colouring, colourings
 
 SUFFIXES: Final = (".gcode", ".gco", ".g", ".nc", ".ngc", ".gc")
 _SYRINGE: Final = "hamilton_1ml"
@@ -77,38 +76,38 @@ def view_gcode(
     """
     _check_model(wish, png)
     job = _read(source, wish)
+    outlines = _outlines(job, wish)
     colouring = _chosen(job, wish.colour, source)
     layer = _layer(job, wish.layer, source)
     written: dict[str, Path] = {}
     if png is not None:
-        outline = _outline(job, layer, wish)
+        outline = None if outlines is None else outlines.at(layer)
         write_bytes(png, draw_layer(job, layer, colouring, wish.width, wish.palette, outline))
         written["picture"] = png
     if page is not None:
-        write_gcode_html(page, job, GcodePage(colouring.key, layer))
+        first = PLAIN if outlines is not None and wish.colour is None else colouring
+        write_gcode_html(page, job, GcodePage(first.key, layer), outlines)
         written["page"] = page
     return written, job.notes
 
 
 def _check_model(wish: GcodeWish, png: Path | None) -> None:
-    if wish.model is not None and png is None:
-        raise UsageError(f"--model {wish.model}: its outline is drawn in a picture; give --png")
     if wish.model is None and wish.unit is not None:
         raise UsageError(f"--unit {wish.unit}: it is for a network, or of the --model; drop it")
     if wish.model is None and wish.place is not None:
         raise UsageError(f"--place {wish.place}: it is of the --model; give one, or drop it")
-    if wish.model is not None and wish.colour is not None:
+    if wish.model is not None and wish.colour is not None and png is not None:
         raise UsageError("--colour and --model both colour the picture; give one")
 
 
-def _outline(job: GcodeJob, layer: int, wish: GcodeWish) -> DesignOutline | None:
+def _outlines(job: GcodeJob, wish: GcodeWish) -> PartOutlines | None:
     part = read_part(wish.model, None, wish.unit)
     if part is None:
         return None
     if job.layers.passes:
         raise UsageError(f"--model {wish.model}: {job.name} isn't written in layers")
     place = None if wish.place is None else np.array(three_numbers(wish.place, "--place"))
-    return part_outline(job, layer, part, place)
+    return PartOutlines(job, part, place)
 
 
 def _read(source: Path, wish: GcodeWish) -> GcodeJob:

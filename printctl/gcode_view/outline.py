@@ -1,6 +1,8 @@
-"""The design's outline over a layer of a G-code file."""
+"""The design's outline over the layers of a G-code file."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -12,17 +14,13 @@ from registration.report.gcode import DesignOutline, GcodeJob, design_outline
 FloatArray = np.typing.NDArray[np.float64]
 
 
-def part_outline(
-    job: GcodeJob, layer: int, part: Solid, place_mm: FloatArray | None
-) -> DesignOutline:
-    """Section of a part at the middle of a layer, held against the layer's lines.
+class PartOutlines:
+    """Sections of a part at the middle of a job's layers, held against the layers' lines.
 
     Parameters
     ----------
     job : GcodeJob
         In layers.
-    layer : int
-        From 0.
     part : Solid
         With its lumens open.
     place_mm : (3,) float64, mm, optional
@@ -33,10 +31,21 @@ def part_outline(
     UsageError
         When the place isn't given and can't be found.
     """
-    place = find_place(_lines(job), part) if place_mm is None else place_mm
-    z = job.layers.z_mm[layer] - 0.5 * job.layers.height_mm[layer] - place[2]
-    rings = solid_manifold(part, "the part").slice(float(z)).to_polygons()
-    return design_outline(job, layer, [np.asarray(ring) + place[:2] for ring in rings])
+
+    def __init__(self, job: GcodeJob, part: Solid, place_mm: FloatArray | None) -> None:
+        self._job = job
+        self._place = find_place(_lines(job), part) if place_mm is None else place_mm
+        self._body = solid_manifold(part, "the part")
+
+    def at(self, layer: int) -> DesignOutline:
+        """The outline in a layer, counted from 0."""
+        levels, place = self._job.layers, self._place
+        z = levels.z_mm[layer] - 0.5 * levels.height_mm[layer] - place[2]
+        rings = self._body.slice(float(z)).to_polygons()
+        return design_outline(self._job, layer, [np.asarray(ring) + place[:2] for ring in rings])
+
+    def __iter__(self) -> Iterator[DesignOutline]:
+        return (self.at(layer) for layer in range(len(self._job.layers)))
 
 
 def _lines(job: GcodeJob) -> WrittenLines:

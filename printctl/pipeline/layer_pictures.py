@@ -5,19 +5,28 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
+from design.solids import Solid
 from printctl.gcode_view import Pushing, read_job, read_line_map
+from printctl.gcode_view.outline import FloatArray, PartOutlines
 from registration.report.gcode import GcodeJob, layer_figure
 from registration.report.gcode.colouring import Colouring, colourings
 
 MOST_MOVES: Final = 40_000
 """In a picture of all passes; of more the report shows none."""
 
+OUTLINED: Final = "the design's outline, orange where ink lies beyond it"
 
-def layer_pictures(gcode: Path, pushing: Pushing) -> dict[str, bytes]:
+
+Design = tuple[Solid, FloatArray]
+"""The part as it is to be written, and where its origin stands in the printer's frame."""
+
+
+def layer_pictures(gcode: Path, pushing: Pushing, design: Design | None = None) -> dict[str, bytes]:
     """Draw the layer in the middle and the one after it (the infill turns from one to the next).
 
-    Of an embedded print all passes are drawn in one picture, from above. Every line is as wide as
-    its own ink makes it, and coloured by that.
+    With the design each is drawn again under the design's outline, whose colour says how far ink
+    lies beyond it, with seams. Of an embedded print all passes are drawn in one picture, from
+    above. Every line is as wide as its own ink makes it, and coloured by that.
 
     Parameters
     ----------
@@ -25,6 +34,7 @@ def layer_pictures(gcode: Path, pushing: Pushing) -> dict[str, bytes]:
         The job; its map from line to layer lies beside it.
     pushing : Pushing
         How E, or an open valve, becomes a volume.
+    design : Solid and (3,) float64, mm, optional
 
     Returns
     -------
@@ -44,12 +54,14 @@ def layer_pictures(gcode: Path, pushing: Pushing) -> dict[str, bytes]:
             return {}
         return {f"toolpath/{count} passes, from above": layer_figure(job, count - 1, colouring)}
     chosen = sorted({(count - 1) // 2, min(count // 2 + (count % 2), count - 1)})
-    return {
-        f"toolpath/Layer {k + 1} of {count}, tip at z = {job.layers.z_mm[k]:.2f} mm": layer_figure(
-            job, k, colouring
-        )
-        for k in chosen
-    }
+    found = {}
+    outlines = None if design is None else PartOutlines(job, *design)
+    for k in chosen:
+        name = f"toolpath/Layer {k + 1} of {count}, tip at z = {job.layers.z_mm[k]:.2f} mm"
+        found[name] = layer_figure(job, k, colouring)
+        if outlines is not None:
+            found[f"{name}: {OUTLINED}"] = layer_figure(job, k, colouring, outlines.at(k))
+    return found
 
 
 def _by_width(job: GcodeJob) -> Colouring:

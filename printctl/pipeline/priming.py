@@ -15,9 +15,8 @@ from printctl.pipeline.context import Filled, RunContext
 from printctl.pipeline.heads import layer_lines_um
 from printctl.recipe.making import Fresh
 from printctl.recipe.priming import PrimePart
+from printctl.set_up import ABOVE_WALL_MM
 
-ABOVE_WALL_MM: Final = 2.0
-"""Between the dish's wall and the tips that cross it."""
 ABOVE_PART_MM: Final = 1.0
 
 

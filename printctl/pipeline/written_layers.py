@@ -72,7 +72,7 @@ def read_written(
     UsageError
         When it is no run folder, has no G-code yet, or was not written in layers.
     """
-    context = _context(folder, console)
+    context = run_context(folder, console)
     part = context.recipe.toolpath
     if not isinstance(part, Fresh):
         raise UsageError(
@@ -120,7 +120,7 @@ def _corrections(folder: Path, part: Fresh) -> Corrections:
     return Corrections(Stretch((x, y, z)), radial_mm=part.compensate.radial_um * 1e-3)
 
 
-def _context(folder: Path, console: Console) -> RunContext:
+def run_context(folder: Path, console: Console) -> RunContext:
     """The run as its manifest remembers it."""
     if not folder.is_dir():
         raise UsageError(f"--model {folder} isn't a folder; give a run folder of `printctl run`")

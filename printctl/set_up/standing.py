@@ -14,6 +14,8 @@ from firmware_profiles import Dish, Needle
 FloatArray = NDArray[np.float64]
 WALL_CLEARANCE_MM: Final = 1.0
 """Kept between needle and wall: a touch-off by eye is no better."""
+ABOVE_WALL_MM: Final = 2.0
+"""Between the dish's wall and the tips that cross it."""
 HUB_MM: Final = 12.0
 """Taken for a hub that nobody measured: a Luer lock's outside, and some."""
 

@@ -20,7 +20,7 @@ from design.toolpath.fresh.paths import Paths, join
 from design.toolpath.fresh.patterns import concentric_paths, gyroid_paths
 from design.toolpath.fresh.regions import Cut, Region, Regions
 from design.toolpath.fresh.report import FreshReport, Tally
-from design.toolpath.fresh.section import Layer, layer_count, layers, rings
+from design.toolpath.fresh.section import Body, Layer, layer_count, layers, rings
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens, moved_in
 from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath, joined
 
@@ -37,7 +37,7 @@ class FreshPlan:
 
 
 def fresh_toolpath(
-    solid: Solid,
+    solid: Solid | Sequence[Solid],
     options: FreshOptions,
     regions: Sequence[Region] = (),
     heads: Sequence[FreshOptions] = (),
@@ -47,7 +47,7 @@ def fresh_toolpath(
 
 
 def plan_fresh(
-    solid: Solid,
+    solid: Solid | Sequence[Solid],
     options: FreshOptions,
     regions: Sequence[Region] = (),
     heads: Sequence[FreshOptions] = (),
@@ -74,7 +74,8 @@ class FreshLayers:
 
     Parameters
     ----------
-    solid : Solid
+    solid : Solid or sequence of Solid
+        Several are written as one part; `Region` says which head writes each.
     options : FreshOptions
         Of head 0, which writes what no region gives to another.
     regions : sequence of Region
@@ -93,12 +94,13 @@ class FreshLayers:
 
     def __init__(
         self,
-        solid: Solid,
+        solid: Solid | Sequence[Solid],
         options: FreshOptions,
         regions: Sequence[Region] = (),
         heads: Sequence[FreshOptions] = (),
     ) -> None:
-        self._solid = options.compensation.enlarged(solid)
+        solids = [solid] if isinstance(solid, Solid) else list(solid)
+        self._solids = [options.compensation.enlarged(one) for one in solids]
         self._regions = regions
         self._options = options
         self._heads = (options, *heads)
@@ -106,9 +108,15 @@ class FreshLayers:
         _check_heads(self._heads, regions)
 
     @property
+    def _bounds(self) -> FloatArray:
+        """Lowest and highest corner of all bodies, (2, 3), mm."""
+        corners = np.array([solid.bounds for solid in self._solids])
+        return np.array([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
+
+    @property
     def top_mm(self) -> float:
         """Highest that the tip goes, mm."""
-        low, high = self._solid.bounds[:, 2].tolist()
+        low, high = self._bounds[:, 2].tolist()
         height = self._options.layer_height_mm
         count = layer_count(low, high, height)
         return low + count * height + max(max(one.lift_mm, one.hop_mm) for one in self._heads)
@@ -124,11 +132,11 @@ class FreshLayers:
 
     def __iter__(self) -> Iterator[Toolpath]:
         self._tally = Tally()
-        options, low = self._options, self._solid.bounds[0]
+        options, low = self._options, self._bounds[0]
         every = self._measured_every()
         regions = Regions(self._regions, options.compensation)
         carriage = Carriage(self._heads, low[:2])
-        for layer in layers(self._solid, options.layer_height_mm, options.inset_mm):
+        for layer in layers(Body(self._solids), options.layer_height_mm, options.inset_mm):
             sections = _sections(layer, self._heads, regions.at(layer.middle_mm), low[:2])
             laid = carriage.write(sections, layer.tip_mm)
             measured = layer.index % every == 0
@@ -144,7 +152,7 @@ class FreshLayers:
             )
 
     def _measured_every(self) -> int:
-        low, high = self._solid.bounds[:, 2].tolist()
+        low, high = self._bounds[:, 2].tolist()
         return max(1, int(np.ceil((high - low) / self._options.layer_height_mm / MEASURED)))
 
     def _counted(self, index: int, laid: Laid, lines: int) -> Toolpath:

@@ -13,7 +13,7 @@ design as scanned; without any they are 9 µm narrow to 7 µm wide, so they are 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +33,42 @@ SECTION_MM = 5e-4
 BESIDE = 0.28
 #: By how much these are made smaller, over what a bead is wider than its rectangle, one side.
 BEHIND = 0.28 / (1 - np.pi / 4)
+#: Gaps between bodies of one part that are closed, half of their width, mm: where two surfaces that
+#: should meet were made into triangles apart.
+CLOSING_MM = 5e-3
+
+
+class Body:
+    """One or more closed bodies that are cut as one.
+
+    Parameters
+    ----------
+    solids : sequence of Solid
+        Where there are several, gaps between them up to 2 `CLOSING_MM` wide are closed.
+
+    Raises
+    ------
+    ToolpathError
+        When one isn't a closed manifold.
+    """
+
+    def __init__(self, solids: Sequence[Solid]) -> None:
+        several = len(solids) > 1
+        self._bodies = [
+            manifold_of(solid, f"solid {k + 1}" if several else "solid")
+            for k, solid in enumerate(solids)
+        ]
+        self.low_mm = min(float(solid.bounds[0, 2]) for solid in solids)
+        self.high_mm = max(float(solid.bounds[1, 2]) for solid in solids)
+
+    def slice(self, z_mm: float) -> CrossSection:
+        """Section at a height."""
+        if len(self._bodies) == 1:
+            return self._bodies[0].slice(z_mm)
+        cuts = [body.slice(z_mm) for body in self._bodies]
+        whole = CrossSection.batch_boolean(cuts, OpType.Add)
+        closed = whole.offset(CLOSING_MM, JoinType.Miter, 2.0)
+        return whole + closed.offset(-CLOSING_MM, JoinType.Miter, 2.0)
 
 
 @dataclass(frozen=True)
@@ -60,20 +96,19 @@ class Layer:
     middle_mm: float
 
 
-def layers(solid: Solid, layer_height_mm: float, inset_mm: float = 0.0) -> Iterator[Layer]:
+def layers(body: Body, layer_height_mm: float, inset_mm: float = 0.0) -> Iterator[Layer]:
     """Yield the layers from the lowest up; a layer without material is left out.
 
-    The solid is cut into round(height / layer height) layers, so that the written height is
+    The body is cut into round(height / layer height) layers, so that the written height is
     within half a layer of the designed one. ``inset_mm`` is by how much half a line's bead is
     wider than half its rectangle.
 
     Raises
     ------
     ToolpathError
-        When the mesh isn't a manifold or is lower than half a layer.
+        When it is lower than half a layer.
     """
-    body = manifold_of(solid, "solid")
-    low, high = float(solid.bounds[0, 2]), float(solid.bounds[1, 2])
+    low, high = body.low_mm, body.high_mm
     count = layer_count(low, high, layer_height_mm)
     if count == 0:
         raise ToolpathError(
@@ -89,7 +124,7 @@ def layers(solid: Solid, layer_height_mm: float, inset_mm: float = 0.0) -> Itera
 
 
 def _carved(
-    body: Manifold, material: CrossSection, middle: float, height: float, inset: float
+    body: Body, material: CrossSection, middle: float, height: float, inset: float
 ) -> CrossSection:
     """The material without the lumens' sections above and below; see the module."""
     for side in (-BESIDE, BESIDE):

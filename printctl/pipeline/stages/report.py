@@ -18,6 +18,7 @@ from printctl.oxygen import CAPTION, SLICE
 from printctl.pipeline.artefacts import GCODE, HTML, JSON, PDF
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.layer_pictures import layer_pictures
+from printctl.pipeline.outlined import outlined_design
 from printctl.pipeline.registration_files import DEVIATION, VIEWS, load_deviation
 from printctl.pipeline.stages.measures import key_numbers
 from printctl.pipeline.stages.printing import JOURNAL_FOLDER
@@ -137,7 +138,7 @@ def figures(context: RunContext) -> dict[str, bytes]:
         waves(context)
         | space_pictures(context)
         | oxygen_picture(context)
-        | layer_pictures(context.folder / GCODE, pushing)
+        | layer_pictures(context.folder / GCODE, pushing, outlined_design(context))
     )
 
 

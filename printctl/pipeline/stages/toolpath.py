@@ -53,7 +53,7 @@ from printctl.pipeline.early import refuse_early
 from printctl.pipeline.facts import heads_dump
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.lag import ahead_of_lag, measured_lag_s, relief_ul
-from printctl.pipeline.priming import ABOVE_WALL_MM, primed
+from printctl.pipeline.priming import primed
 from printctl.pipeline.printability import needle_options
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
@@ -62,6 +62,7 @@ from printctl.pipeline.writer_options import gcode_options
 from printctl.preflight import written_arrays
 from printctl.progress import Report
 from printctl.recipe.making import Embedded, Fresh
+from printctl.set_up import ABOVE_WALL_MM
 
 FloatArray = NDArray[np.float64]
 

@@ -124,19 +124,19 @@ def _chunk(job: GcodeJob, rows: _Rows, part: slice, lines: list[bytes] | None) -
     dosed = np.isin(act, (Act.PRIME, Act.RETRACT, Act.WIPE))
     line = job.line[move]
     fields = [
-        *(_planes(np.diff(place[:, axis], prepend=0)) for axis in range(3)),
-        _planes(np.rint(job.speed_mm_s[move] / _UM)),
-        _planes(np.diff(line, prepend=0)),
-        _planes(np.full(len(move), -1) if job.vessel is None else job.vessel[move]),
+        *(planes(np.diff(place[:, axis], prepend=0)) for axis in range(3)),
+        planes(np.rint(job.speed_mm_s[move] / _UM)),
+        planes(np.diff(line, prepend=0)),
+        planes(np.full(len(move), -1) if job.vessel is None else job.vessel[move]),
         _widths(np.where(jumps, np.nan, job.width_mm[move])),
         act.astype(np.uint8).tobytes(),
         (job.kind[move] + 1).astype(np.uint8).tobytes(),
         job.dose_ul[move][dosed].astype("<f4").tobytes(),
     ]
-    return Chunk(len(move), _encoded(b"".join(fields)), _encoded(_text(lines, line)))
+    return Chunk(len(move), encoded(b"".join(fields)), encoded(_text(lines, line)))
 
 
-def _planes(values: NDArray[Any]) -> bytes:
+def planes(values: NDArray[Any]) -> bytes:
     """Whole numbers as int32, all lowest bytes first."""
     whole = np.asarray(np.clip(values, -(2**31), 2**31 - 1)).astype("<i4")
     return np.ascontiguousarray(whole.view(np.uint8).reshape(-1, 4).T).tobytes()
@@ -157,5 +157,6 @@ def _text(lines: list[bytes] | None, line: IntArray) -> bytes:
     return b"\n".join([lines[number - 1] if own else b"" for number, own in shown])
 
 
-def _encoded(data: bytes) -> str:
+def encoded(data: bytes) -> str:
+    """Deflated, in base64."""
     return base64.b64encode(zlib.compress(data, 6)).decode("ascii") if data else ""

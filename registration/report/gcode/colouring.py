@@ -47,6 +47,10 @@ class Colouring:
     colours: tuple[str, ...] = ()
 
 
+PLAIN: Final = Colouring("line", "One colour", labels=("written line",), colours=("#ccd6de",))
+"""Pale, for lines under the design's outline."""
+
+
 def colourings(job: GcodeJob) -> list[Colouring]:
     """Those that say something of this job."""
     writes, found = job.writes, []

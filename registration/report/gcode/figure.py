@@ -22,9 +22,10 @@ from PIL import Image
 from registration.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
 from registration.report.drawing import blank, styled, to_svg
 from registration.report.gcode.bands import band_outlines
-from registration.report.gcode.colouring import Colouring
+from registration.report.gcode.colouring import PLAIN, Colouring
 from registration.report.gcode.design_outline import DesignOutline
 from registration.report.gcode.job import Act, FloatArray, GcodeJob, IntArray
+from registration.report.gcode.outline_pack import SCALE_UM
 from registration.report.scaled_lines import VECTOR_PIECES, aspect, set_limits
 from registration.report.svg import MUTED
 from registration.report.wording import number
@@ -43,10 +44,7 @@ _REST_SHARE: Final = 0.1924
 _ALPHA: Final = 0.8
 _HAIR_MM: Final = 0.02
 _LEGEND_AT_MOST: Final = 9
-_PALE: Final = Colouring("line", "Line", colours=("#ccd6de",))
-"""Of lines under the design's outline."""
 _RIM: Final = "#1c2126"
-_SCALE_UM: Final = 30.0
 
 
 def draw_layer(
@@ -80,13 +78,15 @@ def draw_layer(
         return _png(drawn, dpi, palette)
 
 
-def layer_figure(job: GcodeJob, layer: int, colouring: Colouring) -> bytes:
+def layer_figure(
+    job: GcodeJob, layer: int, colouring: Colouring, outline: DesignOutline | None = None
+) -> bytes:
     """The same picture for a page: an SVG without ground and title, `REPORT_IN` wide.
 
     A layer of more outlines than `VECTOR_PIECES` holds its lines as an embedded picture.
     """
     with styled():
-        drawn = _figure(job, layer, colouring, REPORT_IN, None, None)
+        drawn = _figure(job, layer, colouring, REPORT_IN, None, None, outline)
         axes = drawn.axes[0]
         pieces = sum(len(lines.get_paths()) for lines in axes.collections)
         for lines in axes.collections:
@@ -115,7 +115,7 @@ def _figure(
     if title is not None:
         axes.set_title(title(job, layer, written), fontsize=9.2, loc="left", color=MUTED)
     set_limits(axes, ends, float(np.nanmax(job.width_mm[written], initial=0.0)) / 2)
-    shown = colouring if outline is None else _PALE
+    shown = colouring if outline is None else PLAIN
     _draw_lines(axes, job, written, shown)
     _draw_ways(axes, job, np.flatnonzero(here & ~job.writes))
     handles = _way_handles()
@@ -193,17 +193,18 @@ def _draw_ways(axes: Axes, job: GcodeJob, rows: IntArray) -> None:
 
 def _draw_outline(figure: Figure, axes: Axes, outline: DesignOutline) -> Artist:
     """The design's outline, blue where ink falls short of it, orange where it lies beyond."""
+    thin = 1.0 if figure.get_figwidth() > REPORT_IN else 0.6
     pieces = [np.stack([ring[:-1], ring[1:]], axis=1) for ring in outline.rings]
-    rim = LineCollection(list(outline.rings), colors=_RIM, linewidths=2.8, zorder=3)
+    rim = LineCollection(list(outline.rings), colors=_RIM, linewidths=2.8 * thin, zorder=3)
     axes.add_collection(rim, autolim=False)
     drawn = LineCollection(
-        list(np.concatenate(pieces)), cmap=DIVERGING, norm=Normalize(-_SCALE_UM, _SCALE_UM),
-        linewidths=1.9, zorder=4,
+        list(np.concatenate(pieces)), cmap=DIVERGING, norm=Normalize(-SCALE_UM, SCALE_UM),
+        linewidths=1.9 * thin, zorder=4,
     )  # fmt: skip
     drawn.set_array(1e3 * np.concatenate(outline.beyond_mm))
     axes.add_collection(drawn, autolim=False)
     bar = figure.colorbar(drawn, ax=axes, pad=0.02, shrink=0.8, extend="both")
-    bar.set_label("Ink beyond the design's outline / µm")
+    bar.set_label("Ink beyond design / µm")
     bar.outline.set_visible(False)
     return Line2D([], [], color=_RIM, linewidth=2.4, label="design")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -14,8 +15,10 @@ from design.files import write_text
 from registration.picture.colours import NO_DATA, samples
 from registration.report.errors import ReportError
 from registration.report.gcode.chunks import Packed, pack_job
-from registration.report.gcode.colouring import colourings
+from registration.report.gcode.colouring import PLAIN, colourings
+from registration.report.gcode.design_outline import DesignOutline
 from registration.report.gcode.job import Act, GcodeJob, layer_sums
+from registration.report.gcode.outline_pack import MAX_POINTS, PackedOutlines, pack_outlines
 from registration.report.page import environment, style
 from registration.report.scripts import content_policy, module_map
 from registration.report.wording import number
@@ -46,7 +49,12 @@ class GcodePage:
     layer: int = 0
 
 
-def write_gcode_html(path: Path, job: GcodeJob, page: GcodePage) -> None:
+def write_gcode_html(
+    path: Path,
+    job: GcodeJob,
+    page: GcodePage,
+    outlines: Iterable[DesignOutline] | None = None,
+) -> None:
     """Write a job as one HTML file that opens offline.
 
     Parameters
@@ -55,6 +63,8 @@ def write_gcode_html(path: Path, job: GcodeJob, page: GcodePage) -> None:
         The file; an old one is replaced only by a whole new one.
     job : GcodeJob
     page : GcodePage
+    outlines : iterable of DesignOutline, optional
+        The design's in each layer, lowest first: drawn over the lines.
 
     Raises
     ------
@@ -70,17 +80,19 @@ def write_gcode_html(path: Path, job: GcodeJob, page: GcodePage) -> None:
         )
     with_text = len(job.text) <= MAX_TEXT_BYTES
     packed = pack_job(job, with_text)
+    drawn = None if outlines is None else pack_outlines(outlines)
     modules = module_map(("framed", "theme", "unpack"), "gcode", GCODE_STATIC)
     context = {
         "title": job.name,
         "facts": _facts(job),
-        "notes": [*job.notes, *_left_out(job, with_text)],
+        "notes": [*job.notes, *_left_out(job, with_text), *_of_outlines(outlines, drawn)],
         "style": style(),
         "own_style": Markup((GCODE_STATIC / "gcode.css").read_text(encoding="utf-8")),
         "policy": content_policy([modules, _ENTRY]),
         "modules": modules,
         "entry": Markup(_ENTRY),
-        "view": _view(job, packed, page),
+        "view": _view(job, packed, page) | ({"outline": drawn.view} if drawn else {}),
+        "outlines": drawn.data if drawn else [],
         "chunks": packed.chunks,
         "noun": "Pass" if job.layers.passes else "Layer",
     }
@@ -106,7 +118,7 @@ def _view(job: GcodeJob, packed: Packed, page: GcodePage) -> dict[str, Any]:
         "rows": [chunk.rows for chunk in packed.chunks],
         "low": _values(ends.min(axis=0) - half),
         "high": _values(ends.max(axis=0) + half),
-        "colourings": [asdict(each) for each in colourings(job)],
+        "colourings": [asdict(each) for each in [*colourings(job), PLAIN]],
         "scale": samples(False),
         "none": NO_DATA,
         "kinds": list(job.kinds),
@@ -137,6 +149,23 @@ def _facts(job: GcodeJob) -> list[str]:
         *([f"{number(written, 4)} µL written"] if np.isfinite(written) else []),
         f"{number(way / 1e3, 4)} m written",
         f"{time} as fed",
+    ]
+
+
+def _of_outlines(asked: Iterable[DesignOutline] | None, drawn: PackedOutlines | None) -> list[str]:
+    """What the outline's colours mean, or why there is none."""
+    if asked is None:
+        return []
+    if drawn is None:
+        return [
+            f"The design's outline has more than {MAX_POINTS} points in all layers and is left "
+            "out; show single layers (printctl view --png --layer)."
+        ]
+    return [
+        "The outline is the section of the design at the middle of each layer. Blue: ink falls "
+        "short of it, and a lumen is wider there; orange: ink lies beyond it, into a lumen or out "
+        "of the part. On slanted walls some blue is meant: lines keep clear of the lumen above and "
+        "below the section."
     ]
 
 

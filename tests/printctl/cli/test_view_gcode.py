@@ -131,14 +131,18 @@ def test_wrong_input_is_told_in_one_message_and_leaves_nothing(
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_the_models_outline_goes_onto_a_picture_only(tmp_path: Path, shell: Shell) -> None:  # noqa: F811
+def test_the_models_outline_goes_onto_a_picture_and_a_page(tmp_path: Path, shell: Shell) -> None:  # noqa: F811
     (tmp_path / "part.gcode").write_text(LAYERS)
     write_stl(tmp_path / "part.stl", block_solid((10, 0.2, 0.3)))
     model = ("--model", "part.stl", "--unit", "mm")
     code, _, _ = shell("view", "part.gcode", "--png", "a.png", *model, "--place", "0,-0.1,0")
     assert code == 0
+    code, _, _ = shell("view", "part.gcode", "--no-open", *model, "--place", "0,-0.1,0")
+    assert code == 0
+    page = (tmp_path / "part.view.html").read_text()
+    assert page.count('class="outline"') == 3
+    assert '"colour":"line"' in page.replace(" ", "")
     for words, said in (
-        (("--no-open", *model), "give --png"),
         (("--png", "b.png", "--place", "0,0,0"), "it is of the --model"),
         (("--png", "b.png", *model, "--colour", "speed"), "both colour the picture"),
     ):

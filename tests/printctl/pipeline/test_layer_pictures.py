@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
+from design.solids import block_solid
 from firmware_profiles import Printer, load
 from printctl.gcode_view import Pushing
-from printctl.pipeline.layer_pictures import layer_pictures
+from printctl.pipeline.layer_pictures import OUTLINED, layer_pictures
 from tests.printctl.lumens.small_gcode import BORE_MM, gcode
 from tests.printctl.lumens.written_filaments import plunger_gcode
 
@@ -47,6 +48,16 @@ def test_layers_at_the_middle_are_shown(tmp_path: Path) -> None:
         "toolpath/Layer 2 of 4",
         "toolpath/Layer 3 of 4",
     ]
+
+
+def test_layers_are_drawn_under_the_designs_outline_too(tmp_path: Path) -> None:
+    path = tmp_path / "part.gcode"
+    path.write_bytes(gcode([ROWS] * 4))
+    design = (block_solid((10.0, 2.0, 0.24)), np.zeros(3))
+    found = layer_pictures(path, PUSHING, design)
+    outlined = [name for name in found if OUTLINED in name]
+    assert len(found) == 2 * len(outlined) == 4
+    assert b"Ink beyond design" in found[outlined[0]]
 
 
 def test_an_embedded_print_is_drawn_whole(tmp_path: Path) -> None:

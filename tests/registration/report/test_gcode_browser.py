@@ -1,7 +1,9 @@
 import re
 from pathlib import Path
 
-from registration.report.gcode import GcodePage, write_gcode_html
+import numpy as np
+
+from registration.report.gcode import GcodePage, design_outline, write_gcode_html
 
 from .gcode_sample import layered_job, passes_job
 from .test_browser import opened, pytestmark, state  # noqa: F401
@@ -27,10 +29,10 @@ ACT = (
 )
 
 
-def page(folder: Path, job, colour: str, script: str = "", layer: int = 0) -> str:
+def page(folder: Path, job, colour: str, script: str = "", layer: int = 0, outlines=None) -> str:
     """The DOM of a job's page after ``script`` ran beside its own."""
     path = folder / "job.html"
-    write_gcode_html(path, job, GcodePage(colour, layer))
+    write_gcode_html(path, job, GcodePage(colour, layer), outlines)
     if script:
         text = path.read_text(encoding="utf-8")
         text = re.sub(r'<meta http-equiv="Content-Security-Policy"[^>]*>', "", text)
@@ -49,6 +51,30 @@ def inner(dom: str, element: str) -> str:
 
 def title(dom: str) -> list[str]:
     return re.search(r"<title>(.*?)</title>", dom, re.S).group(1).split()[3:]
+
+
+def test_the_designs_outline_is_drawn_and_can_be_hidden(tmp_path: Path) -> None:
+    job = layered_job()
+    low, high = job.end[:, :2].min(axis=0), job.end[:, :2].max(axis=0)
+    corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
+    outlines = [design_outline(job, k, [corners]) for k in range(2)]
+    # Orange and blue are on the canvas as long as the outline is shown.
+    script = (
+        "const coloured = () => { const c = stage.querySelector('canvas');"
+        " const copy = new OffscreenCanvas(c.width, c.height).getContext('2d');"
+        " copy.drawImage(c, 0, 0); const d = copy.getImageData(0, 0, c.width, c.height).data;"
+        " let n = 0; for (let i = 0; i < d.length; i += 4)"
+        " n += d[i + 3] > 200 && Math.abs(d[i] - d[i + 2]) > 60; return n; };"
+        "for (const id of ['show-travels', 'show-dots']) {"
+        " document.getElementById(id).click(); } await wait(200); say(coloured());"
+        "document.getElementById('show-outline').click(); await wait(200); say(coloured());"
+        "document.getElementById('show-outline').click(); await wait(200);"
+    )
+    dom = page(tmp_path, job, "line", script, 1, outlines)
+    shown, hidden = map(int, title(dom))
+    assert shown > 100 > hidden
+    assert "Past outline" in inner(dom, "numbers")
+    assert "beyond the design" in inner(dom, "legend")
 
 
 def test_page_starts_without_errors_and_tells_the_layers_numbers(tmp_path: Path) -> None:

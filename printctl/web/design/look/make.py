@@ -20,13 +20,14 @@ from printctl.gcode_view import Pushing, read_job, read_line_map
 from printctl.networks import Drive, load_source
 from printctl.pipeline.artefacts import GCODE, OXYGEN
 from printctl.pipeline.manifest import Manifest
+from printctl.pipeline.outlined import run_outlines
 from printctl.web.design.look.views import LUMENS
 from printctl.web.polite import step_back
 from registration.picture import Quantity, quantities
 from registration.picture.quantity import magnitude, signed
 from registration.report import NetworkPage, ReportSurface, write_network_html
 from registration.report.gcode import GcodePage, write_gcode_html
-from registration.report.gcode.colouring import colourings
+from registration.report.gcode.colouring import PLAIN, colourings
 
 
 def write_network(run: Path, path: Path) -> None:
@@ -47,7 +48,9 @@ def write_gcode(run: Path, path: Path) -> None:
     job = read_job(data, f"{run.name}/{GCODE}", _pushing(run), line_map)
     count = len(job.layers)
     first = count - 1 if job.layers.passes else (count - 1) // 2
-    write_gcode_html(path, job, GcodePage(colourings(job)[0].key, first))
+    outlines = run_outlines(run, job)
+    colour = colourings(job)[0] if outlines is None else PLAIN
+    write_gcode_html(path, job, GcodePage(colour.key, first), outlines)
 
 
 def _more(run: Path, network: VesselNetwork) -> list[Quantity]:

@@ -8,13 +8,13 @@ import threading
 from pathlib import Path
 from typing import Final
 
-from printctl.pipeline.artefacts import GCODE, LINE_MAP, NETWORK, OXYGEN
+from printctl.pipeline.artefacts import GCODE, LINE_MAP, NETWORK, OXYGEN, SOLID
 from printctl.web.errors import ConflictError
 from printctl.web.worker import worked
 
 LUMENS: Final = "lumens.json"
 _OF_NETWORK: Final = (NETWORK, "flow.csv", "tissue.stl", LUMENS, OXYGEN, "registration.json")
-_OF_GCODE: Final = (GCODE, LINE_MAP)
+_OF_GCODE: Final = (GCODE, LINE_MAP, SOLID)
 _MAKING: Final = threading.Lock()
 """One page is made at a time: two would take the memory of both."""
 _LONGEST_S: Final = 600.0

@@ -7,7 +7,7 @@ export function short(value, digits = 3) {
   return String(Number(value.toPrecision(digits))).replace("-", "\u2212");
 }
 
-function mix(stops, share) {
+export function mix(stops, share) {
   const x = Math.min(Math.max(share, 0), 1) * (stops.length - 1);
   const i = Math.min(Math.floor(x), stops.length - 2);
   const part = (stop, k) => Number.parseInt(stop.slice(1 + 2 * k, 3 + 2 * k), 16);
@@ -41,6 +41,7 @@ export class Colours {
 
   value(chunk, i, first, last) {
     switch (this.key) {
+      case "line": return 0;
       case "width": return chunk.width[i];
       case "speed": return chunk.speed[i];
       case "kind": return chunk.kind[i];
@@ -63,7 +64,7 @@ export class Colours {
     const box = document.createElement("div");
     box.className = "swatches";
     this.labels.forEach((label, k) => {
-      if (!there.has(k)) return;
+      if (this.key === "kind" && !there.has(k)) return;
       const entry = document.createElement("span");
       const colour = document.createElement("i");
       colour.style.background = this.table[k];

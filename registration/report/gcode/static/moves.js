@@ -51,7 +51,7 @@ function split(bytes, n) {
   return { n, x, y, z, speed, line, vessel, width, act, kind, dose: doses(bytes.slice(at), act) };
 }
 
-function integers(planes, n) {
+export function integers(planes, n) {
   const found = new Int32Array(n);
   for (let i = 0; i < n; i++) {
     found[i] = planes[i] | (planes[n + i] << 8) | (planes[2 * n + i] << 16)
@@ -60,7 +60,7 @@ function integers(planes, n) {
   return found;
 }
 
-function summed(values) {
+export function summed(values) {
   for (let i = 1; i < values.length; i++) values[i] += values[i - 1];
   return values;
 }

@@ -3,7 +3,7 @@ import { short } from "gcode/colours";
 import { fit } from "gcode/hands";
 import { soon } from "gcode/soon";
 import { tellScale } from "gcode/scalebar";
-import { layerNumbers, list, moveNumbers } from "gcode/words";
+import { beyondNumbers, layerNumbers, list, moveNumbers } from "gcode/words";
 
 const PLAY_FRAMES = 600;
 const at = (id) => document.getElementById(id);
@@ -14,6 +14,9 @@ export function startPanel(view) {
   for (const id of ["panel", "moves", "scalebar"]) at(id).hidden = false;
   for (const id of ["layer", "layer-tag"]) at(id).hidden = view.count < 2;
   at("turn").hidden = !data.passes;
+  for (const what of ["outline", "seams"]) {
+    at(`show-${what}`).parentElement.hidden = what === "outline" ? !view.outlines : data.passes;
+  }
   at("below-name").textContent = data.passes ? "Passes before it" : "The layer below, faint";
   at("of").textContent = `of ${short(view.count)}`;
   [at("layer").max, at("number").max] = [view.count, view.count];
@@ -67,8 +70,11 @@ function tell(view, noun) {
   at("layer-tag").textContent = `${noun} ${k + 1}`;
   [at("move").max, at("move").value] = [view.rows, view.move];
   at("move-tag").textContent = `${short(view.move)} of ${short(view.rows)} moves`;
-  at("numbers").replaceChildren(...list(layerNumbers(view.layers, k, view.passes)));
-  at("legend").replaceChildren(view.colours.legend(kindsThere(view)));
+  at("numbers").replaceChildren(
+    ...list([...layerNumbers(view.layers, k, view.passes), ...beyondNumbers(view.data.outline, k)]));
+  at("legend").replaceChildren(
+    ...(view.outlines && view.shown.outline ? [view.outlines.legend()] : []),
+    view.colours.legend(kindsThere(view)));
   tellScale(view.camera.scale, at("scalebar"));
   tellMove(view);
 }

@@ -4,6 +4,7 @@ import { Colours } from "gcode/colours";
 import { Painter } from "gcode/draw";
 import { hues } from "gcode/hues";
 import { ACT, Chunks } from "gcode/moves";
+import { drawSeams, Outlines } from "gcode/outline";
 import { nearest } from "gcode/pick";
 import { soon } from "gcode/soon";
 
@@ -13,7 +14,9 @@ export class View {
     this.chunks = new Chunks(data.rows, data.passes);
     this.canvas = holder.querySelector("canvas");
     this.camera = new Camera(data.low, data.high);
-    this.shown = { travels: true, dots: true, below: data.passes, path: false };
+    this.shown = { travels: true, dots: true, below: data.passes, path: false,
+      seams: !data.passes, outline: Boolean(data.outline) };
+    this.outlines = data.outline ? new Outlines(data.outline) : null;
     this.painter = new Painter(this.canvas.getContext("2d"), this.camera, {});
     this.fitted = true;
     this.listeners = [];
@@ -39,11 +42,12 @@ export class View {
   async show(layer, move = Infinity) {
     const k = Math.min(Math.max(layer, 0), this.count - 1);
     this.wanted = k;
-    const parts = await Promise.all(this.partsOf(k).map((each) => this.fetch(each)));
+    const [rings, ...parts] = await Promise.all(
+      [this.outlines?.get(k), ...this.partsOf(k).map((each) => this.fetch(each))]);
     // Meanwhile another layer may have been asked for.
     if (this.wanted !== k) return;
     const part = parts.pop();
-    Object.assign(this, { layer: k, before: parts, part, hovered: null });
+    Object.assign(this, { layer: k, before: parts, part, rings, hovered: null });
     this.rows = part.last - part.first;
     this.to(move);
     this.changed();
@@ -107,6 +111,8 @@ export class View {
         painter.hairs(below.chunk, below.first, below.last, painter.theme.ground, null, 1);
       }
       painter.bands(part.chunk, first, last, colours, [part.first, part.last]);
+      // Lines of one colour merge where they touch: their middles tell them apart.
+      if (colours.key === "line") painter.hairs(part.chunk, first, last, painter.theme.way, 1, 0.4);
     }
     if (shown.path) painter.hairs(part.chunk, first, last, painter.theme.ink, 1, 0.75);
     for (const each of this.drawn) {
@@ -115,6 +121,8 @@ export class View {
       }
       if (shown.dots) painter.dots(each.chunk, each.first, each.last);
     }
+    if (shown.outline && this.rings) this.outlines.draw(painter, this.rings, this.layers.z[this.layer]);
+    if (shown.seams && !this.passes) drawSeams(painter, { chunk: part.chunk, first, last });
     if (this.hovered) painter.mark(this.hovered.chunk, this.hovered.i);
     if (!this.whole && this.move > 0) painter.needle(part.chunk, last - 1);
     this.changed();

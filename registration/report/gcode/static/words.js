@@ -28,6 +28,13 @@ export function layerNumbers(layers, k, passes) {
   ];
 }
 
+// How far ink lies beyond the design's outline: 5, 50 and 95 % of the outline stay below.
+export function beyondNumbers(outline, k) {
+  const found = outline?.beyond[k] ?? [];
+  if (!found.length) return [];
+  return [["Past outline, 5/50/95 %", `${found.map((um) => short(um)).join(" / ")} µm`]];
+}
+
 export function moveNumbers(chunk, i, kinds, vessels) {
   const act = chunk.act[i];
   const way = Math.hypot(

@@ -1,0 +1,15 @@
+"""Slicing of mesh files without a recipe: parts, modifiers, heads, and where they stand."""
+
+from printctl.slicing.job import SliceJob, Written, slice_parts
+from printctl.slicing.modifiers import read_modifier
+from printctl.slicing.parts import Assembly, assemble, head_of_each
+
+__all__ = [
+    "Assembly",
+    "SliceJob",
+    "Written",
+    "assemble",
+    "head_of_each",
+    "read_modifier",
+    "slice_parts",
+]

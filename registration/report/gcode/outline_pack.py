@@ -1,0 +1,90 @@
+"""The design's outline in every layer, packed for a page that draws one layer at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from registration.picture.colours import samples
+from registration.report.gcode.chunks import encoded, planes
+from registration.report.gcode.design_outline import REACH_MM, DesignOutline
+from registration.report.gcode.job import FloatArray
+
+MAX_POINTS: Final = 6_000_000
+"""Of a page's outlines: about 30 MB."""
+SCALE_UM: Final = 30.0
+"""Where the colours end, either way."""
+_SHARES: Final = (0.05, 0.5, 0.95)
+_UM: Final = 1e-3
+
+
+@dataclass(frozen=True)
+class PackedOutlines:
+    """Outlines of all layers.
+
+    Attributes
+    ----------
+    points : list of int
+        In each layer.
+    data : list of str
+        Of each: x and y in whole µm as differences, whether a ring begins at the point, and how
+        far ink lies beyond the piece that leads to it in whole µm; deflated, in base64.
+    beyond_um : list of list of float
+        Of each layer, what 5, 50 and 95 % of the outline's pieces stay below; empty where no ink
+        is near any.
+    """
+
+    points: list[int]
+    data: list[str]
+    beyond_um: list[list[float]]
+
+    @property
+    def view(self) -> dict[str, Any]:
+        """All but the packed numbers, as JSON values."""
+        return {
+            "points": self.points,
+            "beyond": self.beyond_um,
+            "limit": SCALE_UM,
+            "scale": samples(diverging=True),
+        }
+
+
+def pack_outlines(outlines: Iterable[DesignOutline]) -> PackedOutlines | None:
+    """Pack the outlines of a job's layers, lowest first; None for more than `MAX_POINTS`."""
+    points: list[int] = []
+    data: list[str] = []
+    beyond: list[list[float]] = []
+    for outline in outlines:
+        count, text = _packed(outline)
+        points.append(count)
+        data.append(text)
+        beyond.append(beyond_um(outline))
+        if sum(points) > MAX_POINTS:
+            return None
+    return PackedOutlines(points, data, beyond)
+
+
+def beyond_um(outline: DesignOutline) -> list[float]:
+    """How far ink lies beyond the outline, µm: 5th, 50th and 95th percentile along it."""
+    found = np.concatenate([np.zeros(0), *outline.beyond_mm])
+    near = found[found > -REACH_MM]
+    return [] if not len(near) else (1e3 * np.quantile(near, _SHARES)).round(1).tolist()
+
+
+def _packed(outline: DesignOutline) -> tuple[int, str]:
+    places = np.concatenate([np.zeros((0, 2)), *outline.rings])
+    whole = np.rint(places / _UM).astype(np.int64)
+    begins = np.zeros(len(places), np.uint8)
+    begins[np.cumsum([0, *map(len, outline.rings)])[:-1]] = 1
+    beyond = np.concatenate([np.zeros(0), *map(_with_first, outline.beyond_mm)])
+    fields = [planes(np.diff(whole[:, axis], prepend=0)) for axis in (0, 1)]
+    fields += [begins.tobytes(), np.rint(beyond / _UM).astype("<i2").tobytes()]
+    return len(places), encoded(b"".join(fields))
+
+
+def _with_first(values: FloatArray) -> FloatArray:
+    """A ring's pieces lead to its points but the first."""
+    return np.concatenate([[0.0], values])

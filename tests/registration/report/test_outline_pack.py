@@ -1,0 +1,54 @@
+"""Outlines packed for a page: what its script unpacks is what was drawn."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+
+import numpy as np
+import pytest
+
+from registration.report.gcode import DesignOutline
+from registration.report.gcode import outline_pack as module
+from registration.report.gcode.design_outline import REACH_MM
+from registration.report.gcode.outline_pack import beyond_um, pack_outlines
+
+RING = np.array([[1.0, 2.0], [1.5, 2.0], [1.5, 2.7], [1.0, 2.0]])
+HOLE = np.array([[-0.25, 0.125], [-0.2, 0.15], [-0.25, 0.125]])
+OUTLINE = DesignOutline(
+    (RING, HOLE), (np.array([0.012, -0.003, 0.0]), np.array([-REACH_MM, 0.0401]))
+)
+NONE = DesignOutline((), ())
+
+
+def unpacked(text: str, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As outline.js does: bytes of int32 by planes, summed; flags; int16."""
+    data = np.frombuffer(zlib.decompress(base64.b64decode(text)), np.uint8)
+    axes = []
+    for axis in (0, 1):
+        planes = data[4 * n * axis : 4 * n * (axis + 1)].reshape(4, n).T
+        axes.append(np.cumsum(np.ascontiguousarray(planes).view("<i4").ravel()) / 1000)
+    return np.stack(axes, axis=1), data[8 * n : 9 * n], data[9 * n :].copy().view("<i2")
+
+
+def test_points_rings_and_distances_come_back_in_whole_micrometres() -> None:
+    packed = pack_outlines([OUTLINE, NONE])
+    assert packed is not None
+    assert packed.points == [7, 0]
+    places, begins, beyond = unpacked(packed.data[0], 7)
+    assert places == pytest.approx(np.concatenate([RING, HOLE]))
+    assert begins.tolist() == [1, 0, 0, 0, 1, 0, 0]
+    assert beyond.tolist() == [0, 12, -3, 0, 0, -300, 40]
+    assert packed.beyond_um[1] == []
+
+
+def test_percentiles_leave_out_pieces_without_ink_near() -> None:
+    low, middle, high = beyond_um(OUTLINE)
+    assert (middle, high) == pytest.approx((6.0, np.quantile([12, -3, 0, 40.1], 0.95)), abs=0.06)
+    assert low > -3.1
+
+
+def test_too_many_points_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MAX_POINTS", 10)
+    assert pack_outlines([OUTLINE]) is not None
+    assert pack_outlines([OUTLINE, OUTLINE]) is None
