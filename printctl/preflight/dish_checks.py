@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Bath, Dish, Needle
+from printctl.preflight.wall_gaps import hub_gap, wall_gap
 from printctl.set_up.check import Check
-from printctl.set_up.standing import HUB_MM, WALL_CLEARANCE_MM, Standing, hub_gap, wall_gap
+from printctl.set_up.standing import HUB_MM, WALL_CLEARANCE_MM, Standing
 from sim.dryrun import DryRun
 from sim.gcode_modal import MOVE
 

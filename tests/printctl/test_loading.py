@@ -40,6 +40,7 @@ ON_DEMAND = (
     "design.toolpath.gcode",
     "printctl.calibration",
     "printctl.gcode_view",
+    "printctl.printing",
     "printctl.web.live",
     "printctl.recipe",
     "registration.gauging",
@@ -84,6 +85,11 @@ def loaded_by(*modules: str) -> set[str]:
 )
 def test_a_process_begins_without_kernels_meshes_and_figures(modules):
     assert not loaded_by(*modules) & set(HEAVY)
+
+
+@pytest.mark.parametrize("module", ["printctl.link", "printctl.gate", "printctl.cli.status"])
+def test_a_link_and_the_status_of_a_print_need_no_numpy(module):
+    assert "numpy" not in loaded_by(module)
 
 
 def test_registering_loads_no_plotting_library():
