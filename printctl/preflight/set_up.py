@@ -12,9 +12,10 @@ from printctl.preflight.dish_checks import dish_checks, floor_check, unknown_dis
 from printctl.preflight.force_checks import force_checks
 from printctl.preflight.gcode_checks import gcode_checks
 from printctl.preflight.head_checks import head_checks, of_each_head
-from printctl.preflight.material_checks import bath_checks, chemistry_check, temperature_checks
+from printctl.preflight.ink_volumes import volumes, written_ul
+from printctl.preflight.material_checks import temperature_checks
+from printctl.preflight.mounted_checks import bath_checks, chemistry_check
 from printctl.preflight.setup_checks import syringe_checks
-from printctl.preflight.shaft_checks import volumes, written_ul
 from printctl.preflight.step_checks import step_checks
 from printctl.preflight.viability_checks import PrintTime, viability_checks
 from printctl.preflight.well_checks import Wells, well_checks
