@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from firmware_profiles import Printer, Syringe
-from printctl.preflight.firmware_checks import widest_push_check
+from printctl.preflight.firmware import widest_push_check
 from printctl.preflight.profile_checks import profile_checks
 from printctl.set_up.check import Check
 from sim.dryrun import DryRun

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import Needle
-from printctl.set_up.standing import HUB_MM, Standing
+from firmware_profiles import Dish, Needle
+from printctl.set_up.check import Check
+from printctl.set_up.standing import HUB_MM, WALL_CLEARANCE_MM, Standing
 
 FloatArray = NDArray[np.float64]
+
+
+class PlaceNames(Protocol):
+    """Name of each move's place, for messages."""
+
+    def __getitem__(self, row: int, /) -> str: ...
 
 
 def wall_gap(
@@ -45,3 +54,61 @@ def hub_gap(
     """Distance of the needle's hub to the wall in each move, as `wall_gap`."""
     hubs = tips + [0.0, 0.0, needle.length_mm]
     return wall_gap(hubs, moves, standing, needle.hub_outer_mm or HUB_MM)
+
+
+def wall_check(
+    tips: FloatArray,
+    moves: NDArray[np.bool_],
+    standing: Standing,
+    needle: Needle,
+    places: PlaceNames,
+) -> Check:
+    """Least distance between needle and wall; arrays as of `wall_gap`."""
+    return _least(
+        "needle to the dish's wall",
+        wall_gap(tips, moves, standing, needle.outer_mm),
+        standing.dish,
+        places,
+        f"it would run into the wall of {standing.dish.name}; take a wider dish, move the part or "
+        "say where the dish stands (dish_centre_mm)",
+    )
+
+
+def hub_check(
+    tips: FloatArray,
+    moves: NDArray[np.bool_],
+    standing: Standing,
+    needle: Needle,
+    places: PlaceNames,
+) -> Check:
+    """Least distance between the wall and what is above the needle's shaft."""
+    return _least(
+        "needle's hub to the dish's wall",
+        hub_gap(tips, moves, standing, needle),
+        standing.dish,
+        places,
+        hub_remedy(needle, standing.dish),
+    )
+
+
+def hub_remedy(needle: Needle, dish: Dish) -> str:
+    """What to do where a hub meets a wall."""
+    taken = "" if needle.hub_outer_mm else f", taken as {HUB_MM:g} mm wide (needle: hub_outer_mm)"
+    return (
+        f"the hub of {needle.name}{taken} would hit the wall of {dish.name}; take a longer "
+        "needle, a lower or wider dish, or raise the part"
+    )
+
+
+def _least(what: str, gap: FloatArray, dish: Dish, places: PlaceNames, remedy: str) -> Check:
+    row = int(gap.argmin()) if len(gap) else -1
+    value = float(gap[row]) if row >= 0 and np.isfinite(gap[row]) else dish.inner_x_mm / 2
+    return Check(
+        what,
+        value,
+        WALL_CLEARANCE_MM,
+        "mm",
+        value >= WALL_CLEARANCE_MM,
+        places[row] if row >= 0 else "",
+        remedy,
+    )

@@ -6,7 +6,7 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from design.toolpath.embedded.bundles import Bundles, bundled
-    from design.toolpath.embedded.filament import check_vessels
+    from design.toolpath.embedded.filament import check_thinnest, check_vessels
     from design.toolpath.embedded.heads import EmbeddedHeads
     from design.toolpath.embedded.held import held_diameter_mm
     from design.toolpath.embedded.options import EmbeddedOptions
@@ -22,6 +22,7 @@ __all__ = [
     "EmbeddedReport",
     "Merged",
     "bundled",
+    "check_thinnest",
     "check_vessels",
     "embedded_toolpath",
     "held_diameter_mm",
