@@ -1,6 +1,5 @@
 """Facts about printers, needles, syringes, inks, baths, dishes and plates, each with its source."""
 
-from firmware_profiles.bead import BeadSection
 from firmware_profiles.cross_checks import Doubt, doubts
 from firmware_profiles.dishes import Dish
 from firmware_profiles.dispensers import MeasuredFlow, Plunger, Pneumatic
@@ -21,7 +20,6 @@ __all__ = [
     "MOST_HEADS",
     "Axes",
     "Bath",
-    "BeadSection",
     "Dish",
     "Doubt",
     "Facts",

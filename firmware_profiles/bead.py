@@ -13,15 +13,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+
+from firmware_profiles.bead_shape import BeadShape
 
 FloatArray = NDArray[np.float64]
-BeadShape = Literal["rounded", "rectangle", "ellipse"]
-MeasuredExcess = Annotated[float, Field(ge=0, le=500, allow_inf_nan=False)]
 
 _SIDE: Final = 1 - math.pi / 4
 """What a round side leaves empty of the square of half the height, over both sides."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from firmware_profiles.bead import BeadSection, BeadShape, MeasuredExcess
+from firmware_profiles.bead_shape import BeadShape, MeasuredExcess
 from firmware_profiles.facts import Celsius, Facts, NonNegative, Positive, Span, Trigger
+
+if TYPE_CHECKING:
+    from firmware_profiles.bead import BeadSection
 
 
 class MeasuredLag(BaseModel):
@@ -92,6 +95,8 @@ class Ink(Facts):
     @property
     def bead_section(self) -> BeadSection:
         """Model of a line's cross-section."""
+        from firmware_profiles.bead import BeadSection  # NumPy, which a link does without
+
         return BeadSection(self.bead)
 
     @model_validator(mode="after")

@@ -20,7 +20,7 @@ from printctl.link.journal import Journal
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
-from printctl.preflight.firmware_checks import firmware_checks
+from printctl.preflight.firmware import firmware_checks
 from sim.dryrun import dry_run
 from sim.errors import LineError
 from sim.families.registry import simulated_printer

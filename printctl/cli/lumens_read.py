@@ -10,7 +10,8 @@ import numpy as np
 from design.network import VesselNetwork
 from design.solids import Solid, read_solid
 from design.units import LengthUnit
-from firmware_profiles import BeadSection, Ink, Needle, Printer, Syringe, load, steady_flow
+from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
+from firmware_profiles.bead import BeadSection
 from printctl.cli.options import three_numbers
 from printctl.cli.set_up_options import of_each
 from printctl.errors import UsageError

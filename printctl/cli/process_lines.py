@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from printctl.preflight import shaft_lines
+from printctl import preflight
 
 
 def process_lines(dry_run: Mapping[str, Any]) -> list[str]:
     """Time against what the ink's cells have, ink against what is loaded, the needle's shaft."""
     shaft = dry_run.get("clearance")
-    return [_time(dry_run), _ink(dry_run), *(shaft_lines(shaft) if shaft else [])]
+    return [_time(dry_run), _ink(dry_run), *(preflight.shaft_lines(shaft) if shaft else [])]
 
 
 def _time(found: Mapping[str, Any]) -> str:

@@ -4,23 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from printctl import preflight
 from printctl.errors import UsageError
-from printctl.preflight import (
-    Check,
-    SetUp,
-    accepted_text,
-    read_written,
-    shaft_checks,
-    shaft_clearance,
-    shaft_lines,
-    unmapped_check,
-)
-from sim.clearance import Clearance
+from printctl.set_up import Check, SetUp
 from sim.dryrun import DryRun
+
+if TYPE_CHECKING:
+    from sim.clearance import Clearance
 
 _LEVEL_MM = 1e-3
 
@@ -49,7 +43,7 @@ class FileShaft:
 
     def lines(self) -> list[str]:
         """For people."""
-        return [] if self.found is None else shaft_lines(self.found.as_dict())
+        return [] if self.found is None else preflight.shaft_lines(self.found.as_dict())
 
 
 def file_shaft(file: Path, run: DryRun, mounted: SetUp, *, accepted: bool = False) -> FileShaft:
@@ -70,16 +64,19 @@ def file_shaft(file: Path, run: DryRun, mounted: SetUp, *, accepted: bool = Fals
         For a map that can't be read, or of another file.
     """
     path = file.with_suffix(".map.npz")
-    written = read_written(path)
-    if written is not None:
-        _check_lines(file, path, len(written.sources.vessel))
+    if not path.is_file():
+        return FileShaft([preflight.unmapped_check()] if _climbs(run) else [])
+    written = preflight.read_written(path)
     if written is None:
-        return FileShaft([unmapped_check()] if not path.is_file() and _climbs(run) else [])
+        return FileShaft([])
+    _check_lines(file, path, len(written.sources.vessel))
     loads = [mounted.load_of(number) for number in range(mounted.printer.head_count)]
-    found = shaft_clearance(run, mounted.printer, loads, written)
-    text = accepted_text(found)
+    found = preflight.shaft_clearance(run, mounted.printer, loads, written)
+    text = preflight.accepted_text(found)
     return FileShaft(
-        shaft_checks(found, 0, accepted=accepted), found, (text,) if accepted and text else ()
+        preflight.shaft_checks(found, 0, accepted=accepted),
+        found,
+        (text,) if accepted and text else (),
     )
 
 

@@ -13,8 +13,7 @@ from design.files import replacing
 from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines, tell
 from printctl.cli.process_lines import process_lines
 from printctl.errors import UsageError
-from printctl.pipeline.artefacts import GCODE, LINE_MAP
-from printctl.pipeline.plate.results import PICTURE, TABLE
+from printctl.pipeline.artefacts import GCODE, LINE_MAP, PLATE_PICTURE, PLATE_TABLE
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import load_recipe
 
@@ -35,7 +34,10 @@ def toolpath(
         data = toolpath_recipe(loaded, recipe.resolve().parent, Path(scratch), messages())
         beside = [(LINE_MAP, out.with_suffix(".map.npz")), (GCODE, out)]
         if loaded.plate is not None:
-            beside += [(TABLE, out.with_suffix(".wells.csv")), (PICTURE, out.with_suffix(".svg"))]
+            beside += [
+                (PLATE_TABLE, out.with_suffix(".wells.csv")),
+                (PLATE_PICTURE, out.with_suffix(".svg")),
+            ]
         for name, place in beside:
             with replacing(place) as draft:
                 shutil.copyfile(Path(scratch) / name, draft)

@@ -10,11 +10,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final
 
-import numpy as np
-
 from firmware_profiles import Dish, Needle, Printer
 from printctl.gate.verdict import NotAllowed, Place
-from printctl.set_up import WALL_CLEARANCE_MM, Standing, hub_gap, wall_gap
+from printctl.set_up import WALL_CLEARANCE_MM, Standing, hub_gap_of, wall_gap_of
 
 RIM_MARGIN_MM: Final = 2.0
 """Kept above the rim by a needle that goes sideways over it."""
@@ -182,12 +180,12 @@ def _clear_of_wall(bounds: Bounds, start: Place, target: Place) -> None:
     standing, needle = bounds.standing, bounds.needle
     if standing is None or needle is None:
         return
-    tips, moves = np.array([[start, target]]), np.ones(1, np.bool_)
+    ends = (start, target)
     higher = standing.dish.model_copy(update={"wall_mm": standing.dish.wall_mm + RIM_MARGIN_MM})
     kept_clear = replace(standing, dish=higher)
     gaps = {
-        "needle": float(wall_gap(tips, moves, kept_clear, needle.outer_mm)[0]),
-        "needle's hub": float(hub_gap(tips, moves, standing, needle)[0]),
+        "needle": wall_gap_of(ends, kept_clear, needle.outer_mm),
+        "needle's hub": hub_gap_of(ends, standing, needle),
     }
     for what, gap in gaps.items():
         if gap < WALL_CLEARANCE_MM - _TINY_MM:

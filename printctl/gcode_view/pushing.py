@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from firmware_profiles import BeadSection, Printer
+from firmware_profiles import Printer
+from firmware_profiles.bead import BeadSection
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import BeadSection
+from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
 from printctl.gcode_view.comments import Comments, plain_lines, read_comments, said_start
 from printctl.gcode_view.doses import plunger_doses, valve_doses

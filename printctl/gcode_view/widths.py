@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import BeadSection
+from firmware_profiles.bead import BeadSection
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import BeadSection
+from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
 from printctl.lumens.line_widths import check_level, check_width, dose_per_mm, dots, slabs
 from printctl.lumens.strokes import Strokes, origin, plunger_strokes

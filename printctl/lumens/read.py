@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from firmware_profiles import BeadSection, Printer
+from firmware_profiles import Printer
+from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
 from printctl.gcode_view.comments import plain_lines, said_start
 from printctl.lumens.filaments import Filaments, filaments

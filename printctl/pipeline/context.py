@@ -23,9 +23,9 @@ from design.tissue import Tissue
 from design.toolpath.correction import NEUTRAL, Corrections
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, steady_flow
 from printctl.compensation import CompensationFile, corrections_of_file, load_compensation
-from printctl.errors import UsageError
 from printctl.flow.conditions import steady_conditions
 from printctl.pipeline.artefacts import LUMEN, NETWORK, SOLID
+from printctl.pipeline.filled import Filled, filled_heads
 from printctl.pipeline.heads import vessel_heads
 from printctl.pipeline.manifest import Manifest, digest_file
 from printctl.pipeline.tissue_source import make_tissue
@@ -39,15 +39,6 @@ SIMULATED_PORT = "simulated"
 
 LIGHT_REACHES_MM = 3.5
 """Deeper parts are beyond OCT in scattering gels; the planar part, 3 mm, is at its limit."""
-
-
-@dataclass(frozen=True)
-class Filled:
-    """What a head holds, as far as a recipe says it: all of it."""
-
-    syringe: Syringe
-    ink: Ink
-    needle: Needle
 
 
 @dataclass
@@ -108,23 +99,8 @@ class RunContext:
             When the recipe names other heads than the printer has.
         """
         part, needle = self.recipe.printer, self.recipe.toolpath.needle
-        if not part.heads:
-            ink = varied_ink(self.profile_ink, self.ink_changes)
-            one = Filled(load(Syringe, part.syringe), ink, load(Needle, needle))
-            return (one,) * self.printer.head_count
-        if len(part.heads) != self.printer.head_count:
-            raise UsageError(
-                f"printer.heads names {len(part.heads)}, and {self.printer.name} has "
-                f"{self.printer.head_count}; name what each holds, or choose another profile"
-            )
-        return tuple(
-            Filled(
-                load(Syringe, head.syringe),
-                load(Ink, head.ink),
-                load(Needle, head.needle or needle),
-            )
-            for head in part.heads
-        )
+        ink = None if part.heads else varied_ink(self.profile_ink, self.ink_changes)
+        return filled_heads(part, needle, self.printer, ink)
 
     @cached_property
     def profile_ink(self) -> Ink:

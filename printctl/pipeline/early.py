@@ -1,14 +1,11 @@
-"""Refusals that network, needle and printer decide alone, before a path is planned."""
+"""Refusals that the design's bounds and the needle decide, before a path is planned."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-import numpy as np
-
 from printctl.pipeline.context import RunContext
+from printctl.pipeline.refusals import reach_checks
 from printctl.preflight import needle_check
-from printctl.set_up.check import Check, refuse_failed
+from printctl.set_up.check import refuse_failed
 
 
 def refuse_early(context: RunContext) -> None:
@@ -24,24 +21,8 @@ def refuse_early(context: RunContext) -> None:
     low, high = context.written_bounds
     depth = float(high[2] - low[2])
     checks = [needle_check(depth, load.needle) for load in context.loads]
-    # Several heads stand apart from the carriage: their reach is looked at in the G-code.
-    refuse_failed([*checks, *(() if context.printer.heads else _reach(context))])
-
-
-def _reach(context: RunContext) -> Iterator[Check]:
-    """Whether every point of the axes lies within the printer's travel."""
-    points = context.written_network.points + context.place_mm
-    printer = context.printer
-    for axis, span in enumerate((printer.x_mm, printer.y_mm, printer.z_mm)):
-        name = "xyz"[axis]
-        low, high = float(points[:, axis].min()), float(points[:, axis].max())
-        for value, limit, end in ((low, span.low, "low"), (high, span.high, "high")):
-            yield Check(
-                f"{'least' if end == 'low' else 'greatest'} {name} of the network",
-                value,
-                limit,
-                "mm",
-                bool(np.isfinite(value)) and (value >= limit if end == "low" else value <= limit),
-                f"printer: {name}_mm.{end}",
-                "place the part elsewhere (printer.place_mm)",
-            )
+    if not context.printer.heads:
+        # Several heads stand apart from the carriage: their reach is looked at in the G-code.
+        points = context.written_network.points + context.place_mm
+        checks += reach_checks(points, context.printer)
+    refuse_failed(checks)

@@ -9,7 +9,8 @@ from design.toolpath import Toolpath
 from design.toolpath.lag import advanced
 from printctl.bead import lag_of
 from printctl.errors import UsageError
-from printctl.pipeline.context import Filled, RunContext
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.filled import Filled
 from sim.bead import nozzle_of
 
 OF_SPEED: Final = 0.5

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from design.toolpath.embedded import EmbeddedOptions, held_diameter_mm
 from design.toolpath.fresh import FreshOptions
-from firmware_profiles import Needle
 from printctl.pipeline.context import RunContext
+from printctl.pipeline.filled import needle_options
 from printctl.recipe.making import Fresh
 
 
@@ -65,13 +64,3 @@ def printability(context: RunContext, asked_mm: float | None = None) -> Printabi
     )
     wall = filament.smallest_wall_mm(lumen / 2)
     return Printability(lumen * size, min(held, filled) * size, wall * size, says)
-
-
-def needle_options(needle: Needle) -> dict[str, Any]:
-    """A needle's measures as `EmbeddedOptions` calls them, mm."""
-    return {
-        "needle_inner_mm": needle.inner_mm,
-        "needle_outer_mm": needle.outer_mm,
-        "tip_outer_mm": needle.tip_outer_mm or 0.0,
-        "cone_mm": needle.cone_mm or 0.0,
-    }

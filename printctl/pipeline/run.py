@@ -2,50 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from rich.console import Console
 
-from printctl.errors import UsageError
-from printctl.pipeline.context import RunContext
-from printctl.pipeline.facts import run_facts
-from printctl.pipeline.lock import run_lock
-from printctl.pipeline.manifest import Manifest
-from printctl.pipeline.plate.run import design_plate, run_plate, toolpath_plate
-from printctl.pipeline.sequences import DESIGN, TOOLPATH, WHOLE, in_order, until
-from printctl.pipeline.stage import Stage, run_stages
-from printctl.pipeline.stages import report
-from printctl.pipeline.stages.report import collect
-from printctl.progress import Listener, StageBars
+from printctl.pipeline.how import How
+from printctl.pipeline.names import (
+    DESIGN_NAMES,
+    JOB_NAMES,
+    TOOLPATH_NAMES,
+    WHOLE_NAMES,
+    names_until,
+)
+from printctl.pipeline.refusals import refuse_before
 from printctl.recipe import Recipe
 
+__all__ = ["How", "design_recipe", "run_recipe", "toolpath_recipe"]
 
-@dataclass(frozen=True)
-class How:
-    """How a recipe is run.
-
-    Attributes
-    ----------
-    assume_yes : bool
-        Don't ask before a print on a real printer.
-    pdf : bool
-        Write the report as a PDF too.
-    until : str or None
-        The last stage, by its name; all of them and the report without.
-    printed : bool
-        Take the print that is done in the run's folder; nothing is printed.
-    listener : Listener or None
-        Told of progress.
-    """
-
-    assume_yes: bool = False
-    pdf: bool = False
-    until: str | None = None
-    printed: bool = False
-    listener: Listener | None = None
+_ALL: Final = How()
 
 
 def run_recipe(
@@ -53,12 +28,13 @@ def run_recipe(
     recipe_folder: Path,
     folder: Path,
     console: Console,
-    how: How = How(),
+    how: How = _ALL,
 ) -> dict[str, Any]:
     """Run the stages in ``folder`` and write the report; return report.json's content.
 
-    Before a print on a real printer starts, the user is asked, unless ``how.assume_yes``. With
-    ``how.until`` the summaries of the stages up to that one are returned.
+    What the recipe's files and profiles refuse by themselves is refused first. Before a print on
+    a real printer starts, the user is asked, unless ``how.assume_yes``. With ``how.until`` the
+    summaries of the stages up to that one are returned.
 
     Raises
     ------
@@ -67,61 +43,24 @@ def run_recipe(
     PrintctlError, DesignError, RegistrationError, LinkError, ProfileError, OSError
         Whatever stopped it; finished stages are kept and reused by the next run.
     """
-    stages = in_order(WHOLE if how.until is None else until(how.until), recipe)
-    with run_lock(folder):
-        context = _context(recipe, recipe_folder, folder, console, how)
-        if how.listener is not None:
-            names = [stage.name for stage in stages if stage.asked(context)]
-            how.listener.begin(names, stages[-1].name)
-        if recipe.plate is not None:
-            return _plate(context, how, stages)
-        _run(context, stages)
-        return report.write_report(context, how.pdf) if how.until is None else collect(context)
+    names = WHOLE_NAMES if how.until is None else names_until(how.until)
+    if JOB_NAMES[0] in names:
+        refuse_before(recipe, recipe_folder)
+    # What does the work takes seconds to load; a refusal doesn't wait for it.
+    from printctl.pipeline.whole_run import run_wanted
 
-
-def _plate(context: RunContext, how: How, stages: Sequence[Stage]) -> dict[str, Any]:
-    if how.printed:
-        raise UsageError("--printed takes the print of one part; leave it out with a plate")
-    if how.until is None:
-        return run_plate(context, how.pdf)
-    for last, work in ((TOOLPATH[-1], toolpath_plate), (DESIGN[-1], design_plate)):
-        if how.until is not None and until(how.until)[-1] is last:
-            return work(context)
-    raise UsageError(
-        f"a plate can't end at {how.until}: its wells go together as far as {DESIGN[-1].name}, "
-        f"and then as far as {TOOLPATH[-1].name}; give one of these"
-    )
+    return run_wanted(recipe, recipe_folder, folder, console, how)
 
 
 def design_recipe(
     recipe: Recipe, recipe_folder: Path, folder: Path, console: Console
 ) -> dict[str, Any]:
     """Run the design stages; return their summaries."""
-    return run_recipe(recipe, recipe_folder, folder, console, How(until=DESIGN[-1].name))
+    return run_recipe(recipe, recipe_folder, folder, console, How(until=DESIGN_NAMES[-1]))
 
 
 def toolpath_recipe(
     recipe: Recipe, recipe_folder: Path, folder: Path, console: Console
 ) -> dict[str, Any]:
     """Run the stages up to the dry run; return their summaries."""
-    return run_recipe(recipe, recipe_folder, folder, console, How(until=TOOLPATH[-1].name))
-
-
-def _run(context: RunContext, stages: Sequence[Stage]) -> None:
-    context.manifest.facts = run_facts(context)
-    context.manifest.save()
-    run_stages(context, stages, context.bars)
-
-
-def _context(
-    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console, how: How
-) -> RunContext:
-    return RunContext(
-        recipe,
-        recipe_folder,
-        folder,
-        Manifest.load(folder),
-        StageBars(console, how.listener),
-        how.assume_yes,
-        printed=how.printed,
-    )
+    return run_recipe(recipe, recipe_folder, folder, console, How(until=TOOLPATH_NAMES[-1]))

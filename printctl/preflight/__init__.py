@@ -1,58 +1,62 @@
 """Checks before the first byte is sent; one that fails refuses the print."""
 
-from printctl.preflight.dish_checks import (
-    dish_checks,
-    floor_check,
-    unknown_dish,
-)
-from printctl.preflight.firmware_checks import firmware_checks
-from printctl.preflight.force_checks import force_checks, hardest_push
-from printctl.preflight.gcode_checks import gcode_checks
-from printctl.preflight.head_checks import head_checks, of_each_head
-from printctl.preflight.ink_use import InkUse, ink_use
-from printctl.preflight.material_checks import (
-    bath_checks,
-    chemistry_check,
-    held_check,
-    temperature_checks,
-)
-from printctl.preflight.same_as_alone import same_as_alone
-from printctl.preflight.set_up import file_checks
-from printctl.preflight.setup_checks import (
-    needle_check,
-    syringe_check,
-    syringe_checks,
-)
-from printctl.preflight.shaft_checks import (
-    accepted_text,
-    shaft_checks,
-    shaft_clearance,
-    shaft_lines,
-    unmapped_check,
-    volumes,
-    written_ul,
-)
-from printctl.preflight.shaft_map import read_written, written_arrays
-from printctl.preflight.step_checks import step_checks
-from printctl.preflight.viability_checks import (
-    PrintTime,
-    viability_checks,
-    viability_facts,
-)
-from printctl.preflight.well_checks import Wells, well_checks
-from printctl.preflight.well_map import read_wells, well_arrays
-from printctl.set_up import (
-    WALL_CLEARANCE_MM,
-    Budget,
-    Check,
-    Loaded,
-    SetUp,
-    Standing,
-    budget_of,
-    placed_failures,
-    refuse_failed,
-    warnings,
-)
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from printctl.preflight.alone import same_as_alone
+    from printctl.preflight.dish import (
+        dish_checks,
+        floor_check,
+        unknown_dish,
+    )
+    from printctl.preflight.firmware import firmware_checks
+    from printctl.preflight.force import force_checks, hardest_push
+    from printctl.preflight.gcode import gcode_checks
+    from printctl.preflight.heads import head_checks, of_each_head
+    from printctl.preflight.ink_needed import InkUse, ink_use
+    from printctl.preflight.ink_volumes import volumes, written_ul
+    from printctl.preflight.material_checks import temperature_checks
+    from printctl.preflight.mounted_checks import (
+        bath_checks,
+        chemistry_check,
+        held_check,
+        needle_check,
+    )
+    from printctl.preflight.set_up import file_checks
+    from printctl.preflight.setup_checks import (
+        syringe_check,
+        syringe_checks,
+    )
+    from printctl.preflight.shaft import (
+        accepted_text,
+        shaft_checks,
+        shaft_lines,
+        unmapped_check,
+    )
+    from printctl.preflight.shaft_map import read_written, written_arrays
+    from printctl.preflight.shaft_run import shaft_clearance
+    from printctl.preflight.steps import step_checks
+    from printctl.preflight.viability import (
+        PrintTime,
+        viability_checks,
+        viability_facts,
+    )
+    from printctl.preflight.well_map import read_wells, well_arrays
+    from printctl.preflight.wells import Wells, well_checks
+    from printctl.set_up import (
+        WALL_CLEARANCE_MM,
+        Budget,
+        Check,
+        Loaded,
+        SetUp,
+        Standing,
+        budget_of,
+        placed_failures,
+        refuse_failed,
+        warnings,
+    )
 
 __all__ = [
     "WALL_CLEARANCE_MM",
@@ -103,3 +107,9 @@ __all__ = [
     "written_arrays",
     "written_ul",
 ]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -8,17 +8,18 @@ from pathlib import Path
 
 from firmware_profiles import Printer, ProfileError
 from printctl.errors import UsageError
-from printctl.preflight.dish_checks import dish_checks, floor_check, unknown_dish
-from printctl.preflight.force_checks import force_checks
-from printctl.preflight.gcode_checks import gcode_checks
-from printctl.preflight.head_checks import head_checks, of_each_head
-from printctl.preflight.material_checks import bath_checks, chemistry_check, temperature_checks
+from printctl.preflight.dish import dish_checks, floor_check, unknown_dish
+from printctl.preflight.force import force_checks
+from printctl.preflight.gcode import gcode_checks
+from printctl.preflight.heads import head_checks, of_each_head
+from printctl.preflight.ink_volumes import volumes, written_ul
+from printctl.preflight.material_checks import temperature_checks
+from printctl.preflight.mounted_checks import bath_checks, chemistry_check
 from printctl.preflight.setup_checks import syringe_checks
-from printctl.preflight.shaft_checks import volumes, written_ul
-from printctl.preflight.step_checks import step_checks
-from printctl.preflight.viability_checks import PrintTime, viability_checks
-from printctl.preflight.well_checks import Wells, well_checks
+from printctl.preflight.steps import step_checks
+from printctl.preflight.viability import PrintTime, viability_checks
 from printctl.preflight.well_map import read_wells
+from printctl.preflight.wells import Wells, well_checks
 from printctl.set_up import Check, Loaded, SetUp, budget_of
 from sim.dryrun import DryRun
 

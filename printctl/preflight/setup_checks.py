@@ -1,4 +1,4 @@
-"""Checks of what is mounted and filled: syringe, needle."""
+"""Checks of what a job asks of the syringe."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from firmware_profiles import Needle, Printer, Syringe
-from printctl.preflight.firmware_checks import widest_push_check
+from firmware_profiles import Printer, Syringe
+from printctl.preflight.firmware import widest_push_check
 from printctl.preflight.profile_checks import profile_checks
 from printctl.set_up.check import Check
 from sim.dryrun import DryRun
@@ -42,16 +42,3 @@ def syringe_checks(run: DryRun, printer: Printer, syringe: Syringe) -> list[Chec
         *widest_push_check(run, printer, syringe),
         *profile_checks(syringe),
     ]
-
-
-def needle_check(part_height_mm: float, needle: Needle) -> Check:
-    """Whether the needle reaches the part's bottom before its hub dips into the bath."""
-    return Check(
-        "depth of the part against the needle's length",
-        part_height_mm,
-        needle.length_mm,
-        "mm",
-        part_height_mm <= needle.length_mm,
-        "needle: length_mm",
-        f"the hub of {needle.name} would dip in; use a longer needle or a flatter part",
-    )

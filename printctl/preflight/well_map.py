@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Dish
-from printctl.preflight.well_checks import Wells
+from printctl.preflight.wells import Wells
 
 FloatArray = NDArray[np.float64]
 

@@ -1,9 +1,14 @@
 """A print as the command line sees it: start or find it, follow it, be asked when interrupted."""
 
-from printctl.printing.find import Order, find_or_start, finished, running
-from printctl.printing.simulated import SIMULATED, simulated_printer
-from printctl.printing.syringes import capacity_mm, usable_mm, with_reloads, with_reloads_of
-from printctl.printing.watch import confirm, follow, retreat_for
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from printctl.printing.find import Order, find_or_start, finished, running
+    from printctl.printing.simulated import SIMULATED, simulated_printer
+    from printctl.printing.syringes import capacity_mm, usable_mm, with_reloads, with_reloads_of
+    from printctl.printing.watch import confirm, follow, retreat_for
 
 __all__ = [
     "SIMULATED",
@@ -20,3 +25,9 @@ __all__ = [
     "with_reloads",
     "with_reloads_of",
 ]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -7,19 +7,21 @@ import math
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from firmware_profiles import Syringe, load
 from printctl.link.care import Care
 from printctl.link.client import attach
 from printctl.link.record import JOURNAL, LinkRecord, load_record
 from printctl.link.states import LinkState, Status
-from printctl.printing.job_table import JobTable
 from printctl.printing.journalled import Journalled, journalled
 from printctl.printing.print_actions import Possible, PrintAction, possible_actions
 from printctl.printing.print_words import made_words, print_words, state_words
 from printctl.printing.progress import Filling, Progress, predicted_s, progress
 from printctl.printing.remaining import Remaining
+
+if TYPE_CHECKING:
+    from printctl.printing.job_table import JobTable
 
 TABLE = "progress.{}.npz"
 """A print's table, with the beginning of its job's hash."""
@@ -169,8 +171,13 @@ def filling_of(folder: Path, journal: Journalled) -> Filling | None:
 
 def kept_table(folder: Path, sha256: str) -> JobTable | None:
     """Return the table of the file that is printed in ``folder``, if somebody made it."""
+    path = folder / TABLE.format(sha256[:16])
+    if not path.is_file():
+        return None
+    from printctl.printing.job_table import JobTable  # NumPy: most prints have no table
+
     try:
-        return JobTable.load(folder / TABLE.format(sha256[:16]))
+        return JobTable.load(path)
     except (OSError, ValueError, KeyError):
         return None
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from printctl.printing.job_table import JobTable
 from printctl.printing.remaining import Estimate
+
+if TYPE_CHECKING:
+    from printctl.printing.job_table import JobTable
 
 
 @dataclass(frozen=True)

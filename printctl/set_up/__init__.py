@@ -6,7 +6,13 @@ The checks themselves, which look at G-code, are in `printctl.preflight`.
 from printctl.set_up.budget import Budget, budget_of
 from printctl.set_up.check import Check, placed_failures, refuse_failed, warnings
 from printctl.set_up.mounted import Loaded, SetUp
-from printctl.set_up.standing import ABOVE_WALL_MM, WALL_CLEARANCE_MM, Standing, hub_gap, wall_gap
+from printctl.set_up.standing import (
+    ABOVE_WALL_MM,
+    WALL_CLEARANCE_MM,
+    Standing,
+    hub_gap_of,
+    wall_gap_of,
+)
 
 __all__ = [
     "ABOVE_WALL_MM",
@@ -17,9 +23,9 @@ __all__ = [
     "SetUp",
     "Standing",
     "budget_of",
-    "hub_gap",
+    "hub_gap_of",
     "placed_failures",
     "refuse_failed",
-    "wall_gap",
+    "wall_gap_of",
     "warnings",
 ]

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from firmware_profiles import Dish, Needle
 
-FloatArray = NDArray[np.float64]
+Point = tuple[float, float, float]
 WALL_CLEARANCE_MM: Final = 1.0
 """Kept between needle and wall: a touch-off by eye is no better."""
 ABOVE_WALL_MM: Final = 2.0
@@ -65,37 +63,32 @@ class Standing:
         return self.bath_mm + (max(ink_ul, 0.0) + dipped_ul) / self.area_mm2
 
 
-def wall_gap(
-    tips: FloatArray, moves: NDArray[np.bool_], standing: Standing, outer_mm: float
-) -> FloatArray:
-    """Distance of a needle to the wall in each move, (n,), mm; infinite where it is above it.
+def wall_gap_of(ends: Sequence[Point], standing: Standing, outer_mm: float) -> float:
+    """Return the distance of a needle to the wall in one straight move, mm; above it infinite.
 
-    Both ends of a move count if one is below the top. A dish is convex, so a move whose ends are
-    inside is inside.
+    As `printctl.preflight.wall_gaps.wall_gap` of many moves, without NumPy, which a station's and
+    a link's process don't load.
 
     Parameters
     ----------
-    tips : (n, 2, 3) float64, mm
-        Before and after each row, printer's frame.
-    moves : (n,) bool
-        Rows that count.
+    ends : two (x, y, z), mm
+        Before and after, printer's frame.
     standing : Standing
     outer_mm : float, mm
         The needle's.
     """
     dish = standing.dish
-    low = (tips[:, :, 2].min(axis=1) < standing.floor_mm + dish.wall_mm) & moves
-    off = np.abs(tips[:, :, :2] - standing.centre_mm)
+    if min(z for _, _, z in ends) >= standing.floor_mm + dish.wall_mm:
+        return math.inf
+    aside = [(abs(x - standing.centre_mm[0]), abs(y - standing.centre_mm[1])) for x, y, _ in ends]
     if dish.shape == "round":
-        gap = dish.inner_x_mm / 2 - np.linalg.norm(off, axis=2)
+        gap = min(dish.inner_x_mm / 2 - math.hypot(x, y) for x, y in aside)
     else:
-        gap = np.minimum(dish.inner_x_mm / 2 - off[:, :, 0], dish.inner_y_mm / 2 - off[:, :, 1])
-    return np.where(low, gap.min(axis=1) - outer_mm / 2, np.inf)
+        gap = min(min(dish.inner_x_mm / 2 - x, dish.inner_y_mm / 2 - y) for x, y in aside)
+    return gap - outer_mm / 2
 
 
-def hub_gap(
-    tips: FloatArray, moves: NDArray[np.bool_], standing: Standing, needle: Needle
-) -> FloatArray:
-    """Distance of the needle's hub to the wall in each move, as `wall_gap`."""
-    hubs = tips + [0.0, 0.0, needle.length_mm]
-    return wall_gap(hubs, moves, standing, needle.hub_outer_mm or HUB_MM)
+def hub_gap_of(ends: Sequence[Point], standing: Standing, needle: Needle) -> float:
+    """Return the distance of the needle's hub to the wall in one move, as `wall_gap_of`."""
+    hubs = [(x, y, z + needle.length_mm) for x, y, z in ends]
+    return wall_gap_of(hubs, standing, needle.hub_outer_mm or HUB_MM)

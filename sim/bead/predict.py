@@ -24,7 +24,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import BeadSection
+from firmware_profiles.bead import BeadSection
 from sim.bead.flow import NozzleFlow, nozzle_flow
 from sim.bead.nozzle import Nozzle
 from sim.bead.pieces import Pieces

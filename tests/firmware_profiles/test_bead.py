@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from firmware_profiles import BeadSection, Ink, load
+from firmware_profiles import Ink, load
+from firmware_profiles.bead import BeadSection
 
 MODELS = ("rounded", "rectangle", "ellipse", 12.5)
 

@@ -36,10 +36,13 @@ ON_DEMAND = (
     "design.lattices",
     "design.measures",
     "design.solids",
+    "design.toolpath.embedded",
     "design.toolpath.fresh",
     "design.toolpath.gcode",
     "printctl.calibration",
     "printctl.gcode_view",
+    "printctl.preflight",
+    "printctl.printing",
     "printctl.web.live",
     "printctl.recipe",
     "registration.gauging",
@@ -84,6 +87,16 @@ def loaded_by(*modules: str) -> set[str]:
 )
 def test_a_process_begins_without_kernels_meshes_and_figures(modules):
     assert not loaded_by(*modules) & set(HEAVY)
+
+
+@pytest.mark.parametrize("module", ["printctl.link", "printctl.gate", "printctl.cli.status"])
+def test_a_link_and_the_status_of_a_print_need_no_numpy(module):
+    assert "numpy" not in loaded_by(module)
+
+
+@pytest.mark.parametrize("command", ["run", "toolpath"])
+def test_a_recipe_is_refused_before_what_does_its_work_is_loaded(command):
+    assert not loaded_by(f"printctl.cli.{command}") & {"numba", "manifold3d", "shapely", "skimage"}
 
 
 def test_registering_loads_no_plotting_library():

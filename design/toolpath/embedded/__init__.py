@@ -1,12 +1,17 @@
 """Embedded writing: filaments along the vessels' centrelines inside a bath."""
 
-from design.toolpath.embedded.bundles import Bundles, bundled
-from design.toolpath.embedded.filament import check_vessels
-from design.toolpath.embedded.heads import EmbeddedHeads
-from design.toolpath.embedded.held import held_diameter_mm
-from design.toolpath.embedded.options import EmbeddedOptions
-from design.toolpath.embedded.plan import EmbeddedPlan, embedded_toolpath, plan_embedded
-from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from design.toolpath.embedded.bundles import Bundles, bundled
+    from design.toolpath.embedded.filament import check_thinnest, check_vessels
+    from design.toolpath.embedded.heads import EmbeddedHeads
+    from design.toolpath.embedded.held import held_diameter_mm
+    from design.toolpath.embedded.options import EmbeddedOptions
+    from design.toolpath.embedded.plan import EmbeddedPlan, embedded_toolpath, plan_embedded
+    from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
 
 __all__ = [
     "Bundles",
@@ -17,8 +22,15 @@ __all__ = [
     "EmbeddedReport",
     "Merged",
     "bundled",
+    "check_thinnest",
     "check_vessels",
     "embedded_toolpath",
     "held_diameter_mm",
     "plan_embedded",
 ]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.errors import ToolpathError
 from design.network import VesselNetwork
@@ -30,15 +31,30 @@ def check_vessels(
     Raises
     ------
     ToolpathError
-        For the thinnest vessel below the limit of the needle, and for the thickest one whose
-        flow exceeds `max_flow_ul_s` even at `min_speed_mm_s`.
+        As `check_thinnest`, and for the thickest vessel whose flow exceeds `max_flow_ul_s` even
+        at `min_speed_mm_s`.
+    """
+    check_thinnest(network, options, vessels)
+    _check_thickest(network, options, _looked_at(network, vessels))
+
+
+def _looked_at(network: VesselNetwork, vessels: IntArray | None) -> NDArray[np.bool_]:
+    every = np.arange(network.vessel_count)
+    return np.ones(len(every), np.bool_) if vessels is None else np.isin(every, vessels)
+
+
+def check_thinnest(
+    network: VesselNetwork, options: EmbeddedOptions, vessels: IntArray | None = None
+) -> None:
+    """Refuse vessels thinner than the needle writes; of all of them, or of some (``vessels``).
+
+    Raises
+    ------
+    ToolpathError
+        Naming the thinnest of them.
     """
     thinnest = 2 * np.minimum.reduceat(network.radius, network.offset[:-1])
-    looked_at = np.ones(len(thinnest), dtype=np.bool_)
-    if vessels is not None:
-        looked_at = np.isin(np.arange(len(thinnest)), vessels)
-    if not looked_at.any():
-        return
+    looked_at = _looked_at(network, vessels)
     limit = options.smallest_lumen_mm
     thin = np.flatnonzero((thinnest < limit * (1 - 1e-9)) & looked_at)
     if len(thin):
@@ -51,6 +67,11 @@ def check_vessels(
             f"{thinnest[vessel] / options.thinnest:.3f} mm bore, or let filaments be drawn thinner "
             "than the bore (toolpath.thinnest_bore in a recipe)"
         )
+
+
+def _check_thickest(
+    network: VesselNetwork, options: EmbeddedOptions, looked_at: NDArray[np.bool_]
+) -> None:
     thickest = 2 * np.maximum.reduceat(network.radius, network.offset[:-1]) * looked_at
     limit = options.largest_lumen_mm
     thick = np.flatnonzero(thickest > limit * (1 + 1e-9))

@@ -8,7 +8,7 @@ from design.errors import ToolpathError
 from design.toolpath.checks import require_not_negative, require_positive
 from design.toolpath.fresh.compensate import Compensation
 from design.toolpath.fresh.filling import Filling
-from firmware_profiles import BeadSection
+from firmware_profiles.bead import BeadSection
 
 
 @dataclass(frozen=True)

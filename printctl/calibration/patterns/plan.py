@@ -15,7 +15,8 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles.bead import BeadSection, BeadShape
+from firmware_profiles.bead import BeadSection
+from firmware_profiles.bead_shape import BeadShape
 
 FloatArray = NDArray[np.float64]
 PatternName = Literal["lines", "spiral", "joint", "bridge", "comb"]

@@ -9,13 +9,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from design.files import write_bytes, write_text
-from printctl.pipeline.artefacts import HTML, JSON
+from printctl.pipeline.artefacts import HTML, JSON, PLATE_PICTURE, PLATE_TABLE
 from printctl.pipeline.plate.wells import WELLS, PlateRun
 from printctl.pipeline.stages import report
 from registration.report.plate_figure import plate_figure
 from registration.report.plate_page import write_plate_html
 
-TABLE, PICTURE = "wells.csv", "plate.svg"
 _COLUMNS: Final = (
     "well", "variant", "copy", "x_mm", "y_mm", "first_line", "last_line", "ink_ul", "begins_s",
     "lasts_s", "outcome", "rms_um", "mean_error_percent", "worst_error_percent", "run",
@@ -100,8 +99,8 @@ def write_table(run: PlateRun, wells: Sequence[Mapping[str, Any]]) -> None:
         own = [row["values"].get(key) for key in swept]
         cells = [row.get(name) for name in _COLUMNS]
         writer.writerow([*cells[:2], *own, *cells[2:]])
-    write_text(run.whole.folder / TABLE, text.getvalue())
-    write_bytes(run.whole.folder / PICTURE, plate_figure(run.standing.plate, wells))
+    write_text(run.whole.folder / PLATE_TABLE, text.getvalue())
+    write_bytes(run.whole.folder / PLATE_PICTURE, plate_figure(run.standing.plate, wells))
 
 
 def plate_verdict(scanned: Sequence[Mapping[str, Any]], wells: int) -> dict[str, Any]:

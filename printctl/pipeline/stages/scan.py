@@ -12,7 +12,8 @@ import numpy as np
 
 from design.files import write_text
 from printctl.pipeline.artefacts import GCODE, LINE_MAP, NETWORK
-from printctl.pipeline.context import Filled, RunContext
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.filled import Filled
 from printctl.pipeline.manifest import Manifest, digest_file
 from printctl.pipeline.predicting import compensates, predicted_of_motion
 from printctl.pipeline.scan_defects import scan_defects

@@ -48,13 +48,13 @@ from printctl.pipeline.compensated import (
     solid_dependence,
     written_solid,
 )
-from printctl.pipeline.context import Filled, RunContext
+from printctl.pipeline.context import RunContext
 from printctl.pipeline.early import refuse_early
 from printctl.pipeline.facts import heads_dump
+from printctl.pipeline.filled import Filled, needle_options
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.lag import ahead_of_lag, measured_lag_s, relief_ul
 from printctl.pipeline.priming import primed
-from printctl.pipeline.printability import needle_options
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.tissue import SURFACE

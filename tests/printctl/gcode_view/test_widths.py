@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_profiles import BeadSection
+from firmware_profiles.bead import BeadSection
 from printctl.gcode_view.widths import cross_sections, widths
 from printctl.rounding import last_digit_mm, window_mm
 

@@ -15,7 +15,7 @@ from printctl.link.journal import read_journal, read_records
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.link.transport_simulated import HostDiedError
-from printctl.preflight.firmware_checks import firmware_checks
+from printctl.preflight.firmware import firmware_checks
 from sim.dryrun import dry_run
 from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import FaultFile, load_faults

@@ -17,7 +17,7 @@ from printctl.link.families import link_facts, protocol_for, refuse_unsent
 from printctl.link.marks import MarkKind
 from printctl.link.retreat import Retreat
 from printctl.pipeline.stages import printing
-from printctl.preflight.firmware_checks import firmware_checks
+from printctl.preflight.firmware import firmware_checks
 from printctl.printing import Order, find_or_start
 from printctl.probing import ask_settings
 from printctl.recipe.making import FileScan, SimulatedScan

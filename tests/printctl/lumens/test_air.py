@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from design.network import VesselNetwork
-from firmware_profiles import BeadSection, Printer, load
+from firmware_profiles import Printer, load
+from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
 from printctl.lumens import Writing, check_network, read_filaments, read_layers, read_lines
 from sim.deposit_air import pneumatic_deposit

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from firmware_profiles import BeadSection, Printer, load
+from firmware_profiles import Printer, load
+from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
 from printctl.lumens import Writing, read_filaments, read_layers
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from firmware_profiles import BeadSection
+from firmware_profiles.bead import BeadSection
 from printctl.lumens import Stations, WrittenLines
 from printctl.lumens.measure import slabs_near
 from sim.lumen_kernels import widest_in_polygon

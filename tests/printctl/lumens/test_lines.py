@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from firmware_profiles import BeadSection
+from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
 from printctl.lumens import read_lines, rounded_to_steps
 from tests.printctl.lumens.small_gcode import LAYER_MM, LINE_MM, UL_PER_E, gcode, tube

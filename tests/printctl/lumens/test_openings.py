@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from design.network import VesselNetwork
-from firmware_profiles import BeadSection
+from firmware_profiles.bead import BeadSection
 from printctl.lumens import (
     Openings,
     Stations,

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from design.network import VesselNetwork
-from firmware_profiles import BeadSection, Printer, load
+from firmware_profiles import Printer, load
+from firmware_profiles.bead import BeadSection
 from printctl.errors import SafetyError
 from printctl.pipeline.stages import lumens
 from printctl.recipe.making import Embedded, Fresh

@@ -9,7 +9,8 @@ import pytest
 
 from design.toolpath.embedded import EmbeddedOptions
 from firmware_profiles import Bath, Ink, Needle, load
-from printctl.pipeline.printability import needle_options, printability
+from printctl.pipeline.filled import needle_options
+from printctl.pipeline.printability import printability
 from printctl.recipe.making import Embedded, Fresh
 
 

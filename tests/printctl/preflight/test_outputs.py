@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from firmware_profiles import FileController, Plunger, Printer, load
-from printctl.preflight.gcode_checks import gcode_checks
+from printctl.preflight.gcode import gcode_checks
 from printctl.set_up.check import Check
 from sim.dryrun import dry_run
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from firmware_profiles import BeadSection, Printer, load
+from firmware_profiles import Printer, load
+from firmware_profiles.bead import BeadSection
 from sim.bead import Nozzle, advance_of, cut, laid_deposit, predict_bead
 from sim.dryrun import DryRun, dry_run
 from sim.executed import ExecutedMotion

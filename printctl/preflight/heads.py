@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Needle, Printer
+from printctl.preflight.wall_gaps import wall_gap
 from printctl.set_up.check import Check
-from printctl.set_up.standing import WALL_CLEARANCE_MM, Standing, wall_gap
+from printctl.set_up.standing import WALL_CLEARANCE_MM, Standing
 from sim.dryrun import DryRun
 from sim.gcode_modal import DWELL, MOVE, SYNC
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware_profiles import Bath, Dish, Needle
+from firmware_profiles import Bath, Needle
+from printctl.preflight.wall_gaps import PlaceNames, hub_check, wall_check
 from printctl.set_up.check import Check
-from printctl.set_up.standing import HUB_MM, WALL_CLEARANCE_MM, Standing, hub_gap, wall_gap
+from printctl.set_up.standing import Standing
 from sim.dryrun import DryRun
 from sim.gcode_modal import MOVE
 
@@ -59,10 +61,25 @@ def dish_checks(
     ink_ul : float, µL
         Written into the bath, which rises by it.
     """
-    checks = [_wall(run, standing, needle), _hub(run, standing, needle)]
+    tips, moves = tips_of(run), run.program.kind == MOVE
+    lines = _Lines(run)
+    checks = [
+        wall_check(tips, moves, standing, needle, lines),
+        hub_check(tips, moves, standing, needle, lines),
+    ]
     if standing.bath_mm is not None:
         checks += _depth(run, standing, needle, ink_ul)
     return checks
+
+
+@dataclass(frozen=True)
+class _Lines(PlaceNames):
+    """Line of the file of each row."""
+
+    run: DryRun
+
+    def __getitem__(self, row: int) -> str:
+        return f"line {int(self.run.program.line[row])}"
 
 
 def tips_of(run: DryRun) -> FloatArray:
@@ -70,50 +87,6 @@ def tips_of(run: DryRun) -> FloatArray:
     ends = run.program.target[:, :3]
     begins = np.vstack([run.program.start[None, :3], ends[:-1]])[: len(ends)]
     return np.stack([begins, ends], axis=1)
-
-
-def _wall(run: DryRun, standing: Standing, needle: Needle) -> Check:
-    """Least distance between needle and wall."""
-    dish = standing.dish
-    gap = wall_gap(tips_of(run), run.program.kind == MOVE, standing, needle.outer_mm)
-    row = int(gap.argmin()) if len(gap) else -1
-    value = float(gap[row]) if row >= 0 and np.isfinite(gap[row]) else dish.inner_x_mm / 2
-    return Check(
-        "needle to the dish's wall",
-        value,
-        WALL_CLEARANCE_MM,
-        "mm",
-        value >= WALL_CLEARANCE_MM,
-        f"line {int(run.program.line[row])}" if row >= 0 else "",
-        f"it would run into the wall of {dish.name}; take a wider dish, move the part or say where "
-        "the dish stands (dish_centre_mm)",
-    )
-
-
-def hub_remedy(needle: Needle, dish: Dish) -> str:
-    """What to do where a hub meets a wall."""
-    taken = "" if needle.hub_outer_mm else f", taken as {HUB_MM:g} mm wide (needle: hub_outer_mm)"
-    return (
-        f"the hub of {needle.name}{taken} would hit the wall of {dish.name}; take a longer "
-        "needle, a lower or wider dish, or raise the part"
-    )
-
-
-def _hub(run: DryRun, standing: Standing, needle: Needle) -> Check:
-    """Least distance between the wall and what is above the needle's shaft."""
-    dish = standing.dish
-    gap = hub_gap(tips_of(run), run.program.kind == MOVE, standing, needle)
-    row = int(gap.argmin()) if len(gap) else -1
-    value = float(gap[row]) if row >= 0 and np.isfinite(gap[row]) else dish.inner_x_mm / 2
-    return Check(
-        "needle's hub to the dish's wall",
-        value,
-        WALL_CLEARANCE_MM,
-        "mm",
-        value >= WALL_CLEARANCE_MM,
-        f"line {int(run.program.line[row])}" if row >= 0 else "",
-        hub_remedy(needle, dish),
-    )
 
 
 def _depth(run: DryRun, standing: Standing, needle: Needle, ink_ul: float) -> list[Check]:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Dish, Needle
-from printctl.preflight.dish_checks import hub_remedy, tips_of
-from printctl.set_up import WALL_CLEARANCE_MM, Check, Standing, hub_gap, wall_gap
+from printctl.preflight.dish import tips_of
+from printctl.preflight.wall_gaps import hub_gap, hub_remedy, wall_gap
+from printctl.set_up import WALL_CLEARANCE_MM, Check, Standing
 from sim.dryrun import DryRun
 from sim.gcode_modal import MOVE
 

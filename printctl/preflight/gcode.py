@@ -6,9 +6,9 @@ import numpy as np
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
-from printctl.preflight.firmware_checks import firmware_checks
+from printctl.preflight.firmware import firmware_checks
 from printctl.preflight.gate_checks import gate_checks, motor_checks
-from printctl.preflight.head_checks import ABOUT_HEADS, of_each_head
+from printctl.preflight.heads import ABOUT_HEADS, of_each_head
 from printctl.preflight.place_checks import place_checks
 from printctl.preflight.pneumatic_checks import valve_checks
 from printctl.preflight.profile_checks import profile_checks

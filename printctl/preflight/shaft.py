@@ -1,82 +1,14 @@
-"""The needle's shaft against what an embedded job has written: run the checker, and judge it."""
+"""Judgement of what the needle's shaft meets."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from firmware_profiles import Needle, Printer, ProfileError, steady_flow
-from printctl.preflight.shaft_map import Written
-from printctl.set_up import Loaded
 from printctl.set_up.check import Check
-from sim.clearance import Clearance, NeedleBody, ShaftContact, check_clearance, motion_of
-from sim.dryrun import DryRun
-from sim.gcode_modal import MOVE
 
-FloatArray = NDArray[np.float64]
-
-
-def shaft_clearance(
-    run: DryRun, printer: Printer, loads: Sequence[Loaded], written: Written
-) -> Clearance:
-    """Check every move of a run; a head whose needle nobody named has the one planned for.
-
-    Raises
-    ------
-    ClearanceError
-        When map and G-code aren't of one job.
-    """
-    planned = written.needles_mm
-    bodies = [
-        _body(load.needle, planned[min(k, len(planned) - 1)], written.clearance_mm)
-        for k, load in enumerate(loads)
-    ]
-    motion = motion_of(run, written.sources, volumes(run, printer, loads))
-    return check_clearance(motion, written.network, bodies, written.overlap_radii)
-
-
-def _body(needle: Needle | None, planned_mm: FloatArray, clearance_mm: float) -> NeedleBody:
-    """The mounted needle, or the planned one: its outer diameter, its tip's, its cone's height."""
-    if needle is None:
-        outer, tip, cone = planned_mm.tolist()
-        return NeedleBody(outer / 2, tip / 2, cone, clearance_mm=clearance_mm)
-    return NeedleBody(
-        needle.outer_mm / 2,
-        (needle.tip_outer_mm or needle.outer_mm) / 2,
-        needle.cone_mm or 0.0,
-        needle.length_mm,
-        needle.hub_outer_mm / 2 if needle.hub_outer_mm else None,
-        clearance_mm=clearance_mm,
-    )
-
-
-def volumes(run: DryRun, printer: Printer, loads: Sequence[Loaded]) -> FloatArray:
-    """What comes out of the head in use in each row of the program, (rows,), µL.
-
-    Of a pneumatic head whose needle nobody named, at whose flow one can only guess, the ink's
-    lines have no thickness.
-    """
-    program = run.program
-    if printer.pneumatic is None:
-        bore = [np.pi / 4 * one.syringe.inner_mm**2 * one.ink.flow_factor for one in loads]
-        return np.asarray(program.pushed * np.array(bore)[program.tool])
-    needle = loads[0].needle
-    flow = steady_flow(printer.pneumatic, loads[0].ink, needle).ul_s if needle else 0.0
-    ends = np.vstack([program.start[None, :3], program.target[:, :3]])
-    length = np.linalg.norm(np.diff(ends, axis=0), axis=1)
-    lasts = np.divide(length, program.feed, out=np.zeros(len(length)), where=program.feed > 0)
-    return np.where(run.doses & (program.kind == MOVE), flow * lasts, 0.0)
-
-
-def written_ul(run: DryRun, printer: Printer, loads: Sequence[Loaded]) -> float:
-    """What comes out of all heads in the whole run, µL; nothing where the pressure moves no ink."""
-    try:
-        return float(volumes(run, printer, loads).sum())
-    except ProfileError:  # said by a check of its own
-        return 0.0
+if TYPE_CHECKING:
+    from sim.clearance import Clearance, ShaftContact
 
 
 def shaft_checks(found: Clearance, allowed: int, *, accepted: bool = False) -> list[Check]:

@@ -1,0 +1,188 @@
+"""Refusals that network, needle, syringe, dish and printer decide alone.
+
+They come before anything is built, and before the libraries that build it are loaded. What passes
+here is asked again of the design and of the G-code, which know more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.hemodynamics import scaled_network
+from design.network import VesselNetwork
+from design.network_files import read_network
+from design.toolpath.embedded import EmbeddedOptions, check_thinnest
+from design.toolpath.fresh import FreshOptions, check_lumens
+from firmware_profiles import Bath, Dish, Printer, load
+from printctl.pipeline.filled import Filled, filled_heads, needle_options
+from printctl.pipeline.heads import layer_lines_um, vessel_heads
+from printctl.preflight.mounted_checks import (
+    bath_checks,
+    chemistry_check,
+    held_check,
+    needle_check,
+)
+from printctl.preflight.profile_checks import profile_checks
+from printctl.preflight.wall_gaps import hub_check, wall_check
+from printctl.recipe import Recipe
+from printctl.recipe.growth import GivenNetwork
+from printctl.recipe.making import Embedded, Fresh
+from printctl.recipe.tissue import Annulus, Block, Cylinder
+from printctl.set_up import Standing
+from printctl.set_up.check import Check, refuse_failed
+
+FloatArray = NDArray[np.float64]
+
+
+def refuse_before(recipe: Recipe, recipe_folder: Path) -> None:
+    """Refuse a recipe whose profiles or given network can't be printed.
+
+    A plate's wells vary what is looked at here, and a compensation changes the network: both are
+    left to the stages.
+
+    Raises
+    ------
+    SafetyError
+        With every check that failed.
+    ToolpathError
+        For a vessel that the needle or the layers can't make.
+    UsageError
+        For heads that the printer hasn't, or a vessel that no head writes.
+    NetworkError, ProfileError, OSError
+        When a file is wrong or can't be read.
+    """
+    if recipe.plate is not None:
+        return
+    printer = load(Printer, recipe.printer.profile)
+    heads = filled_heads(recipe.printer, recipe.toolpath.needle, printer)
+    bath = load(Bath, recipe.printer.bath)
+    checks = [] if printer.heads else list(_mounted(printer, heads[0], bath))
+    given = recipe.vasculature
+    if not isinstance(given, GivenNetwork) or recipe.toolpath.compensation is not None:
+        refuse_failed(checks)
+        return
+    network = scaled_network(
+        read_network(recipe_folder / given.network, given.unit), recipe.print_scale
+    )
+    if isinstance(recipe.toolpath, Fresh):
+        refuse_failed(checks)
+        _check_layers(recipe, recipe.toolpath, printer, heads, network)
+        return
+    checks += [needle_check(_depth_mm(recipe, network), one.needle) for one in heads]
+    if not printer.heads:
+        checks.append(held_check(2 * float(network.radius.max()), heads[0].ink, bath))
+        checks += _placed(recipe, printer, heads[0], network)
+    refuse_failed(checks)
+    _check_filaments(recipe, recipe.toolpath, heads, network)
+
+
+def _mounted(printer: Printer, held: Filled, bath: Bath) -> Iterator[Check]:
+    """What profiles say of each other."""
+    if not printer.pneumatic:
+        yield from profile_checks(held.syringe)
+    yield chemistry_check(held.ink, bath)
+    yield from bath_checks(bath)
+
+
+def _depth_mm(recipe: Recipe, network: VesselNetwork) -> float:
+    """Depth of the part where its shape says it, else of the network in it, mm."""
+    tissue = recipe.tissue
+    if not (tissue.keep_out or tissue.keep_within):
+        if isinstance(tissue, Block):
+            return tissue.size_mm[2] * recipe.print_scale
+        if isinstance(tissue, Cylinder | Annulus):
+            return tissue.height_mm * recipe.print_scale
+    return float(np.ptp(network.points[:, 2]))
+
+
+def _placed(
+    recipe: Recipe, printer: Printer, held: Filled, network: VesselNetwork
+) -> Iterator[Check]:
+    """Whether the network fits into the printer, and where its place is said, into the dish."""
+    part = recipe.printer
+    if part.place_mm is None:
+        yield from _size_checks(network.points, printer)
+        return
+    points = network.points + np.array(part.place_mm)
+    yield from reach_checks(points, printer)
+    if part.dish is None or part.dish_centre_mm is None:
+        return
+    standing = Standing(load(Dish, part.dish), part.dish_centre_mm, printer.z_mm.low)
+    tips, moves = np.stack([points, points], axis=1), np.ones(len(points), np.bool_)
+    yield wall_check(tips, moves, standing, held.needle, _vessel_of(network))
+    yield hub_check(tips, moves, standing, held.needle, _vessel_of(network))
+
+
+def _vessel_of(network: VesselNetwork) -> Sequence[str]:
+    counts = np.diff(network.offset)
+    return [f"vessel {k}" for k in np.repeat(np.arange(len(counts)), counts).tolist()]
+
+
+def _size_checks(points: FloatArray, printer: Printer) -> Iterator[Check]:
+    """Whether the printer is as large as the network, wherever that is put."""
+    for axis, span in enumerate((printer.x_mm, printer.y_mm, printer.z_mm)):
+        name, size = "xyz"[axis], float(np.ptp(points[:, axis]))
+        yield Check(
+            f"length of the network in {name}",
+            size,
+            span.high - span.low,
+            "mm",
+            size <= span.high - span.low,
+            f"printer: {name}_mm",
+            "take a larger printer or a smaller part; check the network's unit",
+        )
+
+
+def reach_checks(points: FloatArray, printer: Printer) -> Iterator[Check]:
+    """Whether every point of the axes lies within the printer's travel.
+
+    Parameters
+    ----------
+    points : (n, 3) float64, mm
+        Printer's frame.
+    printer : Printer
+    """
+    for axis, span in enumerate((printer.x_mm, printer.y_mm, printer.z_mm)):
+        name = "xyz"[axis]
+        low, high = float(points[:, axis].min()), float(points[:, axis].max())
+        for value, limit, end in ((low, span.low, "low"), (high, span.high, "high")):
+            yield Check(
+                f"{'least' if end == 'low' else 'greatest'} {name} of the network",
+                value,
+                limit,
+                "mm",
+                bool(np.isfinite(value)) and (value >= limit if end == "low" else value <= limit),
+                f"printer: {name}_mm.{end}",
+                "place the part elsewhere (printer.place_mm)",
+            )
+
+
+def _check_layers(
+    recipe: Recipe,
+    part: Fresh,
+    printer: Printer,
+    heads: Sequence[Filled],
+    network: VesselNetwork,
+) -> None:
+    widths = layer_lines_um(part, recipe.printer.heads, printer.head_count)
+    for line_um, one in zip(widths, heads, strict=True):
+        options = FreshOptions(
+            layer_height_mm=part.layer_um * 1e-3,
+            line_width_mm=line_um * 1e-3,
+            bead=one.ink.bead_section,
+        )
+        check_lumens(network, options)
+
+
+def _check_filaments(
+    recipe: Recipe, part: Embedded, heads: Sequence[Filled], network: VesselNetwork
+) -> None:
+    """Refuse vessels thinner than their head's needle can write."""
+    writer = vessel_heads(network, recipe.printer.heads)
+    for number, one in enumerate(heads):
+        options = EmbeddedOptions(**needle_options(one.needle), thinnest=part.thinnest_bore)
+        check_thinnest(network, options, np.flatnonzero(writer == number))

@@ -1,0 +1,73 @@
+"""Stages of a recipe in one process: all of them, or as far as the design or the G-code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from printctl.errors import UsageError
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.facts import run_facts
+from printctl.pipeline.how import How
+from printctl.pipeline.lock import run_lock
+from printctl.pipeline.manifest import Manifest
+from printctl.pipeline.plate.run import design_plate, run_plate, toolpath_plate
+from printctl.pipeline.sequences import DESIGN, TOOLPATH, WHOLE, in_order, until
+from printctl.pipeline.stage import Stage, run_stages
+from printctl.pipeline.stages import report
+from printctl.pipeline.stages.report import collect
+from printctl.progress import StageBars
+from printctl.recipe import Recipe
+
+
+def run_wanted(
+    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console, how: How
+) -> dict[str, Any]:
+    """Run the stages as `printctl.pipeline.run.run_recipe` says."""
+    stages = in_order(WHOLE if how.until is None else until(how.until), recipe)
+    with run_lock(folder):
+        context = _context(recipe, recipe_folder, folder, console, how)
+        if how.listener is not None:
+            names = [stage.name for stage in stages if stage.asked(context)]
+            how.listener.begin(names, stages[-1].name)
+        if recipe.plate is not None:
+            return _plate(context, how, stages)
+        _run(context, stages)
+        return report.write_report(context, how.pdf) if how.until is None else collect(context)
+
+
+def _plate(context: RunContext, how: How, stages: Sequence[Stage]) -> dict[str, Any]:
+    if how.printed:
+        raise UsageError("--printed takes the print of one part; leave it out with a plate")
+    if how.until is None:
+        return run_plate(context, how.pdf)
+    for last, work in ((TOOLPATH[-1], toolpath_plate), (DESIGN[-1], design_plate)):
+        if how.until is not None and until(how.until)[-1] is last:
+            return work(context)
+    raise UsageError(
+        f"a plate can't end at {how.until}: its wells go together as far as {DESIGN[-1].name}, "
+        f"and then as far as {TOOLPATH[-1].name}; give one of these"
+    )
+
+
+def _run(context: RunContext, stages: Sequence[Stage]) -> None:
+    context.manifest.facts = run_facts(context)
+    context.manifest.save()
+    run_stages(context, stages, context.bars)
+
+
+def _context(
+    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console, how: How
+) -> RunContext:
+    return RunContext(
+        recipe,
+        recipe_folder,
+        folder,
+        Manifest.load(folder),
+        StageBars(console, how.listener),
+        how.assume_yes,
+        printed=how.printed,
+    )

@@ -1,0 +1,51 @@
+"""Run of the shaft's checker over an embedded job: the needle against what it has written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles import Needle, Printer
+from printctl.preflight.ink_volumes import volumes
+from printctl.preflight.shaft_map import Written
+from printctl.set_up import Loaded
+from sim.clearance import Clearance, NeedleBody, check_clearance, motion_of
+from sim.dryrun import DryRun
+
+FloatArray = NDArray[np.float64]
+
+
+def shaft_clearance(
+    run: DryRun, printer: Printer, loads: Sequence[Loaded], written: Written
+) -> Clearance:
+    """Check every move of a run; a head whose needle nobody named has the one planned for.
+
+    Raises
+    ------
+    ClearanceError
+        When map and G-code aren't of one job.
+    """
+    planned = written.needles_mm
+    bodies = [
+        _body(load.needle, planned[min(k, len(planned) - 1)], written.clearance_mm)
+        for k, load in enumerate(loads)
+    ]
+    motion = motion_of(run, written.sources, volumes(run, printer, loads))
+    return check_clearance(motion, written.network, bodies, written.overlap_radii)
+
+
+def _body(needle: Needle | None, planned_mm: FloatArray, clearance_mm: float) -> NeedleBody:
+    """The mounted needle, or the planned one: its outer diameter, its tip's, its cone's height."""
+    if needle is None:
+        outer, tip, cone = planned_mm.tolist()
+        return NeedleBody(outer / 2, tip / 2, cone, clearance_mm=clearance_mm)
+    return NeedleBody(
+        needle.outer_mm / 2,
+        (needle.tip_outer_mm or needle.outer_mm) / 2,
+        needle.cone_mm or 0.0,
+        needle.length_mm,
+        needle.hub_outer_mm / 2 if needle.hub_outer_mm else None,
+        clearance_mm=clearance_mm,
+    )

@@ -1,0 +1,136 @@
+"""Recipes that their profiles and given network refuse, before anything is built."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from rich.console import Console
+
+from design.errors import ToolpathError
+from design.network import VesselNetwork
+from design.network_csv import write_network_csv
+from firmware_profiles import Needle, load
+from printctl.errors import SafetyError
+from printctl.pipeline.refusals import refuse_before
+from printctl.pipeline.run import design_recipe, toolpath_recipe
+from printctl.recipe import Recipe, parse_recipe
+
+EMBEDDED = {"method": "embedded", "needle": "30g_50mm"}
+GELATIN = {"ink": "gelatin_sacrificial", "bath": "cell_matrix"}
+
+
+def network(depth_mm: float = 8.0, radius_mm: float = 0.2) -> VesselNetwork:
+    """A straight, slanted vessel."""
+    return VesselNetwork.from_segments(
+        np.array([[1.0, 3, 1], [9, 3, 1 + depth_mm]]),
+        np.array([[0, 1]]),
+        np.full(1, radius_mm),
+        np.zeros(1, dtype=np.int64),
+        np.zeros(1, dtype=np.int64),
+    )
+
+
+def recipe(folder: Path, vessels: VesselNetwork, **parts: Any) -> Recipe:
+    write_network_csv(folder / "net.csv", vessels)
+    data = {
+        "schema": 1,
+        "name": "one",
+        "tissue": {"shape": "block", "size_mm": [10, 6, 10]},
+        "vasculature": {"network": "net.csv", "unit": "mm"},
+        "toolpath": EMBEDDED,
+        "printer": GELATIN,
+        **parts,
+    }
+    return parse_recipe(data, "one.yaml")
+
+
+def short(folder: Path) -> str:
+    """A needle of 9.5 mm, shorter than the block and longer than the vessel is deep."""
+    facts = load(Needle, "30g").model_dump(mode="json", exclude_none=True) | {"length_mm": 9.5}
+    (folder / "short.yaml").write_text(yaml.safe_dump(facts))
+    return str(folder / "short.yaml")
+
+
+def test_what_can_be_printed_passes(tmp_path: Path) -> None:
+    refuse_before(recipe(tmp_path, network()), tmp_path)
+    fresh = {"method": "fresh"}
+    printer = {"ink": "collagen_fresh", "bath": "gelatin_support"}
+    refuse_before(recipe(tmp_path, network(), toolpath=fresh, printer=printer), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("parts", "vessels", "error", "why"),
+    [
+        ({}, network(radius_mm=0.06), ToolpathError, r"vessel 0: diameter 0\.120 mm is thinner"),
+        (
+            {"toolpath": {"method": "fresh"}, "printer": {}},
+            network(radius_mm=0.06),
+            ToolpathError,
+            r"vessel 0: lumen of 0\.120 mm is narrower",
+        ),
+        (
+            {"printer": {**GELATIN, "place_mm": [195, 50, 1]}},
+            network(),
+            SafetyError,
+            "greatest x of the network: 204 mm, limit 200",
+        ),
+        (
+            {"print_scale": 30.0, "toolpath": {**EMBEDDED, "needle": "18g"}},
+            network(depth_mm=1.0),
+            SafetyError,
+            "length of the network in x: 240 mm, limit 200",
+        ),
+        (
+            {
+                "printer": {
+                    **GELATIN,
+                    "dish": "petri_35mm",
+                    "dish_centre_mm": [100, 100],
+                    "place_mm": [110, 97, 1],
+                }
+            },
+            network(depth_mm=2.0),
+            SafetyError,
+            r"needle to the dish's wall: .* \(vessel 0\)",
+        ),
+        (
+            {"printer": {"ink": "alginate_fresh", "bath": "cell_matrix"}},
+            network(),
+            SafetyError,
+            "what sets the ink and the bath lacks",
+        ),
+    ],
+)
+def test_a_part_that_cannot_be_printed_is_refused_before_it_is_designed(
+    parts: dict[str, Any], vessels: VesselNetwork, error: type[Exception], why: str, tmp_path: Path
+) -> None:
+    made = recipe(tmp_path, vessels, **parts)
+    with pytest.raises(error, match=why):
+        toolpath_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_block_is_as_deep_as_it_says_and_other_tissue_as_its_network(tmp_path: Path) -> None:
+    toolpath = {**EMBEDDED, "needle": short(tmp_path)}
+    with pytest.raises(SafetyError, match=r"needle's length: 10 mm, limit 9\.5"):
+        refuse_before(recipe(tmp_path, network(), toolpath=toolpath), tmp_path)
+    cut = {
+        "shape": "block",
+        "size_mm": [10, 6, 10],
+        "keep_within": [{"shape": "block", "from_mm": [0, 0, 0], "to_mm": [10, 6, 9.2]}],
+    }
+    refuse_before(recipe(tmp_path, network(), toolpath=toolpath, tissue=cut), tmp_path)
+
+
+def test_a_vessel_wider_than_a_filament_is_no_refusal(tmp_path: Path) -> None:
+    refuse_before(recipe(tmp_path, network(radius_mm=2.0, depth_mm=1.0)), tmp_path)
+
+
+def test_a_design_alone_asks_for_no_needle(tmp_path: Path) -> None:
+    made = recipe(tmp_path, network(radius_mm=0.06))
+    design_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
+    assert (tmp_path / "run" / "solid.stl").exists()
