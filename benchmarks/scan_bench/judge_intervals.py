@@ -75,12 +75,16 @@ def offset_quantities(report: Row, truth: Row) -> list[Row]:
 
 
 def diameter_quantities(report: Row, truth: Row) -> list[Row]:
-    """Return every section's diameter and every vessel's mean over its gauged sections, um."""
+    """Return every section's diameter and every vessel's mean over its gauged sections, um.
+
+    A section is measured as it is, its walls' roughness included.
+    """
     out: list[Row] = []
     for row in report["vessels"]:
         if not row.get("along_mm") or not row.get("diameter_um"):
             continue
-        real = true_at(truth["vessels"][row["vessel"]], np.array(row["along_mm"], float))
+        along = np.array(row["along_mm"], float)
+        real = true_at(truth["vessels"][row["vessel"]], along, rough=True)
         value = np.array([np.nan if d is None else d for d in row["diameter_um"]], float)
         known = np.flatnonzero(np.isfinite(value) & (np.nan_to_num(real) > 0))
         claimed = first_of(row, SECTION_KEYS)
