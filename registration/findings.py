@@ -28,6 +28,7 @@ from registration.gauging import (
     with_interval,
     with_ledges,
     withdrawn,
+    without_brinks,
     without_resistance,
 )
 from registration.gauging.perfusion import perfusion
@@ -141,7 +142,7 @@ def inspect(case: Inspection) -> Findings:
         rigid = overlap(scanned_with(grid, field, case.alignment.rigid), near)
         leaks = leaking.result()
     through = [*closures, *leaks.defects]
-    defects = (*through, *_not_beside(changes, through, traces))
+    defects = (*through, *without_brinks(changes, through, traces))
     return Findings(
         vessels=vessels,
         defects=tuple(sorted(defects, key=lambda defect: (defect.vessel, defect.at_mm))),
@@ -220,22 +221,3 @@ def _grid(case: Inspection, margin: float) -> LumenGrid:
         reach = 2 * margin
     field, fit = case.segmentation.field, case.alignment.scaled
     return lay_grid(network, field, fit, bounds, _step(case), reach)
-
-
-def _not_beside(
-    changes: list[Defect], others: list[Defect], traces: tuple[VesselTrace, ...]
-) -> list[Defect]:
-    """Without changes at the brink of a closure or a leak: those are part of it."""
-    kept = []
-    for change in changes:
-        reach = 2 * traces[change.vessel].spacing
-        beside = [
-            other
-            for other in others
-            if change.vessel in (other.vessel, other.other)
-            and change.from_mm < other.to_mm + reach
-            and change.to_mm > other.from_mm - reach
-        ]
-        if not beside:
-            kept.append(change)
-    return kept

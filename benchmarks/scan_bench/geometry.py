@@ -13,6 +13,8 @@ import numpy as np
 
 FAR = 9.0
 STEP_MM = 0.01
+ROUGH_WITHIN_MM = 0.15
+"""Of a lumen's wall: farther from it nothing is rough."""
 
 
 @nb.njit(cache=True)
@@ -151,16 +153,22 @@ def bscan(y, nx, pitch, nz, dz, to_part, boxes, shape, lumens, rough, seed, fiel
 
 
 @nb.njit(cache=True)
+def roughness(p, rough, seed):
+    """By how much (mm) noise and the ridges of 50 um layers move a lumen's wall into it at p."""
+    ridge = math.sin(2 * math.pi * p[2] / 0.05)
+    return rough[0] * (0.9 * grain(p, rough[1], seed + 7) + 0.6 * ridge)
+
+
+@nb.njit(cache=True)
 def roughen(y, nx, pitch, nz, dz, m, rough, seed, field):
     """Move the lumens' walls by noise and by the ridges of 50 um layers."""
     p = np.zeros(3)
     for i in range(nx):
         for k in range(nz):
-            if abs(field[0, 0, i, k]) < 0.15:
+            if abs(field[0, 0, i, k]) < ROUGH_WITHIN_MM:
                 for a in range(3):
                     p[a] = m[a, 0] * i * pitch + m[a, 1] * y + m[a, 2] * k * dz + m[a, 3]
-                ridge = math.sin(2 * math.pi * p[2] / 0.05)
-                field[0, 0, i, k] += rough[0] * (0.9 * grain(p, rough[1], seed + 7) + 0.6 * ridge)
+                field[0, 0, i, k] += roughness(p, rough, seed)
 
 
 @nb.njit(cache=True)

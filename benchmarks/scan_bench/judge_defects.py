@@ -23,10 +23,16 @@ MATCHING = {
 }
 
 
-def true_at(section: Row, along: np.ndarray) -> np.ndarray:
-    """Return true diameters (um) at places; NaN near junctions and out of view."""
+def true_at(section: Row, along: np.ndarray, rough: bool = False) -> np.ndarray:
+    """Return true diameters (um) at places; NaN near junctions and out of view.
+
+    `rough`: of the walls as they are, where the truth has that; else of smooth ones.
+    """
     usable = np.array(section["clear"]) & np.array(section["in_view"])
-    value = np.where(usable, [np.nan if d is None else d for d in section["diameter_um"]], np.nan)
+    known = section["diameter_um"]
+    if rough:
+        known = section.get("rough_diameter_um", known)
+    value = np.where(usable, [np.nan if d is None else d for d in known], np.nan)
     return np.asarray(np.interp(along, section["along_mm"], value, left=np.nan, right=np.nan))
 
 

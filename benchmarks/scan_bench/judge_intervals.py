@@ -29,6 +29,7 @@ MEAN_KEYS = (
 RATIO_KEYS = ("resistance_ratio_interval_95", "resistance_interval_95", "conductance_interval_95")
 PRESSURE_KEYS = ("pressure_ratio_interval_95", "pressure_interval_95", "pressure_drop_interval_95")
 SECTION_NOISE = "noise_um"
+MOST_KNOWN = 0.9
 
 
 def quantity(name: str, value: float, true: float, claimed: Any = None, scale: float = 1.0) -> Row:
@@ -75,12 +76,16 @@ def offset_quantities(report: Row, truth: Row) -> list[Row]:
 
 
 def diameter_quantities(report: Row, truth: Row) -> list[Row]:
-    """Return every section's diameter and every vessel's mean over its gauged sections, um."""
+    """Return every section's diameter and every vessel's mean over its gauged sections, um.
+
+    A section is measured as it is, its walls' roughness included.
+    """
     out: list[Row] = []
     for row in report["vessels"]:
         if not row.get("along_mm") or not row.get("diameter_um"):
             continue
-        real = true_at(truth["vessels"][row["vessel"]], np.array(row["along_mm"], float))
+        along = np.array(row["along_mm"], float)
+        real = true_at(truth["vessels"][row["vessel"]], along, rough=True)
         value = np.array([np.nan if d is None else d for d in row["diameter_um"]], float)
         known = np.flatnonzero(np.isfinite(value) & (np.nan_to_num(real) > 0))
         claimed = first_of(row, SECTION_KEYS)
@@ -89,7 +94,9 @@ def diameter_quantities(report: Row, truth: Row) -> list[Row]:
         noise = row.get(SECTION_NOISE) or [None] * len(value)
         for k in known:
             out.append(quantity("section", value[k], real[k], claimed[k]) | {"noise_um": noise[k]})
-        if len(known) and row.get("measured_um") is not None:
+        # A mean is held against that of the same sections: most of them must be known.
+        same = len(known) >= MOST_KNOWN * (np.nan_to_num(value) > 0).sum()
+        if len(known) and same and row.get("measured_um") is not None:
             mean = first_of(row, MEAN_KEYS)
             usable = mean if np.ndim(mean) == 0 or len(mean) == 2 else None
             out.append(

@@ -14,8 +14,9 @@ from benchmarks.scan_bench.designs import Design
 from benchmarks.scan_bench.pose import Pose
 from benchmarks.scan_bench.symmetry import letters, symmetries
 
-SECTION_STEP_MM = 0.1
+SECTION_STEP_MM = 0.05
 RAYS = 90
+ROUGH_STEP_MM = 0.0025
 
 
 @nb.njit(cache=True)
@@ -29,9 +30,13 @@ def lumen(p, pieces, radius, plugs, sag, only, but, scratch):
 
 
 @nb.njit(cache=True)
-def section(at, first, second, pieces, radius, plugs, sag, swell, size, only, reach):
-    """Return the area (mm2) of a vessel's section through a point, by rays and bisection."""
-    p, q, scratch, area = np.zeros(3), np.zeros(3), np.zeros(3), 0.0
+def section(at, first, second, pieces, radius, plugs, sag, swell, size, only, reach, rough, seed):
+    """Return the areas (mm2) of a vessel's section through a point: smooth, and walls as rough.
+
+    The smooth wall by bisection along rays; rough ones, which may overhang, by what is free of
+    gel along each ray in steps.
+    """
+    p, q, scratch, smooth, free = np.zeros(3), np.zeros(3), np.zeros(3), 0.0, 0.0
     for ray in range(RAYS):
         c, s = np.cos(2 * np.pi * ray / RAYS), np.sin(2 * np.pi * ray / RAYS)
         low, high = 0.0, reach
@@ -44,8 +49,21 @@ def section(at, first, second, pieces, radius, plugs, sag, swell, size, only, re
                 low = middle
             else:
                 high = middle
-        area += low * low * np.pi / RAYS
-    return area
+        smooth += low * low * np.pi / RAYS
+        if rough[0] == 0 or low == 0.0:
+            free += low * low * np.pi / RAYS
+            continue
+        inner = max(low - geometry.ROUGH_WITHIN_MM, 0.0)
+        free += inner * inner * np.pi / RAYS
+        for step in range(int((low + geometry.ROUGH_WITHIN_MM - inner) / ROUGH_STEP_MM)):
+            there = inner + (step + 0.5) * ROUGH_STEP_MM
+            for a in range(3):
+                p[a] = at[a] + there * (c * first[a] + s * second[a])
+            geometry.swelling(p, size, swell, q)
+            away = lumen(q, pieces, radius, plugs, sag, only, -1, scratch)
+            if away + geometry.roughness(p, rough, seed) < 0:
+                free += there * ROUGH_STEP_MM * 2 * np.pi / RAYS
+    return smooth, free
 
 
 def moved_by_swelling(point: np.ndarray, size: np.ndarray, swell: float) -> np.ndarray:
@@ -60,14 +78,18 @@ def moved_by_swelling(point: np.ndarray, size: np.ndarray, swell: float) -> np.n
 def sections(
     design: Design, lumens: Lumens, pose: Pose, asked: argparse.Namespace
 ) -> list[dict[str, Any]]:
-    """Return each vessel's places (mm), diameters as printed (um), what is clear and in view."""
+    """Return each vessel's places (mm), diameters as printed (um), what is clear and in view.
+
+    `diameter_um` is that of smooth walls, `rough_diameter_um` that of the walls as they are.
+    """
+    rough = np.array([asked.roughness_um / 1e3, asked.grain_um / 1e3])
     size, sag, swell = design.body.size, asked.sag_um / 1e3, asked.swelling_um / 1e3
     none, scratch, out = np.zeros((0, 3)), np.zeros(3), []
     ways = lumens.pieces[lumens.pieces[:, 8] < len(design.vessels)]
     for number, vessel in enumerate(design.vessels):
         length = vessel.along[-1]
         along = np.linspace(0, length, max(int(length / SECTION_STEP_MM), 2) + 1)
-        diameter, clear, in_view = [], [], []
+        diameter, made, clear, in_view = [], [], [], []
         for s in along:
             point = vessel.at(s)
             axis = vessel.at(min(s + 0.02, length)) - vessel.at(max(s - 0.02, 0))
@@ -76,15 +98,20 @@ def sections(
             wide = float(vessel.radius_at(s))
             printed = moved_by_swelling(point, size, swell)
             args = (ways, lumens.radius, lumens.plugs, sag, swell, size, number, 3 * wide)
-            area = 0.0 if number in asked.missing else section(printed, first, second, *args)
+            areas = np.zeros(2)
+            if number not in asked.missing:
+                areas[:] = section(printed, first, second, *args, rough, asked.seed)
             enlarge = pose.scale.prod() / np.linalg.norm(pose.scale * axis)
-            diameter.append(round(2e3 * float(np.sqrt(area * enlarge / np.pi)), 2))
+            both = (2e3 * np.sqrt(areas * enlarge / np.pi)).round(2).tolist()
+            diameter.append(both[0])
+            made.append(both[1])
             others = lumen(point, lumens.pieces, lumens.radius, none, 0.0, -1, number, scratch)
             clear.append(bool(others > 1.3 * wide and design.body.depth(point[None])[0] < -0.15))
             seen = pose.transform[:3, :3] @ point + pose.transform[:3, 3]
             in_view.append(bool(((seen > 0) & (seen < pose.extent)).all()))
         designed = (2e3 * vessel.radius_at(along)).round(2).tolist()
         places = {"vessel": number, "along_mm": along.round(4).tolist(), "diameter_um": diameter}
+        places["rough_diameter_um"] = made
         ends = {"nodes": list(vessel.nodes), "stretch": stretch(vessel.points, pose.scale)}
         out.append(places | {"designed_um": designed, "clear": clear, "in_view": in_view} | ends)
     return out

@@ -9,6 +9,7 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from registration.gauging.back import ScannedSurface, surface_points
+    from registration.gauging.brinks import without_brinks
     from registration.gauging.changes import find_changes
     from registration.gauging.closures import Ends, find_closures
     from registration.gauging.contrast import ContrastGauge, liquid_level, withdrawn
@@ -59,6 +60,7 @@ __all__ = [
     "with_ledges",
     "withdrawn",
     "within",
+    "without_brinks",
     "without_dead_ends",
     "without_resistance",
 ]

@@ -8,7 +8,8 @@ from benchmarks.scan_bench.bodies import block
 from benchmarks.scan_bench.cases import BRIDGED_AT, BRIDGES, SHARED, WIDEST_MM
 from benchmarks.scan_bench.defects import plant
 from benchmarks.scan_bench.designs import DESIGNS, Design
-from benchmarks.scan_bench.make import image
+from benchmarks.scan_bench.geometry import bscan
+from benchmarks.scan_bench.make import image, piece_boxes
 from benchmarks.scan_bench.options import parser
 from benchmarks.scan_bench.part_files import write_design
 from benchmarks.scan_bench.pose import draw
@@ -102,6 +103,27 @@ def test_true_diameters_are_those_of_the_solid_cut_across(tmp_path):
         middle = np.linalg.inv(to_3d) @ [*vessel.at(s), 1]
         area = min((p.area for p in map(closed, flat.discrete) if p.holds(middle[:2])), default=0)
         assert 2e3 * np.sqrt(area / np.pi) == pytest.approx(row["diameter_um"][k], abs=2)
+
+
+def test_true_rough_diameters_are_those_of_the_field_that_is_scanned():
+    design = Design(block(1.6, 1.6, 1.2))
+    design.add(design.node(0.8, 0, 0.6), design.node(0.8, 1.6, 0.6), (0.5,))
+    given = asked("compact", *FLAT, "--shrink", "1,1,1", "--roughness-um", "30")
+    lumens, pose = plant(design, given), draw(design, given, np.random.default_rng(0))
+    (row,) = sections(design, lumens, pose, given)
+    shape = (design.body.planes, np.array(design.body.cylinder), design.body.size, 0.0)
+    parts = (lumens.pieces, lumens.radius, lumens.plugs, 0.0)
+    nx, nz = (int(pose.extent[k] / 0.005) for k in (0, 2))
+    field = np.empty((2, 3, nx, nz), np.float32)
+    counted = []
+    for k in (10, 16, 22):
+        y = (pose.transform @ [0.8, row["along_mm"][k], 0.6, 1])[1]
+        to_part, boxes = np.linalg.inv(pose.transform), piece_boxes(lumens, pose)
+        rough = np.array([0.03, 0.11])
+        bscan(y, nx, 0.005, nz, 0.005, to_part, boxes, shape, parts, rough, 0, field)
+        counted.append(2e3 * np.sqrt((field[0, 0] < 0).sum() * 0.005**2 / np.pi))
+    assert [row["rough_diameter_um"][k] for k in (10, 16, 22)] == pytest.approx(counted, abs=2)
+    assert np.std(np.subtract(row["rough_diameter_um"], row["diameter_um"])[4:-4]) > 5
 
 
 class closed:  # noqa: N801
