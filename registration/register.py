@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,19 +11,25 @@ from numpy.typing import NDArray
 from design.network import VesselNetwork
 from design.solids.solid import Solid
 from kernels import beside
-from registration.alignment import Fit, align, cross_check, later_doubts
+from registration.alignment import Alignment, Fit, align, cross_check, later_doubts
 from registration.assemble import BothWays, Registered, assemble
-from registration.distance import ModelSurface
-from registration.errors import RegistrationError
-from registration.findings import Inspection, inspect
+from registration.findings import Findings, Inspection, inspect
 from registration.gauging import ScannedSurface, deviations, surface_points
-from registration.geometry import Scene, characteristics, cuts_of, outer_faces
+from registration.geometry import (
+    Characteristic,
+    Face,
+    Frame,
+    Scene,
+    characteristics,
+    cuts_of,
+    outer_faces,
+)
 from registration.laying import Ground, laid
-from registration.options import RegistrationOptions, segmentation_options
+from registration.options import RegistrationOptions
+from registration.prepared import Prepared
 from registration.result import RegistrationReport
 from registration.scan import Scan
-from registration.segmentation import gel_evidence, segment
-from registration.uncertainty import scan_errors
+from registration.segmentation import GelEvidence, gel_evidence
 
 FloatArray = NDArray[np.float64]
 
@@ -54,91 +61,133 @@ def register_scan(
         When the scan can't be segmented, doesn't fit the model, or model and network don't
         belong together.
     """
-    options = options or RegistrationOptions()
-    thinnest = 2 * float(network.radius.min())
-    segmentation = segment(scan, segmentation_options(scan, options, thinnest))
-    errors = scan_errors(scan, segmentation, options.walls)
-    surface = ModelSurface.of(model)
-    is_lumen = _model_is_lumen(surface, network)
-    points = segmentation.vertices[segmentation.seen]
+    case = Prepared.of(scan, model, network, options or RegistrationOptions())
     with beside() as other:
-        # What needs no pose is computed while one is searched for, and so on below.
-        evidence = other.submit(
-            gel_evidence, segmentation.field, segmentation.strength, scan.depth_down
-        )
-        alignment = align(
-            surface,
-            points,
-            scan.depth_down,
-            options.alignment,
-            blur_mm=segmentation.field.blur_mm,
-            depth_standard=scan.depth_standard,
-            errors=errors,
-        )
-        section_mm = options.section_mm or thinnest / 4
-        faces = () if is_lumen else outer_faces(surface, network, segmentation, alignment.scaled)
-        frame = laid(
-            options.datums, alignment, Ground(network, segmentation, faces, errors, section_mm)
-        )
-        alignment = replace(alignment, rigid=frame.fit)
-        spread = surface_points(surface)
-        scanned = ScannedSurface.of(segmentation)
-        rigid = other.submit(_both_ways, surface, scanned, alignment.rigid, spread, is_lumen)
-        cross_um = other.submit(cross_check, surface, spread, points, alignment.scaled)
-        scaled = _both_ways(surface, scanned, alignment.scaled, spread, is_lumen)
-        findings = inspect(
-            Inspection(
-                network,
-                surface,
-                is_lumen,
-                segmentation,
-                alignment,
-                scaled.all_mm,
-                section_mm,
-                options.false_alarm,
-                options.flow,
-                errors,
-                evidence.result(),
-            )
-        )
-        zones = characteristics(
-            Scene(network, faces, cuts_of(findings.vessels), errors),
-            tuple(vessel.gauged_fraction for vessel in findings.vessels),
-            surface,
-            frame,
-        )
-    later = later_doubts(cross_um.result(), float(segmentation.seen.mean()))
-    found = Registered(
-        segmentation,
-        replace(alignment, doubts=(*alignment.doubts, *later)),
-        is_lumen,
-        cross_um.result(),
-        len(spread),
-        rigid.result(),
-        scaled,
-        findings,
-        frame,
-        zones,
+        found = _registered(case, other)
+    return assemble(found, scan, case.options)
+
+
+def _registered(case: Prepared, other: Executor) -> Registered:
+    """Align, measure and inspect; `other` does beside it what doesn't wait for this."""
+    segmentation = case.segmentation
+    evidence = other.submit(
+        gel_evidence, segmentation.field, segmentation.strength, case.scan.depth_down
     )
-    return assemble(found, scan, options)
+    lying = _laid(case)
+    measured = _measured(case, lying.alignment, other)
+    findings = _inspected(case, lying.alignment, measured.scaled, evidence.result())
+    return Registered(
+        segmentation,
+        _doubted(case, lying.alignment, measured.cross_um.result()),
+        case.is_lumen,
+        measured.cross_um.result(),
+        measured.spread,
+        measured.rigid.result(),
+        measured.scaled,
+        findings,
+        lying.frame,
+        _characterised(case, lying, findings),
+    )
 
 
-def _both_ways(
-    surface: ModelSurface, scanned: ScannedSurface, fit: Fit, spread: FloatArray, is_lumen: bool
-) -> BothWays:
-    segmentation = scanned.segmentation
-    there = deviations(surface, fit.apply(segmentation.vertices), is_lumen)
+@dataclass(frozen=True)
+class _Lying:
+    """How the part lies: its pose, its outer faces where it has any, and the report's frame."""
+
+    alignment: Alignment
+    faces: tuple[Face, ...]
+    frame: Frame
+
+
+def _laid(case: Prepared) -> _Lying:
+    """Find the pose, and lay the part's frame on the print."""
+    alignment = _aligned(case)
+    faces = () if case.is_lumen else _faces(case, alignment)
+    ground = Ground(case.network, case.segmentation, faces, case.errors, case.section_mm)
+    frame = laid(case.options.datums, alignment, ground)
+    return _Lying(replace(alignment, rigid=frame.fit), faces, frame)
+
+
+def _aligned(case: Prepared) -> Alignment:
+    segmentation, scan = case.segmentation, case.scan
+    return align(
+        case.surface,
+        segmentation.vertices[segmentation.seen],
+        scan.depth_down,
+        case.options.alignment,
+        blur_mm=segmentation.field.blur_mm,
+        depth_standard=scan.depth_standard,
+        errors=case.errors,
+    )
+
+
+def _faces(case: Prepared, alignment: Alignment) -> tuple[Face, ...]:
+    return outer_faces(case.surface, case.network, case.segmentation, alignment.scaled)
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """Deviations by both fits, and what another program makes of the pose.
+
+    Attributes
+    ----------
+    rigid : Future of BothWays
+    scaled : BothWays
+    cross_um : Future of float or None, µm
+    spread : int
+        Points on the design from which the scanned surface was looked for.
+    """
+
+    rigid: Future[BothWays]
+    scaled: BothWays
+    cross_um: Future[float | None]
+    spread: int
+
+
+def _measured(case: Prepared, alignment: Alignment, other: Executor) -> _Measured:
+    surface, segmentation = case.surface, case.segmentation
+    spread, scanned = surface_points(surface), ScannedSurface.of(segmentation)
+    points = segmentation.vertices[segmentation.seen]
+    rigid = other.submit(_both_ways, case, scanned, alignment.rigid, spread)
+    cross_um = other.submit(cross_check, surface, spread, points, alignment.scaled)
+    scaled = _both_ways(case, scanned, alignment.scaled, spread)
+    return _Measured(rigid, scaled, cross_um, len(spread))
+
+
+def _both_ways(case: Prepared, scanned: ScannedSurface, fit: Fit, spread: FloatArray) -> BothWays:
+    segmentation = case.segmentation
+    there = deviations(case.surface, fit.apply(segmentation.vertices), case.is_lumen)
     return BothWays(there, there[segmentation.seen], scanned.deviations_back(spread, fit))
 
 
-def _model_is_lumen(surface: ModelSurface, network: VesselNetwork) -> bool:
-    """Whether the vessels' axes lie inside the model."""
-    start, end, _, _, _ = network.pieces()
-    inside = float((surface.query((start + end) / 2).distance < 0).mean())
-    if 0.1 < inside < 0.9:
-        raise RegistrationError(
-            f"{100 * inside:.0f} % of the network's axes lie inside the model: it is neither "
-            "lumen (nearly all inside) nor construct (nearly none); give model and network of the "
-            "same design, in the same frame"
+def _inspected(
+    case: Prepared, alignment: Alignment, scaled: BothWays, evidence: GelEvidence
+) -> Findings:
+    return inspect(
+        Inspection(
+            case.network,
+            case.surface,
+            case.is_lumen,
+            case.segmentation,
+            alignment,
+            scaled.all_mm,
+            case.section_mm,
+            case.options.false_alarm,
+            case.options.flow,
+            case.errors,
+            evidence,
         )
-    return inside >= 0.9
+    )
+
+
+def _doubted(case: Prepared, alignment: Alignment, cross_um: float | None) -> Alignment:
+    """Add the doubts that come up only behind the alignment."""
+    later = later_doubts(cross_um, float(case.segmentation.seen.mean()))
+    return replace(alignment, doubts=(*alignment.doubts, *later))
+
+
+def _characterised(case: Prepared, lying: _Lying, findings: Findings) -> tuple[Characteristic, ...]:
+    """Form and place of faces and vessels in the frame."""
+    scene = Scene(case.network, lying.faces, cuts_of(findings.vessels), case.errors)
+    gauged = tuple(vessel.gauged_fraction for vessel in findings.vessels)
+    return characteristics(scene, gauged, case.surface, lying.frame)

@@ -119,30 +119,12 @@ def pattern(
     """
     _refuse_others(context, name)
     place = three_numbers(at, "--at")
-    if output.suffix.lower() in _BESIDE:
-        raise UsageError(
-            f"-o {output}: that is to be the G-code, and {', '.join(_BESIDE)} are written beside "
-            "it; end it in .gcode"
-        )
+    _refuse_beside(output)
     wide = load(Needle, needle).inner_mm if width is None else width
     bead = _bead(wide, layer, bath is not None if round_bead is None else round_bead, ink)
-    if name == "lines":
-        asked = Asked(
-            numbers_of(speeds, "--speeds"),
-            numbers_of(flow_factors, "--flow-factors"),
-            length,
-            repeats,
-            steps,
-        )
-        made = lines_pattern(bead, asked)
-    elif name == "spiral":
-        made = spiral_pattern(bead, speed, turns, 5 * wide if pitch is None else pitch)
-    elif name == "joint":
-        made = joint_pattern(bead, numbers_of(overlaps, "--overlaps"), speed)
-    elif name == "bridge":
-        made = bridge_pattern(bead, numbers_of(spans, "--spans"), height, speed)
-    else:
-        made = comb_pattern(bead, _gaps(gaps, wide), speed)
+    own = _Own(speeds, flow_factors, length, repeats, steps, speed, turns, pitch, gaps, overlaps,
+               spans, height)  # fmt: skip
+    made = _made(name, bead, own)
     mounted = mounting.Mounted(needle, bath, dish, dish_centre, bath_depth)
     machine, material = load(Printer, printer), load(Ink, ink)
     _refuse_air(machine)
@@ -152,6 +134,57 @@ def pattern(
         Mounted(printer, syringe, ink, needle, material.flow_factor, material.swell_factor),
     )
     _write(_Job(output, written, set_for, place, load(Syringe, syringe)))
+
+
+@dataclass(frozen=True)
+class _Own:
+    """Options of single patterns, as they were said (`_OWN`)."""
+
+    speeds: str
+    flow_factors: str
+    length: float
+    repeats: int
+    steps: int
+    speed: float
+    turns: float
+    pitch: float | None
+    gaps: str | None
+    overlaps: str
+    spans: str
+    height: float
+
+
+def _made(name: str, bead: Bead, own: _Own) -> Pattern:
+    """Return the pattern of a name, by its options as they were said."""
+    if name == "lines":
+        return lines_pattern(bead, _asked(own))
+    if name == "spiral":
+        pitch = 5 * bead.width_mm if own.pitch is None else own.pitch
+        return spiral_pattern(bead, own.speed, own.turns, pitch)
+    if name == "joint":
+        return joint_pattern(bead, numbers_of(own.overlaps, "--overlaps"), own.speed)
+    if name == "bridge":
+        return bridge_pattern(bead, numbers_of(own.spans, "--spans"), own.height, own.speed)
+    return comb_pattern(bead, _gaps(own.gaps, bead.width_mm), own.speed)
+
+
+def _asked(own: _Own) -> Asked:
+    return Asked(
+        numbers_of(own.speeds, "--speeds"),
+        numbers_of(own.flow_factors, "--flow-factors"),
+        own.length,
+        own.repeats,
+        own.steps,
+    )
+
+
+def _refuse_beside(output: Path) -> None:
+    """Refuse a name that a file beside the G-code gets."""
+    if output.suffix.lower() in _BESIDE:
+        raise UsageError(
+            f"-o {output}: that is to be the G-code, and {', '.join(_BESIDE)} are written beside "
+            "it; end it in .gcode"
+        )
 
 
 def _bead(wide: float, layer: float | None, round_bead: bool, ink: str) -> Bead:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -14,6 +15,7 @@ from printctl.cli.pdf_option import PdfFlag
 from printctl.comparing import Judged, Named, read_folders
 from printctl.errors import UsageError
 from registration.comparison import (
+    Comparison,
     compare,
     comparison_csv,
     comparison_dict,
@@ -91,40 +93,57 @@ def compare_prints(
 
     Exit code 0 whatever the verdicts are; 1 when the registrations can't be compared.
     """
-    if not repeatability and (operators or parts):
-        raise UsageError("--operators and --parts describe a gauge study; add --repeatability")
-    named = Named(
-        *(
-            _names(text, option, len(folders))
-            for text, option in (
-                (prints, "--prints"),
-                (operators, "--operators"),
-                (parts, "--parts"),
-            )
-        )
-    )
-    scans = read_folders(folders, named, _judged(tolerance_um, diameter_tolerance_percent))
+    named = _named(len(folders), repeatability, prints, operators, parts)
+    anew = _judged(tolerance_um, diameter_tolerance_percent)
+    scans = read_folders(folders, named, anew)
     found = compare(scans, diameter_tolerance_percent, repeatability)
-    notes = _judged_note(tolerance_um, diameter_tolerance_percent)
-    data = comparison_dict(found)
-    data["notes"] = [*notes, *data["notes"]]
-    out.mkdir(parents=True, exist_ok=True)
-    write_text(out / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
-    write_text(out / CSV, comparison_csv(found))
-    if found.gauge is not None:
-        write_text(out / GAUGE_CSV, gauge_csv(found.gauge))
-    drawn = comparison_figures(found)
-    write_comparison_html(out / HTML, found, _title(folders), notes, drawn)
-    if pdf:
-        write_comparison_pdf(out / PDF, found, _title(folders), notes, drawn)
+    files = _Files(out, found, _title(folders), _judged_note(anew))
+    data = files.write(pdf)
     if as_json:
         print_json(data)
     else:
-        print_lines(*verdict(found)["reasons"], *data["notes"], *_written(out, pdf))
+        print_lines(*verdict(found)["reasons"], *data["notes"], *files.pages(pdf))
 
 
-def _written(out: Path, pdf: bool) -> list[str]:
-    return [str(out / name) for name in (HTML, *([PDF] if pdf else []))]
+@dataclass(frozen=True)
+class _Files:
+    """Files of a comparison: their folder, what they show, their title and notes."""
+
+    out: Path
+    found: Comparison
+    title: str
+    notes: list[str]
+
+    def write(self, pdf: bool) -> dict[str, Any]:
+        """Write all files; return the numbers."""
+        data = comparison_dict(self.found)
+        data["notes"] = [*self.notes, *data["notes"]]
+        self.out.mkdir(parents=True, exist_ok=True)
+        write_text(self.out / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
+        write_text(self.out / CSV, comparison_csv(self.found))
+        if self.found.gauge is not None:
+            write_text(self.out / GAUGE_CSV, gauge_csv(self.found.gauge))
+        self._draw(pdf)
+        return data
+
+    def _draw(self, pdf: bool) -> None:
+        drawn = comparison_figures(self.found)
+        write_comparison_html(self.out / HTML, self.found, self.title, self.notes, drawn)
+        if pdf:
+            write_comparison_pdf(self.out / PDF, self.found, self.title, self.notes, drawn)
+
+    def pages(self, pdf: bool) -> list[str]:
+        """Return the paths of the pages."""
+        return [str(self.out / name) for name in (HTML, *([PDF] if pdf else []))]
+
+
+def _named(
+    count: int, repeatability: bool, prints: str | None, operators: str | None, parts: str | None
+) -> Named:
+    if not repeatability and (operators or parts):
+        raise UsageError("--operators and --parts describe a gauge study; add --repeatability")
+    given = ((prints, "--prints"), (operators, "--operators"), (parts, "--parts"))
+    return Named(*(_names(text, option, count) for text, option in given))
 
 
 def _names(text: str | None, option: str, count: int) -> list[str] | None:
@@ -145,8 +164,7 @@ def _judged(tolerance_um: float | None, percent: float | None) -> Judged | None:
     return Judged(tolerance_um or 100.0, percent or 10.0)
 
 
-def _judged_note(tolerance_um: float | None, percent: float | None) -> list[str]:
-    judged = _judged(tolerance_um, percent)
+def _judged_note(judged: Judged | None) -> list[str]:
     if judged is None:
         return []
     return [

@@ -9,7 +9,7 @@ import numpy as np
 from design.network import VesselNetwork
 from registration.errors import DatumError
 from registration.geometry.datum import Datum
-from registration.geometry.lumen import Line
+from registration.geometry.line import Line
 
 MOST_NAMED = 12
 """Mouths that a message names."""

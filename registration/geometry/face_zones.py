@@ -13,7 +13,7 @@ from registration.geometry.faces import Face
 from registration.geometry.filters import ALPHA, cells
 from registration.geometry.frame import COVERAGE, Frame
 from registration.geometry.lumen import DRAWS
-from registration.geometry.vessel_zones import SURFACE
+from registration.geometry.vessel_rows import SURFACE
 from registration.uncertainty import ScanErrors
 
 FloatArray = NDArray[np.float64]

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.gauging.outlines import Outlines
 from registration.geometry.filters import closed_filtered, closed_transmission, open_filter
+from registration.geometry.line import Line
+from registration.geometry.section_noise import middle_noise, wall_spectrum
 
 FloatArray = NDArray[np.float64]
 
@@ -20,73 +20,7 @@ UNDULATIONS = 7.0
 LEAST_MET = 0.9
 """Of a section's rays that must have met the wall."""
 LEAST_SECTIONS = 7
-_LAG = 3
-"""Sections between differences, fewer in a short vessel: closer ones share noise by the blur."""
-_STRAIGHT_MM = 0.002
-"""A design that leaves a straight line, or one radius, by less has none but rounding."""
 DRAWS = 100
-
-
-@dataclass(frozen=True)
-class Line:
-    """A designed axis.
-
-    Attributes
-    ----------
-    points : (k, 3) float64, mm
-        Polyline, its ends carried on by a millimetre.
-    radius : (k,) float64, mm
-    length : float, mm
-        Without what was carried on.
-    straight, even : bool
-        Straight from end to end; of one radius.
-    """
-
-    points: FloatArray
-    radius: FloatArray
-    length: float
-    straight: bool
-    even: bool
-
-    @staticmethod
-    def of(network: VesselNetwork, vessel: int) -> Line:
-        """Return a vessel's designed axis."""
-        points, radius = network.polyline(vessel)
-        chord = _unit(points[-1] - points[0])
-        off = points - points[0] - ((points - points[0]) @ chord)[:, None] * chord
-        length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-        before = points[0] - _unit(points[1] - points[0])
-        after = points[-1] - _unit(points[-2] - points[-1])
-        return Line(
-            np.vstack([before, points, after]),
-            np.concatenate([radius[:1], radius, radius[-1:]]),
-            length,
-            bool(np.linalg.norm(off, axis=1).max() < _STRAIGHT_MM),
-            bool(np.ptp(radius) < _STRAIGHT_MM),
-        )
-
-    def end(self, last: bool) -> tuple[FloatArray, FloatArray, float]:
-        """First or last node, the unit way there along the axis, and the radius."""
-        if last:
-            way = self.points[-1] - self.points[-2]
-            return self.points[-2], _unit(way), float(self.radius[-1])
-        return self.points[1], _unit(self.points[0] - self.points[1]), float(self.radius[0])
-
-    def nearest(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Nearest points (n, 3) of the axis to places (n, 3), and the radii there (n,), mm."""
-        best = np.full(len(places), np.inf)
-        foot, radius = np.empty_like(places), np.empty(len(places))
-        for a, b, ra, rb in zip(
-            self.points, self.points[1:], self.radius, self.radius[1:], strict=False
-        ):
-            way = b - a
-            t = np.clip((places - a) @ way / max(way @ way, 1e-18), 0.0, 1.0)
-            here = a + t[:, None] * way
-            away = ((places - here) ** 2).sum(axis=1)
-            nearer = away < best
-            best = np.where(nearer, away, best)
-            foot[nearer], radius[nearer] = here[nearer], (ra + t * (rb - ra))[nearer]
-        return foot, radius
 
 
 @dataclass(frozen=True)
@@ -171,64 +105,48 @@ def lumen(
     kept = met.mean(axis=1) >= LEAST_MET
     if kept.sum() < LEAST_SECTIONS:
         return None
-    planes, where = outlines.planes, along[kept]
-    centre, across, middle = planes.centre[kept], planes.across[kept], outlines.middle[kept]
-    found = np.linalg.norm(outlines.wall[kept] - middle[:, None], axis=-1)
-    rays = np.asarray(np.where(met[kept], found, np.nanmean(found, axis=1)[:, None]))
-    designed = 2 * float(line.nearest(fit.apply(centre))[1].mean())
-    smooth = open_filter(where, designed)
-    step = float(np.median(np.diff(where)))
-    noise = np.maximum(_noise(middle), np.nanmedian(ray_noise_mm[kept]) / np.sqrt(2))
-    angle = 2 * np.pi * np.arange(rays.shape[1]) / rays.shape[1]
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    flat = (smooth @ middle)[:, None] + (smooth @ closed_filtered(rays, UNDULATIONS))[
-        ..., None
-    ] * circle
-    wall = fit.apply(_placed(centre, across, flat).reshape(-1, 3)).reshape(*flat.shape[:2], 3)
+    planes, middle, where = outlines.planes, outlines.middle[kept], along[kept]
+    here = _Placed(planes.centre[kept], planes.across[kept], fit)
+    rays = _rays(outlines.wall[kept], middle, met[kept])
+    smooth = open_filter(where, 2 * float(line.nearest(fit.apply(here.centre))[1].mean()))
+    filtered = (smooth @ middle)[:, None]
+    wall = filtered + (smooth @ closed_filtered(rays, UNDULATIONS))[..., None] * _circle(rays)
+    noise = np.maximum(middle_noise(middle), np.nanmedian(ray_noise_mm[kept]) / np.sqrt(2))
     return Lumen(
         line,
         where,
-        fit.apply(_placed(centre, across, middle[:, None])[:, 0]),
-        fit.apply(_placed(centre, across, (smooth @ middle)[:, None])[:, 0]),
-        wall,
+        here.places(middle[:, None])[:, 0],
+        here.places(filtered)[:, 0],
+        here.places(wall),
         smooth,
         float(noise),
-        _spectrum(rays, middle),
+        wall_spectrum(rays, middle),
         rays.shape[1],
-        max(2 * np.sqrt(np.pi) * blur_mm, 0.5 * step),
+        max(2 * np.sqrt(np.pi) * blur_mm, 0.5 * float(np.median(np.diff(where)))),
     )
 
 
-def _placed(centre: FloatArray, across: FloatArray, flat: FloatArray) -> FloatArray:
-    """Places (n, m, 3) of in-plane positions (n, m, 2)."""
-    return np.asarray(centre[:, None] + np.einsum("nmi,nij->nmj", flat, across))
+@dataclass(frozen=True)
+class _Placed:
+    """Sections' planes: centres (n, 3), mm, and directions (n, 2, 3), in the scan's frame."""
+
+    centre: FloatArray
+    across: FloatArray
+    fit: Fit
+
+    def places(self, flat: FloatArray) -> FloatArray:
+        """In-plane positions (n, m, 2) to places (n, m, 3) of the part, mm."""
+        places = self.centre[:, None] + np.einsum("nmi,nij->nmj", flat, self.across)
+        return self.fit.apply(places.reshape(-1, 3)).reshape(places.shape)
 
 
-def _noise(middle: FloatArray) -> float:
-    """Standard deviation of one coordinate (n, 2), by differences along the vessel."""
-    # Of two normal coordinates the squares' sum is exponential: its median is 2 ln 2 variances.
-    return float(np.sqrt(np.median((_differences(middle) ** 2).sum(axis=1)) / (2 * np.log(2))))
+def _rays(wall: FloatArray, middle: FloatArray, met: NDArray[np.bool_]) -> FloatArray:
+    """Lengths of rays (n, rays) from the centroids; where one met no wall, their mean."""
+    found = np.linalg.norm(wall - middle[:, None], axis=-1)
+    return np.asarray(np.where(met, found, np.nanmean(found, axis=1)[:, None]))
 
 
-def _spectrum(rays: FloatArray, middle: FloatArray) -> FloatArray:
-    """Noise of each harmonic of the wall (n, rays), by differences along the vessel.
-
-    Rays start at the centroid, so that the first harmonic is the centroid's own noise.
-    """
-    power = np.median(np.abs(_differences(np.fft.rfft(rays, axis=1))) ** 2, axis=0)
-    # Real and imaginary part have equal variance: exponential; the mean has one part alone.
-    spread = np.sqrt(power / (2 * np.log(2)))
-    spread[0] = np.sqrt(power[0] / 0.455)
-    spread[1] = _noise(middle) * rays.shape[1] / 2
-    return np.asarray(spread)
-
-
-def _differences(values: NDArray[Any]) -> NDArray[Any]:
-    """Second differences over (n, k), with the variance of one value: a slope has none."""
-    lag = min(_LAG, (len(values) - 1) // 3)
-    found = values[: -2 * lag] - 2 * values[lag:-lag] + values[2 * lag :]
-    return np.asarray(found / np.sqrt(6))
-
-
-def _unit(vector: FloatArray) -> FloatArray:
-    return np.asarray(vector / np.linalg.norm(vector))
+def _circle(rays: FloatArray) -> FloatArray:
+    """Directions of rays, (rays, 2)."""
+    angle = 2 * np.pi * np.arange(rays.shape[1]) / rays.shape[1]
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)

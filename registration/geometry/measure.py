@@ -7,9 +7,10 @@ from registration.gauging.vessels import VesselGauge
 from registration.geometry.characteristic import Characteristic
 from registration.geometry.face_zones import face_zone
 from registration.geometry.frame import Frame
-from registration.geometry.lay import Cut, Scene
-from registration.geometry.lumen import Line
-from registration.geometry.vessel_zones import Case, vessel_zones
+from registration.geometry.line import Line
+from registration.geometry.scene import Cut, Scene
+from registration.geometry.vessel_rows import Case
+from registration.geometry.vessel_zones import vessel_zones
 
 
 def cuts_of(vessels: tuple[VesselGauge, ...]) -> tuple[Cut, ...]:

@@ -2,45 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.geometry.characteristic import Characteristic, Name, Zone
+from registration.geometry.characteristic import Characteristic, Zone
 from registration.geometry.cylinder import minimum_zone
-from registration.geometry.features import Setting, light_shift, mouth
 from registration.geometry.frame import COVERAGE, IN_PLANE, Frame, strains
-from registration.geometry.lumen import Line, Lumen
+from registration.geometry.lumen import Lumen
+from registration.geometry.mouth import mouth
+from registration.geometry.setting import Setting, light_shift
+from registration.geometry.vessel_rows import (
+    CYLINDRICITY,
+    LINE_PROFILE,
+    PORT,
+    POSITION,
+    SURFACE,
+    Case,
+    mouth_name,
+    no_cylinder,
+    row,
+    without,
+    without_mouth,
+)
 from registration.uncertainty import BLUR_PART, ScanErrors
 
 FloatArray = NDArray[np.float64]
-
-POSITION = "position of the axis"
-LINE_PROFILE = "profile of a line, axis"
-PORT = "position of the mouth"
-CYLINDRICITY = "cylindricity of the lumen"
-SURFACE = "profile of a surface"
-
-
-@dataclass(frozen=True)
-class Case:
-    """One vessel in its frame.
-
-    Attributes
-    ----------
-    vessel : int
-    line : Line
-    lumen : Lumen or None
-        None where too few whole sections were measured.
-    gauged : float
-        Share of its length with a section.
-    """
-
-    vessel: int
-    line: Line
-    lumen: Lumen | None
-    gauged: float
 
 
 def vessel_zones(
@@ -52,18 +38,18 @@ def vessel_zones(
     unknown = "too few whole sections were measured"
     found = case.lumen
     if found is None:
-        rows = [_without(case, "axis", axis, unknown)]
-        rows += [_without_mouth(case, last, unknown) for last in ends]
-        rows += [_no_cylinder(case) or _without(case, "cylindricity", CYLINDRICITY, unknown)]
-        return [*rows, _without(case, "lumen", SURFACE, unknown)]
-    rows = [_row(case, "axis", axis, _axis(found, frame, errors, rng))]
+        rows = [without(case, "axis", axis, unknown)]
+        rows += [without_mouth(case, last, unknown) for last in ends]
+        rows += [no_cylinder(case) or without(case, "cylindricity", CYLINDRICITY, unknown)]
+        return [*rows, without(case, "lumen", SURFACE, unknown)]
+    rows = [row(case, "axis", axis, _axis(found, frame, errors, rng))]
     rows += [_port(case, found, last, frame, errors) for last in ends]
     wall = found.drawn_walls(rng)
     rows.append(
-        _no_cylinder(case)
-        or _row(case, "cylindricity", CYLINDRICITY, _cylinder(found, wall, frame, errors))
+        no_cylinder(case)
+        or row(case, "cylindricity", CYLINDRICITY, _cylinder(found, wall, frame, errors))
     )
-    return [*rows, _row(case, "lumen", SURFACE, _surface(found, wall, frame, errors))]
+    return [*rows, row(case, "lumen", SURFACE, _surface(found, wall, frame, errors))]
 
 
 def _axis(lumen: Lumen, frame: Frame, errors: ScanErrors, rng: np.random.Generator) -> Zone:
@@ -97,13 +83,13 @@ def _port(case: Case, lumen: Lumen, last: bool, frame: Frame, errors: ScanErrors
     """Twice the distance of the axis, carried on to the mouth, from the designed one."""
     there = mouth(lumen, last)
     if there is None:
-        return _without_mouth(case, last, "no section was measured within a diameter of it")
+        return without_mouth(case, last, "no section was measured within a diameter of it")
     off = float(np.linalg.norm(there.off))
     placed = np.hypot(frame.across_mm(there.node, there.way), COVERAGE * _light(frame, errors))
     noise = np.hypot(IN_PLANE * there.noise_mm, placed)
     low, high = max(off - noise, 0.0), off + noise
     return Characteristic(
-        "port", _mouth_name(case, last), PORT, case.vessel, 2e3 * off, 2e3 * float(low),
+        "port", mouth_name(case, last), PORT, case.vessel, 2e3 * off, 2e3 * float(low),
         2e3 * float(high), 1.0,
     )  # fmt: skip
 
@@ -157,31 +143,3 @@ def _in_depth(lumen: Lumen, frame: Frame, errors: ScanErrors) -> float:
     """Square of the beam's part across the vessel."""
     way = _way(lumen) / np.linalg.norm(_way(lumen))
     return 1.0 - float((frame.fit.rotation @ errors.beam) @ way) ** 2
-
-
-def _row(case: Case, name: Name, words: str, zone: Zone) -> Characteristic:
-    low, high = zone.interval()
-    return Characteristic(
-        name, f"vessel {case.vessel}", words, case.vessel, 1e3 * zone.width, 1e3 * low, 1e3 * high,
-        case.gauged,
-    )  # fmt: skip
-
-
-def _without(case: Case, name: Name, words: str, note: str) -> Characteristic:
-    return Characteristic(name, f"vessel {case.vessel}", words, case.vessel, note=note)
-
-
-def _without_mouth(case: Case, last: bool, note: str) -> Characteristic:
-    return Characteristic("port", _mouth_name(case, last), PORT, case.vessel, note=note)
-
-
-def _no_cylinder(case: Case) -> Characteristic | None:
-    """Say where a design is no cylinder; None where it is one."""
-    if case.line.straight and case.line.even:
-        return None
-    shape = "tapered" if case.line.straight else "curved"
-    return _without(case, "cylindricity", CYLINDRICITY, f"not defined: the design is {shape}")
-
-
-def _mouth_name(case: Case, last: bool) -> str:
-    return f"{'outlet' if last else 'inlet'} {case.vessel}"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from kernels import jit, pjit
-from registration.segmentation.filters import between, bin_mean, normalise
+from registration.segmentation.filters import bin_mean, normalise
 from registration.segmentation.light import share_of_gel
 from registration.segmentation.local_level import local_level
 from registration.segmentation.working import Working
@@ -91,14 +91,41 @@ def _replace(window: NDArray[np.float32], gone: float, new: float) -> None:
 
 @pjit
 def _at_most(signal: FloatVolume, most: FloatVolume, factor: tuple[int, int, int]) -> FloatVolume:
-    """Lesser of a volume and a level known at every `factor`-th voxel."""
+    """Lesser of a volume and a level known at every `factor`-th voxel, as `between` has it."""
     nz, ny, nx = signal.shape
+    mz, my, mx = most.shape
     out = np.empty_like(signal)
+    place, part = _between_x(mx, nx, factor[2])
     for z in numba.prange(nz):
+        c = min(max((z + 0.5) / factor[0] - 0.5, 0.0), mz - 1.0)
+        k, w = int(c), c - int(c)
         for y in range(ny):
+            b = min(max((y + 0.5) / factor[1] - 0.5, 0.0), my - 1.0)
+            j, v = int(b), b - int(b)
+            low, low1 = most[k, j], most[k, min(j + 1, my - 1)]
+            high, high1 = most[min(k + 1, mz - 1), j], most[min(k + 1, mz - 1), min(j + 1, my - 1)]
             for x in range(nx):
-                out[z, y, x] = min(signal[z, y, x], np.float32(between(most, factor, z, y, x)))
+                i, u = place[x], part[x]
+                i1 = min(i + 1, mx - 1)
+                top = (low[i] * (1 - u) + low[i1] * u) * (1 - v) + (
+                    low1[i] * (1 - u) + low1[i1] * u
+                ) * v
+                end = (high[i] * (1 - u) + high[i1] * u) * (1 - v) + (
+                    high1[i] * (1 - u) + high1[i1] * u
+                ) * v
+                out[z, y, x] = min(signal[z, y, x], np.float32(top * (1 - w) + end * w))
     return out
+
+
+@jit
+def _between_x(count: int, size: int, factor: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Of each of `size` voxels: the coarse one below it, of `count`, and how far it is beyond."""
+    place, part = np.empty(size, dtype=np.int64), np.empty(size)
+    for x in range(size):
+        a = min(max((x + 0.5) / factor - 0.5, 0.0), count - 1.0)
+        place[x] = int(a)
+        part[x] = a - place[x]
+    return place, part
 
 
 def evened(signal: FloatVolume, light: FloatVolume, working: Working) -> FloatVolume:

@@ -68,11 +68,12 @@ def light_left(
     """
     down = signal if depth_down else signal[::-1]
     light = accumulate(down, step_mm, _first_beyond(down, step_mm, floor, EVEN_MM / pixel_mm[::-1]))
-    typical = _typical(down, down / light)
+    bright = _brightest(down)
+    typical = _typical(bright, down / light)
     within = share_of_gel(down / light, typical) > 0.95
     lowest = max(4, round(LOWEST_MM / step_mm))
     for _ in range(ROUNDS):
-        typical = _typical(down, down / light)
+        typical = _typical(bright, down / light)
         below, deep, returned = from_below(down, within, step_mm, typical, lowest)
         beyond = _weighted(below, deep, returned, EVEN_MM / pixel_mm[::-1])
         light = accumulate(down, step_mm, np.maximum(beyond, floor / typical))
@@ -100,14 +101,19 @@ def share_of_gel(ratio: FloatVolume, typical: float) -> FloatVolume:
     return share
 
 
-def _typical(signal: FloatVolume, ratio: FloatVolume) -> float:
-    """Attenuation of the gel, 1/mm, from its brightest 10 dB.
+def _brightest(signal: FloatVolume) -> NDArray[np.int64]:
+    """Flat places of the brightest 10 dB among about a million.
 
     There the light is strong, and what is unknown beyond the lower end weighs little.
     """
     every = max(1, signal.size // 1_000_000)
-    bright, quotient = signal.ravel()[::every], ratio.ravel()[::every]
-    return float(np.median(quotient[bright > 0.1 * np.percentile(bright, 99)]))
+    probed = signal.ravel()[::every]
+    return np.flatnonzero(probed > 0.1 * np.percentile(probed, 99)) * every
+
+
+def _typical(bright: NDArray[np.int64], ratio: FloatVolume) -> float:
+    """Attenuation of the gel, 1/mm, from these places."""
+    return float(np.median(ratio.ravel()[bright]))
 
 
 def _weighted(

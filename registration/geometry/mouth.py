@@ -1,0 +1,89 @@
+"""Mouths of lumens as datum features: where an axis reaches its free end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.geometry.faces import Face
+from registration.geometry.features import plane_rows
+from registration.geometry.filters import open_filter
+from registration.geometry.frame import motion
+from registration.geometry.lumen import Lumen
+from registration.geometry.nested import Rows
+from registration.geometry.setting import Setting, across, light_across
+
+FloatArray = NDArray[np.float64]
+
+MOUTH_DIAMETERS = 2.0
+"""Of a vessel that its mouth is told from."""
+
+
+@dataclass(frozen=True)
+class Mouth:
+    """Where a lumen's axis reaches its free end.
+
+    Attributes
+    ----------
+    node, way : (3,) float64, mm
+        As designed: the end of the axis, and the unit way out.
+    off : (3,) float64, mm
+        Measured less designed, across that way.
+    noise_mm : float, mm
+        Standard deviation of one coordinate.
+    """
+
+    node: FloatArray
+    way: FloatArray
+    off: FloatArray
+    noise_mm: float
+
+
+def mouth(lumen: Lumen, last: bool) -> Mouth | None:
+    """Carry the axis on to a free end; None where no section near it was measured.
+
+    A straight line through the offsets of the sections within two diameters of the end; the
+    nearest must lie within one.
+    """
+    node, way, radius = lumen.line.end(last)
+    from_end = lumen.line.length - lumen.along if last else lumen.along
+    near = from_end < 2 * radius * MOUTH_DIAMETERS
+    if near.sum() < 3 or from_end[near].min() > 2 * radius:
+        return None
+    off = lumen.raw - lumen.line.nearest(lumen.raw)[0]
+    off = off - (off @ way)[:, None] * way
+    weights = np.zeros(len(off))
+    # Wide weights: a straight line through all of them.
+    weights[near] = open_filter(from_end[near], 100.0 * radius, np.zeros(1))[0]
+    return Mouth(node, way, weights @ off, lumen.shared(weights))
+
+
+def mouth_rows(found: Mouth, face: Face | None, there: Setting) -> Rows:
+    """Return what a mouth asks: its middle, and where it was seen the face around it."""
+    u, v = across(found.way)
+    arm = found.node - there.fit.centre
+    light = light_across(there, u, v)
+    matrix = [side @ motion(arm) for side in (u, v)]
+    asked = [-(side @ found.off) for side in (u, v)]
+    pulls = [[found.noise_mm, 0], [0, found.noise_mm], list(light)]
+    strained = [[-(side @ s @ arm) for side in (u, v)] for s in there.strains]
+    rows = Rows(np.array(matrix), np.array(asked), np.array(pulls), np.array(strained))
+    if face is None or face.normal is None:
+        return rows
+    plane = plane_rows(face, there)
+    # The plane's distance at the mouth, from that at its middle and both tilts.
+    reach = face.size_mm / 2
+    away = found.node - there.fit.apply(face.scanned).mean(axis=0)
+    s, t = (away @ side / reach for side in across(face.normal))
+    here = np.array([s, t, 1.0])
+    both = np.zeros((len(rows.pulls) + len(plane.pulls), 3))
+    both[: len(rows.pulls), :2] = rows.pulls
+    both[len(rows.pulls) :, 2] = plane.pulls @ here
+    return Rows(
+        np.vstack([rows.matrix, here @ plane.matrix]),
+        np.append(rows.asked, here @ plane.asked),
+        both,
+        np.column_stack([rows.strained, plane.strained @ here]),
+    )

@@ -1,0 +1,58 @@
+"""What all datum features of a scan share: its frame so far, and its errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.alignment import Fit
+from registration.uncertainty import ScanErrors
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all datum features of a scan share.
+
+    Attributes
+    ----------
+    fit : Fit
+        Scan to part, so far.
+    errors : ScanErrors
+    strains : tuple of (3, 3) float64
+        See `frame.strains`.
+    """
+
+    fit: Fit
+    errors: ScanErrors
+    strains: tuple[FloatArray, ...]
+
+    def stretched(self, place: FloatArray) -> list[FloatArray]:
+        """Motion (3,) of a place by each stretch."""
+        return [strain @ (place - self.fit.centre) for strain in self.strains]
+
+
+def light_shift(there: Setting) -> float:
+    """Standard uncertainty of a lumen's middle along the light, mm.
+
+    The wall above and the one below it face the light otherwise and may err apart: the middle is
+    half of the difference of two errors.
+    """
+    return float(np.hypot(there.errors.level_mm, there.errors.facing_mm) / np.sqrt(2))
+
+
+def light_across(there: Setting, u: FloatArray, v: FloatArray) -> tuple[float, float]:
+    """Return `light_shift` along two unit vectors (3,), mm."""
+    beam = there.fit.rotation @ there.errors.beam
+    size = light_shift(there)
+    return float(size * (beam @ u)), float(size * (beam @ v))
+
+
+def across(way: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two unit vectors across a direction."""
+    u = np.cross(way, np.eye(3)[np.abs(way).argmin()])
+    u = u / np.linalg.norm(u)
+    return u, np.cross(way, u)

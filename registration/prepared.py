@@ -1,0 +1,77 @@
+"""A scan and its design made ready to be aligned and gauged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from design.network import VesselNetwork
+from design.solids.solid import Solid
+from registration.distance import ModelSurface
+from registration.errors import RegistrationError
+from registration.options import RegistrationOptions, segmentation_options
+from registration.scan import Scan
+from registration.segmentation import Segmentation, segment
+from registration.uncertainty import ScanErrors, scan_errors
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What every step behind the segmentation takes; build with `of`.
+
+    Attributes
+    ----------
+    scan : Scan
+    network : VesselNetwork
+    options : RegistrationOptions
+    segmentation : Segmentation
+        Of the scan.
+    surface : ModelSurface
+        The model.
+    is_lumen : bool
+        The model is the lumens, not the gel around them.
+    errors : ScanErrors
+        What all measurements of the scan share.
+    section_mm : float, mm
+        Between sections along a vessel.
+    """
+
+    scan: Scan
+    network: VesselNetwork
+    options: RegistrationOptions
+    segmentation: Segmentation
+    surface: ModelSurface
+    is_lumen: bool
+    errors: ScanErrors
+    section_mm: float
+
+    @staticmethod
+    def of(
+        scan: Scan, model: Solid, network: VesselNetwork, options: RegistrationOptions
+    ) -> Prepared:
+        """Segment the scan, and see what the model is.
+
+        Raises
+        ------
+        RegistrationError
+            When the scan can't be segmented, or model and network don't belong together.
+        """
+        thinnest = 2 * float(network.radius.min())
+        segmentation = segment(scan, segmentation_options(scan, options, thinnest))
+        errors = scan_errors(scan, segmentation, options.walls)
+        surface = ModelSurface.of(model)
+        is_lumen = _model_is_lumen(surface, network)
+        section_mm = options.section_mm or thinnest / 4
+        return Prepared(scan, network, options, segmentation, surface, is_lumen, errors, section_mm)
+
+
+def _model_is_lumen(surface: ModelSurface, network: VesselNetwork) -> bool:
+    """Whether the vessels' axes lie inside the model."""
+    start, end, _, _, _ = network.pieces()
+    inside = float((surface.query((start + end) / 2).distance < 0).mean())
+    if 0.1 < inside < 0.9:
+        raise RegistrationError(
+            f"{100 * inside:.0f} % of the network's axes lie inside the model: it is neither "
+            "lumen (nearly all inside) nor construct (nearly none); give model and network of the "
+            "same design, in the same frame"
+        )
+    return inside >= 0.9
