@@ -45,11 +45,16 @@ class FrameCheck:
         """Note both before the job's first line, with the motors standing."""
         before: tuple[Place, Place] | None = None
         for _ in range(RETRIES):
-            now = self._ask()
+            now = self._asked(journalled=False)
             if now == before:
                 self._told, self._offset = now
+                self._channel.logbook.record("frame", told=now[0], offset=now[1])
                 return
             before = now
+
+    def restore(self, told: Place, offset: Place) -> None:
+        """Take both as they were before the job's first line, from its journal."""
+        self._told, self._offset = told, offset
 
     def renamed(self) -> str:
         """Return which axes are called otherwise than by the job, or ''; waits for the motors."""
@@ -60,7 +65,7 @@ class FrameCheck:
         self._channel.command(b"M400")
         expected, wrong = self._expected(done), ""
         for _ in range(RETRIES):  # a reply may be garbled
-            _, offset = self._ask()
+            _, offset = self._asked(journalled=True)
             if not offset:
                 continue
             wrong = _difference(expected, offset)
@@ -68,9 +73,9 @@ class FrameCheck:
                 return ""
         return wrong
 
-    def _ask(self) -> tuple[Place, Place]:
+    def _asked(self, *, journalled: bool) -> tuple[Place, Place]:
         """Return the place as the printer calls it, and the steps' place less that, mm."""
-        replies = self._channel.ask(b"M114")
+        replies = self._channel.command(b"M114", journalled)
         told, counts = parse_position(replies), parse_counts(replies)
         if not set(_AXES) <= set(told) & set(counts):
             return {}, {}

@@ -125,7 +125,17 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         pauses=pauses,
         slips=SlipWatch(channel, position),
         resumption=Resumption(
-            channel, firmware, heads, position, valve, watch, pauses, excursion, returning, requests
+            channel,
+            firmware,
+            frame,
+            heads,
+            position,
+            valve,
+            watch,
+            pauses,
+            excursion,
+            returning,
+            requests,
         ),
         interruption=interruption,
     )
