@@ -11,9 +11,8 @@ import numpy as np
 from design.files import replacing
 from design.toolpath.toolpath import Toolpath
 
-_ARRAYS: Final = tuple(
-    field.name for field in fields(Toolpath) if field.name not in ("source_kind", "layer_height_mm")
-)
+_OTHERS: Final = ("source_kind", "layer_height_mm", "heights_mm")
+_ARRAYS: Final = tuple(field.name for field in fields(Toolpath) if field.name not in _OTHERS)
 
 
 def save_toolpath(path: Path, toolpath: Toolpath) -> None:
@@ -21,6 +20,7 @@ def save_toolpath(path: Path, toolpath: Toolpath) -> None:
     arrays: dict[str, Any] = {name: getattr(toolpath, name) for name in _ARRAYS}
     arrays["source_kind"] = np.array(toolpath.source_kind)
     arrays["layer_height_mm"] = np.array(toolpath.layer_height_mm)
+    arrays["heights_mm"] = np.array(sorted(toolpath.heights_mm.items())).reshape(-1, 2)
     with replacing(path) as draft, draft.open("wb") as handle:
         np.savez(handle, **arrays)
 
@@ -30,4 +30,9 @@ def load_toolpath(path: Path) -> Toolpath:
     with np.load(path, allow_pickle=False) as data:
         arrays = {name: data[name] for name in _ARRAYS}
         kind = cast(Literal["layer", "vessel"], str(data["source_kind"]))
-        return Toolpath(**arrays, source_kind=kind, layer_height_mm=float(data["layer_height_mm"]))
+        return Toolpath(
+            **arrays,
+            source_kind=kind,
+            layer_height_mm=float(data["layer_height_mm"]),
+            heights_mm={int(layer): mm for layer, mm in data["heights_mm"].tolist()},
+        )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any, Literal
 
@@ -54,7 +54,9 @@ class Toolpath:
     source_kind : "layer" or "vessel"
         What `source` counts.
     layer_height_mm : float, mm
-        Height of a layer; 0 for embedded writing.
+        Height of a layer, of the first one where they differ; 0 for embedded writing.
+    heights_mm : mapping of int to float, mm
+        Height of each layer, where they differ; else empty.
     """
 
     start: FloatArray
@@ -67,6 +69,7 @@ class Toolpath:
     source: IntArray
     source_kind: Literal["layer", "vessel"]
     layer_height_mm: float = 0.0
+    heights_mm: Mapping[int, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.kind)
@@ -82,7 +85,11 @@ class Toolpath:
 
     @property
     def _kinds(self) -> dict[str, Any]:
-        return {"source_kind": self.source_kind, "layer_height_mm": self.layer_height_mm}
+        return {
+            "source_kind": self.source_kind,
+            "layer_height_mm": self.layer_height_mm,
+            "heights_mm": self.heights_mm,
+        }
 
     @property
     def lengths(self) -> FloatArray:
@@ -117,4 +124,5 @@ def joined(parts: Sequence[Toolpath]) -> Toolpath:
         source=along("source"),
         source_kind=parts[0].source_kind,
         layer_height_mm=parts[0].layer_height_mm,
+        heights_mm={layer: mm for part in parts for layer, mm in part.heights_mm.items()},
     )

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from design.toolpath.fresh import Filling, FreshOptions, Infill
+from design.toolpath.fresh import Adaptive, Filling, FreshOptions, Infill
 from design.units import LengthUnit
 from firmware_profiles import Dish, Printer, load
 from printctl.cli.options import (
@@ -66,6 +66,25 @@ def slice_mesh(
     layer_um: Annotated[
         float, typer.Option("--layer-um", help="Height of a layer, µm.", min=5, max=2000)
     ] = 60.0,
+    thinnest_um: Annotated[
+        float | None,
+        typer.Option(
+            "--thinnest-layer-um",
+            help="Layers down to this height where walls are slanted, µm; all alike if not given.",
+            min=5,
+            max=2000,
+        ),
+    ] = None,
+    stair_um: Annotated[
+        float,
+        typer.Option(
+            "--stair-um",
+            help="With --thinnest-layer-um: depth of a slanted wall's stair from which on layers "
+            "become thinner, µm.",
+            min=1,
+            max=500,
+        ),
+    ] = 20.0,
     line_um: Annotated[
         str, typer.Option("--line-um", help="Width of a line, µm; of several heads: left,right.")
     ] = "150",
@@ -109,7 +128,11 @@ def slice_mesh(
         loads_of(profile, syringe, ink, needle),
         _lines_mm(profile, line_um),
         FreshOptions(
-            layer_height_mm=layer_um * 1e-3, walls=walls, filling=filling, write_speed_mm_s=speed
+            layer_height_mm=layer_um * 1e-3,
+            adaptive=_adaptive(profile, thinnest_um, stair_um),
+            walls=walls,
+            filling=filling,
+            write_speed_mm_s=speed,
         ),
         None if dish is None else load(Dish, dish),
     )
@@ -117,6 +140,13 @@ def slice_mesh(
     for note in _notes(job, written):
         messages().print(f"note: {note}", markup=False)
     _tell(_facts(job, written, models, out), as_json)
+
+
+def _adaptive(printer: Printer, thinnest_um: float | None, stair_um: float) -> Adaptive | None:
+    """Layers that follow the slopes, in whole steps of the vertical motor."""
+    if thinnest_um is None:
+        return None
+    return Adaptive(thinnest_um * 1e-3, stair_um * 1e-3, 1 / printer.steps_per_mm.z)
 
 
 def _lines_mm(printer: Printer, text: str) -> tuple[float, ...]:
@@ -158,6 +188,7 @@ def _facts(job: SliceJob, written: Written, models: list[Path], out: Path) -> di
     found = {
         "gcode": str(out),
         "layers": report.layers,
+        "layer_um": [1e3 * height for height in written.heights_mm],
         "lines": written.lines,
         "written_ul": report.written_ul,
         "material_ul": report.material_ul,
@@ -191,7 +222,7 @@ def _tell(facts: dict[str, Any], as_json: bool) -> None:
         print_json(facts)
         return
     print_lines(
-        f"{facts['layers']} layers, {facts['lines']} lines of G-code, "
+        f"{facts['layers']} layers{_span(facts['layer_um'])}, {facts['lines']} lines of G-code, "
         f"{facts['written_ul']:.4g} µL, {facts['unfilled_percent']:.2f} % of the part unfilled",
         *(
             f"head {one['head']} ({one['name']}, {one['ink']}): {one['written_ul']:.4g} µL"
@@ -199,3 +230,8 @@ def _tell(facts: dict[str, Any], as_json: bool) -> None:
         ),
         facts["gcode"],
     )
+
+
+def _span(heights_um: list[float]) -> str:
+    low, high = heights_um
+    return "" if high - low < 0.01 else f" of {low:.4g} to {high:.4g} µm"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -82,6 +82,7 @@ def read_with_program(
     except GcodeError as exc:
         raise UsageError(f"{name}: {exc}") from exc
     rows = written_rows(program, valve, start is not None)
+    rows = _at_tips(rows, program.tool, pushing)
     if not (rows.act == Act.WRITE).any():
         raise UsageError(_nothing(program, name, pushing, valve))
     said = read_comments(text)
@@ -113,6 +114,15 @@ def read_with_program(
         notes=(said_dose, *said_width, *_doubts(program, text)),
     )
     return Reading(job, program, rows.row)
+
+
+def _at_tips(rows: Rows, tool: IntArray, pushing: Pushing) -> Rows:
+    """Places of the tips: of several heads the file says the carriage's."""
+    if not pushing.printer.heads:
+        return rows
+    offsets = np.array([head.offset_mm.mm for head in pushing.printer.heads])
+    own = offsets[np.clip(tool[rows.row], 0, len(offsets) - 1)]
+    return replace(rows, start=rows.start + own, end=rows.end + own)
 
 
 def _nothing(program: Program, name: str, pushing: Pushing, valve: Valve | None) -> str:

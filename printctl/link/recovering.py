@@ -191,5 +191,8 @@ def _told_of_head(line: bytes) -> bytes:
 
 
 def _rest(job: Job, data: bytes, begin: int) -> bytes:
+    """The lines still to be made, after what the file last said of its layers' height."""
     lines = data.splitlines(keepends=True)
-    return b"".join(lines[job.file_lines[begin] - 1 :])
+    first = job.file_lines[begin] - 1
+    said = (line for line in reversed(lines[:first]) if line.startswith(b";HEIGHT:"))
+    return b"".join([next(said, b""), *lines[first:]])

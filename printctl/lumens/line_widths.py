@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from printctl.errors import UsageError
+from printctl.gcode_view.comments import plain_lines, read_comments
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -40,20 +42,75 @@ def check_width(width: FloatArray, line: IntArray) -> None:
         )
 
 
-def slabs(height: FloatArray, layer_mm: float | None) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Slab of each level, down to the level below or by the usual thickness, and each line's."""
+@dataclass(frozen=True)
+class SaidHeights:
+    """Heights of layers that a file's comments say (``;HEIGHT:0.06``).
+
+    Attributes
+    ----------
+    line : (h,) int64
+        Of each comment, ascending.
+    mm : (h,) float64, mm
+        From there on.
+    """
+
+    line: IntArray
+    mm: FloatArray
+
+    def of(self, lines: IntArray) -> FloatArray:
+        """What is said of each line of the file, (n,), mm; NaN before the first comment."""
+        if not len(self.line):
+            return np.full(len(lines), np.nan)
+        at = np.searchsorted(self.line, lines) - 1
+        return np.where(at >= 0, self.mm[np.maximum(at, 0)], np.nan)
+
+
+def said_heights(gcode: bytes) -> SaidHeights:
+    """Read a file's comments."""
+    said = read_comments(plain_lines(gcode))
+    return SaidHeights(said.height_lines, said.height_mm)
+
+
+def slabs(
+    height: FloatArray, layer_mm: float | None, said_mm: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Slab of each level, and each line's level.
+
+    A slab reaches down to the level below. The lowest, and one that hangs above the last, is as
+    thick as ``layer_mm``, as the file says of it, or as the most frequent one.
+
+    Parameters
+    ----------
+    height : (n,) float64, mm
+        Of each line.
+    layer_mm : float or None, mm
+        What the user says; it counts above what the file says.
+    said_mm : (n,) float64 or None, mm
+        What the file says of each line; NaN for nothing.
+    """
     ordered = np.unique(np.round(height, 4))
     new = np.concatenate([[True], np.diff(ordered) > LEVEL_TOLERANCE_MM])
     high = ordered[new]
     gaps = np.diff(high)
+    layer = np.searchsorted(high, height + LEVEL_TOLERANCE_MM, side="right") - 1
+    if layer_mm is None and said_mm is not None and not np.isnan(said_mm).any():
+        said = np.array([np.median(own) for own in _of_each(said_mm, layer, len(high))])
+        below = np.concatenate([[np.inf], gaps])
+        thick = np.where(below > said + LEVEL_TOLERANCE_MM, said, below)
+        return high - thick, high, layer.astype(np.int64)
     if layer_mm is None and len(gaps) == 0:
         raise UsageError("the G-code has one layer, whose thickness is unknown; give --layer-um")
     if layer_mm is None:
         values, counts = np.unique(np.round(gaps, 3), return_counts=True)
         layer_mm = float(values[counts.argmax()])
     thick = np.concatenate([[layer_mm], np.where(gaps > 1.5 * layer_mm, layer_mm, gaps)])
-    layer = np.searchsorted(high, height + LEVEL_TOLERANCE_MM, side="right") - 1
     return high - thick, high, layer.astype(np.int64)
+
+
+def _of_each(values: FloatArray, group: IntArray, count: int) -> list[FloatArray]:
+    """Values of each group, of which none is empty."""
+    order = np.argsort(group, kind="stable")
+    return np.split(values[order], np.searchsorted(group[order], np.arange(1, count)))
 
 
 def dose_per_mm(

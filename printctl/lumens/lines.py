@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
-from printctl.lumens.line_widths import check_level, check_width, dose_per_mm, dots, slabs
+from printctl.lumens.line_widths import (
+    SaidHeights,
+    check_level,
+    check_width,
+    dose_per_mm,
+    dots,
+    said_heights,
+    slabs,
+)
 from printctl.lumens.strokes import Strokes, origin, plunger_strokes
 from printctl.rounding import last_digit_mm, window_mm
 from sim.gcode import read_gcode
@@ -94,8 +102,8 @@ def read_lines(
     line_mm : float or None, mm
         Width of every line, whatever E says.
     layer_mm : float or None, mm
-        Thickness of the lowest layer and of those with nothing right below; None finds the most
-        frequent one.
+        Thickness of the lowest layer and of those with nothing right below; None takes what the
+        file says (``;HEIGHT:``), else the most frequent one.
     bead : BeadSection
 
     Raises
@@ -112,7 +120,8 @@ def read_lines(
     if len(strokes.line) == 0:
         raise UsageError("no move of the G-code pushes ink while it goes sideways; is E in it?")
     window = flow_window(program.plunger, strokes, 1.0 if ul_per_e is None else ul_per_e)
-    lines = layered(strokes.moved(origin(program, gcode)), layer_mm, window, [bead])
+    said = said_heights(gcode)
+    lines = layered(strokes.moved(origin(program, gcode)), layer_mm, window, [bead], said=said)
     if line_mm is not None:
         width, thick = np.full(len(lines), line_mm), (lines.high - lines.low)[lines.layer]
         lines = replace(lines, width=width, mean=bead.area(width, thick) / thick)
@@ -157,6 +166,7 @@ def layered(
     window_mm: float,
     beads: Sequence[BeadSection] = (ROUNDED,),
     head: IntArray | None = None,
+    said: SaidHeights | None = None,
 ) -> WrittenLines:
     """Strokes as lines in level layers; see `read_lines`.
 
@@ -169,6 +179,8 @@ def layered(
         Of each head.
     head : (n,) int64 or None
         Of each stroke; None where one head writes all.
+    said : SaidHeights or None
+        Heights that the file says.
 
     Raises
     ------
@@ -177,7 +189,7 @@ def layered(
     """
     begin, end = strokes.begin, strokes.end
     check_level(begin, end, strokes.line)
-    low, high, layer = slabs(end[:, 2], layer_mm)
+    low, high, layer = slabs(end[:, 2], layer_mm, None if said is None else said.of(strokes.line))
     thick = (high - low)[layer]
     length = np.hypot(*(end - begin)[:, :2].T)
     area = dose_per_mm(length, strokes.dose_ul, strokes.stroke, window_mm)

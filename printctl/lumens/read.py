@@ -13,7 +13,7 @@ from printctl.errors import UsageError
 from printctl.gcode_view.comments import plain_lines, said_start
 from printctl.lumens.filaments import Filaments, filaments
 from printctl.lumens.heads import of_heads, stacked, stacked_filaments
-from printctl.lumens.line_widths import check_width
+from printctl.lumens.line_widths import check_width, said_heights
 from printctl.lumens.lines import (
     ROUNDED,
     WINDOWLESS_MM,
@@ -102,9 +102,10 @@ def read_layers(gcode: bytes, writing: Writing) -> tuple[WrittenLines, WrittenLi
     if not len(ideal.line):
         raise UsageError(_NEVER)
     stepped = run_strokes(run, printer, 0.0, writing.flow_ul_s)
+    said = said_heights(gcode)
     both = (
-        layered(ideal, writing.layer_mm, WINDOWLESS_MM, writing.beads),
-        layered(stepped, writing.layer_mm, WINDOWLESS_MM, writing.beads),
+        layered(ideal, writing.layer_mm, WINDOWLESS_MM, writing.beads, said=said),
+        layered(stepped, writing.layer_mm, WINDOWLESS_MM, writing.beads, said=said),
     )
     check_width(both[0].width, both[0].line)
     return both
@@ -125,7 +126,7 @@ def _layers_of_heads(gcode: bytes, writing: Writing) -> tuple[WrittenLines, Writ
         flow_window(view.program.plunger, one, per_e)
         for view, one, per_e in zip(views, each, _per_e(writing), strict=True)
     )
-    lines = layered(strokes, writing.layer_mm, window, beads, head)
+    lines = layered(strokes, writing.layer_mm, window, beads, head, said_heights(gcode))
     if writing.line_mm is not None:
         lines = replace(lines, width=np.full(len(lines), writing.line_mm))
     check_width(lines.width, lines.line)

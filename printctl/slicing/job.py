@@ -68,11 +68,14 @@ class Written:
         Commands of G-code.
     place_mm : (3,) float64, mm
         Where the part's origin stands in the printer's frame.
+    heights_mm : (float, float), mm
+        Of the lowest and the highest layer.
     """
 
     report: FreshReport
     lines: int
     place_mm: FloatArray
+    heights_mm: tuple[float, float]
 
 
 def slice_parts(job: SliceJob, out: Path) -> Written:
@@ -91,7 +94,8 @@ def slice_parts(job: SliceJob, out: Path) -> Written:
     machine = (job.printer, job.loads[0].syringe, place, _writer(job, start))
     parts = stream_gcode(layers, *machine, layers.top_mm)
     lines = save_gcode(out, out.with_suffix(".map.npz"), parts)
-    return Written(layers.report(), lines, place)
+    heights = np.diff(layers.levels)
+    return Written(layers.report(), lines, place, (float(heights.min()), float(heights.max())))
 
 
 def _options_of(job: SliceJob, number: int) -> FreshOptions:

@@ -7,6 +7,7 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from design.toolpath.fresh.compensate import Compensation
     from design.toolpath.fresh.filling import DENSEST_GYROID, Filling, Infill
+    from design.toolpath.fresh.levels import Adaptive
     from design.toolpath.fresh.lumens import check_lumens
     from design.toolpath.fresh.options import FreshOptions
     from design.toolpath.fresh.plan import FreshLayers, FreshPlan, fresh_toolpath, plan_fresh
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DENSEST_GYROID",
+    "Adaptive",
     "Compensation",
     "Filling",
     "FreshLayers",

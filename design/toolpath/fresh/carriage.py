@@ -78,7 +78,7 @@ class Carriage:
     """
 
     def __init__(self, heads: Sequence[FreshOptions], corner: FloatArray) -> None:
-        self._heads = heads
+        self._heads = list(heads)
         self._corner = corner
         self._tip: FloatArray | None = None
         self._below: Cells | None = None
@@ -86,8 +86,9 @@ class Carriage:
         self._used: set[int] = set()
         self._layers = 0
 
-    def write(self, sections: Sequence[Section], tip_mm: float) -> Laid:
-        """Lay a layer's sections with the tip at ``tip_mm``, the one of the head in use first."""
+    def write(self, sections: Sequence[Section], tip_mm: float, height_mm: float) -> Laid:
+        """Lay sections of a layer with the tip at ``tip_mm``, the one of the head in use first."""
+        self._heads = [one.in_layer(height_mm) for one in self._heads]
         start, changes = self._tip, 0
         self._layers += 1
         laid: list[Rows] = []

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from design.errors import ToolpathError
 from design.toolpath.checks import require_not_negative, require_positive
 from design.toolpath.fresh.compensate import Compensation
 from design.toolpath.fresh.filling import Filling
+from design.toolpath.fresh.levels import Adaptive
 from firmware_profiles.bead import BeadSection
 
 
@@ -19,6 +20,8 @@ class FreshOptions:
     ----------
     layer_height_mm, line_width_mm : float, mm
         Of a line as it lies there.
+    adaptive : Adaptive or None
+        Layers thinner than that where walls are slanted; None has all alike.
     bead : BeadSection
         Its cross-section, A: Q = A v.
     walls : int
@@ -59,6 +62,7 @@ class FreshOptions:
 
     layer_height_mm: float = 0.06
     line_width_mm: float = 0.15
+    adaptive: Adaptive | None = None
     bead: BeadSection = field(default_factory=BeadSection)
     walls: int = 2
     least_line: float = 0.4
@@ -107,6 +111,12 @@ class FreshOptions:
                 f"walls is {self.walls} (FRESH options); without a wall the infill's line ends "
                 "would stand in the lumens, so give at least 1"
             )
+
+    def in_layer(self, height_mm: float) -> FreshOptions:
+        """The same for a layer of another height."""
+        if height_mm == self.layer_height_mm:
+            return self
+        return replace(self, layer_height_mm=height_mm)
 
     @property
     def spacing_mm(self) -> float:

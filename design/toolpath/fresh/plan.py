@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from manifold3d import CrossSection
@@ -15,12 +16,13 @@ from design.toolpath.fresh.coarsen import without_short_moves
 from design.toolpath.fresh.coverage import FINENESS, Coverage, measure_coverage
 from design.toolpath.fresh.filling import Filling
 from design.toolpath.fresh.infill import infill_paths
+from design.toolpath.fresh.levels import adaptive_levels, even_levels
 from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.paths import Paths, join
 from design.toolpath.fresh.patterns import concentric_paths, gyroid_paths
 from design.toolpath.fresh.regions import Cut, Region, Regions
 from design.toolpath.fresh.report import FreshReport, Tally
-from design.toolpath.fresh.section import Body, Layer, layer_count, layers, rings
+from design.toolpath.fresh.section import Body, Layer, layers, rings
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens, moved_in
 from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath, joined
 
@@ -69,7 +71,7 @@ class FreshLayers:
     A line is laid out as the rectangle of its cross-section, `FreshOptions.spacing_mm` wide, in
     material whose boundary is moved inward by `FreshOptions.inset_mm`: there its rectangle ends,
     and its edge stands on the part's own boundary. Its volume is exactly spacing · layer height ·
-    length. Layer k lies in [z0 + k h, z0 + (k + 1) h] and is written with the tip at its top. Each
+    length. Layer k lies between `levels` k and k + 1 and is written with the tip at its top. Each
     begins where the one before it ended; one in which nothing is written is left out.
 
     Parameters
@@ -116,10 +118,23 @@ class FreshLayers:
     @property
     def top_mm(self) -> float:
         """Highest that the tip goes, mm."""
+        return float(self.levels[-1]) + max(max(one.lift_mm, one.hop_mm) for one in self._heads)
+
+    @cached_property
+    def levels(self) -> FloatArray:
+        """Borders of the layers, those without material too, (n + 1,), mm."""
         low, high = self._bounds[:, 2].tolist()
-        height = self._options.layer_height_mm
-        count = layer_count(low, high, height)
-        return low + count * height + max(max(one.lift_mm, one.hop_mm) for one in self._heads)
+        height, adaptive = self._options.layer_height_mm, self._options.adaptive
+        if adaptive is None:
+            levels = even_levels(low, high, height)
+        else:
+            levels = adaptive_levels(self._solids, height, adaptive)
+        if len(levels) < 2:
+            raise ToolpathError(
+                f"solid is {high - low:g} mm high, less than half a layer of {height:g} mm "
+                "(layer_height_mm); check the part's unit or write thinner layers"
+            )
+        return levels
 
     @property
     def moves(self) -> int:
@@ -136,14 +151,16 @@ class FreshLayers:
         every = self._measured_every()
         regions = Regions(self._regions, options.compensation)
         carriage = Carriage(self._heads, low[:2])
-        for layer in layers(Body(self._solids), options.layer_height_mm, options.inset_mm):
-            sections = _sections(layer, self._heads, regions.at(layer.middle_mm), low[:2])
-            laid = carriage.write(sections, layer.tip_mm)
+        for layer in layers(Body(self._solids), self.levels, self._inset_mm):
+            heads = [one.in_layer(layer.height_mm) for one in self._heads]
+            sections = _sections(layer, heads, regions.at(layer.middle_mm), low[:2])
+            laid = carriage.write(sections, layer.tip_mm, layer.height_mm)
             measured = layer.index % every == 0
-            self._tally.add_layer(_coverage(layer, laid, self._heads) if measured else None)
+            coverage = _coverage(layer, laid, heads) if measured else None
+            self._tally.add_layer(coverage, layer.height_mm)
             lines = sum(len(section.paths) for section in sections)
             if lines:
-                yield self._counted(layer.index, laid, lines)
+                yield self._counted(layer, laid, lines)
         if not self._tally.moves:
             raise ToolpathError(
                 f"no place of the solid is as wide as {options.least_line:g} of a line of "
@@ -152,11 +169,13 @@ class FreshLayers:
             )
 
     def _measured_every(self) -> int:
-        low, high = self._bounds[:, 2].tolist()
-        return max(1, int(np.ceil((high - low) / self._options.layer_height_mm / MEASURED)))
+        return max(1, int(np.ceil((len(self.levels) - 1) / MEASURED)))
 
-    def _counted(self, index: int, laid: Laid, lines: int) -> Toolpath:
-        toolpath = _toolpath(index, laid, self._options.layer_height_mm)
+    def _inset_mm(self, height_mm: float) -> float:
+        return self._options.in_layer(height_mm).inset_mm
+
+    def _counted(self, layer: Layer, laid: Laid, lines: int) -> Toolpath:
+        toolpath = _toolpath(layer, laid, differs=self._options.adaptive is not None)
         self._tally.add(toolpath, laid, lines)
         return toolpath
 
@@ -169,7 +188,7 @@ def _check_heads(heads: Sequence[FreshOptions], regions: Sequence[Region]) -> No
                 f"{len(heads)} (heads, counted from 0)"
             )
     for number, own in enumerate(heads):
-        for name in ("layer_height_mm", "clear_mm", "compensation"):
+        for name in ("layer_height_mm", "adaptive", "clear_mm", "compensation"):
             if getattr(own, name) != getattr(heads[0], name):
                 raise ToolpathError(
                     f"{name} is {getattr(own, name)} for head {number} and "
@@ -248,7 +267,7 @@ def _coverage(layer: Layer, laid: Laid, heads: Sequence[FreshOptions]) -> Covera
     return measure_coverage(rings(layer.material), begin, end, width, pitch)
 
 
-def _toolpath(index: int, laid: Laid, height_mm: float) -> Toolpath:
+def _toolpath(layer: Layer, laid: Laid, *, differs: bool) -> Toolpath:
     """Moves of one layer."""
     rows = laid.rows
     return Toolpath(
@@ -259,7 +278,8 @@ def _toolpath(index: int, laid: Laid, height_mm: float) -> Toolpath:
         duration_s=rows.duration_s,
         tool=laid.tool,
         kind=rows.kind,
-        source=np.full(len(rows.kind), index, dtype=np.int64),
+        source=np.full(len(rows.kind), layer.index, dtype=np.int64),
         source_kind="layer",
-        layer_height_mm=height_mm,
+        layer_height_mm=layer.height_mm,
+        heights_mm={layer.index: layer.height_mm} if differs else {},
     )

@@ -25,7 +25,8 @@ class FreshReport:
     changes : int
         Changes of head.
     written_ul, material_ul : float, µL
-        Ink of the lines, and the measured sections' mean area times the part's height.
+        Ink of the lines, and the measured sections' mean area, weighted by
+        their layers' heights, times the part's height.
     unfilled : (k,) float64
         Part of a layer's material that no line covers, in the layers where it was measured.
     outside : (k,) float64
@@ -69,6 +70,7 @@ class Tally:
         self._changes = 0
         self._written_ul = np.zeros(1)
         self._coverage: list[Coverage] = []
+        self._measured_mm: list[float] = []
 
     def add(self, toolpath: Toolpath, laid: Laid, lines: int) -> None:
         """Count the moves of one layer."""
@@ -87,13 +89,14 @@ class Tally:
         ink[: len(self._written_ul)] = self._written_ul
         np.add.at(ink, toolpath.tool[wrote], toolpath.volume_ul[wrote])
         self._written_ul = ink
-        self._height_mm = toolpath.layer_height_mm
 
-    def add_layer(self, coverage: Coverage | None) -> None:
+    def add_layer(self, coverage: Coverage | None, height_mm: float) -> None:
         """Count a layer with material, and how well its lines cover it where that was measured."""
         self._layers += 1
+        self._height_mm += height_mm
         if coverage is not None:
             self._coverage.append(coverage)
+            self._measured_mm.append(height_mm)
 
     def report(self) -> FreshReport:
         """The numbers of the layers so far."""
@@ -104,7 +107,7 @@ class Tally:
             written_mm=self._written_mm,
             travel_mm=self._travel_mm,
             written_ul=float(self._written_ul.sum()),
-            material_ul=float(material.mean()) * self._layers * self._height_mm,
+            material_ul=float(np.average(material, weights=self._measured_mm)) * self._height_mm,
             unfilled=np.array([layer.unfilled for layer in self._coverage]) / material,
             outside=np.array([layer.outside for layer in self._coverage]) / material,
             travels=self._travels,

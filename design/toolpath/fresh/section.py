@@ -13,8 +13,9 @@ design as scanned; without any they are 9 µm narrow to 7 µm wide, so they are 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -87,6 +88,8 @@ class Layer:
         The same without what lines would stand in lumens with, above or below their crests.
     middle_mm : float, mm
         Height of that section.
+    height_mm : float, mm
+        Of the layer.
     """
 
     index: int
@@ -94,33 +97,26 @@ class Layer:
     material: CrossSection
     carved: CrossSection
     middle_mm: float
+    height_mm: float
 
 
-def layers(body: Body, layer_height_mm: float, inset_mm: float = 0.0) -> Iterator[Layer]:
+def layers(body: Body, levels: FloatArray, inset_mm: Callable[[float], float]) -> Iterator[Layer]:
     """Yield the layers from the lowest up; a layer without material is left out.
 
-    The body is cut into round(height / layer height) layers, so that the written height is
-    within half a layer of the designed one. ``inset_mm`` is by how much half a line's bead is
-    wider than half its rectangle.
-
-    Raises
-    ------
-    ToolpathError
-        When it is lower than half a layer.
+    Parameters
+    ----------
+    body : Body
+    levels : (n + 1,) float64, mm
+        Borders of the layers, ascending.
+    inset_mm : callable
+        By how much half a line's bead is wider than half its rectangle, of a layer's height.
     """
-    low, high = body.low_mm, body.high_mm
-    count = layer_count(low, high, layer_height_mm)
-    if count == 0:
-        raise ToolpathError(
-            f"solid is {high - low:g} mm high, less than half a layer of {layer_height_mm:g} mm "
-            "(layer_height_mm); check the part's unit or write thinner layers"
-        )
-    for index in range(count):
-        middle = low + (index + 0.5) * layer_height_mm
+    for index, (low, high) in enumerate(pairwise(levels.tolist())):
+        middle, height = 0.5 * (low + high), round(high - low, 9)
         material = body.slice(middle).simplify(SECTION_MM)
         if not material.is_empty():
-            carved = _carved(body, material, middle, layer_height_mm, inset_mm)
-            yield Layer(index, low + (index + 1) * layer_height_mm, material, carved, middle)
+            carved = _carved(body, material, middle, height, inset_mm(height))
+            yield Layer(index, high, material, carved, middle, height)
 
 
 def _carved(
@@ -144,11 +140,6 @@ def _hollow(section: CrossSection) -> CrossSection:
 
 def _is_convex(piece: CrossSection) -> bool:
     return piece.hull().area() - piece.area() < COLLINEAR_MM**2
-
-
-def layer_count(low_mm: float, high_mm: float, layer_height_mm: float) -> int:
-    """How many layers come nearest to the part's height."""
-    return int(np.floor((high_mm - low_mm) / layer_height_mm + 0.5 - 1e-6))
 
 
 def rings(section: CrossSection) -> list[FloatArray]:

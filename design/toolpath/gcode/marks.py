@@ -5,6 +5,7 @@ mark       after the lines above it
 ========== ====================================================================================
 LAYER_END  layer n is written; where another follows the needle stands at its height or above
 PASS_END   a pass that ended along vessel n is written, the way straight up is free
+HEIGHT     before layer n, where layers differ: its height, mm (the sign that other slicers use)
 RELOAD     the plunger is relieved and the way straight up is free: the syringe may be changed
 ========== ====================================================================================
 
@@ -72,7 +73,7 @@ class Context:
 def marks_of(toolpath: Toolpath, table: Table, context: Context | None = None) -> Marks:
     """Find where the needle stands free between two layers or passes."""
     context = context or Context()
-    found = [*_ends(toolpath, context), *_asked_reloads(toolpath)]
+    found = [*_heights(toolpath), *_ends(toolpath, context), *_asked_reloads(toolpath)]
     found.sort(key=lambda mark: mark[0])
     body = np.flatnonzero(table.move >= 0)
     moves = np.array([move for move, _ in found], dtype=np.int64)
@@ -80,6 +81,16 @@ def marks_of(toolpath: Toolpath, table: Table, context: Context | None = None) -
     first = body[0] if len(body) and context.before is None else 0
     row = np.where(before > 0, body[np.maximum(before - 1, 0)] + 1, first)
     return Marks(row, [text for _, text in found])
+
+
+def _heights(toolpath: Toolpath) -> list[tuple[int, str]]:
+    """Heights of layers that differ: the move before each layer's first, and the text."""
+    found = []
+    for layer, height in toolpath.heights_mm.items():
+        rows = np.flatnonzero(toolpath.source == layer)
+        if len(rows):
+            found.append((int(rows[0]) - 1, f";HEIGHT:{height:.6g}"))
+    return found
 
 
 def _ends(toolpath: Toolpath, context: Context) -> list[tuple[int, str]]:

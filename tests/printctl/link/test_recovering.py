@@ -270,3 +270,19 @@ def test_a_rest_is_planned_where_klipper_alone_was_told_the_height():
         plan = plan_recovery(job, data, History(), klipper, RETREAT, from_line=line)
         assert plan.start == (100, 100, 20)
         assert b"Z20" in plan.gcode
+
+
+def test_the_rest_says_its_first_layer_s_height(tmp_path):
+    """Layers of different heights: a reader of the rest alone can't know it from the tip's."""
+    lines = DATA.splitlines(keepends=True)
+    said = b"".join((b";HEIGHT:%.3f\n" % (0.06 + 0.001 * k)) + line for k, line in enumerate(lines))
+    printer = MarlinPrinter(PRINTER, START, faults=(parse_fault("reset@95"),))
+    transport = SimTransport(printer, VirtualClock())
+    played(DATA, tmp_path, transport, Script(), Care(checkpoint_s=0.0), retreat=RETREAT)
+    job, history = parse_job(said, "test.gcode"), read_journal(tmp_path / "journal.log")
+    plan = plan_recovery(job, said, history, PRINTER, RETREAT)
+    rest = plan.gcode.splitlines()
+    first = next(k for k, line in enumerate(rest) if line.startswith(b";HEIGHT:"))
+    before = said.splitlines()[: job.file_lines[plan.begin] - 1]
+    assert rest[first] == [line for line in before if line.startswith(b";HEIGHT:")][-1]
+    assert_rest_is_the_jobs(plan)

@@ -1,0 +1,125 @@
+"""Layers that follow slopes: heights as the stair allows, floors met, volumes by each height."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from manifold3d import Manifold
+
+from design.errors import ToolpathError
+from design.toolpath import MoveKind, Toolpath, joined
+from design.toolpath.file import load_toolpath, save_toolpath
+from design.toolpath.fresh import Adaptive, FreshLayers, FreshOptions, plan_fresh
+from design.toolpath.fresh.levels import adaptive_levels, even_levels
+from tests.design.toolpath.shapes import along_x, as_solid, block
+
+FINE = Adaptive(0.02, 0.02, 0.0025)
+OPTIONS = FreshOptions(adaptive=FINE, clear_mm=0.0015, least_move_mm=0.0875)
+
+
+def wedge(degrees: float) -> Manifold:
+    """A block 1 mm high with one side so far off the upright."""
+    away = np.tan(np.radians(degrees))
+    points = [(0, 0, 0), (3, 0, 0), (0, 2, 0), (3, 2, 0)]
+    points += [(0, 0, 1), (3 + away, 0, 1), (0, 2, 1), (3 + away, 2, 1)]
+    return Manifold.hull_points(np.array(points, dtype=float))
+
+
+def foot() -> Manifold:
+    """Upright for 0.6 mm, then 50° off the upright for 1 mm."""
+    return block(3, 2, 0.6) + wedge(50.0).translate([0, 0, 0.6])
+
+
+def area_at(z: float) -> float:
+    return 2 * (3 + max(z - 0.6, 0.0) * np.tan(np.radians(50.0)))
+
+
+def test_upright_walls_take_the_usual_layers() -> None:
+    levels = adaptive_levels([as_solid(block(2, 2, 0.6))], 0.06, FINE)
+    assert levels == pytest.approx(even_levels(0, 0.6, 0.06))
+
+
+@pytest.mark.parametrize("degrees", [20.0, 45.0, 60.0])
+def test_a_slanted_wall_s_stair_is_no_deeper_than_asked(degrees: float) -> None:
+    levels = adaptive_levels([as_solid(wedge(degrees))], 0.06, FINE)
+    stair = np.diff(levels) * np.sin(np.radians(degrees))
+    assert stair.max() < 0.02 + FINE.step_mm
+    assert np.quantile(stair, 0.8) < 0.02 + 1e-6
+    # And the layers are no thinner than that asks for, but for the last ones.
+    assert np.median(stair) > 0.02 - 0.0026
+    assert levels[[0, -1]] == pytest.approx([0.0, 1.0])
+
+
+def test_a_layer_ends_at_each_floor() -> None:
+    body = block(4, 4, 0.5) + block(2, 4, 0.7775)
+    levels = adaptive_levels([as_solid(body)], 0.06, FINE)
+    assert np.abs(levels - 0.5).min() < 1e-6
+    assert levels[-1] == pytest.approx(0.7775)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    height=st.floats(0.1, 2.0),
+    radius=st.floats(0.15, 0.6),
+    thinnest=st.sampled_from([0.01, 0.02, 0.03, 0.05]),
+    stair=st.floats(0.005, 0.06),
+)
+def test_heights_stay_within_their_limits_and_fill_the_part(
+    height: float, radius: float, thinnest: float, stair: float
+) -> None:
+    body = block(3, 3, height) - along_x(1.5, height / 2, 2 * radius)
+    if body.is_empty():
+        return
+    solid = as_solid(body)
+    levels = adaptive_levels([solid], 0.06, Adaptive(thinnest, stair, 0.0025))
+    heights = np.diff(levels)
+    assert heights.min() > thinnest - 1e-9
+    assert heights.max() < max(0.06, 2 * thinnest) + 1e-9
+    assert levels[-1] - levels[0] == pytest.approx(np.ptp(solid.bounds[:, 2]), abs=0.00126)
+    assert heights / 0.0025 == pytest.approx(np.rint(heights / 0.0025), abs=1e-6)
+
+
+def test_each_layer_s_lines_hold_its_own_height() -> None:
+    """Volume of a layer: its section's area times its height."""
+    found = list(FreshLayers(as_solid(foot()), OPTIONS))
+    assert len({path.layer_height_mm for path in found}) > 1
+    for path in found[1:-1:5]:
+        middle = path.end[path.kind == MoveKind.WRITE, 2].max() - path.layer_height_mm / 2
+        wrote = path.kind == MoveKind.WRITE
+        assert path.volume_ul[wrote].sum() == pytest.approx(
+            area_at(middle) * path.layer_height_mm, rel=0.02
+        )
+        (height,) = path.heights_mm.values()
+        assert height == path.layer_height_mm
+
+
+def test_the_report_weighs_sections_by_their_layers() -> None:
+    plan = plan_fresh(as_solid(foot()), OPTIONS)
+    volume = 0.6 * area_at(0.0) + area_at(1.1)
+    assert plan.report.material_ul == pytest.approx(volume, rel=0.005)
+    assert plan.report.written_ul == pytest.approx(volume, rel=0.01)
+
+
+def test_heights_outlast_joining_and_keeping(tmp_path) -> None:
+    parts = list(FreshLayers(as_solid(foot()), OPTIONS))
+    whole = joined(parts)
+    assert len(whole.heights_mm) == len(parts)
+    save_toolpath(tmp_path / "path.npz", whole)
+    kept: Toolpath = load_toolpath(tmp_path / "path.npz")
+    assert kept.heights_mm == pytest.approx(whole.heights_mm)
+    assert whole.where(whole.source == 3).heights_mm == whole.heights_mm
+
+
+def test_all_alike_says_no_heights() -> None:
+    path = joined(list(FreshLayers(as_solid(block(2, 2, 0.3)), replace(OPTIONS, adaptive=None))))
+    assert path.heights_mm == {}
+
+
+@pytest.mark.parametrize("thinnest", [0.06, 0.058])
+def test_the_thinnest_layer_is_thinner_than_the_others(thinnest: float) -> None:
+    with pytest.raises(ToolpathError, match="must be at least a step lower"):
+        adaptive_levels([as_solid(block(2, 2, 0.6))], 0.06, Adaptive(thinnest))
