@@ -15,12 +15,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
+import numba.cpython.hashing  # noqa: F401 - adds symbols of kernels that hash
 from numba.core import types
 from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaWarning
+from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 from kernels.key import Memo, UnkeepableError, kernel_key, signature_text
@@ -66,8 +68,13 @@ class KernelStore(NullCache):
         return str(cache_dir())
 
     def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:
-        """Return the compiled kernel for argument types ``sig``, or None."""
-        target_context.refresh()
+        """Return the compiled kernel for argument types ``sig``, or None.
+
+        Numba's own cache lists all that can be compiled first, 0.1 CPU s of each process. Machine
+        code needs the symbols alone, of the runtime and of hashing. What is compiled after all
+        lists the rest.
+        """
+        rtsys.initialize(target_context)
         path = self._path(sig, target_context.codegen())
         payload = None if path is None else _read_whole(path)
         return None if payload is None else CompileResult._rebuild(target_context, *payload)

@@ -15,7 +15,7 @@ from numba import prange
 from numpy.typing import NDArray
 
 from design.geometry.boxes import apart, corners_box, next_leaf
-from design.geometry.bvh import DEPTH, build_triangle_tree
+from design.geometry.bvh import DEPTH, TriangleTree, build_triangle_tree
 from design.geometry.exact_meeting import triangles_meet
 from kernels import jit, pjit
 
@@ -47,7 +47,11 @@ class Crossings:
         return np.unique(self.pairs)
 
 
-def find_crossings(vertices: NDArray[np.float64], faces: NDArray[np.integer]) -> Crossings:
+def find_crossings(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.integer],
+    tree: TriangleTree | None = None,
+) -> Crossings:
     """Find all pairs of faces that pass through one another, exactly.
 
     Parameters
@@ -56,9 +60,12 @@ def find_crossings(vertices: NDArray[np.float64], faces: NDArray[np.integer]) ->
         Taken as exact; faces that share a vertex share its number.
     faces : (m, 3)
         Without equal corners.
+    tree : TriangleTree, optional
+        Of these vertices and faces, where it has been built.
     """
     corners = np.ascontiguousarray(faces, dtype=np.int32)
-    tree = build_triangle_tree(np.ascontiguousarray(vertices, dtype=np.float64), corners)
+    if tree is None:
+        tree = build_triangle_tree(np.ascontiguousarray(vertices, dtype=np.float64), corners)
     count = np.zeros(len(corners), np.int64)
     _count(tree, corners, count)
     begin = np.cumsum(count) - count

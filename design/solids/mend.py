@@ -56,10 +56,11 @@ def without_crossings(
     left : (k,) int64
         Faces that cross others still.
     """
-    left = find_crossings(vertices, faces).faces
+    tree = build_triangle_tree(np.ascontiguousarray(vertices), faces.astype(np.int32))
+    left = find_crossings(vertices, faces, tree).faces
     if len(left) == 0:
         return vertices, faces, left
-    surface = _surface(vertices, faces)
+    surface = _surface(vertices, faces, tree)
     single = np.bincount(surface.place, minlength=len(vertices))[surface.place] == 1
     step = float(np.spacing(np.float32(np.abs(vertices).max())))
     for share in _SHARES:
@@ -75,11 +76,10 @@ def without_crossings(
     return moved, faces, find_crossings(moved, faces).faces if len(left) else left
 
 
-def _surface(vertices: FloatArray, faces: FaceArray) -> Surface:
+def _surface(vertices: FloatArray, faces: FaceArray, tree: TriangleTree) -> Surface:
     fan = corner_fans(faces)
     place = np.zeros(int(fan.max()) + 1, np.int64)
     place[fan] = faces
-    tree = build_triangle_tree(np.ascontiguousarray(vertices), faces.astype(np.int32))
     return Surface(
         points=np.ascontiguousarray(vertices[place]),
         place=place,

@@ -53,7 +53,6 @@ def solid_from_manifold(manifold: Manifold, what: str) -> Solid:
             snapped, kept = snap_mesh(_draw_apart(vertices, faces, step), faces)
             faults = edge_faults(kept)
         if len(kept) and not faults:
-            to_manifold(snapped, kept, what)
             return mended_solid(Solid(snapped, kept.astype(np.int32)))[0]
         step *= _COARSER
     raise SolidError(

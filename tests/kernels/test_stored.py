@@ -91,6 +91,41 @@ def _python(folder: Path, text: str) -> str:
     ).stdout.strip()
 
 
+KINDS = """
+import numba
+import numpy as np
+from kernels import jit, pjit
+@jit
+def hashes(n):
+    seen = {(k, 1.5): k for k in range(n)}
+    return len(seen) + len({"a", "b"})
+@jit
+def draws(n):
+    np.random.seed(1)
+    return np.random.rand() < 2.0
+@jit
+def solves(n):
+    return np.linalg.solve(2.0 * np.eye(n), np.ones(n))[0] + np.dot(np.ones(n), np.ones(n))
+@jit
+def sorts(n):
+    return np.argsort(np.sin(np.arange(n) * 1.0), kind="mergesort")[0] + len([1.0] * n)
+@pjit
+def sums(n):
+    found = np.zeros(n)
+    for k in numba.prange(n):
+        found[k] = np.arctan2(k, 2.0) ** 1.5
+    return found[0]
+"""
+USED = """
+import kinds
+from kernels import jit
+every = [kinds.hashes, kinds.draws, kinds.solves, kinds.sorts, kinds.sums]
+print([float(one(3)) for one in every], [bool(one.stats.cache_hits) for one in every])
+@jit
+def after(n):
+    return kinds.sorts(n) + kinds.solves(n)
+print(after(3))
+"""
 SLOPE_FIRST = "slope: float\n    offset: float"
 OFFSET_FIRST = "offset: float\n    slope: float"
 
@@ -105,6 +140,13 @@ def test_swapped_fields_of_an_argument_are_compiled_anew(tmp_path: Path) -> None
 def test_a_docstring_compiles_nothing(tmp_path: Path) -> None:
     _run(tmp_path, SLOPE_FIRST, "3.0, 100.0", '"""Old."""')
     assert _run(tmp_path, SLOPE_FIRST, "3.0, 100.0", '"""New."""') == "6.0 True"
+
+
+def test_every_kind_of_kernel_runs_from_disk_and_beside_one_compiled_after(tmp_path: Path) -> None:
+    (tmp_path / "kinds.py").write_text(KINDS)
+    made, loaded = _python(tmp_path, USED), _python(tmp_path, USED)
+    assert made == "[5.0, 1.0, 3.5, 3.0, 0.0] [False, False, False, False, False]\n6.5"
+    assert loaded == "[5.0, 1.0, 3.5, 3.0, 0.0] [True, True, True, True, True]\n6.5"
 
 
 def _flipped(data: bytes) -> bytes:
