@@ -55,6 +55,7 @@ def without_short_moves(
     paths = _small_rings_redrawn(paths, least_mm, width_mm)
     points, keep = _coarsened(
         paths.points.copy(),
+        paths.width_mm,
         paths.offset,
         paths.closed,
         paths.role == Role.WALL,
@@ -63,10 +64,24 @@ def without_short_moves(
         TOLERANCE * width_mm,
         DROPPED * width_mm,
     )
-    total = np.concatenate([[0], np.cumsum(keep)])
-    return replace(
-        paths, points=points[keep], width_mm=paths.width_mm[keep], offset=total[paths.offset]
+    offset = np.concatenate([[0], np.cumsum(keep)])[paths.offset]
+    width = _merged_widths(paths, keep, offset)
+    return replace(paths, points=points[keep], width_mm=width, offset=offset)
+
+
+def _merged_widths(paths: Paths, keep: NDArray[np.bool_], offset: IntArray) -> FloatArray:
+    """Mean width, over their lengths, of the lines that became one; (kept,) float64, mm."""
+    size, begin = np.diff(paths.offset), paths.offset[:-1]
+    before = np.arange(-1, len(keep) - 1)
+    before[begin] = np.where(paths.closed, paths.offset[1:] - 1, begin)
+    length = np.hypot(*(paths.points - paths.points[before]).T) + 1e-12  # of an open begin 0
+    # The next point that is kept, from a path's last one on its first.
+    after: IntArray = np.cumsum(keep) - keep
+    kept: IntArray = np.where(
+        after < np.repeat(offset[1:], size), after, np.repeat(offset[:-1], size)
     )
+    area = np.bincount(kept, length * paths.width_mm)
+    return np.asarray(area / np.bincount(kept, length))
 
 
 def _small_rings_redrawn(paths: Paths, least_mm: float, width_mm: float) -> Paths:
@@ -162,6 +177,7 @@ def _drawn_out(
 @jit
 def _coarsened(
     points: FloatArray,
+    width: FloatArray,
     offset: IntArray,
     closed: NDArray[np.bool_],
     wall: NDArray[np.bool_],
@@ -196,7 +212,8 @@ def _coarsened(
                 without_b = at_b + max(off[a], off[b]) if at_b >= 0 else np.inf
                 without_c = at_c + max(off[b], off[c]) if at_c >= 0 else np.inf
                 met, x, y = False, 0.0, 0.0
-                if (at_b < 0 and at_c < 0) or (outer[p] and at_b > 0 and at_c > 0):
+                bulges = outer[p] and at_b > 0 and at_c > 0 and width[b] == width[c]
+                if bulges or (at_b < 0 and at_c < 0):
                     met, x, y = _drawn_out(points, a, b, c, d, most)
                 if met:
                     points[b, 0], points[b, 1] = x, y
@@ -204,7 +221,11 @@ def _coarsened(
                     gone = c
                 elif min(without_b, without_c) <= dropped:
                     gone = b if without_b <= without_c else c
-                    off[before[gone]] = min(without_b, without_c)
+                    # Lines that become narrower stay as many as the firmware takes.
+                    long = max(abs(points[b, 0] - points[a, 0]), abs(points[b, 1] - points[a, 1]))
+                    if width[b] != width[c] and long >= least and without_c <= dropped:
+                        gone = c
+                    off[before[gone]] = without_b if gone == b else without_c
                 else:
                     continue
                 keep[gone] = False

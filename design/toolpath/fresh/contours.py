@@ -60,12 +60,15 @@ class Samples:
     normal : (n, 2) float64
         Unit vectors into the region; at a corner halfway between its two edges'.
     miter : (n,) float64
-        How much further the corner of a parallel ring lies than the ring; at most 2.
+        How much further the corner of a parallel ring lies than the ring; at most 4.
+    convex : (n,) bool
+        Corners that the region ends in.
     """
 
     contours: Contours
     normal: FloatArray
     miter: FloatArray
+    convex: NDArray[np.bool_]
 
 
 def contours_of(section: CrossSection) -> Contours:
@@ -96,4 +99,7 @@ def sample(contours: Contours, spacing_mm: float) -> Samples:
     cosine = np.abs((both * along[edge]).sum(axis=1))
     offset = np.append(first, len(edge))[contours.offset]
     normal = np.column_stack([-both[:, 1], both[:, 0]])
-    return Samples(Contours(points, offset), normal, 1 / np.maximum(cosine, 0.5))
+    back = before[edge]
+    turn = back[:, 0] * along[edge, 1] - back[:, 1] * along[edge, 0]
+    convex = (step == 0) & (turn > 0)
+    return Samples(Contours(points, offset), normal, 1 / np.maximum(cosine, 0.25), convex)

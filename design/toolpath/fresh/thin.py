@@ -23,6 +23,9 @@ BoolArray = NDArray[np.bool_]
 FINENESS = 4
 #: A line's width may differ by this part from one sample to the next before a point is spent on it.
 STEP = 0.02
+#: Corners between these miters are tips that walls are drawn out into: 78° to 33°. Blunter ones
+#: have no sides that face each other, sharper ones are long enough for a line of their own.
+BLUNTEST, SHARPEST = 1.59, 3.5
 #: Lines in thin places shorter than so many widths aren't worth a start and a stop.
 SHORTEST = 1.0
 #: A place between walls no longer than so many widths gets a straight line,
@@ -50,7 +53,7 @@ def wall_paths(centre: Contours, width_mm: float, least: float, level: int) -> P
     rough = sample(centre, width_mm)
     near, _ = measure_room(rough, reach)
     narrow = np.zeros(len(centre), dtype=np.bool_)
-    narrow[rough.contours.ring[near < reach * (1 - 1e-6)]] = True
+    narrow[rough.contours.ring[(near < reach * (1 - 1e-6)) | _tips(rough)]] = True
     plain = [_ring(centre, k) for k in np.flatnonzero(~narrow).tolist()]
     parts = [
         gather(
@@ -83,6 +86,7 @@ def _shared(
         [np.full_like(rest, width), width + rest, rest, np.zeros_like(rest)],
         shared,
     )
+    made[_tips(fine)] = 0.5 * width
     # The line's outer edge stays where it is: on the boundary.
     inward = 0.5 * (made - width)
     points = fine.contours.points + (inward * fine.miter)[:, None] * fine.normal
@@ -95,16 +99,26 @@ def _shared(
         if (made[rows] > 0).all():
             keep = rows[thinned(points[rows], made[rows], width, closed=True)]
             rings.append(points[keep])
-            ring_widths.append(made[keep])
+            ring_widths.append(0.5 * (made[keep] + np.roll(made[keep], 1)))
         else:
             for run in _runs(rows, made[rows] > 0):
                 keep = run[thinned(points[run], made[run], width, closed=False)]
                 runs.append(points[keep])
-                run_widths.append(made[keep])
+                run_widths.append(_of_lines(made[keep]))
     return [
         gather(rings, ring_widths, closed=True, role=Role.WALL, level=level),
         gather(runs, run_widths, closed=False, role=Role.WALL, level=level),
     ]
+
+
+def _of_lines(made: FloatArray) -> FloatArray:
+    """Mean width of the line that comes to each point of a run, from the widths at the points."""
+    return np.append(made[:1], 0.5 * (made[1:] + made[:-1]))
+
+
+def _tips(samples: Samples) -> BoolArray:
+    """Corners where the material ends in a tip, which its two sides share: no disc faces them."""
+    return samples.convex & (samples.miter > BLUNTEST) & (samples.miter < SHARPEST)
 
 
 def gap_paths(region: Contours, width_mm: float, least: float, *, between: bool = False) -> Paths:
@@ -134,7 +148,7 @@ def gap_paths(region: Contours, width_mm: float, least: float, *, between: bool 
             if _length(points[part]) >= SHORTEST * width_mm:
                 keep = part[thinned(points[part], 2 * room[part], width_mm, closed=False)]
                 lines.append(points[keep])
-                widths.append(2 * room[keep])
+                widths.append(_of_lines(2 * room[keep]))
     return gather(lines, widths, closed=False, role=Role.GAP)
 
 

@@ -214,3 +214,28 @@ def test_middles_of_thin_places_do_not_turn_back():
             assert ((step[1:] * step[:-1]).sum(axis=1) > 0).all()
         length = [np.ptp(found.points[a:b, 0]) for a, b in pairwise(found.offset)]
         assert sum(length) > 0.3
+
+
+@pytest.mark.parametrize("angle_deg", [40, 50, 60, 70])
+def test_walls_reach_into_tips_and_stay_inside_them(angle_deg):
+    half = np.radians(angle_deg) / 2
+    side = 2.0 * np.array([np.cos(half), np.sin(half)])
+    material = CrossSection([np.array([[0, 0], side * [1, -1], side])])
+    ink = inked(build_walls(material, W, 2, 0.4).paths)
+    tip = shape(material).intersection(shapely.box(0, -1, W / 2 / np.sin(half), 1))
+    whole = (W / 2) ** 2 * (1 / np.tan(half) - (np.pi / 2 - half))  # beyond a disc as wide as W
+    assert tip.difference(ink).area < 0.3 * whole
+    beside = shapely.box(-1, -1, 0.7, 1).difference(shape(material))
+    assert beside.intersection(ink).area < W**2 / 8
+
+
+def test_lines_that_become_one_keep_their_mean_width():
+    x = np.linspace(0, 1, 31)
+    taper = gather(
+        [np.column_stack([x, 0 * x])], [np.linspace(W, W / 2, 31)], closed=False, role=Role.WALL
+    )
+    made = without_short_moves(taper, 0.1, W)
+    assert len(made.points) < 12
+    assert np.linalg.norm(np.diff(made.points[:-1], axis=0), axis=1).min() >= 0.1 - 1e-9
+    assert volume(made) == pytest.approx(volume(taper), rel=1e-6)
+    assert made.width_mm[-1] < 0.6 * W
