@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.alignment import Alignment
+from registration.alignment import Alignment, may_lie_otherwise
 from registration.findings import Findings
 from registration.gauging import VesselGauge, hausdorff_p95_um, summarise
 from registration.gauging.deviation import (
@@ -17,7 +17,14 @@ from registration.gauging.deviation import (
     within_curve,
 )
 from registration.geometry import Characteristic, Frame
-from registration.notes import contrast_notes, pose_notes, sight_notes, step_notes, wall_notes
+from registration.notes import (
+    contrast_notes,
+    pose_notes,
+    sight_notes,
+    step_notes,
+    unlisted_notes,
+    wall_notes,
+)
 from registration.options import RegistrationOptions
 from registration.result import RegistrationReport
 from registration.scan import Scan
@@ -71,6 +78,8 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
     segmentation, alignment, findings = found.segmentation, found.alignment, found.findings
     rigid, scaled = found.rigid, found.scaled
     seen, limits = segmentation.seen, options.tolerances_um
+    otherwise = may_lie_otherwise(alignment.rivals, options.alignment.ambiguous_below)
+    listed = tuple(d for d in findings.defects if not (otherwise and d.through_gel))
     return RegistrationReport(
         transform_scan_to_part=alignment.rigid.matrix,
         scaled_scan_to_part=alignment.scaled.matrix,
@@ -107,7 +116,7 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
         characteristics=found.characteristics,
         vessels=findings.vessels,
         all_open=_all_open(findings.vessels),
-        defects=findings.defects,
+        defects=listed,
         topology=findings.topology,
         overlap_rigid=findings.overlap_rigid,
         overlap_scaled=findings.overlap_scaled,
@@ -116,6 +125,7 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
         notes=(
             *scan.notes,
             *pose_notes(scan, alignment),
+            *unlisted_notes(len(findings.defects) - len(listed)),
             *sight_notes(findings.vessels, float(seen.mean())),
             *contrast_notes(findings.contrast),
             *([] if options.walls else step_notes(segmentation.strength)),

@@ -107,7 +107,9 @@ def _proven(registration: Record, features: Sequence[Record]) -> list[Finding]:
     out: list[Finding] = [("pass", said)]
     if all(row["open"] is True for row in vessels):
         out.append(("pass", f"All {len(vessels)} vessels are open"))
-    if not any(f["name"] == "leak" for f in features):
+    if not any(f["name"] == "leak" for f in features) and not pose_in_doubt(
+        registration["ambiguity"]
+    ):  # in doubt none is listed
         out.append(("pass", "No leak, and no bridge between vessels, was found"))
     rms = [f for f in features if f["name"] == "rms" and f["decision"] == "pass"]
     return [*out, *(("pass", reason(f)) for f in rms)]

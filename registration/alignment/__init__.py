@@ -7,7 +7,7 @@ from registration.alignment.fit import Fit
 from registration.alignment.intervals import Uncertainty
 from registration.alignment.motion import AXES
 from registration.alignment.options import AlignmentOptions
-from registration.alignment.rivals import Rival
+from registration.alignment.rivals import Rival, may_lie_otherwise
 
 __all__ = [
     "AXES",
@@ -19,4 +19,5 @@ __all__ = [
     "align",
     "cross_check",
     "later_doubts",
+    "may_lie_otherwise",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,6 +62,11 @@ class Rival:
     def same(self) -> bool:
         """Whether the design itself is the same under this motion."""
         return self.apart_um < 1e3 * SAME_MM
+
+
+def may_lie_otherwise(rivals: Iterable[Rival], limit: float) -> bool:
+    """Whether one leads to other places and fits less than `limit` times as badly."""
+    return any(rival.lead < limit and not rival.same for rival in rivals)
 
 
 def own_symmetries(search: Search, points: FloatArray, best: Fit, most: int) -> list[Fit]:

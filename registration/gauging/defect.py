@@ -60,3 +60,8 @@ class Defect:
     significance: float
     seen: bool
     shade: bool = False
+
+    @property
+    def through_gel(self) -> bool:
+        """Whether it is a way through gel, which the design alone says should be there."""
+        return self.kind in ("leak", "bridge")

@@ -23,6 +23,9 @@ FloatVolume = NDArray[np.float32]
 
 GLARE = 3.0
 """Times the gel around: of speckle 5 % lies above, of a flat face's line all."""
+LINE = 2.0
+"""Times the gel around: of blocks of `ACROSS_VOXELS` squared no speckle is so bright (one look:
+four standard deviations). Such a block is a line, of which nothing is left that outshines gel."""
 ACROSS_VOXELS, DEEP_MM = 4, 0.3
 """Blocks of a depth, whose speckle is averaged, and the running median over depth: a line less
 than half as deep is gone."""
@@ -48,7 +51,9 @@ def without_glare(signal: FloatVolume, step_mm: float) -> FloatVolume:
     coarse = bin_mean(signal, factor, False, 0.0)
     half = max(2, round(DEEP_MM / step_mm / 2))
     beside = maximum_filter1d(running_median(coarse, half), 2 * half + 1, axis=0, mode="nearest")
-    return _at_most(signal, np.float32(GLARE) * np.maximum(beside, np.float32(0.0)), factor)
+    beside = np.maximum(beside, np.float32(0.0))
+    most = np.where(coarse > np.float32(LINE) * beside, np.float32(1.0), np.float32(GLARE))
+    return _at_most(signal, most * beside, factor)
 
 
 @pjit

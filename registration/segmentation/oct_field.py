@@ -26,12 +26,18 @@ from registration.segmentation.bright_liquid import (
     two_media,
 )
 from registration.segmentation.even_light import evened, without_glare
-from registration.segmentation.filters import bin_mean, normalise
+from registration.segmentation.filters import bin_mean, near_in_depth, normalise
 from registration.segmentation.light import light_left, share_of_gel
 from registration.segmentation.local_level import local_level
 from registration.segmentation.reflections import without_lines
 from registration.segmentation.response import depth_response
-from registration.segmentation.speckle_cap import cap_shift, looks_of
+from registration.segmentation.speckle_cap import (
+    cap_shift,
+    edge_of,
+    looks_of,
+    speckle_shift,
+    two_caps_shift,
+)
 from registration.segmentation.volume import GelField, Strength
 from registration.segmentation.walls import Sides, share_of_volume
 from registration.segmentation.working import Working, probe
@@ -58,12 +64,11 @@ UNSEEN_LINE = 0.5
 """Of the scan's own depth voxel: the most that a reflection no brighter than gel adds to it at a
 wall, which is half gel already. Rough walls have ledges that send light back whichever way they
 stand; walls that face the light or away from it send back as much again."""
-CUT = 1.4
-"""Shift of a wall by `BRIGHTEST`, of what the gel's relative variance moves a half level by: voxels
-filled in part lose less to the cap than gel does. Taken from the shared generator's scans without
-reflections (1.3 smooth, 1.5 rough); without them the spectral one has 1.3 and -0.1, a third 1.3 and
-1.5, a fourth 0.2 to 1.7. (What the cap's removal changes is no measure: 2.25. Without it the peaks
-that `without_lines` takes from speckle beside walls weigh more, and walls move into the gel.)"""
+CUT_PART, CUT_PART_BRIGHT = 0.4, 0.5
+"""Relative standard uncertainty of what caps and speckle move walls by, where liquid is dark (a
+fourth generator's dull walls: 0.25; the three others': 0.1 to 0.5) and where it is bright."""
+LINE_BESIDE = 2
+"""Voxels of depth beside a reflection that smoothing darkens with it."""
 QUIET = 6.0
 """Distance of gel and liquid, in standard deviations of the gel, from which on no more smoothing
 helps: half of it is 3, by which no speckle of a section's middle passes for gel."""
@@ -97,9 +102,11 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     if not liquid_is_dark(dull, light, noise / response):
         both = _two_media(dull * response + np.float32(noise), working, scan.depth_down)
     if both is None:
-        sides, bright, looks = _sides(dull, light), 0.0, 1.0
+        sides, bright = _sides(dull, light), 0.0
         _, fy, fx = _coarse(working, signal)
         share, known = share_of_volume(signal, light, sides, working, (1, fy, fx))
+        looks = looks_of(share, sides.gel)
+        edges = edge_of(share, sides.gel, 0), edge_of(share, sides.gel, 2)
         signal *= response  # as it came back, to be held against the noise
     else:
         sides, bright = both.sides, both.liquid
@@ -110,12 +117,16 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
         del raw
     del dull, light, both
     most, dazzling = (np.float32((b - bright) / (1 - bright)) for b in (BRIGHTEST, DAZZLE))
-    share = without_lines(share, sides.gel, float(most))
+    share, lines = without_lines(share, sides.gel, float(most))
+    if not bright:  # what counts as half gel says nothing of the gel's level
+        sides = Sides(sides.gel & ~near_in_depth(lines, LINE_BESIDE), sides.liquid)
+    del lines
     np.minimum(share, most, out=share)
     # Reflections dazzle. They are taken down where speckle is smoothed enough to know, and before
     # they spread.
     values = working.smoothed(share, 0.6)
     if not bright:
+        soft_looks = looks_of(values, sides.gel)
         np.minimum(values, dazzling, out=values)
     values = working.smoothed(values, 0.8)
     del share
@@ -123,13 +134,18 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     contrast, blur_mm = _contrast(values, sides), working.blur_mm
     # A reflection too weak to be told moves a wall by up to half a voxel of depth: take the middle.
     facing = UNSEEN_LINE * scan.geometric_voxel_mm[0] / 2
-    cut = cut_mm(blur_mm, contrast)
-    if bright:
+    if not bright:
+        cut = _cut_mm(edges, (looks, soft_looks), working)
+        through = speckle_shift(blur_mm, contrast)
+        cut_u = CUT_PART * float(np.hypot(cut, through))
+        cut -= through
+    else:
         cut = float(cap_shift(looks, bright, BRIGHTEST) * np.cbrt(working.voxel_mm.prod()))
+        cut_u = CUT_PART_BRIGHT * cut
         values, contrast, blur_mm = _softened(values, sides, contrast, working)
     _refuse_flat(contrast)
     field = GelField(values, 0.5, 1.0, working.voxel_mm, working.origin_mm, blur_mm)
-    field = replace(field, faint_mm=facing, facing_mm=facing, cut_mm=cut)
+    field = replace(field, faint_mm=facing, facing_mm=facing, cut_mm=cut, cut_u_mm=cut_u)
     return field, contrast, Strength(signal, noise, bright or dark)
 
 
@@ -177,9 +193,14 @@ def _softened(
     return soft, _contrast(soft, sides), blur
 
 
-def cut_mm(blur_mm: float, contrast: float) -> float:
-    """Shift of walls by the cap on bright voxels, mm: `CUT` √(2π) σ / contrast²."""
-    return float(CUT * np.sqrt(2 * np.pi) * blur_mm / contrast**2)
+def _cut_mm(edges: tuple[float, float], looks: tuple[float, float], working: Working) -> float:
+    """Shift of walls into the liquid by `BRIGHTEST` and `DAZZLE`, mm: mean along z and x."""
+    shifts = []
+    for edge, voxel_mm in zip(edges, working.voxel_mm[[2, 0]].tolist(), strict=True):
+        soft = working.smoothing_mm / voxel_mm
+        caps = BRIGHTEST, DAZZLE
+        shifts.append(voxel_mm * two_caps_shift(edge, (0.6 * soft, 0.8 * soft), looks, caps))
+    return float(np.mean(shifts))
 
 
 def _noise_floor(signal: FloatVolume, bins: tuple[int, int, int]) -> float:

@@ -41,8 +41,10 @@ class GelField:
         The same, for walls that face the light or away from it, beyond `wall_mm`; walls along the
         light have none of it, and between it goes with the square of the normal's part along z.
     cut_mm : float, mm
-        How much further into the gel walls lie for the cap on bright voxels. Not in `wall_mm`:
-        sections alone are moved by it (`gauging.ledges`).
+        How much further into the gel walls lie for speckle and the caps on it (`speckle_cap`). Not
+        in `wall_mm`: sections alone are moved by it (`gauging.ledges`).
+    cut_u_mm : float, mm
+        Its standard uncertainty.
     """
 
     values: Volume
@@ -55,6 +57,7 @@ class GelField:
     faint_mm: float = 0.0
     facing_mm: float = 0.0
     cut_mm: float = 0.0
+    cut_u_mm: float = 0.0
 
     def above_level(self, points: FloatArray) -> FloatArray:
         """``sign * value - level`` at (..., 3) scan positions; NaN outside the field of view."""

@@ -28,9 +28,6 @@ OUTER_PART = 0.11
 """The same of outer faces: an A-scan filled in part has light of its own only beside it (`walls`),
 and a beam that widens away from its focus takes part of its light past the face (calibrated on a
 third generator with such a beam; the spectral one's upright faces show 0.043)."""
-CUT_PART = 0.5
-"""Relative standard uncertainty of what the cap on bright voxels moves walls by (`oct_field.CUT`):
-haze and noise double it (a third generator), real scatterers make it a tenth less."""
 LEAST_STEP = 0.5
 """Of gel's brightness: where liquid is nearer to it, walls' errors aren't known (no interval):
 lumens come out up to a tenth too wide there (shared generator, contrast 2)."""
@@ -63,7 +60,7 @@ class ScanErrors:
     faint_mm : float, mm
         Of the place of all walls alike, by reflections no brighter than gel.
     cut_mm : float, mm
-        Of the place of walls in sections, by the cap on bright voxels.
+        Of the place of walls in sections, by speckle and the caps on it.
     """
 
     level_mm: float
@@ -110,7 +107,7 @@ def scan_errors(
     step = 1.0 - (strength.dark if strength else 0.0)
     rise = ROOT_TWO_PI * field.blur_mm / step if step >= LEAST_STEP else float("nan")
     level, outer = LEVEL_PART * rise, (LEVEL_PART if strength is None else OUTER_PART) * rise
-    cut = CUT_PART * field.cut_mm
+    cut = field.cut_u_mm
     # A reflection as bright as gel is 1 / step of the step from bright liquid: anything from 0 to
     # 2 / step times the correction.
     reach = 2 / float(np.clip(step, LEAST_STEP, 1.0)) - 1

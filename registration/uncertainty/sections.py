@@ -136,7 +136,8 @@ def section_errors(
     shared = np.column_stack(
         [
             np.full(len(diameter), 2 * np.hypot(errors.level_mm, errors.cut_mm)),
-            np.hypot(2 * errors.faint_mm, in_depth * errors.facing_mm),
+            # One print's walls either shine or don't: both are off the same way.
+            2 * errors.faint_mm + in_depth * errors.facing_mm,
             curved,
             0.5 * diameter * in_depth * errors.depth,
             0.5 * diameter * (2 - in_depth) * errors.lateral,

@@ -10,8 +10,9 @@ import pytest
 
 from registration.alignment import Fit
 from registration.alignment.doubts import rival_words
-from registration.alignment.rivals import Rival, describe
+from registration.alignment.rivals import Rival, describe, may_lie_otherwise
 from registration.distance import ModelSurface
+from registration.notes import unlisted_notes
 from tests.registration.parts import solid
 
 RIVAL = Rival("mirrored along x", True, 1.1, 849.0, np.array([7.8, 7.0, 1.1]), seen=False)
@@ -58,3 +59,18 @@ def test_a_missing_hole_is_amid_what_was_scanned(whole: bool) -> None:
     other = Fit(turned, np.array([8.0, 8.0, 0.0]), np.ones(3), ends / 2)
     found = describe(surface, points, best, other, 1.1, False)
     assert found.amid == whole
+
+
+def test_a_symmetry_of_the_design_leads_to_no_other_places() -> None:
+    assert may_lie_otherwise([RIVAL], 1.5)
+    assert not may_lie_otherwise([RIVAL], 1.05)
+    assert not may_lie_otherwise([replace(RIVAL, apart_um=3.0)], 1.5)
+    assert not may_lie_otherwise([], 1.5)
+
+
+def test_ways_that_rest_on_a_doubtful_pose_are_counted_and_not_listed() -> None:
+    assert unlisted_notes(0) == []
+    (note,) = unlisted_notes(28)
+    assert note.startswith(
+        "At this pose 28 places look like leaks or bridges. They aren't findings"
+    )

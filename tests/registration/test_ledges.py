@@ -11,7 +11,6 @@ from registration.gauging import VesselTrace
 from registration.gauging.ledges import ROUGH, share_of_ledges, with_ledges
 from registration.gauging.sections import RAYS, independent_rays
 from registration.segmentation import Segmentation
-from registration.segmentation.oct_field import BRIGHTEST, cut_mm
 from registration.uncertainty import ScanErrors
 from tests.registration.phantom import as_designed, block, traces
 
@@ -70,15 +69,3 @@ def test_micro_ct_has_no_reflections():
     found, segmentation = case()
     errors = ScanErrors.of_blur(BLUR)
     assert with_ledges(found, segmentation, errors) == (found, errors, segmentation.field.wall_mm)
-
-
-def test_the_cap_takes_more_of_gel_than_of_half_filled_voxels():
-    rng = np.random.default_rng(1)
-    gel, half = rng.exponential(size=(2, 400_000)) * [[1.0], [0.5]]
-    kept = np.minimum(half, BRIGHTEST).mean() / np.minimum(gel, BRIGHTEST).mean()
-    # Of an exponential variable of mean m a cap c leaves m (1 - exp(-c/m)).
-    left = 0.5 * (1 - np.exp(-2 * BRIGHTEST)) / (1 - np.exp(-BRIGHTEST))
-    assert kept == pytest.approx(left, rel=0.01)
-    assert kept > 0.6  # so that the half level lies in the liquid: walls are moved into the gel
-    assert cut_mm(BLUR, CONTRAST) == pytest.approx(4 * cut_mm(BLUR, 2 * CONTRAST))
-    assert cut_mm(BLUR, CONTRAST) > 0

@@ -134,6 +134,12 @@ def test_of_an_ambiguous_pose_nothing_is_proven() -> None:
     assert "Vessel 0: closed, if the pose is right" in found["reasons"]
 
 
+def test_of_an_ambiguous_pose_it_isnt_said_that_there_are_no_leaks() -> None:
+    said = "No leak, and no bridge between vessels, was found"
+    assert said in judged(good(0))["reasons"]
+    assert said not in judged(good(0), ambiguity={"flag": True})["reasons"]
+
+
 def test_a_symmetric_part_fails_whichever_way_it_lies() -> None:
     same = {"flag": True, "rivals": [{"lead": 1.0, "same": True, "mirrored": False}]}
     found = judged(good(0, open=False), ambiguity=same)

@@ -13,7 +13,6 @@ from registration.scan import Scan
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import GelField, Strength
 from registration.uncertainty import ScanErrors, at_either_end, rectangular, scan_errors
-from registration.uncertainty.scan_errors import CUT_PART
 
 
 def shared(dark: float, depth_standard: bool = False) -> ScanErrors:
@@ -24,7 +23,7 @@ def shared(dark: float, depth_standard: bool = False) -> ScanErrors:
     )  # fmt: skip
     field = GelField(
         values, 0.5, 1.0, np.full(3, 0.05), np.zeros(3), 0.04, faint_mm=0.004, facing_mm=0.006,
-        cut_mm=0.005,
+        cut_mm=0.005, cut_u_mm=0.002,
     )  # fmt: skip
     none, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int32)
     strength = Strength(values, 0.01, dark)
@@ -36,7 +35,7 @@ def test_the_level_is_less_sure_the_brighter_the_liquid():
     assert shared(0.5).level_mm == pytest.approx(2 * shared(0.0).level_mm)
     assert shared(0.0).facing_mm == pytest.approx(at_either_end(0.006))
     assert shared(0.0).faint_mm == pytest.approx(at_either_end(0.004))
-    assert shared(0.0).cut_mm == pytest.approx(CUT_PART * 0.005)
+    assert shared(0.0).cut_mm == 0.002
 
 
 def test_reflections_weigh_more_where_the_step_from_the_liquid_is_small():
