@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 _POSITION: Final = re.compile(rb"([XYZE]):(-?\d+\.\d+)")
+_COUNT: Final = re.compile(rb" Count X: ?(-?\d+) Y: ?(-?\d+) Z: ?(-?\d+)$")
 
 
 def parse_position(replies: Sequence[bytes]) -> dict[str, float]:
@@ -16,3 +17,9 @@ def parse_position(replies: Sequence[bytes]) -> dict[str, float]:
             words = text.split(b"Count")[0]
             return {axis.decode(): float(value) for axis, value in _POSITION.findall(words)}
     return {}
+
+
+def parse_counts(replies: Sequence[bytes]) -> dict[str, int]:
+    """Read Marlin's counts of steps from the reply to M114; empty where it tells none."""
+    found = next((match for text in replies if (match := _COUNT.search(text))), None)
+    return dict(zip("XYZ", map(int, found.groups()), strict=True)) if found else {}

@@ -204,6 +204,8 @@ class History:
         Whether it had begun to end the print: needle up, heaters perhaps off.
     settings : dict of str to str
         Settings of the firmware before the job's first line, by code: commands that set them.
+    frame : dict of str to dict
+        What `FrameCheck.begin` noted before the job's first line; empty where it couldn't.
     """
 
     job: Record = field(default_factory=dict)
@@ -228,6 +230,7 @@ class History:
     gaps: int = 0
     stopping: bool = False
     settings: dict[str, str] = field(default_factory=dict)
+    frame: Record = field(default_factory=dict)
     _torn: bool = False
 
     @property
@@ -306,6 +309,8 @@ def _apply(history: History, record: Record | None) -> None:
         history.left = dict(record["place"])
     elif sort == "settings":
         history.settings = history.settings or dict(record["told"])
+    elif sort == "frame":
+        history.frame = {"told": record["told"], "offset": record["offset"]}
     elif sort == "wanted":
         history.wanted = record if record["after"] else None
     elif sort == "reload":

@@ -13,7 +13,7 @@ from printctl.link.heads import head_chosen
 from sim.reading import code_of, is_motion, read_sent
 
 _PLACING: Final = (b"G0", b"G1", b"G2", b"G3", b"G92")
-_HOMING: Final = (b"G28", b"G29")
+HOMING: Final = (b"G28", b"G29")
 _KEPT: Final = "XYZEF"
 AXES: Final = "XYZE"
 
@@ -94,7 +94,7 @@ def _read_back(lines: Sequence[bytes], first: int, done: int) -> tuple[dict[str,
     found: dict[str, float] = {}
     for line in reversed(lines[first:done]):
         code = code_of(line)
-        if code in _HOMING:
+        if code in HOMING:
             return found, True
         if code in _PLACING:
             for letter, value in read_sent(line).words.items():

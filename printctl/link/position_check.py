@@ -14,6 +14,7 @@ from typing import Final
 
 from firmware_profiles.families.position_reply import parse_position
 from printctl.link.channel import Channel
+from printctl.link.frame_check import FrameCheck
 from printctl.link.modal import AXES, Modal, disagreement
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.valve_switch import ValveSwitch
@@ -63,10 +64,12 @@ class PositionCheck:
     channel : Channel
     valve : ValveSwitch
         Shut where the position is wrong.
+    frame : FrameCheck
+        Looks whether another program, once one was noticed, has renamed the place.
     """
 
-    def __init__(self, channel: Channel, valve: ValveSwitch) -> None:
-        self._channel, self._valve = channel, valve
+    def __init__(self, channel: Channel, valve: ValveSwitch, frame: FrameCheck) -> None:
+        self._channel, self._valve, self._frame = channel, valve, frame
         self._logbook, self._progress = channel.logbook, channel.logbook.progress
 
     def expected(self, left: Mapping[str, float] | None = None) -> Modal:
@@ -167,6 +170,8 @@ class PositionCheck:
             Where they disagree.
         """
         wrong, position = self.compare(at)
+        if not wrong and self._progress.foreign:
+            wrong = self._frame.renamed()
         done = self._progress.done
         values = {"mark": mark} if mark else {}
         self._logbook.record("checkpoint", done=done, position=position, agrees=not wrong, **values)

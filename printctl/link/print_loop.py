@@ -74,6 +74,7 @@ class PrintLoop:
         self._logbook.enter(LinkState.CHECKING, "asking the firmware what it is")
         self._parts.firmware.check()
         self._agree_start()
+        self._parts.frame.begin()
         self._parts.pauses.motors.hold()
         number = self._channel.agree(self._protocol.renumber)
         self._protocol.load(self._job.lines, 0, number)

@@ -10,6 +10,7 @@ from printctl.link.channel import Channel
 from printctl.link.ending import Ending
 from printctl.link.excursion import Excursion
 from printctl.link.firmware_check import FirmwareCheck
+from printctl.link.frame_check import FrameCheck
 from printctl.link.gauges import Gauge, Gauges
 from printctl.link.head_choice import HeadChoice
 from printctl.link.idle_motors import IdleMotors
@@ -65,6 +66,7 @@ class PrintParts:
     gauges: Gauges
     answers: AnswerCount
     firmware: FirmwareCheck
+    frame: FrameCheck
     position: PositionCheck
     valve: ValveSwitch
     ending: Ending
@@ -86,7 +88,8 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
     commands, gauges = ManualCommands(channel, queue), Gauges(channel, watched)
     firmware, heads = FirmwareCheck(channel, gauges), HeadChoice(channel)
     valve = ValveSwitch(channel)
-    position = PositionCheck(channel, valve)
+    frame = FrameCheck(channel)
+    position = PositionCheck(channel, valve, frame)
     excursion = Excursion()
     returning = Returning(channel, heads, position, excursion)
     ending = Ending(channel, firmware, heads, position, valve, excursion, interruption)
@@ -115,13 +118,24 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         gauges=gauges,
         answers=AnswerCount(channel),
         firmware=firmware,
+        frame=frame,
         position=position,
         valve=valve,
         ending=ending,
         pauses=pauses,
         slips=SlipWatch(channel, position),
         resumption=Resumption(
-            channel, firmware, heads, position, valve, watch, pauses, excursion, returning, requests
+            channel,
+            firmware,
+            frame,
+            heads,
+            position,
+            valve,
+            watch,
+            pauses,
+            excursion,
+            returning,
+            requests,
         ),
         interruption=interruption,
     )

@@ -7,7 +7,8 @@ primes, and goes on with the job's own lines.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 from firmware_profiles import Printer
@@ -17,7 +18,7 @@ from printctl.link.heads import all_raised, choose, head_at, is_about_heads, low
 from printctl.link.job import Job
 from printctl.link.job_frame import JobFrame, frame_at
 from printctl.link.journal import History
-from printctl.link.modal import places_told
+from printctl.link.modal import HOMING, Modal, places_told
 from printctl.link.recovery_begin import Beginning, beginning
 from printctl.link.recovery_steps import by_hand, what_is_there
 from printctl.link.retreat import Retreat, count_from
@@ -93,6 +94,7 @@ def plan_recovery(
         When the job doesn't say where the needle is there.
     """
     found = beginning(job, history, printer, from_line)
+    found = replace(found, at=_untouched(found.at, job.lines[: found.index], start_mm))
     begin, at = found.index, found.at
     if None in (at.x, at.y, at.z) or (at.e is None and not printer.pneumatic):
         raise LinkError(
@@ -106,6 +108,15 @@ def plan_recovery(
         *what_is_there(job, history, found, printer, ul_per_mm),
     )
     return Recovery(begin, gcode, steps, frame.start)
+
+
+def _untouched(
+    at: Modal, before: Sequence[bytes], start_mm: tuple[float, float, float] | None
+) -> Modal:
+    """Fill in the place of the checks where no line ``before`` has moved or homed an axis."""
+    if start_mm is None or any(code_of(line) in HOMING for line in before):
+        return at
+    return at.filled(dict(zip("xyz", start_mm, strict=True)))
 
 
 def _way_in(

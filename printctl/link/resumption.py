@@ -8,6 +8,7 @@ from printctl.link.channel import Channel
 from printctl.link.excursion import Excursion
 from printctl.link.families import link_facts
 from printctl.link.firmware_check import FirmwareCheck
+from printctl.link.frame_check import FrameCheck
 from printctl.link.head_choice import HeadChoice
 from printctl.link.journal import History
 from printctl.link.modal import Modal
@@ -29,6 +30,7 @@ class Resumption:
     ----------
     channel : Channel
     firmware : FirmwareCheck
+    frame : FrameCheck
     heads : HeadChoice
     position : PositionCheck
     valve : ValveSwitch
@@ -41,6 +43,7 @@ class Resumption:
 
     channel: Channel
     firmware: FirmwareCheck
+    frame: FrameCheck
     heads: HeadChoice
     position: PositionCheck
     valve: ValveSwitch
@@ -68,6 +71,8 @@ class Resumption:
         channel.command(b"M400")
         self.firmware.restore_settings(history.settings)
         self.firmware.agree_settings(journalled=True)
+        if history.frame:
+            self.frame.restore(**history.frame)
         at = self.position.expected(history.left)
         if history.reload_at is not None:
             self.watch.plan(history.reload_at, history.reload_heads)

@@ -40,6 +40,7 @@ class FakeMarlin:
         self.firmware = "Marlin 2.1.2"
         self.steps = "  M92 X80.00 Y80.00 Z400.00 E6400.00"
         self.at = {"X": 0.0, "Y": 0.0, "Z": 0.0, "E": 0.0}
+        self.renamed_mm = dict.fromkeys("XYZE", 0.0)
         self.reset_at = -1
         self.keepalive = True
         self._rest = b""
@@ -95,6 +96,8 @@ class FakeMarlin:
         self.executed.append(command)
         word = command.split()[0].split("*")[0] if command.split() else ""
         for axis, value in re.findall(r"([XYZE])(-?[\d.]+)", command):
+            if word == "G92":
+                self.renamed_mm[axis] += float(value) - self.at[axis]
             if word in ("G0", "G1", "G92"):
                 self.at[axis] = float(value)
         if word == "M112":
@@ -115,7 +118,11 @@ class FakeMarlin:
             return f"{self.steps}\nok\n"
         if word in ("M114", "G92"):
             where = " ".join(f"{axis}:{value:.2f}" for axis, value in self.at.items())
-            return f"{where} Count X:0 Y:0 Z:0\nok\n"
+            counts = (
+                f"{axis}:{round((self.at[axis] - self.renamed_mm[axis]) * per_mm)}"
+                for axis, per_mm in (("X", 80), ("Y", 80), ("Z", 400))
+            )
+            return f"{where} Count {' '.join(counts)}\nok\n"
         if word == "COLD":
             return "echo: cold extrusion prevented\nok\n"
         if not re.match(r"[GMT]\d{1,3}$", word) or word == "G999":

@@ -86,6 +86,21 @@ def test_needle_that_another_program_has_lifted_ends_the_print(tmp_path):
     assert OTHERS in history.alarms[0]
 
 
+@pytest.mark.parametrize("place", [b"X0", b"Y-3 X20"])
+def test_place_that_another_program_has_renamed_ends_the_print(tmp_path, place):
+    status, history, _ = printed(tmp_path, b"G92 " + place + b"\n")
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert f"{place[:1].decode()} is called" in status.message
+    assert OTHERS in history.alarms[0]
+
+
+def test_lines_are_counted_by_the_journal_as_by_the_printer(tmp_path):
+    status, history, transport = printed(tmp_path, b"M105\n", each_s=0.05, count=600)
+    assert status.state is LinkState.DONE
+    assert history.frame["offset"].keys() == set("XYZ")
+    assert history.job_line(transport.printer.last) == status.lines_total
+
+
 def test_surplus_answer_is_noticed_soon_in_a_long_print(tmp_path):
     status, _, transport = printed(tmp_path, b"G1 Z60 F600\n", each_s=0.05, count=600)
     assert status.state is LinkState.POSITION_UNKNOWN

@@ -2,74 +2,26 @@
 
 from __future__ import annotations
 
-import re
 import threading
-from functools import reduce
-from operator import xor
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.answer_count import EVERY_S
 from printctl.link.clock import VirtualClock
 from printctl.link.journal import read_journal
 from printctl.link.retreat import Retreat
-from printctl.link.slips import SOONEST_LINES
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
-from printctl.link.transport_simulated import HostDiedError
 from printctl.link.wiring import Wiring
 from sim.board.hardware import Board
 from sim.dryrun import dry_run
-from sim.executed import ExecutedMotion
 from sim.families.marlin.printer import MarlinPrinter
-from sim.faults import parse_fault
 from tests.printctl.link.jobs import parse_job, with_codes
 from tests.printctl.link.journals import journal_in
-from tests.printctl.link.layered import doomed
 from tests.printctl.link.sim_transport import SimTransport
-
-PRINTER = load(Printer, "generic_marlin")
-START = (50.0, 50.0, 10.0)
-HEADER = b"M302 P1\nG90\nM82\nM85 S600\nG92 X50 Y50 Z10 E0\n"
-
-
-def gcode(moves: int) -> bytes:
-    """A zigzag whose segments are longer than the firmware's least steps."""
-    lines = [
-        b"G1 X%.3f Y%.3f E%.5f F1800" % (50 + i % 2 * 3.5, 50 + i % 40 * 0.25, 0.0035 * (i + 1))
-        for i in range(moves)
-    ]
-    return HEADER + b"\n".join(lines) + b"\n"
-
-
-def printed(
-    data: bytes, folder: Path, transport: SimTransport, *wishes: str, printer: Printer = PRINTER
-) -> tuple[Status, Streamer]:
-    wiring = Wiring(
-        transport=transport,
-        protocol=MarlinProtocol(),
-        clock=transport.clock,
-        journal=journal_in(folder),
-        printer=printer,
-    )
-    streamer = Streamer(wiring, parse_job(data, "test.gcode", printer))
-    for wish in wishes:
-        getattr(streamer, wish)()
-    return streamer.run(), streamer
-
-
-def wire(*faults: str, seed: int = 0, **troubles: float) -> SimTransport:
-    printer = MarlinPrinter(PRINTER, START, faults=tuple(parse_fault(text) for text in faults))
-    return SimTransport(printer, VirtualClock(), np.random.default_rng(seed), **troubles)
-
-
-def same_motion(one: ExecutedMotion, other: ExecutedMotion) -> bool:
-    """Whether the same moves were made; line numbers shift where M114 was asked in passing."""
-    return np.array_equal(one.end, other.end) and np.array_equal(one.plunger_end, other.plunger_end)
+from tests.printctl.link.simulated import HEADER, PRINTER, START, gcode, printed, same_motion, wire
 
 
 def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
@@ -281,168 +233,3 @@ def test_advanced_ok_is_understood(tmp_path):
     status, _ = printed(data, tmp_path, transport)
     assert status.state is LinkState.DONE
     assert status.line_errors == 0
-
-
-def resumed(data: bytes, folder: Path, transport: SimTransport) -> Status:
-    history = read_journal(folder / "journal.log")
-    wiring = Wiring(
-        transport=transport,
-        protocol=MarlinProtocol(),
-        clock=transport.clock,
-        journal=journal_in(folder),
-        printer=PRINTER,
-    )
-    return Streamer(wiring, parse_job(data, "test.gcode")).run(history)
-
-
-def test_host_killed_in_a_pause_comes_down_and_primes_again(tmp_path):
-    data, transport = gcode(300), wire()
-    at: list[Streamer] = []
-
-    def on_status(status: Status) -> None:
-        if status.state is LinkState.PRINTING and status.lines_done > 50:
-            at[0].pause()
-        if status.state is LinkState.PAUSED:
-            raise HostDiedError
-
-    wiring = Wiring(
-        transport=transport,
-        protocol=MarlinProtocol(),
-        clock=transport.clock,
-        journal=journal_in(tmp_path),
-        printer=PRINTER,
-        on_status=on_status,
-    )
-    at.append(Streamer(wiring, parse_job(data, "test.gcode")))
-    with pytest.raises(HostDiedError):
-        at[0].run()
-    lifted = transport.printer.executed().end[-1]
-    assert lifted[2] == pytest.approx(30.0)
-    status = resumed(data, tmp_path, SimTransport(transport.printer, transport.clock))
-    assert status.state is LinkState.DONE, status
-    motion = transport.printer.executed()
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    assert np.array_equal(motion.end[-1], foreseen.end[-1])
-    assert motion.plunger_end[-1] == foreseen.plunger_end[-1]
-    assert len(motion) == len(foreseen) + 13  # relieve, lift, ten steps down, prime
-
-
-def test_printer_reset_while_the_host_was_dead_is_position_unknown(tmp_path):
-    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
-    with pytest.raises(HostDiedError):
-        printed(data, tmp_path, doomed(printer, clock, 60, 1.0))
-    printer.reset()
-    printer.settle()
-    printer.take_output()
-    before = len(printer.executed())
-    status = resumed(data, tmp_path, SimTransport(printer, clock))
-    assert status.state is LinkState.POSITION_UNKNOWN
-    assert len(printer.executed()) == before
-
-
-@pytest.mark.parametrize("seed", range(25))
-def test_host_killed_twice_at_random_moments_goes_on_exactly(tmp_path, seed):
-    rng = np.random.default_rng(seed)
-    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
-    handshake = 17  # writes before the first job line
-    last = handshake + int(rng.integers(1, 60))
-    with pytest.raises(HostDiedError):
-        printed(data, tmp_path, doomed(printer, clock, last, rng.random()))
-    with pytest.raises(HostDiedError):
-        resumed(data, tmp_path, doomed(printer, clock, int(rng.integers(1, 9)), 0.5))
-    status = resumed(data, tmp_path, SimTransport(printer, clock))
-    assert status.state is LinkState.DONE, status
-    motion = printer.executed()
-    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
-    assert np.array_equal(motion.end, foreseen.end)
-    assert np.array_equal(motion.plunger_end, foreseen.plunger_end)
-
-
-class SlippingTransport(SimTransport):
-    """From N300 on, once: an X becomes a Z on its way, and the checksum is right.
-
-    No other noise garbles that line, else it is refused and nothing has slipped.
-    """
-
-    slipped = False
-    _slip = b""
-
-    def on_the_way(self, data: bytes) -> bytes:
-        slip, self._slip = self._slip, b""
-        return data if slip else super().on_the_way(data)
-
-    def write(self, data: bytes) -> None:
-        moves = re.match(rb"N(\d+) G1 X", data)
-        if moves and int(moves[1]) >= 300 and not self.slipped:
-            self.slipped = True
-            body = data.split(b"*")[0].replace(b"X", b"Z")
-            data = self._slip = b"%b*%d\n" % (body, reduce(xor, body))
-        super().write(data)
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_word_that_slipped_through_is_found_soon_on_a_noisy_line(tmp_path, seed):
-    printer = MarlinPrinter(PRINTER, START)
-    transport = SlippingTransport(
-        printer, VirtualClock(), np.random.default_rng(seed), noise=0.0004, drop_ok=0.01
-    )
-    status, _ = printed(gcode(2000), tmp_path, transport)
-    assert transport.slipped
-    assert status.state is LinkState.POSITION_UNKNOWN
-    assert "Z is 5" in status.message
-    assert status.lines_done < 340
-
-
-class NoisyOnce(SimTransport):
-    """Line 295 is garbled; the X of line 300 becomes a Z, and the checksum is right."""
-
-    garbled = False
-    lines = gcode(2000).splitlines()
-
-    def write(self, data: bytes) -> None:
-        if b" %b*" % self.lines[294] in data and not self.garbled:
-            self.garbled, data = True, data.replace(b"G1", b"G3")
-        if b" %b*" % self.lines[299] in data:
-            body = data.split(b"*")[0].replace(b"X", b"Z")
-            data = b"%b*%d\n" % (body, reduce(xor, body))
-        super().write(data)
-
-
-def test_height_that_slipped_ends_the_print_at_the_first_comparison(tmp_path):
-    transport = NoisyOnce(MarlinPrinter(PRINTER, START), VirtualClock())
-    status, _ = printed(gcode(2000), tmp_path, transport)
-    assert status.state is LinkState.POSITION_UNKNOWN
-    assert "Z is 5" in status.message
-    assert 300 <= status.lines_done <= 300 + 2 * SOONEST_LINES
-
-
-class StrayingTransport(SimTransport):
-    """One line in 31 goes to another X, and the checksum is right."""
-
-    def write(self, data: bytes) -> None:
-        if data.startswith(b"N") and int(data.split()[0][1:]) % 31 == 0:
-            body = re.sub(rb" X\S+", b" X51.000", data.split(b"*")[0])
-            data = b"%b*%d\n" % (body, reduce(xor, body))
-        super().write(data)
-
-
-def test_word_that_slipped_through_and_was_given_again_is_told(tmp_path):
-    """A comparison falls on a slipped line in some prints only: six of them are asked together."""
-    told = []
-    for seed in range(6):
-        folder = tmp_path / str(seed)
-        folder.mkdir()
-        printer, rng = MarlinPrinter(PRINTER, START), np.random.default_rng(seed)
-        transport = StrayingTransport(printer, VirtualClock(), rng, noise=0.001)
-        status, _ = printed(gcode(600), folder, transport)
-        assert status.state is LinkState.DONE, status
-        alarms = read_journal(folder / "journal.log").alarms
-        told += [text for text in alarms if "slipped through its checksum" in text]
-    assert len(told) > 3
-    assert all("X is 51.00 mm where the job says 5" in text for text in told)
-
-
-def test_clean_line_is_never_held_up_for_a_comparison(tmp_path):
-    printer = MarlinPrinter(PRINTER, START)
-    printed(gcode(600), tmp_path, SimTransport(printer, VirtualClock()))
-    assert read_journal(tmp_path / "journal.log").checkpoint is None

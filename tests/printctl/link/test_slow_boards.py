@@ -13,7 +13,7 @@ from printctl.link.transport_simulated import SimulatedTransport
 from sim.dryrun import dry_run
 from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import Fault, Troubles
-from tests.printctl.link.test_simulated_printer import PRINTER, START, gcode, printed, same_motion
+from tests.printctl.link.simulated import PRINTER, START, gcode, printed, same_motion
 
 MOVES = 40
 LATE = Fault(fault="late_oks", line=30, seconds=5.0)

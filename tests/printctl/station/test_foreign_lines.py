@@ -44,7 +44,7 @@ def test_line_of_another_program_in_a_print_takes_the_place_too(folder, profile,
         order = Order(job, profile, "", tmp_path / "run", Retreat())
         client = station.print(order)
         assert served.held.wait(20)
-        write_as_another(served, b"G92 X0 Y0\n")
+        write_as_another(served, b"G1 X90\n")
         served.gate.set()
         assert client.wait(60).state is LinkState.DONE
         assert "another program" in until(station, StationState.HALTED)
