@@ -25,6 +25,8 @@ from design.toolpath.embedded.rules import Rules, barring_each_other, kept, owne
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.toolpath import IntArray
 
+ROUNDED_MM: Final = 0.002
+"""By which depths of the path and of its G-code, with fewer digits, may differ."""
 HALVINGS: Final = 7
 """Of the range of needles in which the widest that fits is looked for: to 1 %."""
 
@@ -161,10 +163,11 @@ class Leaving:
         return list(worst.values())
 
     def crossed(self, crossings: Iterable[Crossing]) -> list[Conflict]:
-        """Those of a path whose needle still enters ink."""
+        """Those of a path whose needle still enters ink, or may once the path is rounded."""
         return [
             Conflict(one.vessel, one.through, -1, -1, one.place_mm, one.depth_mm)
             for one in crossings
+            if one.depth_mm > TOUCH_MM - ROUNDED_MM
         ]
 
     def leave(self, conflicts: Iterable[Conflict]) -> None:

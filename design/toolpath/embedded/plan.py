@@ -178,9 +178,10 @@ def plan_embedded(
     known: dict[Leg, Stretch] = {}
     while True:
         done = scene.written(passes, joined, heads, known)
-        if not heads.leave_out or not done.met.crossings:
+        crossed = out.crossed((*done.met.crossings, *done.met.grazes))
+        if not heads.leave_out or not crossed:
             break
-        out.leave(out.crossed(done.met.crossings))
+        out.leave(crossed)
         passes = out.trimmed(passes)
         joined = joiner.join(passes)
     done = replace(done, joined=scene.closed(passes, joined, joiner, heads))
