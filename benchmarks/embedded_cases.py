@@ -31,6 +31,14 @@ PLACE_MM = (60.0, 60.0, 20.0)
 """Of the network's lowest corner in the printer's frame."""
 
 
+AS_IT_IS: dict[str, Any] = {
+    "thinnest": 1e-6,
+    "min_speed_mm_s": 0.01,
+    "write_speed_mm_s": 100.0,
+    "leave_out": True,
+}
+
+
 @dataclass(frozen=True)
 class Case:
     """A network to write, with which needle, and what is promised.
@@ -48,6 +56,8 @@ class Case:
         How the network came about.
     names : bool
         Whether joints may stay open that the plan names.
+    as_it_is : bool
+        Whether vessels of any thickness are written, and those left out that can't be in any order.
     slow : bool
         Left out by ``--quick``.
     peer : dict or None
@@ -60,13 +70,14 @@ class Case:
     planning_s: float | None
     about: str
     names: bool = False
+    as_it_is: bool = False
     slow: bool = False
     peer: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True)
 class Written:
-    """The product's G-code, what its plan says of itself, and how long planning took, s."""
+    """The product's G-code, what its plan says of itself, and how long planning took, CPU s."""
 
     gcode: Path
     said: Any
@@ -81,7 +92,8 @@ def shared_network(name: str) -> VesselNetwork | None:
     path = SHARED / f"xcavate_network_{name}_vessels.txt"
     if not path.is_file():
         return None
-    return read_network_xcavate(path, SHARED / f"xcavate_inlet_outlet_{name}_vessels.txt").network
+    (ends,) = SHARED.glob(f"xcavate_inlet_outlet_{name}_vessels*.txt")
+    return read_network_xcavate(path, ends).network
 
 
 def grown(options: EmbeddedOptions, size_mm: tuple[float, float, float]) -> VesselNetwork:
@@ -117,11 +129,13 @@ def _tissue(surface: Surface) -> Tissue:
     return tissue_from_surface(surface.vertices, surface.faces)
 
 
-def options_of(needle: str) -> EmbeddedOptions:
+def options_of(needle: str, as_it_is: bool = False) -> EmbeddedOptions:
     """As a recipe with that needle and its defaults; open joints are counted, not refused."""
     bore, ink = load(Needle, needle), load(Ink, INK)
     known = {field.name for field in fields(EmbeddedOptions)}
     more: dict[str, Any] = {"open_joints": 1_000_000} if "open_joints" in known else {}
+    if as_it_is:
+        more |= AS_IT_IS
     return EmbeddedOptions(
         needle_inner_mm=bore.inner_mm,
         needle_outer_mm=bore.outer_mm,
@@ -137,19 +151,24 @@ def lowered(network: VesselNetwork) -> VesselNetwork:
 
 
 def write(
-    network: VesselNetwork, needle: str, folder: Path, repeats: int, z_mm_s: float = Z_MM_S
+    network: VesselNetwork,
+    case: Case,
+    folder: Path,
+    repeats: int,
+    z_mm_s: float = Z_MM_S,
 ) -> Written:
     """Plan and write; the planning time is the least of ``repeats`` after one to warm up on.
 
     The printer's z goes at ``z_mm_s``, and lifts near ink, too.
     """
-    options, took = replace(options_of(needle), lift_speed_mm_s=z_mm_s), []
+    options = replace(options_of(case.needle, case.as_it_is), lift_speed_mm_s=z_mm_s)
+    took = []
     if repeats > 1:
         plan_embedded(network, options)
     for _ in range(repeats):
-        begun = time.perf_counter()
+        begun = time.process_time()
         plan = plan_embedded(network, options)
-        took.append(time.perf_counter() - begun)
+        took.append(time.process_time() - begun)
     path = folder / "embedded.gcode"
     path.write_bytes(_gcode(plan.toolpath, z_mm_s))
     syringe, ink = load(Syringe, SYRINGE), load(Ink, INK)

@@ -14,6 +14,7 @@ from benchmarks.checkers.read_network import read_network
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 STEP_MM = 0.04
+TRIED = 6
 
 
 @dataclass(frozen=True)
@@ -54,20 +55,33 @@ class Axes:
         return np.array([np.interp(arc, along, line[:, k]) for k in range(4)])
 
     def nearest(self, points: FloatArray) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
-        """Distance, vessel, arc length and radius of the axis point nearest to each point."""
-        _, index = self.tree.query(points)
-        gap, arc = np.full(len(points), np.inf), self.arc[index].copy()
-        for other in (index - 1, index + 1):
-            other = other.clip(0, len(self.vessel) - 1)
-            other = np.where(self.vessel[other] == self.vessel[index], other, index)
-            start, way = self.tree.data[index], self.tree.data[other] - self.tree.data[index]
-            size = np.maximum((way**2).sum(axis=1), 1e-12)
-            part = (((points - start) * way).sum(axis=1) / size).clip(0.0, 1.0)
-            away = np.linalg.norm(start + part[:, None] * way - points, axis=1)
-            nearer = away < gap
-            along = self.arc[index] + part * (self.arc[other] - self.arc[index])
-            gap, arc = np.where(nearer, away, gap), np.where(nearer, along, arc)
-        return gap, self.vessel[index], arc, self.radius[index]
+        """Distance, vessel, arc length and radius of the axis place nearest to each point.
+
+        Where axes cross, the nearest of their dense points may be another axis's: of the `TRIED`
+        nearest points the stretches on both sides are looked at.
+        """
+        _, tried = self.tree.query(points, k=TRIED)
+        gap, arc = np.full(len(points), np.inf), np.zeros(len(points))
+        own = tried[:, 0].copy()
+        for index in tried.T:
+            for step in (-1, 1):
+                away, along = self._beside(points, index, step)
+                nearer = away < gap - 1e-12
+                gap, arc = np.where(nearer, away, gap), np.where(nearer, along, arc)
+                own = np.where(nearer, index, own)
+        return gap, self.vessel[own], arc, self.radius[own]
+
+    def _beside(
+        self, points: FloatArray, index: IntArray, step: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Distance to, and arc length on, the stretch from a dense point to the one beside it."""
+        other = (index + step).clip(0, len(self.vessel) - 1)
+        other = np.where(self.vessel[other] == self.vessel[index], other, index)
+        start, way = self.tree.data[index], self.tree.data[other] - self.tree.data[index]
+        size = np.maximum((way**2).sum(axis=1), 1e-12)
+        part = (((points - start) * way).sum(axis=1) / size).clip(0.0, 1.0)
+        away = np.linalg.norm(start + part[:, None] * way - points, axis=1)
+        return away, self.arc[index] + part * (self.arc[other] - self.arc[index])
 
     def degree(self) -> IntArray:
         """Vessels' ends at each node."""

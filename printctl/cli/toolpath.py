@@ -11,6 +11,7 @@ import typer
 
 from design.files import replacing
 from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines, tell
+from printctl.cli.plan_lines import plan_lines
 from printctl.cli.process_lines import process_lines
 from printctl.errors import UsageError
 from printctl.pipeline.artefacts import GCODE, LINE_MAP, PLATE_PICTURE, PLATE_TABLE
@@ -48,5 +49,6 @@ def toolpath(
         f"{data['toolpath']['lines']} lines, {data['toolpath']['written_ul']:.4g} µL, "
         f"{data['dry_run']['duration_s'] / 60:.1f} min",
         *process_lines(data["dry_run"]),
+        *plan_lines(data["toolpath"].get("plan", {})),
         str(out),
     )

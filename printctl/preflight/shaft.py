@@ -31,8 +31,9 @@ def shaft_checks(found: Clearance, allowed: int, *, accepted: bool = False) -> l
         not found.crossings,
         f"line {found.crossings[0].line}" if found.crossings else "",
         _worst(found.crossings, "cross")
-        + "use a thinner needle or a sparser network, or accept them: --accept-crossings of "
-        "`printctl print`, toolpath.allowed_crossings in a recipe",
+        + "use a thinner needle or a sparser network, leave such vessels out (toolpath.leave_out "
+        "in a recipe), or accept them: --accept-crossings of `printctl print`, "
+        "toolpath.allowed_crossings in a recipe",
         "warns" if taken else "refuses",
     )
     graze = Check(

@@ -111,6 +111,11 @@ class Embedded(Part):
         default=0,
         description="How many joints may stay without an overlap; more are refused.",
     )
+    leave_out: bool = Field(
+        default=False,
+        description="Vessels that can't be written in any order without the needle passing through "
+        "ink aren't written; each is named with what would have to change.",
+    )
     thinnest_bore: Annotated[float, Field(ge=0.05, le=2)] = Field(
         default=0.8,
         description="Thinnest filament, as a part of the needle's bore. Below about 0.8 the tip "

@@ -13,6 +13,8 @@ from kernels import jit
 
 TAPER_STEP = 0.05
 """An element's radii differ by at most about this part."""
+FINE = 20_000
+"""Elements of half the tip's radius that a network may have; a larger one's are longer."""
 STRAIGHT_MM = 0.002
 """Points of a polyline that stand off a straight line by less are left out."""
 
@@ -46,6 +48,16 @@ class Elements(NamedTuple):
     along: FloatArray
     vessel: IntArray
     first: IntArray
+
+
+def longest_mm(network: VesselNetwork, tip_mm: float) -> float:
+    """Of an element: half the radius that is kept free at the tip, or all of it of a large network.
+
+    Then five places along an element tell of all of it (`rules.TIPS`). Shorter ones leave more
+    places for a cut, longer ones a quarter of the pairs to be looked at.
+    """
+    half = tip_mm / 2
+    return half if float(network.lengths().sum()) <= FINE * half else tip_mm
 
 
 def elements_of(network: VesselNetwork, longest_mm: float) -> Elements:

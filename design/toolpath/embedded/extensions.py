@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from design.toolpath.embedded.rules import TIPS, depth_at, flat_gap
 from design.toolpath.embedded.squares import Squares, near
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+
+NEVER: Final = 1 << 40
+"""When an element is written that isn't."""
 
 
 class Extension(NamedTuple):
@@ -87,7 +90,7 @@ def barred(
         for k in range(3):
             low, high = near(squares, place, k)
             for j in squares.member[low:high]:
-                if when[j] >= since and meets(j, extension, elements, meetings, needle):
+                if since <= when[j] < NEVER and meets(j, extension, elements, meetings, needle):
                     met.append(j)
     return np.unique(np.array(met, np.int64))
 

@@ -72,6 +72,11 @@ class EmbeddedHeads:
         """Height over which the tip widens to the shaft, mm; the shortest of all heads'."""
         return min(one.cone_mm for one in self.options)
 
+    @property
+    def leave_out(self) -> bool:
+        """Whether vessels that can't be written without a crossing are left out."""
+        return all(one.leave_out for one in self.options)
+
     def needles(self) -> tuple[Needle, ...]:
         """Each head's needle without its clearance."""
         joint, widest = self.bare_mm

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.joined import Joined
@@ -18,9 +19,9 @@ from design.toolpath.toolpath import IntArray
 
 ROUNDS, PATIENCE = 8, 3
 """At most so many, and so many that are no better than the best before."""
-WORK = 100_000
-"""Elements that all rounds may order together: what a large network leaves open after its first
-round is open by its design."""
+WORK, LARGE = 100_000, 20_000
+"""Elements that all rounds may order together; of more than that there is one: what a large network
+leaves open after its first round is open by its design."""
 
 
 class _Way(NamedTuple):
@@ -44,9 +45,15 @@ class _Order:
 
 
 def ordered(
-    elements: Elements, rules: Rules, head: IntArray, joiner: Joiner
+    elements: Elements,
+    rules: Rules,
+    head: IntArray,
+    joiner: Joiner,
+    out: NDArray[np.bool_] | None = None,
 ) -> tuple[list[Pass], Joined]:
     """Passes in their order and how they join; the best of all rounds, its ways made short.
+
+    Elements that are ``out`` (n,) aren't written; no rule names them.
 
     A joint stays open when ink written meanwhile stands in the way of its overlap. The next round
     writes the later stretch before that ink, and what brushed an overlap before that; unless a rule
@@ -55,7 +62,7 @@ def ordered(
     asked = one_way(rules, elements.vessel)
     best: _Order | None = None
     for way in WAYS if _rounds(elements) > 1 else WAYS[:1]:
-        one = _best_round(elements, rules, asked, head, joiner, way)
+        one = _best_round(Scheduler(elements, asked, head, out), rules, joiner, way)
         best = one if best is None else min(best, one, key=_score)
         if not best.joined.open:
             break
@@ -63,13 +70,12 @@ def ordered(
     return best.passes, best.joined
 
 
-def _best_round(
-    elements: Elements, rules: Rules, asked: Rules, head: IntArray, joiner: Joiner, way: _Way
-) -> _Order:
+def _best_round(scheduler: Scheduler, rules: Rules, joiner: Joiner, way: _Way) -> _Order:
+    elements, asked, head = scheduler.elements, scheduler.rules, scheduler.head
     best: _Order | None = None
     since, random = 0, np.random.default_rng(0)
     for _ in range(_rounds(elements)):
-        passes = Scheduler(elements, asked, head).run()
+        passes = replace(scheduler, rules=asked).run()
         if way.merge:
             passes = fewest(passes, elements, asked, head, random)
         if way.shorten:
@@ -88,7 +94,8 @@ def _best_round(
 
 
 def _rounds(elements: Elements) -> int:
-    return min(max(WORK // len(elements.end), 1), ROUNDS)
+    count = len(elements.end)
+    return 1 if count > LARGE else min(WORK // count, ROUNDS)
 
 
 def _score(one: _Order) -> tuple[tuple[int, ...], int]:
@@ -104,7 +111,8 @@ def _judged(passes: list[Pass], rules: Rules, joiner: Joiner) -> _Order:
 def broken(rules: Rules, passes: list[Pass]) -> tuple[IntArray, IntArray]:
     """Elements while which others, written before, stand in the shaft's way."""
     when = np.empty(len(rules.begin) - 1, dtype=np.int64)
-    when[np.concatenate([one.elements() for one in passes])] = np.arange(len(when))
+    order = np.concatenate([one.elements() for one in passes])
+    when[order] = np.arange(len(order))
     first = np.repeat(np.arange(len(when)), np.diff(rules.begin))
     wrong = when[rules.after] < when[first]
     return first[wrong], rules.after[wrong]

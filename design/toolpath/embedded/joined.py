@@ -19,12 +19,23 @@ class WeakJoint:
     place_mm : (x, y, z), mm
     part : float
         Of the overlap that there is room for; 0 where the joint stays open.
+    barred_by : int
+        Of an open one the vessel whose ink the shaft would meet, or whose shaft would meet the
+        overlap; -1 before that is asked.
+    needle_mm : float, mm
+        Outer diameter of a needle's tip that has room for a quarter of the overlap in this order;
+        0 where none has.
+    apart_mm : float, mm
+        How much further that vessel would have to be from the overlap, sideways.
     """
 
     vessel: int
     other: int
     place_mm: tuple[float, float, float]
     part: float
+    barred_by: int = -1
+    needle_mm: float = 0.0
+    apart_mm: float = 0.0
 
 
 class Brushed(NamedTuple):

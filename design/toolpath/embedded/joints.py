@@ -8,12 +8,13 @@ from neither side stays open, and is named.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.extensions import (
+    NEVER,
     Extension,
     barred,
     barring,
@@ -30,6 +31,8 @@ from design.toolpath.embedded.squares import Squares
 
 PARTS = (1.0, 0.5, 0.25)
 """Of an overlap that are tried, the longest first."""
+HALVINGS = 6
+"""Of the range of needles in which one that closes an open joint is looked for: to 2 %."""
 
 
 @dataclass(frozen=True)
@@ -66,26 +69,42 @@ class _Extended:
 
 
 class Joiner:
-    """Closes the joints of ordered passes."""
+    """Closes the joints of ordered passes.
+
+    Parameters
+    ----------
+    elements : Elements
+    squares : Squares
+    meetings : Meetings
+    needle : Needle
+    strict : bool
+        Whether a joint rather stays open than that the needle enters its overlap later.
+    """
 
     def __init__(
-        self, elements: Elements, squares: Squares, meetings: Meetings, needle: Needle
+        self,
+        elements: Elements,
+        squares: Squares,
+        meetings: Meetings,
+        needle: Needle,
+        strict: bool = False,
     ) -> None:
         self.elements, self.squares, self.meetings = elements, squares, meetings
-        self.needle = needle
+        self.needle, self.strict = needle, strict
 
-    def join(self, passes: list[Pass]) -> Joined:
-        """Close what can be closed."""
-        return _Round(self, passes).join()
+    def join(self, passes: list[Pass], explain: bool = False) -> Joined:
+        """Close what can be closed; say of open ones what would close them, if asked."""
+        return _Round(self, passes, explain).join()
 
 
 class _Round:
     """One order of passes being joined."""
 
-    def __init__(self, joiner: Joiner, passes: list[Pass]) -> None:
+    def __init__(self, joiner: Joiner, passes: list[Pass], explain: bool) -> None:
         self._scene, self._elements, self._passes = joiner, joiner.elements, passes
+        self._explain = explain
         self._out = Joined(np.zeros(len(passes)), np.zeros(len(passes)))
-        self._when = np.full(len(joiner.elements.end), len(passes), dtype=np.int64)
+        self._when = np.full(len(joiner.elements.end), NEVER, dtype=np.int64)
         for number, one in enumerate(passes):
             self._when[one.elements()] = number
         self._kept = none_kept(2 * len(joiner.elements.end) + 2)
@@ -147,10 +166,13 @@ class _Round:
         chosen: _Extended | None = whole[-1]
         if not whole[-1].free:
             self._wish(whole[0], later)
-            chosen = self._harmless(whole, sides, point, reach) or self._least_brushed(whole)
+            chosen = self._harmless(whole, sides, point, reach)
+            if chosen is None and not self._scene.strict:
+                chosen = self._least_brushed(whole)
         part = 0.0 if chosen is None else chosen.length / reach
         if part < PARTS[-1] / 2:
-            out.open.append(self._weak(later, earlier, point, 0.0))
+            weak = self._weak(later, earlier, point, 0.0)
+            out.open.append(self._why(weak, sides, point, reach) if self._explain else weak)
         elif part < 1.0 - PARTS[-1] / 2:
             out.shortened.append(self._weak(later, earlier, point, part))
         if chosen is not None:
@@ -161,12 +183,38 @@ class _Round:
         x, y, z = self._elements.point[point].tolist()
         return WeakJoint(int(vessel[later]), int(vessel[earlier]), (x, y, z), part)
 
+    def _why(self, weak: WeakJoint, sides: list[_End], point: int, reach: float) -> WeakJoint:
+        """The joint with what bars it, and the widest needle found with which a part closes it."""
+        needle, least = self._scene.needle, PARTS[-1] * reach
+        low, high = 0.0, needle.bare_mm
+        bars = self._barring(sides, point, least, needle)
+        for _ in range(HALVINGS):
+            radius = (low + high) / 2
+            still = self._barring(sides, point, least, needle.thinner(radius))
+            low, high = (low, radius) if still else (radius, high)
+            bars = still or bars
+        vessel = int(self._elements.vessel[bars[0]]) if bars else -1
+        apart = needle.bare_mm - low if low > 0.0 else 0.0
+        return replace(weak, barred_by=vessel, needle_mm=2 * low, apart_mm=apart)
+
+    def _barring(self, sides: list[_End], point: int, reach: float, needle: Needle) -> list[int]:
+        """Elements of which needle or ink bars each side, of the one that fewest do."""
+        found = []
+        for side in sides:
+            one = self._extended(side, point, reach, needle)
+            own = [bar.end for bar in one.barred if bar.entered]
+            found.append(own + [bar.element for bar in one.brushed if bar.entered])
+        return min(found, key=len)
+
     def _radius(self, element: int) -> float:
         return float(self._elements.radius[element].max())
 
-    def _extended(self, end: _End, point: int, reach: float) -> _Extended:
-        """What an end would meet if it went on beyond its point."""
+    def _extended(
+        self, end: _End, point: int, reach: float, needle: Needle | None = None
+    ) -> _Extended:
+        """What an end would meet if it went on beyond its point; with another needle, if given."""
         elements, element, scene = self._elements, end.element, self._scene
+        needle = needle or scene.needle
         tail, head = elements.end[element].tolist()
         here, inner = elements.point[point], elements.point[tail if head == point else head]
         way = here - inner
@@ -179,22 +227,22 @@ class _Round:
             1 if head == point else -1,
             self._far(element, head == point),
         )
-        about = self._when, elements, scene.squares, scene.meetings, scene.needle
+        about = self._when, elements, scene.squares, scene.meetings, needle
         now = end.number + end.last
         bars = barring(extension, now, *about)
-        bare = (*about[:-1], scene.needle.bare())
+        bare = (*about[:-1], needle.bare())
         entered = set(barring(extension, now, *bare).tolist()) if len(bars) else set()
         brushes = barred(extension, now, *about).tolist() if not entered else []
         met = [Brushed(element, k, k in entered) for k in bars.tolist()]
         order = 2 * end.number + end.last
-        other = tangled(extension, order, self._kept, scene.meetings, scene.needle.bare())
+        other = tangled(extension, order, self._kept, scene.meetings, needle.bare())
         if other >= 0:
             met.append(Brushed(element, int(other), True))
         return _Extended(
             end,
             extension,
             met,
-            [self._brushed(k, end, extension) for k in brushes],
+            [self._brushed(k, end, extension, needle) for k in brushes],
         )
 
     def _far(self, element: int, ahead: bool) -> float:
@@ -206,10 +254,9 @@ class _Round:
             return np.inf
         return 0.0 if ahead else float(elements.arc[last] + elements.length[last])
 
-    def _brushed(self, later: int, end: _End, extension: Extension) -> Brushed:
-        scene = self._scene
-        bare = scene.needle.bare()
-        entered = meets(later, extension, self._elements, scene.meetings, bare)
+    def _brushed(self, later: int, end: _End, extension: Extension, needle: Needle) -> Brushed:
+        meetings = self._scene.meetings
+        entered = meets(later, extension, self._elements, meetings, needle.bare())
         return Brushed(int(later), end.element, entered)
 
     def _harmless(

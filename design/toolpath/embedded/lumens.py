@@ -86,7 +86,8 @@ class Lumens:
         owner = self._owner.tolist()
 
         def weak(one: WeakJoint) -> WeakJoint:
-            return replace(one, vessel=owner[one.vessel], other=owner[one.other])
+            bar = owner[one.barred_by] if one.barred_by >= 0 else -1
+            return replace(one, vessel=owner[one.vessel], other=owner[one.other], barred_by=bar)
 
         return replace(
             report,

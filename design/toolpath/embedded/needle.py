@@ -42,6 +42,16 @@ class Needle(NamedTuple):
             tip_mm=self.bare_mm, shaft_mm=self.shaft_mm - self.tip_mm + self.bare_mm
         )
 
+    def thinner(self, radius_mm: float) -> Needle:
+        """The same with a tip of that bare radius, shaft and clearance following."""
+        less = self.bare_mm - radius_mm
+        return self._replace(
+            joint_mm=min(self.joint_mm, radius_mm),
+            bare_mm=radius_mm,
+            tip_mm=self.tip_mm - less,
+            shaft_mm=self.shaft_mm - less,
+        )
+
 
 @jit
 def radius_at(needle: Needle, height: float) -> float:

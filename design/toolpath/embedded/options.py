@@ -43,6 +43,9 @@ class EmbeddedOptions:
         Pause after a prime, until the ink flows.
     open_joints : int
         How many joints may stay without an overlap; more are refused.
+    leave_out : bool
+        Whether vessels that the needle can't write without entering others, or being entered by
+        them, in any order are left out and named; else they are written, and the crossings named.
     recovery_s : float, s
         How long the bath takes to close behind the needle; no pass is begun in a younger wake.
     widest_filament_mm : float or None, mm
@@ -66,6 +69,7 @@ class EmbeddedOptions:
     plunger_ul_s: float = 0.4
     dwell_s: float = 0.0
     open_joints: int = 0
+    leave_out: bool = False
     recovery_s: float = 0.0
     widest_filament_mm: float | None = None
 

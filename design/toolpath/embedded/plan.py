@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,11 +10,13 @@ from design.errors import ToolpathError
 from design.network import VesselNetwork
 from design.toolpath.embedded.account import Entry, Laid, account
 from design.toolpath.embedded.bundles import Bundles
-from design.toolpath.embedded.elements import Elements, elements_of
+from design.toolpath.embedded.elements import Elements, elements_of, longest_mm
+from design.toolpath.embedded.entering import TOUCH_MM
 from design.toolpath.embedded.heads import EmbeddedHeads
 from design.toolpath.embedded.improve import ordered
-from design.toolpath.embedded.joined import Joined
+from design.toolpath.embedded.joined import Joined, WeakJoint
 from design.toolpath.embedded.joints import Joiner
+from design.toolpath.embedded.left_out import Leaving
 from design.toolpath.embedded.lumens import Lumens
 from design.toolpath.embedded.meetings import Meetings, at_nodes, with_touches
 from design.toolpath.embedded.needle import Needle
@@ -27,11 +28,9 @@ from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.spared import spared_of
 from design.toolpath.embedded.squares import Squares, squares_of
 from design.toolpath.embedded.touches import Touches, touches
-from design.toolpath.embedded.write import FilamentWriter
+from design.toolpath.embedded.walk import Leg
+from design.toolpath.embedded.write import FilamentWriter, Stretch
 from design.toolpath.toolpath import MoveKind, Toolpath
-
-TOUCH_MM: Final = 0.005
-"""Deeper is a crossing, as for the check before a print."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +40,16 @@ class Met:
     crossings: tuple[Crossing, ...]
     grazes: tuple[Crossing, ...]
     merged: tuple[Merged, ...]
+
+
+@dataclass(frozen=True)
+class _Written:
+    """A path with its joints, its writer, and what its shaft meets."""
+
+    toolpath: Toolpath
+    joined: Joined
+    writer: FilamentWriter
+    met: Met
 
 
 @dataclass(frozen=True)
@@ -70,8 +79,7 @@ class Scene:
         needle = Needle(
             *heads.bare_mm, heads.tip_mm, heads.shaft_mm, heads.cone_mm, heads.overlap_radii
         )
-        # Half the radius that is kept free: then three places along an element tell of all of it.
-        elements = elements_of(network, heads.tip_mm / 2)
+        elements = elements_of(network, longest_mm(network, heads.tip_mm))
         squares = squares_of(elements, needle.shaft_mm)
         nodes = at_nodes(network, elements)
         lumens = Lumens(bundles, elements, needle)
@@ -80,6 +88,37 @@ class Scene:
         meetings = with_touches(nodes, collisions, elements)
         return Scene(design, elements, squares, meetings, collisions, needle, lumens)
 
+    def closed(
+        self, passes: list[Pass], joined: Joined, joiner: Joiner, heads: EmbeddedHeads
+    ) -> Joined:
+        """The joints of ordered passes, open ones with what would close them.
+
+        Raises
+        ------
+        ToolpathError
+            When more joints stay open than allowed.
+        """
+        if joined.open:
+            joined = joiner.join(passes, explain=True)
+        joined = self.lumens.closed(joined)
+        _refuse_open(joined, heads)
+        return joined
+
+    def written(
+        self,
+        passes: list[Pass],
+        joined: Joined,
+        heads: EmbeddedHeads,
+        known: dict[Leg, Stretch],
+    ) -> _Written:
+        """The path of ordered passes, and what its shaft meets; `known` as in `FilamentWriter`."""
+        joined = self.lumens.closed(joined)
+        writer = FilamentWriter(self.elements, passes[0], heads, known)
+        writer.write_all(passes, joined)
+        recovery_s = max(one.recovery_s for one in heads.options)
+        toolpath = waited(writer.builder.build(), recovery_s, heads.shaft_mm)
+        return _Written(toolpath, joined, writer, self.met(toolpath, writer, heads))
+
     def met(self, toolpath: Toolpath, writer: FilamentWriter, heads: EmbeddedHeads) -> Met:
         """What the shaft meets on a path: the bare needle, and what it must keep free."""
         laid = Laid(*self.lumens.of_design(*writer.laid()))
@@ -87,8 +126,8 @@ class Scene:
         look = max(one.clearance_mm for one in heads.options)
         found = account(toolpath, laid, spared, heads.needles(), look)
         return Met(
-            crossings=_by_vessels([one for one in found if one.depth_mm > TOUCH_MM]),
-            grazes=_by_vessels([one for one in found if one.depth_mm <= TOUCH_MM]),
+            crossings=_by_vessels([one for one in found if one.depth_mm > TOUCH_MM], toolpath),
+            grazes=_by_vessels([one for one in found if one.depth_mm <= TOUCH_MM], toolpath),
             merged=_merged(self.design, self.collisions),
         )
 
@@ -127,17 +166,27 @@ def plan_embedded(
     scene = Scene.of(bundles, heads)
     found = find_rules(scene.elements, scene.squares, scene.meetings, scene.needle)
     rules = scene.lumens.without(found)
-    joiner = Joiner(scene.elements, scene.squares, scene.meetings, scene.needle)
-    passes, joined = ordered(scene.elements, rules, heads.vessel_head, joiner)
-    joined = scene.lumens.closed(joined)
-    _refuse_open(joined, heads)
-    writer = FilamentWriter(scene.elements, passes[0], heads)
-    writer.write_all(passes, joined)
-    recovery_s = max(one.recovery_s for one in heads.options)
-    toolpath = waited(writer.builder.build(), recovery_s, heads.shaft_mm)
-    met = scene.met(toolpath, writer, heads)
-    report = _report(toolpath, scene.elements, passes, joined, writer, met)
-    return EmbeddedPlan(toolpath, scene.lumens.told(report))
+    out = Leaving(scene.design, scene.elements, scene.meetings, scene.needle, bundles.owner)
+    if heads.leave_out:
+        out.leave(out.conflicts(rules))
+    joiner = Joiner(
+        scene.elements, scene.squares, scene.meetings, scene.needle, strict=heads.leave_out
+    )
+    passes, joined = ordered(
+        scene.elements, out.without(rules), heads.vessel_head, joiner, out.elements
+    )
+    known: dict[Leg, Stretch] = {}
+    while True:
+        done = scene.written(passes, joined, heads, known)
+        crossed = out.crossed((*done.met.crossings, *done.met.grazes))
+        if not heads.leave_out or not crossed:
+            break
+        out.leave(crossed)
+        passes = out.trimmed(passes)
+        joined = joiner.join(passes)
+    done = replace(done, joined=scene.closed(passes, joined, joiner, heads))
+    report = _report(done, scene.elements, passes, out)
+    return EmbeddedPlan(done.toolpath, scene.lumens.told(report))
 
 
 def _refuse_open(joined: Joined, heads: EmbeddedHeads) -> None:
@@ -148,21 +197,32 @@ def _refuse_open(joined: Joined, heads: EmbeddedHeads) -> None:
         raise ToolpathError(
             f"{len(joined.open)} of {joined.joints} joints can't be made to overlap (allowed: "
             f"{allowed}): the first is vessel {first.vessel} with vessel "
-            f"{first.other} at ({x:.2f}, {y:.2f}, {z:.2f}) mm, where the needle's shaft would pass "
-            "through other ink from either side; use a thinner needle, move the vessels apart, or "
-            "allow them (toolpath.open_joints in a recipe)"
+            f"{first.other} at ({x:.2f}, {y:.2f}, {z:.2f}) mm, where vessel {first.barred_by} is "
+            f"in the shaft's way from either side{_room(first)}; use a thinner needle, move the "
+            "vessels apart, or allow them (toolpath.open_joints in a recipe)"
         )
 
 
-def _by_vessels(found: list[Entry]) -> tuple[Crossing, ...]:
+def _room(one: WeakJoint) -> str:
+    if one.needle_mm == 0.0:
+        return ""
+    return (
+        f" (a quarter of the overlap has room with a tip {one.needle_mm:.3f} mm wide outside, or "
+        f"that vessel {one.apart_mm:.3f} mm further off sideways)"
+    )
+
+
+def _by_vessels(found: list[Entry], toolpath: Toolpath) -> tuple[Crossing, ...]:
     """Entries by pairs of vessels, the deepest first."""
     pairs: dict[tuple[int, int], list[Entry]] = {}
     for one in found:
         pairs.setdefault((one.vessel, one.through), []).append(one)
-    crossings = [
-        Crossing(*pair, sum(one.length_mm for one in own), max(one.depth_mm for one in own))
-        for pair, own in pairs.items()
-    ]
+    crossings = []
+    for pair, own in pairs.items():
+        deepest = max(own, key=lambda one: one.depth_mm)
+        x, y, z = toolpath.start[deepest.move].tolist()
+        length = sum(one.length_mm for one in own)
+        crossings.append(Crossing(*pair, length, deepest.depth_mm, (x, y, z)))
     return tuple(sorted(crossings, key=lambda c: (-c.depth_mm, c.vessel, c.through)))
 
 
@@ -180,18 +240,12 @@ def _merged(network: VesselNetwork, touches: Touches) -> tuple[Merged, ...]:
     return tuple(sorted(found, key=lambda m: (-m.overlap_mm, m.vessel, m.other)))
 
 
-def _report(
-    toolpath: Toolpath,
-    elements: Elements,
-    passes: list[Pass],
-    joined: Joined,
-    writer: FilamentWriter,
-    met: Met,
-) -> EmbeddedReport:
+def _report(done: _Written, elements: Elements, passes: list[Pass], out: Leaving) -> EmbeddedReport:
+    toolpath, joined, met = done.toolpath, done.joined, done.met
     length, speed = toolpath.lengths, toolpath.speed_mm_s
     write, travel = toolpath.kind == MoveKind.WRITE, toolpath.kind == MoveKind.TRAVEL
     r0, r1 = elements.radius.T
-    design_ul = float((np.pi / 3 * elements.length * (r0**2 + r0 * r1 + r1**2)).sum())
+    volume = np.pi / 3 * elements.length * (r0**2 + r0 * r1 + r1**2)
     return EmbeddedReport(
         vessels=int(elements.vessel[-1]) + 1,
         passes=len(passes),
@@ -203,8 +257,10 @@ def _report(
         shortened=tuple(joined.shortened),
         continued=joined.through,
         open=tuple(joined.open),
-        design_ul=design_ul,
-        overlap_ul=writer.overlap_ul,
+        left_out=out.told(),
+        cut_off=out.cut_off(),
+        design_ul=float(volume[~out.elements].sum()),
+        overlap_ul=done.writer.overlap_ul,
         written_ul=toolpath.written_ul,
         written_mm=float(length[write].sum()),
         travel_mm=float(length[travel].sum()),

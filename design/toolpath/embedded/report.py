@@ -20,12 +20,39 @@ class Crossing:
         Of the way on which that happens.
     depth_mm : float, mm
         Deepest: how far the bare shaft reaches into the ink. Below 0 it passes at that distance.
+    place_mm : (x, y, z), mm
+        The tip, where it begins the deepest of it.
     """
 
     vessel: int
     through: int
     length_mm: float
     depth_mm: float
+    place_mm: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A vessel that isn't written.
+
+    Attributes
+    ----------
+    vessel : int
+    other : int
+        The vessel that it bars and that bars it; itself, where it folds over itself.
+    place_mm : (x, y, z), mm
+        Where they are nearest to each other.
+    apart_mm : float, mm
+        How much further apart they would have to be there, at least.
+    needle_mm : float, mm
+        Outer diameter of a needle's tip with which the two can be written; 0 where none was found.
+    """
+
+    vessel: int
+    other: int
+    place_mm: tuple[float, float, float]
+    apart_mm: float
+    needle_mm: float
 
 
 @dataclass(frozen=True)
@@ -67,8 +94,12 @@ class EmbeddedReport:
     shortened, open : tuple of WeakJoint
         Of the overlaps, those shorter than asked because no side had room for more; joints that
         can't be overlapped.
+    left_out : tuple of LeftOut
+        Vessels that aren't written, since no order keeps needle and ink apart.
+    cut_off : tuple of int
+        Written vessels to which no designed flow leads without those.
     design_ul, overlap_ul, written_ul : float, µL
-        Σ π r² L of the network, ink in the overlaps, and their sum as planned.
+        Σ π r² L of what is written of the network, ink in the overlaps, and their sum as planned.
     written_mm, travel_mm : float, mm
     write_s, travel_s : float, s
         At constant speed, without acceleration; travel includes lifts.
@@ -88,6 +119,8 @@ class EmbeddedReport:
     continued: int
     shortened: tuple[WeakJoint, ...]
     open: tuple[WeakJoint, ...]
+    left_out: tuple[LeftOut, ...]
+    cut_off: tuple[int, ...]
     design_ul: float
     overlap_ul: float
     written_ul: float

@@ -25,8 +25,8 @@ from design.toolpath.embedded.squares import Squares, near
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
-TIPS = 3
-"""Places of the tip along an element. Elements are no longer than half the shaft's radius R, so
+TIPS = 5
+"""Places of the tip along an element. Elements are no longer than the shaft's radius R, so
 that a touch between two places is missed by at most R/128, which the clearance covers."""
 
 THIRDS = 10
@@ -189,17 +189,17 @@ def _harm(
     room = radius_at(needle, height) + thick - flat_gap(tip[0], tip[1], a, b, low, high)
     if room <= 0.0:
         return 0.0
-    room = thick - _off_shaft(tip, a, b, low, high, needle)
+    room = thick - off_part(tip, a, b, low, high, needle)
     if room <= 0.0:
         return 0.0
     filled = min(height, 2.0 * thick)
     if room < 2.0 * (needle.tip_mm - needle.bare_mm):  # else the bare needle is in it, too
-        room = thick - _off_shaft(tip, a, b, low, high, without_clearance(needle))
+        room = thick - off_part(tip, a, b, low, high, without_clearance(needle))
     return filled if room > 0.0 else GRAZE * filled
 
 
 @jit
-def _off_shaft(
+def off_part(
     tip: FloatArray, a: FloatArray, b: FloatArray, low: float, high: float, needle: Needle
 ) -> float:
     """Least distance of a part of an axis to the shaft, mm; below 0 inside, as deep as across.

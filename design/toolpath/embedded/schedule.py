@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.toolpath.embedded.cuts import best_cut
 from design.toolpath.embedded.elements import Elements
@@ -40,19 +41,24 @@ class Pass:
         return np.concatenate([leg.elements() for leg in self.legs])
 
 
+@dataclass(frozen=True)
 class Scheduler:
     """Finds an order for all elements.
 
-    Parameters
+    Attributes
     ----------
     elements : Elements
     rules : Rules
     head : (v,) int64
         The head that writes each vessel.
+    out : (n,) bool or None
+        Elements of vessels that aren't written; no rule names them.
     """
 
-    def __init__(self, elements: Elements, rules: Rules, head: IntArray) -> None:
-        self.elements, self.rules, self.head = elements, rules, head
+    elements: Elements
+    rules: Rules
+    head: IntArray
+    out: NDArray[np.bool_] | None = None
 
     def run(self) -> list[Pass]:
         """Order all; the passes, one after another."""
@@ -62,7 +68,7 @@ class Scheduler:
             self.rules,
             self.head,
             ends_of(elements),
-            begun(self.rules),
+            begun(self.rules, self.out),
             none_open(count),
         )
         begin = np.flatnonzero(legs[:, 0])
@@ -76,7 +82,8 @@ def _legs(elements: Elements, rules: Rules, head: IntArray, ends: Ends, progress
     """Legs in their order, (k, 4): 1 where a pass begins, and those of `Leg`."""
     found = [(0, 0, 0, 0)][:0]
     for vessel in range(len(elements.first) - 1):
-        open_stretch(elements.first[vessel], elements.first[vessel + 1], stretches)
+        if not progress.written[elements.first[vessel]]:
+            open_stretch(elements.first[vessel], elements.first[vessel + 1], stretches)
     tip = elements.point[np.argmin(elements.point[:, 2])].copy()
     tool = head.min()
     while stretches.size[0] > 0:

@@ -44,11 +44,12 @@ class Progress(NamedTuple):
     waiting: IntArray
 
 
-def begun(rules: Rules) -> Progress:
-    """Nothing written yet."""
+def begun(rules: Rules, out: NDArray[np.bool_] | None = None) -> Progress:
+    """Nothing written yet; elements that are ``out`` (n,) count as written, and have no rules."""
     count = len(rules.begin) - 1
     waiting = np.bincount(rules.after, minlength=count)
-    return Progress(np.zeros(count, dtype=np.bool_), waiting)
+    written = np.zeros(count, dtype=np.bool_) if out is None else out.copy()
+    return Progress(written, waiting)
 
 
 @jit

@@ -236,6 +236,7 @@ def embedded_options(part: Embedded, filled: Filled, bath: Bath, *, ahead: bool)
         dwell_s=filled.ink.dwell_s,
         widest_filament_mm=part.widest_filament_mm,
         open_joints=part.open_joints,
+        leave_out=part.leave_out,
     )
 
 

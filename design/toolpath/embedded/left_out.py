@@ -1,0 +1,229 @@
+"""Vessels left out of a plan because no order keeps needle and ink apart."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from itertools import groupby
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from design.errors import ToolpathError
+from design.network import VesselNetwork
+from design.toolpath.embedded.elements import Elements
+from design.toolpath.embedded.entering import (
+    TOUCH_MM,
+    bar_each_other,
+    entries_mm,
+    near_pairs,
+)
+from design.toolpath.embedded.meetings import Meetings
+from design.toolpath.embedded.needle import Needle
+from design.toolpath.embedded.report import Crossing, LeftOut
+from design.toolpath.embedded.rules import Rules, barring_each_other, kept, owners
+from design.toolpath.embedded.schedule import Pass
+from design.toolpath.toolpath import IntArray
+
+ROUNDED_MM: Final = 0.002
+"""By which depths of the path and of its G-code, with fewer digits, may differ."""
+HALVINGS: Final = 7
+"""Of the range of needles in which the widest that fits is looked for: to 1 %."""
+
+
+class Conflict(NamedTuple):
+    """Two vessels between which the needle can't be kept out of ink.
+
+    Attributes
+    ----------
+    vessel, other : int
+        Of the design.
+    strand, other_strand : int
+        As they are written.
+    place_mm : (x, y, z), mm
+        Where it is worst.
+    apart_mm : float, mm
+        By which they are too near there.
+    """
+
+    vessel: int
+    other: int
+    strand: int
+    other_strand: int
+    place_mm: tuple[float, float, float]
+    apart_mm: float
+
+
+def chosen(
+    conflicts: Iterable[Conflict], network: VesselNetwork, out: set[int]
+) -> dict[int, Conflict]:
+    """Vessels of which each conflict has one, with the worst of each; some are ``out`` already.
+
+    Greedy: the one that settles most conflicts for the length that is left out and cut off from
+    its supply (Chvatal 1979, Math. Oper. Res. 4, 233); those that turn out needless are written.
+    """
+    of: dict[int, list[Conflict]] = defaultdict(list)
+    for one in conflicts:
+        for vessel in {one.vessel, one.other}:
+            of[vessel].append(one)
+    supply, length = Supply(network), network.lengths()
+    lost = {v: float(length[[v, *supply.cut_off({v})]].sum()) for v in of}
+    lost |= {v: float(length[v]) for v in supply.cut_off(out) if v in of}
+    open_ = {id(one) for own in of.values() for one in own}
+    found: list[int] = []
+    while open_:
+        gain = {v: sum(id(c) in open_ for c in own) / lost[v] for v, own in of.items()}
+        found.append(max(gain, key=lambda v: (gain[v], -v)))
+        open_ -= {id(one) for one in of[found[-1]]}
+        # What has lost its supply anyway costs no more than itself.
+        lost |= {v: float(length[v]) for v in supply.cut_off(out | set(found)) if v in of}
+    needed = set(found)
+    for vessel in sorted(found, key=lambda v: -lost[v]):
+        if all(({c.vessel, c.other} - {vessel}) & needed for c in of[vessel]):
+            needed.discard(vessel)
+    return {v: max(of[v], key=lambda c: c.apart_mm) for v in sorted(needed)}
+
+
+class Supply:
+    """Designed flow of a network, from vessel to vessel.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+    """
+
+    def __init__(self, network: VesselNetwork) -> None:
+        tail, head = network.vessel_nodes.T
+        self._head = head.tolist()
+        self._feeds = np.bincount(head, minlength=len(network.nodes)).tolist()
+        self._leads: dict[int, list[int]] = defaultdict(list)
+        for number, node in enumerate(tail.tolist()):
+            self._leads[node].append(number)
+
+    def cut_off(self, out: set[int]) -> list[int]:
+        """Vessels to which no flow leads once some are ``out``, those not counted."""
+        found: set[int] = set()
+        lost: dict[int, int] = defaultdict(int)
+        queue = list(out)
+        while queue:
+            node = self._head[queue.pop()]
+            lost[node] += 1
+            if lost[node] == self._feeds[node]:
+                dry = [one for one in self._leads[node] if one not in out and one not in found]
+                found.update(dry)
+                queue += dry
+        return sorted(found)
+
+
+class Leaving:
+    """Which vessels aren't written, and why; none at first.
+
+    Parameters
+    ----------
+    design : VesselNetwork
+    elements : Elements
+    meetings : Meetings
+    needle : Needle
+    owner : (s,) int64
+        The design's vessel of each that is written.
+
+    Attributes
+    ----------
+    elements : (n,) bool
+        Elements that aren't written.
+    """
+
+    def __init__(
+        self,
+        design: VesselNetwork,
+        elements: Elements,
+        meetings: Meetings,
+        needle: Needle,
+        owner: IntArray,
+    ) -> None:
+        self.elements = np.zeros(len(elements.end), dtype=np.bool_)
+        self._design, self._cut, self._owner = design, elements, owner
+        self._meetings, self._needle = meetings, needle
+        self._why: dict[int, Conflict] = {}
+
+    def conflicts(self, rules: Rules) -> list[Conflict]:
+        """Pairs of vessels with elements that the bare needle enters in either order."""
+        first, after = _either_way(rules)
+        parts = self._cut, self._meetings, self._needle.bare()
+        deep = np.minimum(entries_mm(first, after, *parts), entries_mm(after, first, *parts))
+        worst: dict[tuple[int, int], Conflict] = {}
+        order = np.argsort(-deep, kind="stable")
+        for k in order[deep[order] > TOUCH_MM].tolist():
+            one, other = (int(self._cut.vessel[each[k]]) for each in (first, after))
+            pair = int(self._owner[one]), int(self._owner[other])
+            if (min(pair), max(pair)) not in worst:
+                x, y, z = self._cut.point[self._cut.end[first[k]]].mean(axis=0).tolist()
+                found = Conflict(*pair, one, other, (x, y, z), float(deep[k]))
+                worst[min(pair), max(pair)] = found
+        return list(worst.values())
+
+    def crossed(self, crossings: Iterable[Crossing]) -> list[Conflict]:
+        """Those of a path whose needle still enters ink, or may once the path is rounded."""
+        return [
+            Conflict(one.vessel, one.through, -1, -1, one.place_mm, one.depth_mm)
+            for one in crossings
+            if one.depth_mm > TOUCH_MM - ROUNDED_MM
+        ]
+
+    def leave(self, conflicts: Iterable[Conflict]) -> None:
+        """Leave out one vessel of each conflict."""
+        self._why |= chosen(conflicts, self._design, set(self._why))
+        self.elements = np.isin(self._owner[self._cut.vessel], list(self._why))
+        if self.elements.all():
+            raise ToolpathError(
+                "no vessel can be written without the needle passing through ink; use a thinner "
+                "needle, or move the vessels apart"
+            )
+
+    def without(self, rules: Rules) -> Rules:
+        """The rules among elements that are written."""
+        return kept(rules, ~(self.elements[owners(rules)] | self.elements[rules.after]))
+
+    def trimmed(self, passes: list[Pass]) -> list[Pass]:
+        """Passes without what isn't written, in their order."""
+        found: list[Pass] = []
+        for one in passes:
+            gone = [bool(self.elements[leg.element]) for leg in one.legs]
+            for out, legs in groupby(zip(gone, one.legs, strict=True), key=lambda pair: pair[0]):
+                if not out:
+                    found.append(Pass(tuple(leg for _, leg in legs)))
+        return found
+
+    def told(self) -> tuple[LeftOut, ...]:
+        """All that isn't written, with what would have to change."""
+        return tuple(self._told(vessel, why) for vessel, why in sorted(self._why.items()))
+
+    def cut_off(self) -> tuple[int, ...]:
+        """Written vessels to which no flow leads."""
+        return tuple(Supply(self._design).cut_off(set(self._why)))
+
+    def _told(self, vessel: int, why: Conflict) -> LeftOut:
+        other = why.other if why.vessel == vessel else why.vessel
+        return LeftOut(vessel, other, why.place_mm, why.apart_mm, self._widest(why))
+
+    def _widest(self, why: Conflict) -> float:
+        """Outer diameter of the widest tip found with which two don't bar each other, mm."""
+        if why.strand < 0:
+            return 0.0
+        needle = self._needle.bare()
+        pairs = near_pairs(why.strand, why.other_strand, self._cut, needle)
+        low, high = 0.0, needle.tip_mm
+        for _ in range(HALVINGS):
+            radius = (low + high) / 2
+            tried = needle.thinner(radius)
+            barred = bar_each_other(pairs, self._cut, self._meetings, tried)
+            low, high = (low, radius) if barred else (radius, high)
+        return 2 * low
+
+
+def _either_way(rules: Rules) -> tuple[IntArray, IntArray]:
+    """Elements of which either must go before the other, each pair once."""
+    rows = np.flatnonzero(barring_each_other(rules))
+    first, after = owners(rules)[rows], rules.after[rows]
+    once = first < after
+    return first[once], after[once]
