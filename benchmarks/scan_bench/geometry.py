@@ -29,10 +29,10 @@ def wall(p, pieces, k, radius, plugs, sag, out):
         pieces[k, 5] - pieces[k, 2],
     )
     squared = ex * ex + ey * ey + ez * ez
-    t = (
+    beyond = (
         (p[0] - pieces[k, 0]) * ex + (p[1] - pieces[k, 1]) * ey + (p[2] - pieces[k, 2]) * ez
     ) / squared
-    t = min(max(t, 0.0), 1.0)
+    t = min(max(beyond, 0.0), 1.0)
     dx, dy, dz = (
         p[0] - pieces[k, 0] - t * ex,
         p[1] - pieces[k, 1] - t * ey,
@@ -47,12 +47,14 @@ def wall(p, pieces, k, radius, plugs, sag, out):
     up = max(dz / gap, 0.0)
     distance = gap - r + sag * up * up
     out[0], out[1], out[2] = dx / gap, dy / gap, dz / gap
+    # A piece's rounded end reaches into a plug of the next piece: its own length goes on there.
+    going_on = pieces[k, 6] + beyond * (pieces[k, 7] - pieces[k, 6])
     for q in range(len(plugs)):
         if int(plugs[q, 0]) == row:
-            inside = plugs[q, 2] - abs(along - plugs[q, 1])
+            inside = plugs[q, 2] - abs(going_on - plugs[q, 1])
             if inside > distance:
                 distance = inside
-                side = 1.0 if along < plugs[q, 1] else -1.0
+                side = 1.0 if going_on < plugs[q, 1] else -1.0
                 length = math.sqrt(squared)
                 out[0], out[1], out[2] = side * ex / length, side * ey / length, side * ez / length
     return distance

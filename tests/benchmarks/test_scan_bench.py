@@ -126,6 +126,18 @@ def test_true_rough_diameters_are_those_of_the_field_that_is_scanned():
     assert np.std(np.subtract(row["rough_diameter_um"], row["diameter_um"])[4:-4]) > 5
 
 
+@pytest.mark.parametrize("design", ["drum", "curved"])
+def test_a_short_plug_closes_a_vessel_of_many_pieces(design):
+    given = asked(design, "--plug=1,0.5744,0.1865", "--shrink", "1,1,1")
+    made = DESIGNS[design]()
+    lumens, pose = plant(made, given), draw(made, given, np.random.default_rng(0))
+    row, planted = sections(made, lumens, pose, given)[1], lumens.defects[0]
+    along = np.array(row["along_mm"])
+    within = np.abs(along - planted["at_mm"]) < planted["length_um"] / 4e3
+    assert within.any()
+    assert not np.array(row["diameter_um"])[within].any()
+
+
 class closed:  # noqa: N801
     """A polygon by its corners."""
 
