@@ -24,8 +24,8 @@ Design = tuple[Solid, FloatArray]
 def layer_pictures(gcode: Path, pushing: Pushing, design: Design | None = None) -> dict[str, bytes]:
     """Draw the layer in the middle and the one after it (the infill turns from one to the next).
 
-    With the design each is drawn again under the design's outline, whose colour says how far ink
-    lies beyond it, with seams. Of an embedded print all passes are drawn in one picture, from
+    With the design the first is drawn again under the design's outline, whose colour says how far
+    ink lies beyond it, with seams. Of an embedded print all passes are drawn in one picture, from
     above. Every line is as wide as its own ink makes it, and coloured by that.
 
     Parameters
@@ -54,13 +54,13 @@ def layer_pictures(gcode: Path, pushing: Pushing, design: Design | None = None) 
             return {}
         return {f"toolpath/{count} passes, from above": layer_figure(job, count - 1, colouring)}
     chosen = sorted({(count - 1) // 2, min(count // 2 + (count % 2), count - 1)})
-    found = {}
-    outlines = None if design is None else PartOutlines(job, *design)
-    for k in chosen:
-        name = f"toolpath/Layer {k + 1} of {count}, tip at z = {job.layers.z_mm[k]:.2f} mm"
-        found[name] = layer_figure(job, k, colouring)
-        if outlines is not None:
-            found[f"{name}: {OUTLINED}"] = layer_figure(job, k, colouring, outlines.at(k))
+    names = [
+        f"toolpath/Layer {k + 1} of {count}, tip at z = {job.layers.z_mm[k]:.2f} mm" for k in chosen
+    ]
+    found = {name: layer_figure(job, k, colouring) for name, k in zip(names, chosen, strict=True)}
+    if design is not None:
+        outline = PartOutlines(job, *design).at(chosen[0])
+        found[f"{names[0]}: {OUTLINED}"] = layer_figure(job, chosen[0], colouring, outline)
     return found
 
 
