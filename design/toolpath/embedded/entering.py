@@ -15,6 +15,8 @@ from kernels import jit
 
 TOUCH_MM: Final = 0.005
 """Deeper is a crossing, as for the check before a print."""
+CERTAIN_MM: Final = TOUCH_MM - 0.002
+"""No deeper is none, either, once the path is rounded to the digits of its G-code."""
 
 
 @jit
@@ -76,8 +78,8 @@ def bar_each_other(pairs: IntArray, elements: Elements, meetings: Meetings, need
     """Whether the needle enters one or the other of some pair of elements in either order."""
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
-        if entry_mm(i, j, elements, meetings, needle) > TOUCH_MM and (
-            entry_mm(j, i, elements, meetings, needle) > TOUCH_MM
+        if entry_mm(i, j, elements, meetings, needle) > CERTAIN_MM and (
+            entry_mm(j, i, elements, meetings, needle) > CERTAIN_MM
         ):
             return True
     return False

@@ -13,7 +13,7 @@ from design.errors import ToolpathError
 from design.network import VesselNetwork
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.entering import (
-    TOUCH_MM,
+    CERTAIN_MM,
     bar_each_other,
     entries_mm,
     near_pairs,
@@ -25,8 +25,6 @@ from design.toolpath.embedded.rules import Rules, barring_each_other, kept, owne
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.toolpath import IntArray
 
-ROUNDED_MM: Final = 0.002
-"""By which depths of the path and of its G-code, with fewer digits, may differ."""
 HALVINGS: Final = 7
 """Of the range of needles in which the widest that fits is looked for: to 1 %."""
 
@@ -153,7 +151,7 @@ class Leaving:
         deep = np.minimum(entries_mm(first, after, *parts), entries_mm(after, first, *parts))
         worst: dict[tuple[int, int], Conflict] = {}
         order = np.argsort(-deep, kind="stable")
-        for k in order[deep[order] > TOUCH_MM].tolist():
+        for k in order[deep[order] > CERTAIN_MM].tolist():
             one, other = (int(self._cut.vessel[each[k]]) for each in (first, after))
             pair = int(self._owner[one]), int(self._owner[other])
             if (min(pair), max(pair)) not in worst:
@@ -167,7 +165,7 @@ class Leaving:
         return [
             Conflict(one.vessel, one.through, -1, -1, one.place_mm, one.depth_mm)
             for one in crossings
-            if one.depth_mm > TOUCH_MM - ROUNDED_MM
+            if one.depth_mm > CERTAIN_MM
         ]
 
     def leave(self, conflicts: Iterable[Conflict]) -> None:
