@@ -10,20 +10,19 @@ count follows the name.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 from firmware_profiles.families.position_reply import parse_counts, parse_position
 from printctl.link.channel import Channel
-from printctl.link.job_frame import renamings
+from printctl.link.job_frame import Renaming, renamings
+from printctl.link.modal import HOMING
 from sim.reading import code_of
 
 RETRIES: Final = 8
 """So often a question is asked whose answer may be garbled."""
 _AXES: Final = "XYZ"
-_WITHIN_MM: Final = 0.03
-"""Of two decimals and a step."""
-_HOMING: Final = (b"G28", b"G29")
+_WITHIN_MM: Final = 0.02
+"""Of two decimals, twice; a step comes on top."""
 
 Place = dict[str, float]
 
@@ -40,6 +39,7 @@ class FrameCheck:
         self._channel = channel
         self._told: Place = {}
         self._offset: Place = {}
+        self._named: list[Renaming] | None = None
 
     def begin(self) -> None:
         """Note both before the job's first line, with the motors standing."""
@@ -56,22 +56,49 @@ class FrameCheck:
         """Take both as they were before the job's first line, from its journal."""
         self._told, self._offset = told, offset
 
-    def renamed(self) -> str:
-        """Return which axes are called otherwise than by the job, or ''; waits for the motors."""
-        lines = self._channel.logbook.progress.job.lines
-        done = lines[: self._channel.logbook.progress.done]
-        if not self._offset or any(code_of(line) in _HOMING for line in done):
+    def renamed(self, *, waited: bool = False) -> str:
+        """Return which axes are called otherwise than by the job, or ''; waits for the motors.
+
+        Parameters
+        ----------
+        waited : bool
+            Whether M400 was just answered.
+        """
+        if not self._applies():
             return ""
-        self._channel.command(b"M400")
-        expected, wrong = self._expected(done), ""
+        if not waited:
+            self._channel.command(b"M400")
+        expected, wrong = self._expected(), ""
         for _ in range(RETRIES):  # a reply may be garbled
             _, offset = self._asked(journalled=True)
             if not offset:
                 continue
-            wrong = _difference(expected, offset)
-            if not wrong or not _difference(self._offset, offset):
+            wrong = self._difference(expected, offset)
+            if not wrong or not self._difference(self._offset, offset):
                 return ""
         return wrong
+
+    def doubtful(self) -> bool:
+        """Whether the motors are where the moves that they may be making don't lead; no waiting."""
+        if not self._applies():
+            return False
+        told, offset = self._asked(journalled=True)
+        if not offset:
+            return False
+        expected, progress = self._expected(), self._channel.logbook.progress
+        places = progress.places_under_way()
+        for axis in _AXES:
+            motor = offset[axis] + told[axis] - expected[axis]
+            along = [place[axis.lower()] for place in places if axis.lower() in place]
+            within = self._within(axis)
+            if along and not min(along) - within <= motor <= max(along) + within:
+                return True
+        return False
+
+    def _applies(self) -> bool:
+        progress = self._channel.logbook.progress
+        done = progress.job.lines[: progress.done]
+        return bool(self._offset) and not any(code_of(line) in HOMING for line in done)
 
     def _asked(self, *, journalled: bool) -> tuple[Place, Place]:
         """Return the place as the printer calls it, and the steps' place less that, mm."""
@@ -83,20 +110,32 @@ class FrameCheck:
         at = {axis: counts[axis] / getattr(per_mm, axis.lower()) for axis in _AXES}
         return told, {axis: at[axis] - told[axis] for axis in _AXES}
 
-    def _expected(self, done: Sequence[bytes]) -> Place:
-        offset = dict(self._offset)
-        for one in renamings(done):
+    def _expected(self) -> Place:
+        """Offset that the job's own renamings have led to, mm."""
+        offset, progress = dict(self._offset), self._channel.logbook.progress
+        for one in self._renamings():
+            if one.index >= progress.done:
+                break
             for axis, mm in one.moved.items():
                 offset[axis] -= mm
             for axis, mm in one.declared.items():
                 offset[axis] -= mm - self._told[axis]
         return offset
 
+    def _renamings(self) -> list[Renaming]:
+        """Return the job's, read once."""
+        if self._named is None:
+            self._named = renamings(self._channel.logbook.progress.job.lines)
+        return self._named
 
-def _difference(expected: Place, offset: Place) -> str:
-    aside = {axis: expected[axis] - offset[axis] for axis in _AXES}
-    return ", ".join(
-        f"{axis} is called {mm:+.2f} mm otherwise than by the job"
-        for axis, mm in aside.items()
-        if abs(mm) > _WITHIN_MM
-    )
+    def _difference(self, expected: Place, offset: Place) -> str:
+        aside = {axis: expected[axis] - offset[axis] for axis in _AXES}
+        return ", ".join(
+            f"{axis} is called {mm:+.2f} mm otherwise than by the job"
+            for axis, mm in aside.items()
+            if abs(mm) > self._within(axis)
+        )
+
+    def _within(self, axis: str) -> float:
+        per_mm: float = getattr(self._channel.wiring.printer.steps_per_mm, axis.lower())
+        return _WITHIN_MM + 1.0 / per_mm

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, NoReturn
 
 from firmware_profiles.families.position_reply import parse_position
 from printctl.link.channel import Channel
@@ -65,7 +65,7 @@ class PositionCheck:
     valve : ValveSwitch
         Shut where the position is wrong.
     frame : FrameCheck
-        Looks whether another program, once one was noticed, has renamed the place.
+        Looks whether another program has renamed the place.
     """
 
     def __init__(self, channel: Channel, valve: ValveSwitch, frame: FrameCheck) -> None:
@@ -170,20 +170,35 @@ class PositionCheck:
             Where they disagree.
         """
         wrong, position = self.compare(at)
-        if not wrong and self._progress.foreign:
+        if not wrong and (self._progress.foreign or self._frame.doubtful()):
             wrong = self._frame.renamed()
         done = self._progress.done
         values = {"mark": mark} if mark else {}
         self._logbook.record("checkpoint", done=done, position=position, agrees=not wrong, **values)
         if wrong:
-            self._valve.shut()
-            others = self._progress.foreign_words()
-            because = f" ({others})" if others else ""
-            raise PrintEnded(
-                LinkState.POSITION_UNKNOWN,
-                f"after line {done}: {wrong}{because}; `printctl status` says what next",
-                known=False,
-            )
+            self._end_astray(wrong)
+
+    def refuse_renamed(self, *, waited: bool = False) -> None:
+        """Compare what the printer calls its place with its steps; see `FrameCheck.renamed`.
+
+        Raises
+        ------
+        PrintEnded
+            Where another program has renamed the place.
+        """
+        wrong = self._frame.renamed(waited=waited)
+        if wrong:
+            self._end_astray(wrong)
+
+    def _end_astray(self, wrong: str) -> NoReturn:
+        self._valve.shut()
+        others = self._progress.foreign_words()
+        because = f" ({others})" if others else ""
+        raise PrintEnded(
+            LinkState.POSITION_UNKNOWN,
+            f"after line {self._progress.done}: {wrong}{because}; `printctl status` says what next",
+            known=False,
+        )
 
     def verify_in_passing(self) -> None:
         """Compare positions between two lines; the planner isn't drained for it."""

@@ -196,5 +196,6 @@ class PrintLoop:
         if self._progress.unverified or slips.due or slips.noisy:
             self._progress.verified()
             self._parts.position.verify(self._progress.modal())
+        self._parts.position.refuse_renamed(waited=True)
         number = self._protocol.number
         return self._channel.agree(self._protocol.ask) == number

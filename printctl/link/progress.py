@@ -81,6 +81,12 @@ class JobProgress:
         found = (modal_state(lines, k).z for k in range(self.executed(done), sent + 1))
         return [z for z in found if z is not None]
 
+    def places_under_way(self) -> list[dict[str, float]]:
+        """Return the places between which the motors may be, mm, by `Modal`'s names."""
+        lines, done = self.job.lines, self.done
+        first = max(self.executed(done), done - _MOST_AHEAD)
+        return [modal_state(lines, k).place() for k in range(first, done + 1)]
+
     def stood(self, place: Modal) -> Stood:
         """Return with which line it can be gone on after the moves ahead were dropped."""
         done = self.done

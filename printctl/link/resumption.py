@@ -73,6 +73,7 @@ class Resumption:
         self.firmware.agree_settings(journalled=True)
         if history.frame:
             self.frame.restore(**history.frame)
+            self.position.refuse_renamed(waited=True)
         at = self.position.expected(history.left)
         if history.reload_at is not None:
             self.watch.plan(history.reload_at, history.reload_heads)

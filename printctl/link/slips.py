@@ -68,6 +68,7 @@ class SlipWatch:
         wrong, position = ("", {}) if self._slip else self._position.compare(at)
         soon = set(named(lines[done : done + AGAIN_LINES]))
         if wrong and position and soon.issuperset(astray(at, position)):
+            self._position.refuse_renamed()
             self._slip = f"after line {done}: {wrong}"
             self._every, self._noisy_until = AGAIN_LINES, done + NOISY_LINES
             return

@@ -53,6 +53,10 @@ def planned(folder: Path, from_line: int | None = None) -> Recovery:
     if stays_alive(folder):
         raise PrintctlError(f"the print in {folder} is going on; there is nothing to recover")
     history = read_journal(folder / JOURNAL)
+    if not history.begun:
+        raise PrintctlError(
+            f"no line of the job was sent in {folder}: there is nothing to recover; print it anew"
+        )
     printer = load(Printer, record.profile)
     path = Path(record.job)
     job = load_job(path, printer)

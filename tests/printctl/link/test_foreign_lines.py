@@ -94,6 +94,21 @@ def test_place_that_another_program_has_renamed_ends_the_print(tmp_path, place):
     assert OTHERS in history.alarms[0]
 
 
+def test_place_renamed_without_an_answer_that_is_noticed_ends_the_print(tmp_path):
+    class Swallowed(SharedTransport):
+        def write(self, data: bytes) -> None:
+            before = self._writes
+            super().write(data)
+            if before and not self._writes:  # as in a doubt, whose answers are drained
+                self.waiting = self.waiting[: self.waiting.rindex(b"X:")]
+
+    transport = Swallowed(FakeMarlin(), VirtualClock(), b" E0.05000 ", b"G92 X1\n")
+    status = streamer_of(job_of(zigzag(LINES)), transport, tmp_path).run()
+    assert not transport._writes
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert "X is called" in status.message
+
+
 def test_lines_are_counted_by_the_journal_as_by_the_printer(tmp_path):
     status, history, transport = printed(tmp_path, b"M105\n", each_s=0.05, count=600)
     assert status.state is LinkState.DONE

@@ -100,3 +100,19 @@ def test_host_killed_twice_at_random_moments_goes_on_exactly(tmp_path, seed):
     foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
     assert np.array_equal(motion.end, foreseen.end)
     assert np.array_equal(motion.plunger_end, foreseen.plunger_end)
+
+
+@pytest.mark.parametrize("place", [b"Z15", b"Z5", b"X57"])
+@pytest.mark.parametrize("last", [45, 90])
+def test_place_renamed_while_the_host_was_dead_is_position_unknown(tmp_path, place, last):
+    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
+    with pytest.raises(HostDiedError):
+        printed(data, tmp_path, doomed(printer, clock, last, 1.0))
+    printer.settle()
+    printer.exchange(b"\nG92 " + place + b"\n")
+    printer.take_output()
+    before = printer.machine.motion.planner["position"][0].tolist()
+    status = resumed(data, tmp_path, SimTransport(printer, clock))
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert f"{place[:1].decode()} is called" in status.message
+    assert printer.machine.motion.planner["position"][0].tolist() == before

@@ -56,7 +56,7 @@ def test_executes_every_line_once_and_in_order(tmp_path):
     lines = [b"G92 E0", *zigzag(300)]
     status = streamer_of(job_of(lines), FakeTransport(printer, clock), tmp_path).run()
     assert status.state is LinkState.DONE
-    assert handshake_and(printer) == [line.decode() for line in lines] + ["M400"]
+    assert handshake_and(printer) == [line.decode() for line in lines] + ["M400", "M114"]
     history = read_journal(tmp_path / "journal.log")
     assert history.done == len(lines)
     assert history.state is LinkState.DONE

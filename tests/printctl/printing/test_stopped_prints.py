@@ -7,10 +7,12 @@ from typing import Any
 
 import pytest
 
+from printctl.errors import PrintctlError
 from printctl.link.journal import Journal
 from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.states import LinkState
 from printctl.printing.print_state import PrintTruth, read_print
+from printctl.printing.recovery import planned
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.test_stop_in_waits import JOB
 
@@ -52,3 +54,18 @@ def test_moves_that_a_stop_dropped_count_as_not_made(tmp_path, stood, made):
 
 def test_a_print_that_was_done_was_made_whole(tmp_path):
     assert left_behind(tmp_path, LinkState.DONE, None).status.lines_executed == TAKEN
+
+
+def test_a_print_of_which_no_line_was_sent_has_nothing_to_recover(tmp_path):
+    file = tmp_path / "a.gcode"
+    file.write_text(JOB)
+    job = parse_job(JOB.encode(), "a.gcode")
+    LinkRecord(0, "", "", str(file), "generic_marlin", "", 0.0).save(tmp_path)
+    journal = Journal(tmp_path / JOURNAL)
+    journal.add("job", sha256=job.sha256, lines=len(job))
+    journal.add("state", state=LinkState.CHECKING, message="asking the firmware what it is")
+    journal.close()
+    assert "print it anew" in read_print(tmp_path).status.message
+    assert "Recover" not in read_print(tmp_path).status.message
+    with pytest.raises(PrintctlError, match="no line of the job was sent"):
+        planned(tmp_path, 3)
