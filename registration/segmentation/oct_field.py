@@ -26,7 +26,7 @@ from registration.segmentation.bright_liquid import (
     two_media,
 )
 from registration.segmentation.even_light import evened, without_glare
-from registration.segmentation.filters import bin_mean, near_in_depth, normalise
+from registration.segmentation.filters import bin_mean, normalise
 from registration.segmentation.light import light_left, share_of_gel
 from registration.segmentation.local_level import local_level
 from registration.segmentation.reflections import without_lines
@@ -67,8 +67,6 @@ stand; walls that face the light or away from it send back as much again."""
 CUT_PART, CUT_PART_BRIGHT = 0.4, 0.5
 """Relative standard uncertainty of what caps and speckle move walls by, where liquid is dark (a
 fourth generator's dull walls: 0.25; the three others': 0.1 to 0.5) and where it is bright."""
-LINE_BESIDE = 2
-"""Voxels of depth beside a reflection that smoothing darkens with it."""
 QUIET = 6.0
 """Distance of gel and liquid, in standard deviations of the gel, from which on no more smoothing
 helps: half of it is 3, by which no speckle of a section's middle passes for gel."""
@@ -117,10 +115,7 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
         del raw
     del dull, light, both
     most, dazzling = (np.float32((b - bright) / (1 - bright)) for b in (BRIGHTEST, DAZZLE))
-    share, lines = without_lines(share, sides.gel, float(most))
-    if not bright:  # what counts as half gel says nothing of the gel's level
-        sides = Sides(sides.gel & ~near_in_depth(lines, LINE_BESIDE), sides.liquid)
-    del lines
+    share = without_lines(share, sides.gel, float(most))
     np.minimum(share, most, out=share)
     # Reflections dazzle. They are taken down where speckle is smoothed enough to know, and before
     # they spread.

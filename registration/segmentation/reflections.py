@@ -12,11 +12,9 @@ Whatever is taken for a line without being one moves walls into the gel.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from kernels import pjit
 from registration.segmentation.filters import gaussian_weights, near_in_depth, smooth
 
 FloatVolume = NDArray[np.float32]
@@ -30,15 +28,13 @@ DAZZLE = 4.0
 """Times the gel: no voxel counts for more in averages, or a line would spill."""
 LEAST = 1.2
 """Times the gel: a line is never fainter."""
-THICK = 3
-"""Voxels of depth: a line as thick has a half towards the gel and one away from it."""
 INSIDE = 6
 """With gel so many voxels above and below a place has no wall's light: there gel is asked for its
 own peaks, and what is bright is a particle."""
 
 
-def without_lines(share: FloatVolume, gel: Mask, brightest: float) -> tuple[FloatVolume, Mask]:
-    """Return shares of gel (nz, ny, nx), reflections of walls taken for half gel, and these.
+def without_lines(share: FloatVolume, gel: Mask, brightest: float) -> FloatVolume:
+    """Return shares of gel (nz, ny, nx) with reflections of walls taken for half gel.
 
     Parameters
     ----------
@@ -57,36 +53,8 @@ def without_lines(share: FloatVolume, gel: Mask, brightest: float) -> tuple[Floa
         lines |= bright >= _stands_out(bright, inside)
     lines &= ~inside
     usual = np.minimum(share[inside], np.float32(brightest))
-    full = float(usual.mean(dtype=np.float64)) if len(usual) else 1.0
-    _halved(share, lines, gel, full)
-    return share, lines
-
-
-@pjit
-def _halved(share: FloatVolume, lines: Mask, gel: Mask, full: float) -> None:
-    """Take lines for half gel, in place: of `THICK` ones the half beside gel for gel.
-
-    All over a thick one half gel would leave no place where half a level is crossed.
-    """
-    nz, ny, nx = share.shape
-    for y in numba.prange(ny):
-        for x in range(nx):
-            first = 0
-            for z in range(nz + 1):
-                if z < nz and lines[z, y, x]:
-                    continue
-                last = z - 1
-                above = gel[max(first - 2, 0), y, x]
-                below = gel[min(last + 2, nz - 1), y, x]
-                if last - first + 1 >= THICK and above != below:
-                    for k in range(first, last + 1):
-                        side = first + last - 2 * k  # above the middle it is positive
-                        part = 0.5 if side == 0 else 1.0 if (side > 0) == above else 0.0
-                        share[k, y, x] = part * full
-                else:
-                    for k in range(first, last + 1):
-                        share[k, y, x] = 0.5 * full
-                first = z + 1
+    share[lines] = 0.5 * float(usual.mean(dtype=np.float64)) if len(usual) else 0.5
+    return share
 
 
 def _smoothed(share: FloatVolume, along: float, deep: float) -> FloatVolume:
