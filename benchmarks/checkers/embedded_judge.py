@@ -21,8 +21,6 @@ from benchmarks.checkers.embedded_overlaps import overlaps_near
 from benchmarks.checkers.embedded_shaft import Bad, bad_moves
 
 FloatArray = NDArray[np.float64]
-PASSES_ON = 2.0
-"""Radii about a place within which a pass may have gone from one vessel's axis to another's."""
 SYRINGE_MM = 4.61
 """Bore of the product's default syringe, which says what E pushes."""
 
@@ -105,12 +103,8 @@ def _crossings(
     start, end = moves.start[bad.move], moves.end[bad.move]
     ways = (start + share * (end - start)).transpose(1, 0, 2)
     own = [
-        any(
-            overlaps_near(axes, vessel, through, way, needle_outer_mm)
-            for vessel in _written_about(ink, k)
-            for through in _written_about(ink, other)
-        )
-        for k, other, way in zip(at.tolist(), bad.stretch.tolist(), ways, strict=True)
+        overlaps_near(axes, int(vessel), int(through), way, needle_outer_mm)
+        for vessel, through, way in zip(ink.vessel[at], bad.through, ways, strict=True)
     ]
     deepest = np.lexsort((-bad.depth_mm, own))[:named]
     return {
@@ -132,13 +126,6 @@ def _crossings(
             for k in sorted(deepest)
         ],
     }
-
-
-def _written_about(ink: Ink, k: int) -> list[int]:
-    """Vessels that a pass writes about a stretch: past a joint its ink lies on another's axis."""
-    near = np.abs(ink.arc - ink.arc[k]) <= PASSES_ON * ink.radius[k]
-    found = np.unique(ink.vessel[near & (ink.stroke == ink.stroke[k])])
-    return [int(vessel) for vessel in found if vessel >= 0]
 
 
 def _written(moves: Moves, ink: Ink, axes: Axes) -> dict[str, Any]:

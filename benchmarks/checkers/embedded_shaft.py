@@ -59,8 +59,6 @@ class Bad:
         Without repeats, in order.
     through : (n,) int64
         Vessel that is entered deepest; -1 beside the network.
-    stretch : (n,) int64
-        Of ink that is entered deepest.
     depth_mm : (n,) float64, mm
         How deep, radially, at most.
     samples : (n,) int64
@@ -69,7 +67,6 @@ class Bad:
 
     move: IntArray
     through: IntArray
-    stretch: IntArray
     depth_mm: FloatArray
     samples: IntArray
 
@@ -135,7 +132,7 @@ def bad_moves(
         for low, n in zip(first, samples, strict=True)
     ]
     at = np.array(deepest, dtype=np.int64)
-    return Bad(move, ink.vessel[through[at]], through[at], depth[at], samples)
+    return Bad(move, ink.vessel[through[at]], depth[at], samples)
 
 
 def _grid(ink: Ink, shaft: float) -> tuple[Any, ...]:

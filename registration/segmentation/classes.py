@@ -46,7 +46,8 @@ def split(values: FloatArray) -> Levels:
 
     `skimage.filters.threshold_isodata` takes the lowest level of a histogram that fulfils this: on
     34 splits of five scans its 256 bins lie within 0.4 % of the step where contrast is good, but 1
-    to 3 % lower, and once 27 %, where it is poor; 4096 bins 0.3 % lower, and once 1.5 % higher.
+    to 3 % lower, and once 8 % and 27 %, where it is poor; 4096 bins 0.4 % lower, and once 1.5 %
+    higher.
     What takes time here, the classes' means and spread, is asked for anyway.
     """
     level = float(values.mean())
