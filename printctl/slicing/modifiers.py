@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, cast, get_args
@@ -100,12 +101,15 @@ def _angles(value: str | None, text: str) -> tuple[float, ...] | None:
     if value is None:
         return None
     try:
-        return tuple(float(word) for word in value.split("/"))
-    except ValueError as exc:
+        found = tuple(float(word) for word in value.split("/"))
+    except ValueError:
+        found = (math.nan,)
+    if not all(map(math.isfinite, found)):
         raise UsageError(
             f"--modifier {text!r}: infill-angles is {value!r}; write degrees, layer after layer, "
             "like 45/135"
-        ) from exc
+        )
+    return found
 
 
 def _head(value: str | None, text: str, count: int) -> int | None:

@@ -137,6 +137,7 @@ def test_a_modifier_s_filling_holds_inside_it_alone(
         (("--modifier", "core.stl:walls=3"), "'walls' can't be changed in a place"),
         (("--modifier", "core.stl:infill-percent=120"), "must be a number within 0 to 100"),
         (("--modifier", "core.stl:head=2"), "the printer has 2, counted from 0"),
+        (("--modifier", "core.stl:infill-angles=45/nan"), "write degrees, layer after layer"),
     ],
 )
 def test_what_can_t_be_is_refused_with_its_remedy(
