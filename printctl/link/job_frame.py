@@ -97,8 +97,10 @@ def frame_at(job: Job, begin: int, start_mm: tuple[float, float, float] | None =
     start, lines = _declared(job, named)
     shift = _shift(job, [one for one in named if one.index < begin], start)
     if any(shift) and start is not None:
+        # One G92 tells the place as it is called there: two would be a place told anew.
         renamed = (mm + by for mm, by in zip(start, shift, strict=True))
-        lines = (*lines, b"G92 X%.5f Y%.5f Z%.5f" % tuple(renamed))
+        others = (line for line in lines if code_of(line) != b"G92")
+        lines = (*others, b"G92 X%.5f Y%.5f Z%.5f" % tuple(renamed))
     return JobFrame(start, shift, lines, _top(job, named))
 
 

@@ -15,6 +15,7 @@ from printctl.link.marks import MarkKind
 from printctl.link.recovering import Recovery, plan_recovery
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
+from printctl.preflight import gcode_checks
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
 from sim.families.marlin.printer import MarlinPrinter
@@ -79,6 +80,12 @@ def test_rest_after_a_power_cut_is_moved_as_the_job_foresaw(tmp_path, line):
     assert len(moved) >= np.count_nonzero(FORESEEN.line < plan.begin)
     assert_rest_is_the_jobs(plan)
     assert "would be written twice" in " ".join(plan.steps)
+
+
+def assert_checks_take_the_place(plan):
+    """`printctl print` doesn't refuse the rest for a place that it tells twice."""
+    run = dry_run(plan.gcode, PRINTER, START, cold_extrusion=False)
+    assert not [row for row in gcode_checks(run, PRINTER) if row.check.startswith("place of")]
 
 
 @pytest.mark.parametrize("begin", range(7, len(JOB) - 1, 9))
@@ -221,7 +228,13 @@ def test_a_homed_machines_job_may_name_the_place_it_is_at():
 
 @pytest.mark.parametrize(
     ("told", "late"),
-    [("G92 Z10 E0", ""), ("G92 X50 Y50 E0", ""), ("G92 E0", "G92 X12.5\n"), ("G92 Z7 E0", "")],
+    [
+        ("G92 Z10 E0", ""),
+        ("G92 X50 Y50 E0", ""),
+        ("G92 X30 E0", ""),
+        ("G92 E0", "G92 X12.5\n"),
+        ("G92 Z7 E0", ""),
+    ],
 )
 def test_a_job_that_tells_a_part_of_its_place_is_gone_on_with_from_where_it_was_checked(told, late):
     data = DATA.replace(b"G92 X50 Y50 Z10 E0", told.encode())
@@ -235,6 +248,7 @@ def test_a_job_that_tells_a_part_of_its_place_is_gone_on_with_from_where_it_was_
     before = len(parse_job(plan.gcode, "rest")) - (len(job) - plan.begin)
     ours, foreseen = rows(rest, rest.line >= before), rows(whole, whole.line >= plan.begin)
     np.testing.assert_allclose(ours, foreseen, atol=1e-4)
+    assert_checks_take_the_place(plan)
     with pytest.raises(LinkError, match="nobody can tell after a loss of position"):
         plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line)
 
