@@ -4,7 +4,6 @@ from design.vasculature.collisions.collide import Collisions, check_network, col
 from design.vasculature.convert import tree_to_network
 from design.vasculature.growth.forest import RootSpec, forest_to_network, grow_forest
 from design.vasculature.growth.grow import grow_tree
-from design.vasculature.growth.penalty import DepthPenalty
 from design.vasculature.growth.printable import PrintableTree, grow_printable
 from design.vasculature.growth.territories import SupplyBalance, supply_balance
 from design.vasculature.loops.loop_options import LoopOptions
@@ -17,6 +16,7 @@ from design.vasculature.named import (
     planar_four_vessel,
 )
 from design.vasculature.options import GrowthOptions, GrowthStage
+from design.vasculature.penalty import DepthPenalty
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import scaled_to_smallest_radius, tree_from_topology, tree_radii
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.units import PA_PER_MMHG
-from design.vasculature.growth.limits import Limits, check_angles, joint_limits
-from design.vasculature.growth.penalty import DepthPenalty, PenaltyFunction
+from design.vasculature.limits import Limits, check_angles, joint_limits
+from design.vasculature.penalty import DepthPenalty, PenaltyFunction
 
 FloatArray = NDArray[np.float64]
 Angles = tuple[float, float]
@@ -77,7 +77,7 @@ class GrowthOptions:
     viscosity_pa_s : float
         μ; with a viscosity law, in wide vessels.
     viscosity_law : "newtonian" or "pries_1994"
-        The second makes μ follow the diameter (`design.vasculature.growth.viscosity`).
+        The second makes μ follow the diameter (`design.vasculature.viscosity`).
     haematocrit : float
         Of that law.
     pressure_drop_pa : float

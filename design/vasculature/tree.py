@@ -46,7 +46,7 @@ class VesselTree:
     viscosity_pa_s : float, Pa·s
         μ; with a haematocrit, in wide vessels.
     haematocrit : float
-        Of Pries' law (`design.vasculature.growth.viscosity`); below 0 for a Newtonian fluid.
+        Of Pries' law (`design.vasculature.viscosity`); below 0 for a Newtonian fluid.
     given : (n,) bool
         Segments of a given trunk, which stay where they are.
     notes : tuple of str

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import GrowthError
-from design.vasculature.growth.viscosity import ROUNDS, SETTLED, relative_viscosity
 from design.vasculature.tree import VesselTree
+from design.vasculature.viscosity import ROUNDS, SETTLED, relative_viscosity
 from kernels import jit
 
 FloatArray = NDArray[np.float64]

@@ -37,6 +37,7 @@ from printctl.cli.options import (
 )
 from printctl.errors import UsageError
 from printctl.preflight import SetUp, file_checks, refuse_failed, warnings
+from printctl.set_up.by_name import ProfileNames, set_up
 from sim.dryrun import dry_run
 
 _BESIDE = (".svg", ".csv", ".json")
@@ -125,10 +126,10 @@ def pattern(
     own = _Own(speeds, flow_factors, length, repeats, steps, speed, turns, pitch, gaps, overlaps,
                spans, height)  # fmt: skip
     made = _made(name, bead, own)
-    mounted = mounting.Mounted(needle, bath, dish, dish_centre, bath_depth)
+    mounted = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
     machine, material = load(Printer, printer), load(Ink, ink)
     _refuse_air(machine)
-    set_for = mounting.set_up(machine, syringe, ink, place, mounted)
+    set_for = set_up(machine, syringe, ink, place, mounted)
     written = Written(
         made,
         Mounted(printer, syringe, ink, needle, material.flow_factor, material.swell_factor),

@@ -18,7 +18,7 @@ from printctl.cli.dye_predict import Foreseen, predict_front
 from printctl.cli.network_options import UnitOption
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
-from printctl.pipeline.artefacts import NETWORK
+from printctl.run_folder.artefacts import NETWORK
 from registration.dye import (
     DyeOptions,
     dye_dict,

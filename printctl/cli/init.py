@@ -10,8 +10,7 @@ import typer
 from design.files import write_text
 from printctl.cli.options import print_lines
 from printctl.errors import UsageError
-
-STARTER = Path(__file__).resolve().parents[1] / "recipe" / "starter.yaml"
+from printctl.recipe import STARTER
 
 
 def init(

@@ -13,7 +13,6 @@ from design.units import LengthUnit
 from firmware_profiles import Ink, Needle, Printer, Syringe, load, steady_flow
 from firmware_profiles.bead import BeadSection
 from printctl.cli.options import three_numbers
-from printctl.cli.set_up_options import of_each
 from printctl.errors import UsageError
 from printctl.gcode_view import read_line_map
 from printctl.gcode_view.levels import is_flat
@@ -26,9 +25,9 @@ from printctl.lumens import (
     writes_at,
 )
 from printctl.networks.formats import read_network
-from printctl.pipeline.artefacts import NETWORK
-from printctl.pipeline.manifest import MANIFEST
-from printctl.pipeline.stages.tissue import SURFACE
+from printctl.run_folder.artefacts import NETWORK, SURFACE
+from printctl.run_folder.manifest import MANIFEST
+from printctl.set_up.by_name import of_each
 
 
 @dataclass(frozen=True)

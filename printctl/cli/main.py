@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from printctl.cli.commands import LazyGroup
-from printctl.cli.failures import message_and_code
+from printctl.failures import message_and_code
 
 _YOUNG: Final = 20_000
 """Objects between two searches for circles: imports make many and drop none (700 by default)."""

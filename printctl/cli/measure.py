@@ -24,7 +24,7 @@ from printctl.cli.network_options import (
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
 from printctl.networks import READ, Drive, load_source
-from printctl.pipeline.stages.tissue import SURFACE
+from printctl.run_folder.artefacts import SURFACE
 
 _ANY_SIZE = SizeLimits(0.5, 2000.0)
 """The network says where the tissue is, so that a wrong unit shows in the measures."""

@@ -38,13 +38,8 @@ from printctl.cli.set_up_options import (
     BathOption,
     DishCentreOption,
     DishOption,
-    Mounted,
     NeedleOption,
-    loads_of,
-    of_each,
-    set_up,
 )
-from printctl.cli.shaft_file import file_shaft
 from printctl.cli.start_of import start_of
 from printctl.link.care import Care
 from printctl.link.families import refuse_unsent
@@ -52,6 +47,7 @@ from printctl.link.finding import named_port, read_baud
 from printctl.link.job import load_job
 from printctl.link.states import PrintOutcome
 from printctl.preflight import SetUp, file_checks, refuse_failed, warnings
+from printctl.preflight.shaft_file import file_shaft
 from printctl.printing import (
     SIMULATED,
     Order,
@@ -65,6 +61,7 @@ from printctl.printing import (
     with_reloads_of,
 )
 from printctl.progress import StageBars
+from printctl.set_up.by_name import ProfileNames, loads_of, of_each, set_up
 from sim.dryrun import dry_run
 
 
@@ -133,7 +130,7 @@ def print_job(
     retreat = replace(retreat, others=tuple(others))
     order = Order(file, printer, port, place, retreat, resume, care=care, baud=read_baud(baud))
     if running(order) is None:
-        mounted = Mounted(needle, bath, dish, dish_centre, bath_depth)
+        mounted = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
         set_for = set_up(profile, syringe, ink, tip, mounted)
         care = _check(file, set_for, tip, Chosen(care, usable, reload, accept_crossings))
         order = replace(order, care=care)

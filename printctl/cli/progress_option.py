@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from printctl.cli.failures import message_and_code
+from printctl.failures import message_and_code
 from printctl.pipeline.lock import run_lock
 from printctl.progress_file import ProgressFile
 

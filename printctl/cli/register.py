@@ -47,7 +47,7 @@ from printctl.cli.scan_options import (
     said_of_scan,
 )
 from printctl.collection import collected_rarely
-from printctl.pipeline.artefacts import HTML, PDF
+from printctl.run_folder.artefacts import HTML, PDF
 
 PAGES: Final = "printctl.pipeline.registration_pages"
 """What draws, in the second process; loading it takes seconds, as the search for the pose does."""

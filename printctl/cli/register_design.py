@@ -11,7 +11,7 @@ from design.network_csv import read_network_csv
 from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from printctl.errors import UsageError
-from printctl.pipeline.artefacts import LUMEN, NETWORK, SOLID
+from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
 
 
 @dataclass(frozen=True)

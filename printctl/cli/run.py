@@ -20,11 +20,11 @@ from printctl.cli.options import (
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.process_lines import process_lines
 from printctl.cli.progress_option import ProgressFileOption, message_of
-from printctl.pipeline.artefacts import HTML, PDF
 from printctl.pipeline.run import How, run_recipe
 from printctl.progress_file import ProgressFile
 from printctl.recipe import load_recipe
 from printctl.records.verdict import outcome
+from printctl.run_folder.artefacts import HTML, PDF
 
 OutOption = Annotated[
     Path | None, typer.Option("--out", help="Run folder; runs/NAME by default.", show_default=False)

@@ -24,13 +24,12 @@ from printctl.cli.set_up_options import (
     BathOption,
     DishCentreOption,
     DishOption,
-    Mounted,
     NeedleOption,
-    set_up,
 )
-from printctl.cli.shaft_file import file_shaft
 from printctl.cli.start_of import start_of
 from printctl.preflight import file_checks, placed_failures, refuse_failed, warnings
+from printctl.preflight.shaft_file import file_shaft
+from printctl.set_up.by_name import ProfileNames, set_up
 from sim.dryrun import dry_run
 
 
@@ -61,7 +60,7 @@ def simulate(
     """
     profile = load(Printer, printer)
     tip = start_of(file, profile, start)
-    given = Mounted(needle, bath, dish, dish_centre, bath_depth)
+    given = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
     mounted = set_up(profile, syringe, ink, tip, given)
     gcode = read_gcode_file(file)
     run = dry_run(gcode, profile, tip)

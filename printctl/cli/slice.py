@@ -17,8 +17,8 @@ from printctl.cli.options import (
     print_json,
     print_lines,
 )
-from printctl.cli.set_up_options import loads_of, of_each
 from printctl.errors import UsageError
+from printctl.set_up.by_name import loads_of, of_each
 from printctl.slicing import SliceJob, Written, assemble, head_of_each, read_modifier, slice_parts
 
 _LINES_UM = (10.0, 5000.0)

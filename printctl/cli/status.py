@@ -5,8 +5,8 @@ from __future__ import annotations
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.link.states import Status
-from printctl.printing.print_actions import Possible, PrintAction
-from printctl.printing.print_state import PrintTruth, read_print
+from printctl.print_state.actions import Possible, PrintAction
+from printctl.print_state.state import PrintTruth, read_print
 from printctl.printing.print_words import alarm_words
 
 _COMMANDS = {

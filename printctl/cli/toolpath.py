@@ -14,9 +14,9 @@ from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, prin
 from printctl.cli.plan_lines import plan_lines
 from printctl.cli.process_lines import process_lines
 from printctl.errors import UsageError
-from printctl.pipeline.artefacts import GCODE, LINE_MAP, PLATE_PICTURE, PLATE_TABLE
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import load_recipe
+from printctl.run_folder.artefacts import GCODE, LINE_MAP, PLATE_PICTURE, PLATE_TABLE
 
 
 def toolpath(

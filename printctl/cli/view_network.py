@@ -13,7 +13,7 @@ from design.units import LengthUnit
 from printctl.cli.options import messages
 from printctl.errors import UsageError
 from printctl.networks import Drive, Source, load_source, read_surface
-from printctl.pipeline.stages.tissue import SURFACE
+from printctl.run_folder.artefacts import SURFACE
 from registration.picture import (
     PictureOptions,
     Quantity,

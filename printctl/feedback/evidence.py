@@ -22,10 +22,8 @@ from printctl.compensation import (
 )
 from printctl.compensation.schema import Three
 from printctl.errors import PrintctlError, UsageError
-from printctl.pipeline.artefacts import NETWORK, NUMBERS, SOLID
-from printctl.pipeline.compensated import PRINTED_WITH
-from printctl.pipeline.manifest import MANIFEST, Manifest, digest_file, digest_json
-from printctl.pipeline.stages.scan import of_simulator
+from printctl.run_folder.artefacts import NETWORK, NUMBERS, PRINTED_WITH, SOLID
+from printctl.run_folder.manifest import MANIFEST, Manifest, digest_file, digest_json, of_simulator
 
 ORIGIN = "made"
 """Section of what `printctl register` writes that says of which run the print was."""

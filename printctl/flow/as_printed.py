@@ -14,7 +14,7 @@ from design.errors import FlowError
 from design.hemodynamics import FlowConditions, PulsatileConditions, solve_flow
 from design.network import FloatArray, IntArray, VesselNetwork
 from printctl.errors import UsageError
-from printctl.pipeline.artefacts import NUMBERS
+from printctl.run_folder.artefacts import NUMBERS
 from registration.gauging import (
     MeasuredLumen,
     led_through,

@@ -47,13 +47,13 @@ from printctl.flow.printed_intervals import (
 )
 from printctl.flow.scanned import scanned_lumen
 from printctl.flow.steady import shear_band
-from printctl.pipeline.artefacts import NETWORK
-from printctl.pipeline.manifest import Manifest
 from printctl.recipe import Recipe
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.pulse import PulsePart
 from printctl.recipe.space import ThreeDPart
 from printctl.recipe.waves import OneDPart
+from printctl.run_folder.artefacts import NETWORK
+from printctl.run_folder.manifest import Manifest
 
 AS_PRINTED, SUMMARY = "flow_as_printed.csv", "flow_as_printed.json"
 

@@ -19,8 +19,8 @@ from design.solids.lumen import lumen_solid
 from design.solids.manifolds import solid_manifold, to_manifold
 from printctl.errors import UsageError
 from printctl.flow.scanned_size import arrays_of, facing, set_out
-from printctl.pipeline.artefacts import NUMBERS
-from printctl.pipeline.registration_files import DEVIATION, load_deviation
+from printctl.run_folder.artefacts import NUMBERS
+from printctl.run_folder.registration_files import DEVIATION, load_deviation
 
 PASSES: Final = 10
 _AROUND: Final = 1.4

@@ -7,12 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from printctl.gcode_view.comments import Comments
 from printctl.gcode_view.pushing import Pushing
 from printctl.gcode_view.rows import Rows
 from printctl.rounding import last_digit_mm
 from registration.report.gcode import Act
 from sim.gcode import Program
+from sim.reading.comments import Comments
 
 FloatArray = NDArray[np.float64]
 

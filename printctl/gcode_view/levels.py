@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from printctl.gcode_view.comments import Comments
 from registration.report.gcode import Layers
+from sim.reading.comments import Comments
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

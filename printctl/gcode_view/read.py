@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
-from printctl.gcode_view.comments import Comments, plain_lines, read_comments, said_start
 from printctl.gcode_view.doses import plunger_doses, valve_doses
 from printctl.gcode_view.levels import is_flat, make_layers, spread
 from printctl.gcode_view.line_map import KINDS, LineMap
@@ -24,6 +23,7 @@ from registration.report.gcode import Act, GcodeJob, Layers
 from sim.errors import GcodeError
 from sim.gcode import Program, code
 from sim.gcode_modal import BAD, MOVE
+from sim.reading.comments import Comments, plain_lines, read_comments, said_start
 from sim.valve import Valve, read_with_valve
 
 FloatArray = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from printctl.errors import UsageError
-from printctl.gcode_view.comments import plain_lines, read_comments
+from sim.reading.comments import plain_lines, read_comments
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

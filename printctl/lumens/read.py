@@ -10,7 +10,6 @@ import numpy as np
 from firmware_profiles import Printer
 from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
-from printctl.gcode_view.comments import plain_lines, said_start
 from printctl.lumens.filaments import Filaments, filaments
 from printctl.lumens.heads import of_heads, stacked, stacked_filaments
 from printctl.lumens.line_widths import check_width, said_heights
@@ -31,6 +30,7 @@ from printctl.lumens.strokes import (
     valve_strokes,
 )
 from sim.dryrun import DryRun, dry_run
+from sim.reading.comments import plain_lines, said_start
 from sim.valve import read_with_valve
 
 SMOOTHING_MM: Final = 1.0

@@ -20,8 +20,7 @@ from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN, LengthUnit
 from printctl.errors import UsageError
 from printctl.flow import TABLE
 from printctl.networks.formats import read_noted
-from printctl.pipeline.artefacts import NETWORK, NUMBERS
-from printctl.pipeline.stages.tissue import SURFACE
+from printctl.run_folder.artefacts import NETWORK, NUMBERS, SURFACE
 from registration.picture import FLOW, GAUGED, Known, Surface
 from registration.report.network_view import columns
 

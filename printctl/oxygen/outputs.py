@@ -19,9 +19,9 @@ from design.hemodynamics.oxygen import (
 from design.network import VesselNetwork
 from design.tissue import Tissue
 from printctl.flow.outputs import write_columns
-from printctl.pipeline.artefacts import OXYGEN
 from printctl.progress import Report
 from printctl.recipe.oxygen import OxygenPart
+from printctl.run_folder.artefacts import OXYGEN
 from registration.report.oxygen_figures import slice_figure
 
 TABLE: Final = OXYGEN

@@ -13,12 +13,11 @@ from design.solids import Solid, surface_genus
 from design.toolpath.correction import check_outside, check_walls
 from printctl.compensation import CompensationFile, MadeWith, changes_line, save_compensation
 from printctl.errors import SafetyError, UsageError
-from printctl.pipeline.artefacts import NETWORK
+from printctl.pipeline.built_solids import built_solids
 from printctl.pipeline.context import SIMULATED_PORT, RunContext
-from printctl.pipeline.manifest import digest_file
-from printctl.pipeline.stages.solid import built_solids
+from printctl.run_folder.artefacts import NETWORK, PRINTED_WITH
+from printctl.run_folder.manifest import digest_file
 
-PRINTED_WITH = "compensation.json"
 """Copy of the file, in the run's folder."""
 _SAME_UM = 1.0
 """Sizes of one part, read from files, differ by less."""

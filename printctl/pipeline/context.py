@@ -24,16 +24,16 @@ from design.toolpath.correction import NEUTRAL, Corrections
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, steady_flow
 from printctl.compensation import CompensationFile, corrections_of_file, load_compensation
 from printctl.flow.conditions import steady_conditions
-from printctl.pipeline.artefacts import LUMEN, NETWORK, SOLID
 from printctl.pipeline.filled import Filled, filled_heads
 from printctl.pipeline.heads import vessel_heads
-from printctl.pipeline.manifest import Manifest, digest_file
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.plates.place import Stand
 from printctl.plates.sweep import varied_ink
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
 from printctl.recipe.making import Embedded, FileScan, SimulatedScan
+from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID
+from printctl.run_folder.manifest import Manifest, digest_file
 
 SIMULATED_PORT = "simulated"
 

@@ -8,7 +8,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from printctl.pipeline.manifest import digest_file
+from printctl.run_folder.manifest import digest_file
 
 if TYPE_CHECKING:  # a scan registered alone has neither
     from printctl.pipeline.context import RunContext

@@ -14,11 +14,13 @@ from design.measures.morphometry import network_strahler_orders
 from design.network import VesselNetwork
 from design.solids import Solid
 from printctl.ahead import Call, SecondProcess
-from printctl.pipeline.artefacts import NUMBERS
 from printctl.pipeline.facts import scan_origin
 from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.pipeline.page_parts import PageParts
-from printctl.pipeline.registration_files import (
+from printctl.pipeline.verdict import verdict
+from printctl.recipe.record import RecordPart
+from printctl.run_folder.artefacts import NUMBERS
+from printctl.run_folder.registration_files import (
     DEVIATION,
     design_facts,
     scan_facts,
@@ -26,8 +28,6 @@ from printctl.pipeline.registration_files import (
     write_deviation,
     write_exports,
 )
-from printctl.pipeline.verdict import verdict
-from printctl.recipe.record import RecordPart
 from registration import RegistrationReport, Scan, report_dict
 from registration.judging import Tolerances, judge
 from registration.optics import relaid

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from printctl.pipeline.artefacts import HTML, NUMBERS, PDF
 from printctl.pipeline.page_parts import PageParts
+from printctl.run_folder.artefacts import HTML, NUMBERS, PDF
 from registration.report import all_figures, network_drawing, write_report_html
 
 __all__ = ["all_figures", "network_drawing", "write_pages"]

@@ -10,9 +10,9 @@ from typing import Any
 
 from design.files import replacing
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.manifest import StageRecord, digest_file, digest_json
 from printctl.pipeline.meter import Meter
 from printctl.progress import Report, StageBars
+from printctl.run_folder.manifest import StageRecord, digest_file, digest_json
 from printctl.sources import source_digest
 
 

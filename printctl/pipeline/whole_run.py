@@ -13,7 +13,6 @@ from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import run_facts
 from printctl.pipeline.how import How
 from printctl.pipeline.lock import run_lock
-from printctl.pipeline.manifest import Manifest
 from printctl.pipeline.plate.run import design_plate, run_plate, toolpath_plate
 from printctl.pipeline.sequences import DESIGN, TOOLPATH, WHOLE, in_order, until
 from printctl.pipeline.stage import Stage, run_stages
@@ -21,6 +20,7 @@ from printctl.pipeline.stages import report
 from printctl.pipeline.stages.report import collect
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
+from printctl.run_folder.manifest import Manifest
 
 
 def run_wanted(

@@ -15,14 +15,12 @@ from design.toolpath.correction import Corrections, Stretch
 from printctl.compensation import corrections_of_file, load_compensation
 from printctl.errors import UsageError
 from printctl.gcode_view import Pushing, read_job, read_line_map
-from printctl.pipeline.artefacts import GCODE, LUMEN, SOLID
-from printctl.pipeline.compensated import PRINTED_WITH
 from printctl.pipeline.context import RunContext, default_place
-from printctl.pipeline.manifest import MANIFEST, Manifest
-from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import StageBars
 from printctl.recipe import parse_recipe
 from printctl.recipe.making import Fresh
+from printctl.run_folder.artefacts import GCODE, LUMEN, PRINTED_WITH, SOLID, SURFACE
+from printctl.run_folder.manifest import MANIFEST, Manifest
 from registration.overlay import LayerLines, layers_of
 
 FloatArray = NDArray[np.float64]

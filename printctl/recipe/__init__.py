@@ -3,7 +3,8 @@
 Names are loaded when first asked for: most commands need one part of the schema, not all.
 """
 
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 from design.on_demand import on_demand
 
@@ -12,7 +13,10 @@ if TYPE_CHECKING:
     from printctl.recipe.migrate import SCHEMA
     from printctl.recipe.model import Recipe
 
-__all__ = ["SCHEMA", "Recipe", "load_recipe", "parse_recipe"]
+STARTER: Final = Path(__file__).parent / "starter.yaml"
+"""Commented recipe that runs as it stands."""
+
+__all__ = ["SCHEMA", "STARTER", "Recipe", "load_recipe", "parse_recipe"]
 
 __getattr__ = on_demand(__name__)
 

@@ -16,9 +16,9 @@ from printctl.link.history_entry import PrintEntry
 from printctl.link.journal import read_records
 from printctl.link.noted import NOTED, noted, noted_beside
 from printctl.link.record import JOURNAL
-from printctl.pipeline.artefacts import HTML, JSON, PDF
-from printctl.pipeline.manifest import MANIFEST, Manifest, digest_file
 from printctl.records.films import TIMELAPSE, film_file
+from printctl.run_folder.artefacts import HTML, JSON, PDF
+from printctl.run_folder.manifest import MANIFEST, Manifest, digest_file
 
 GCODE: Final = "part.gcode"
 PHOTOS: Final = "photos"

@@ -18,11 +18,11 @@ from firmware_profiles.facts import Facts
 from printctl.link.history_entry import PrintEntry
 from printctl.link.origin import digest_of, profile_digest, version
 from printctl.link.ports import list_ports
-from printctl.pipeline.manifest import digest_file
 from printctl.records.errors import RecordsError
 from printctl.records.evidence import Evidence, evidence
 from printctl.records.plain_zip import blocks_of, read_members
 from printctl.records.verify import verify_bundle
+from printctl.run_folder.manifest import digest_file
 
 MAP: Final = ".map.npz"
 _SORTS: Final[dict[str, type[Facts]]] = {

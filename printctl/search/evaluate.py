@@ -31,10 +31,8 @@ from design.tissue import Tissue
 from firmware_profiles import ProfileError
 from printctl.errors import PrintctlError
 from printctl.flow.steady import shear_band
-from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import input_digests
-from printctl.pipeline.manifest import Manifest, digest_json
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stages import measures, vasculature
 from printctl.pipeline.tissue_source import make_tissue
@@ -42,6 +40,8 @@ from printctl.progress import StageBars
 from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.override import recipe_data
 from printctl.recipe.tissue import TissuePart
+from printctl.run_folder.artefacts import NETWORK
+from printctl.run_folder.manifest import Manifest, digest_json
 from printctl.search.quantities import QUANTITIES, Grown, numbers_of
 from printctl.sources import source_digest
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
-from design.toolpath.gcode.dialect import dialect_of
+from firmware_profiles.families import family_of
 from printctl.gate import (
     DEFAULT_MM_S,
     Act,
@@ -257,7 +257,7 @@ class Hands:
         self.standby.look()
 
     def _declaration(self, place: Place, given: set[str]) -> str:
-        declares = dialect_of(self.known.printer).declares
+        declares = family_of(self.known.printer).dialect(self.known.printer).declares
         if declares:  # all three at once
             x, y, z = (f"{mm:.4f}" for mm in place)
             return declares.format(x=x, y=y, z=z)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from design.toolpath.gcode.dialect import dialect_of
+from firmware_profiles.families import family_of
 from printctl.link.channel import Channel
 from printctl.link.errors import LinkError
 from printctl.station.standby_events import StandbyEvents
@@ -114,7 +114,8 @@ class Motion:
         begin = self.tip.plunger
         if begin is None:
             raise LinkError("the printer doesn't tell where the plunger is (M114); reconnect")
-        cold_extrusion = dialect_of(self.channel.wiring.printer).cold_extrusion
+        printer = self.channel.wiring.printer
+        cold_extrusion = family_of(printer).dialect(printer).cold_extrusion
         if cold_extrusion:
             send(self.channel, cold_extrusion)
         seconds = abs(mm) / speed_mm_s

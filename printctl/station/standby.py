@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 from typing import Final
 
-from design.toolpath.gcode.dialect import dialect_of
+from firmware_profiles.families import family_of
 from printctl.link.channel import Channel, Heard
 from printctl.link.connecting import connect
 from printctl.link.families import link_facts
@@ -59,7 +59,7 @@ class Standby:
 
     def __init__(self, wiring: Wiring, pace: float, changed: Callable[[], None]) -> None:
         self._wiring, self._changed = wiring, changed
-        self._dialect = dialect_of(wiring.printer)
+        self._dialect = family_of(wiring.printer).dialect(wiring.printer)
         self._logbook = Logbook(
             wiring, JobProgress(wiring, Job([], [], "", "no job")), unrecorded=_UNRECORDED
         )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath.correction import Stretch
-from registration.report.gcode.job import Act, GcodeJob
+from registration.gcode_job import Act, GcodeJob
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

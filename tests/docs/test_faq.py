@@ -3,7 +3,7 @@
 import ast
 from pathlib import Path
 
-from printctl.cli.failures import message_and_code
+from printctl.failures import message_and_code
 from sim.errors import GcodeError
 
 ROOT = Path(__file__).parents[2]

@@ -11,10 +11,10 @@ import pytest
 from rich.console import Console
 
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.manifest import Manifest
 from printctl.pipeline.stages import toolpath
 from printctl.progress import StageBars
 from printctl.recipe import load_recipe
+from printctl.run_folder.manifest import Manifest
 from tests.design.toolpath.gcode_reader import Machine
 from tests.system.cli import printctl, recipe_file
 

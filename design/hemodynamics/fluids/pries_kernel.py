@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from design.network import FloatArray
-from design.vasculature.growth.viscosity import relative_viscosity
+from design.vasculature.viscosity import relative_viscosity
 from kernels import jit
 
 

@@ -13,7 +13,6 @@ from design.tissue import Tissue
 from design.vasculature.growth.harvest import harvest
 from design.vasculature.growth.index import CellIndex, empty_index
 from design.vasculature.growth.listing import CELL, listed, room_of
-from design.vasculature.growth.penalty import PenaltyArrays, sample_penalty
 from design.vasculature.growth.points import GivenPoints, Sampler
 from design.vasculature.growth.room import Room
 from design.vasculature.growth.sample import Samples, depth_first
@@ -22,6 +21,7 @@ from design.vasculature.growth.step import CANDIDATES, PROGRESS, Scale
 from design.vasculature.growth.surroundings import Surroundings, clear_of
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
+from design.vasculature.penalty import PenaltyArrays, sample_penalty
 from design.vasculature.tree import VesselTree
 
 _EAGER, _PATIENT = 6, 400

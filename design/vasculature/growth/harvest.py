@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 
 from design.tissue import Tissue
 from design.vasculature.growth.points import LEAST_FLOW
+from design.vasculature.growth.settling import follow_radii
 from design.vasculature.growth.state import Segments, refresh_all, spread_down
 from design.vasculature.growth.step import Scale
 from design.vasculature.growth.territories import demand_points, points_for, territory_demand
 from design.vasculature.growth.trunk import Trunk
-from design.vasculature.growth.viscosity import ROUNDS, SETTLED, follow_radii
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import scaled_to_smallest_radius, tree_from_topology
+from design.vasculature.viscosity import ROUNDS, SETTLED
 
 FloatArray = NDArray[np.float64]
 

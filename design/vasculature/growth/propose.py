@@ -10,9 +10,9 @@ from design.vasculature.growth.bifurcation import best_place, distance, split_va
 from design.vasculature.growth.cost import ENOUGH, Sprout, climb
 from design.vasculature.growth.fit import fits
 from design.vasculature.growth.index import CellIndex
-from design.vasculature.growth.penalty import PenaltyArrays, weighed
 from design.vasculature.growth.room import Fork, Room
 from design.vasculature.options import Law
+from design.vasculature.penalty import PenaltyArrays, weighed
 from kernels import jit
 
 TRIED = 4

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from design.tissue.arrays import GridArrays
-from design.vasculature.growth.limits import Limits
+from design.vasculature.limits import Limits
 from kernels import jit
 
 MARGIN, MARGIN_LEFT, MARGIN_AT_MOST = 1.02, 0.03, 1.15

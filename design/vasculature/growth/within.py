@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from design.vasculature.growth.limits import Limits
 from design.vasculature.growth.room import neighbours_of
+from design.vasculature.limits import Limits
 from kernels import jit
 
 _ROUNDING = 1e-12

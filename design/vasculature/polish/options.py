@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from design.errors import GrowthError
-from design.vasculature.growth.limits import check_angles
+from design.vasculature.limits import check_angles
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from design.tissue import Tissue
 from design.vasculature.growth.audit import measure_room
 from design.vasculature.growth.index import CellIndex, empty_index
-from design.vasculature.growth.limits import joint_limits
 from design.vasculature.growth.room import Room
+from design.vasculature.growth.settling import settle_root
 from design.vasculature.growth.step import list_all
-from design.vasculature.growth.viscosity import settle_root
+from design.vasculature.limits import joint_limits
 from design.vasculature.options import Law
 from design.vasculature.polish.cost import law_of, segments_of
 from design.vasculature.polish.graft import graft

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from design.files import write_text
 from printctl.errors import PrintctlError
 from printctl.link.job import parse_job
-from printctl.pipeline.artefacts import GCODE, LINE_MAP
 from printctl.pipeline.context import SIMULATED_PORT, RunContext
 from printctl.pipeline.plate.job import NOWHERE
 from printctl.pipeline.plate.wells import PlateRun, relative
@@ -39,6 +38,7 @@ from printctl.preflight import (
 from printctl.printing import usable_mm, with_reloads_of
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
+from printctl.run_folder.artefacts import GCODE, LINE_MAP
 from sim.clearance import Clearance
 from sim.dryrun import DryRun, dry_run
 from sim.gcode import Program

@@ -14,7 +14,6 @@ from design.toolpath.file import load_toolpath
 from design.toolpath.gcode import Gcode, labelled, save_gcode, stream_gcode
 from design.toolpath.gcode.dialect import dialect_of
 from design.toolpath.wells import Trip, led_to, placed, written_ul
-from printctl.pipeline.artefacts import GCODE, LINE_MAP
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.plate.job_map import (
     bundles_of,
@@ -26,6 +25,7 @@ from printctl.pipeline.plate.wells import PlateRun, relative
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.toolpath import PATH, machine
 from printctl.progress import Report
+from printctl.run_folder.artefacts import GCODE, LINE_MAP
 
 FloatArray = NDArray[np.float64]
 NOWHERE: Final = -1

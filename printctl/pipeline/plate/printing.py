@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from printctl.link.job import load_job
-from printctl.pipeline.artefacts import GCODE, LINE_MAP
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.plate.job import NOWHERE
 from printctl.pipeline.plate.wells import PlateRun
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import printing
 from printctl.progress import Report
+from printctl.run_folder.artefacts import GCODE, LINE_MAP
 
 
 def print_stage(run: PlateRun) -> Stage:

@@ -9,9 +9,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from design.files import write_bytes, write_text
-from printctl.pipeline.artefacts import HTML, JSON, PLATE_PICTURE, PLATE_TABLE
 from printctl.pipeline.plate.wells import WELLS, PlateRun
 from printctl.pipeline.stages import report
+from printctl.run_folder.artefacts import HTML, JSON, PLATE_PICTURE, PLATE_TABLE
 from registration.report.plate_figure import plate_figure
 from registration.report.plate_page import write_plate_html
 

@@ -14,7 +14,6 @@ from firmware_profiles import Plate, load
 from printctl.errors import RecipeError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import run_facts
-from printctl.pipeline.manifest import Manifest
 from printctl.plates import (
     StandingPlate,
     Well,
@@ -26,6 +25,7 @@ from printctl.plates import (
 )
 from printctl.recipe.making import FileScan
 from printctl.recipe.plate import PlatePart
+from printctl.run_folder.manifest import Manifest
 
 WELLS: Final = "wells"
 """Folder of the wells' own runs."""

@@ -12,11 +12,10 @@ from design.files import write_text
 from firmware_profiles import Printer
 from printctl.bead import PLAYED
 from printctl.link.job import parse_job
-from printctl.pipeline.artefacts import GCODE, LINE_MAP, NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.heads import layer_lines_um
-from printctl.pipeline.predicting import predicting
 from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages.predicting import predicting
 from printctl.pipeline.stages.toolpath import of_heads
 from printctl.preflight import (
     Budget,
@@ -54,6 +53,7 @@ from printctl.preflight import (
 from printctl.printing import usable_mm, with_reloads_of
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
+from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
 from sim.clearance import Clearance
 from sim.dryrun import DryRun, dry_run
 

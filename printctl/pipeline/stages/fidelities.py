@@ -10,12 +10,11 @@ from design.lattices import build_lattice
 from printctl.flow import pulsatile_conditions
 from printctl.flow.beside import set_beside
 from printctl.flow.fidelities import Case, solve_fidelities
-from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import flow
-from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import Report
+from printctl.run_folder.artefacts import NETWORK, SURFACE
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:

@@ -23,12 +23,12 @@ from printctl.flow import (
     solve_steady,
 )
 from printctl.flow.steady import shear_band
-from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe.pulse import PulsePart
 from printctl.recipe.waves import OneDPart
+from printctl.run_folder.artefacts import NETWORK
 
 PICTURE = "network.vtp"
 

@@ -26,13 +26,13 @@ from printctl.lumens import (
     read_filaments,
     read_layers,
 )
-from printctl.pipeline.artefacts import GCODE, LINE_MAP, NETWORK
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.predicting import compensates, predicted_of_motion
 from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
 from printctl.pipeline.stages.toolpath import of_heads, plain_job
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
+from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
 from sim.dryrun import dry_run
 
 LUMENS: Final = "lumens.json"

@@ -9,13 +9,12 @@ from typing import Any
 from design.files import write_text
 from design.hemodynamics import solve_flow
 from design.measures import MeasureOptions, measure_network, measures_dict
-from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import Report
 from printctl.recipe.growth import Growth
+from printctl.run_folder.artefacts import NETWORK, SURFACE
 
 MEASURES = "measures.json"
 

@@ -7,12 +7,11 @@ from typing import Any
 
 from design.hemodynamics import solve_flow
 from printctl.oxygen import FIELD, SLICE, TABLE, hypoxia, solve_and_write
-from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import Report
 from printctl.recipe.oxygen import OxygenPart
+from printctl.run_folder.artefacts import NETWORK, SURFACE
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:

@@ -12,9 +12,7 @@ from printctl.link import Care
 from printctl.link.families import refuse_unsent
 from printctl.link.finding import named_port
 from printctl.link.retreat import Retreat
-from printctl.pipeline.artefacts import GCODE
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.manifest import digest_file
 from printctl.pipeline.stage import Stage
 from printctl.printing import (
     SIMULATED,
@@ -30,6 +28,8 @@ from printctl.printing import (
 from printctl.printing.executed import is_whole
 from printctl.progress import Report
 from printctl.recipe.making import SimulatedScan
+from printctl.run_folder.artefacts import GCODE
+from printctl.run_folder.manifest import digest_file
 from sim.executed import ExecutedMotion
 
 EXECUTED, JOURNAL_FOLDER = "executed.npz", "print"

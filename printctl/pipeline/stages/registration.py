@@ -12,10 +12,17 @@ import numpy as np
 
 from design.files import write_text
 from design.solids import Solid
-from printctl.pipeline.artefacts import GCODE, LINE_MAP, LUMEN, NETWORK, NUMBERS, SOLID
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.measurement_record import Corrections, add_record
-from printctl.pipeline.registration_files import (
+from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages.scan import TRUTH, digest_user_files, load_scan, scan_name
+from printctl.pipeline.tracing import by_layer, made_by, read_job
+from printctl.pipeline.truth import pose_error
+from printctl.progress import Report
+from printctl.recipe.making import FileScan, Fresh, SimulatedScan
+from printctl.recipe.record import RecordPart
+from printctl.run_folder.artefacts import GCODE, LINE_MAP, LUMEN, NETWORK, NUMBERS, SOLID
+from printctl.run_folder.registration_files import (
     DEVIATION,
     VIEWS,
     design_facts,
@@ -24,13 +31,6 @@ from printctl.pipeline.registration_files import (
     write_deviation,
     write_exports,
 )
-from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages.scan import TRUTH, digest_user_files, load_scan, scan_name
-from printctl.pipeline.tracing import by_layer, made_by, read_job
-from printctl.pipeline.truth import pose_error
-from printctl.progress import Report
-from printctl.recipe.making import FileScan, Fresh, SimulatedScan
-from printctl.recipe.record import RecordPart
 from registration import (
     RegistrationOptions,
     RegistrationReport,

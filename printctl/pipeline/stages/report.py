@@ -15,15 +15,15 @@ from printctl.flow.fidelities import COMPARED, SEEN
 from printctl.gcode_view import Pushing
 from printctl.link.print_identity import print_identity
 from printctl.oxygen import CAPTION, SLICE
-from printctl.pipeline.artefacts import GCODE, HTML, JSON, PDF
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.layer_pictures import layer_pictures
 from printctl.pipeline.outlined import outlined_design
-from printctl.pipeline.registration_files import DEVIATION, VIEWS, load_deviation
 from printctl.pipeline.stages.measures import key_numbers
 from printctl.pipeline.stages.printing import JOURNAL_FOLDER
 from printctl.pipeline.verdict import verdict
 from printctl.recipe.making import Fresh
+from printctl.run_folder.artefacts import GCODE, HTML, JSON, PDF
+from printctl.run_folder.registration_files import DEVIATION, VIEWS, load_deviation
 from registration.report import ReportSurface, all_figures, write_report_html
 from registration.report.deviation_surfaces import split_surfaces
 from registration.report.flow_figures import wave_figure

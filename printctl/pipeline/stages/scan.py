@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 
 from design.files import write_text
-from printctl.pipeline.artefacts import GCODE, LINE_MAP, NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.filled import Filled
-from printctl.pipeline.manifest import Manifest, digest_file
-from printctl.pipeline.predicting import compensates, predicted_of_motion
 from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.stage import Stage
+from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
 from printctl.pipeline.stages.printing import EXECUTED
 from printctl.progress import Report
 from printctl.recipe.making import FileScan, SimulatedScan
+from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
+from printctl.run_folder.manifest import digest_file, of_simulator
 from registration import Scan, ScanOverrides, read_scan
 from registration.corrected import corrected_scan
 from registration.errors import RegistrationError
@@ -71,12 +71,6 @@ def depends(context: RunContext) -> Any:
 def scan_name(part: SimulatedScan) -> str:
     """The simulated scan's file, in the run's folder."""
     return f"scan.{part.format}"
-
-
-def of_simulator(path: Path) -> bool:
-    """Whether a file, where it lies, is some run's simulated scan."""
-    record = Manifest.load(path.parent).stages.get("scan")
-    return record is not None and path.name in record.outputs
 
 
 def digest_user_files(folder: Path, part: FileScan) -> list[Any]:

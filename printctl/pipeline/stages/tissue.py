@@ -9,8 +9,7 @@ from design.solids import Solid, write_stl
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
-
-SURFACE = "tissue.stl"
+from printctl.run_folder.artefacts import SURFACE
 
 
 def depends(context: RunContext) -> Any:

@@ -41,7 +41,6 @@ from design.toolpath.gcode import (
 )
 from firmware_profiles import Bath, Printer, Syringe
 from printctl.errors import UsageError
-from printctl.pipeline.artefacts import GCODE, LINE_MAP, NETWORK, SOLID
 from printctl.pipeline.compensated import (
     check_compensation,
     compensation_facts,
@@ -57,11 +56,11 @@ from printctl.pipeline.lag import ahead_of_lag, measured_lag_s, relief_ul
 from printctl.pipeline.priming import primed
 from printctl.pipeline.regions import make_filling, make_region
 from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages.tissue import SURFACE
 from printctl.pipeline.writer_options import gcode_options
 from printctl.preflight import written_arrays
 from printctl.progress import Report
 from printctl.recipe.making import Embedded, Fresh
+from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK, SOLID, SURFACE
 from printctl.set_up import ABOVE_WALL_MM
 
 FloatArray = NDArray[np.float64]

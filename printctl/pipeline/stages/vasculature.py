@@ -17,13 +17,11 @@ from design.vasculature import (
     planar_four_vessel,
     tree_to_network,
 )
-from printctl.pipeline.artefacts import NETWORK
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.growing import closed_loop, grown_tree, said_of
 from printctl.pipeline.growth_source import read_given
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
-from printctl.pipeline.stages.tissue import SURFACE
 from printctl.progress import Report
 from printctl.recipe.growth import (
     ClosedLoop,
@@ -32,6 +30,7 @@ from printctl.recipe.growth import (
     NamedNetwork,
 )
 from printctl.recipe.lattice import LatticeNetwork
+from printctl.run_folder.artefacts import NETWORK, SURFACE
 
 DESIGNED = "network_designed.csv"
 """In the design's size, where the print's is another."""

@@ -13,9 +13,8 @@ from dataclasses import replace
 from typing import Any, Final
 
 from firmware_profiles import ProfileError
-from printctl.cli.failures import message_and_code
-from printctl.cli.shaft_file import file_shaft
 from printctl.errors import PrintctlError, UsageError
+from printctl.failures import message_and_code
 from printctl.gcode_view import Pushing, read_job, read_line_map
 from printctl.link.job import Job, parse_job
 from printctl.preflight import (
@@ -28,6 +27,7 @@ from printctl.preflight import (
     viability_facts,
     volumes,
 )
+from printctl.preflight.shaft_file import file_shaft
 from printctl.printing import with_reloads_of
 from printctl.printing.job_table import JobTable
 from printctl.web.job.question import Question

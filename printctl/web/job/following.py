@@ -14,15 +14,15 @@ from printctl.link.client import PrintClient, attach
 from printctl.link.errors import LinkError
 from printctl.link.record import JOURNAL
 from printctl.link.states import Status
-from printctl.printing.job_table import JobTable
-from printctl.printing.journalled import Journalled, journalled
-from printctl.printing.print_state import (
+from printctl.print_state.state import (
     PrintTruth,
     filling_of,
     keep_table,
     remaining_of,
     truth_of,
 )
+from printctl.printing.job_table import JobTable
+from printctl.printing.journalled import Journalled, journalled
 from printctl.printing.progress import Filling, Progress
 from printctl.printing.remaining import Remaining
 

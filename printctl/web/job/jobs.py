@@ -11,8 +11,8 @@ from tempfile import TemporaryDirectory
 from typing import IO, Any, Final
 
 from printctl.errors import PrintctlError
-from printctl.pipeline.manifest import Manifest
 from printctl.recipe.model import Recipe
+from printctl.run_folder.manifest import Manifest
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.hashes import file_hash
 from printctl.web.job.set_up import JobSetUp

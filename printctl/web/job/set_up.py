@@ -8,11 +8,11 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from firmware_profiles import Printer, load
-from printctl.cli.set_up_options import Mounted, of_each, set_up
 from printctl.link.care import Care
 from printctl.printing import usable_mm
 from printctl.recipe.care import CarePart
 from printctl.set_up import Budget, SetUp, budget_of
+from printctl.set_up.by_name import ProfileNames, of_each, set_up
 from printctl.web.errors import BadRequestError
 
 Millimetre = Annotated[float, Field(ge=-5000, le=5000, allow_inf_nan=False)]
@@ -57,7 +57,7 @@ class JobSetUp(BaseModel):
         ProfileError, UsageError
         """
         centre = None if self.dish_centre_mm is None else "{!r},{!r}".format(*self.dish_centre_mm)
-        given = Mounted(
+        given = ProfileNames(
             self.needle or None, self.bath or None, self.dish or None, centre, self.bath_depth_mm
         )
         return set_up(load(Printer, self.printer), self.syringe, self.ink, self.start_mm, given)

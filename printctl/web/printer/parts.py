@@ -10,7 +10,7 @@ from typing import Any, Final
 from nicegui import run, ui
 
 from firmware_profiles import ProfileError
-from printctl.cli.failures import message_and_code
+from printctl.failures import message_and_code
 from printctl.station import StationState, StationStatus
 
 Refresh = Callable[[StationStatus], None]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from printctl.pipeline.artefacts import HTML, NETWORK, SOLID
+from printctl.run_folder.artefacts import HTML, NETWORK, SOLID
 from printctl.web.core import Core
 from printctl.web.design.making import Detached, RunProgress, Runs
 from printctl.web.design.recipes import Recipes

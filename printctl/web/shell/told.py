@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import run, ui
 
 from firmware_profiles import ProfileError
-from printctl.cli.failures import message_and_code
+from printctl.failures import message_and_code
 
 
 async def told(work: Callable[..., Any], *args: Any, **values: Any) -> Any:

@@ -1,8 +1,8 @@
 """G-code to look at: a page of all layers, and a picture of one."""
 
+from registration.gcode_job import Act, GcodeColour, GcodeJob, Layers, layer_sums
 from registration.report.gcode.design_outline import DesignOutline, design_outline
 from registration.report.gcode.figure import draw_layer, layer_figure
-from registration.report.gcode.job import Act, GcodeColour, GcodeJob, Layers, layer_sums
 from registration.report.gcode.page import GcodePage, write_gcode_html
 
 __all__ = [

@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.report.gcode.job import Act, FloatArray, GcodeJob, IntArray
+from registration.gcode_job import Act, FloatArray, GcodeJob, IntArray
 
 MOVES_A_CHUNK: Final = 30_000
 """Moves from which on a new piece begins with the next layer."""

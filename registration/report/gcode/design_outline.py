@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import shapely
 
-from registration.report.gcode.job import FloatArray, GcodeJob
+from registration.gcode_job import FloatArray, GcodeJob
 
 SPACING_MM: Final = 0.03
 """Along the outline."""

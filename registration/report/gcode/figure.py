@@ -19,12 +19,12 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 from PIL import Image
 
+from registration.gcode_job import Act, FloatArray, GcodeJob, IntArray
 from registration.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
 from registration.report.drawing import blank, styled, to_svg
 from registration.report.gcode.bands import band_outlines
 from registration.report.gcode.colouring import PLAIN, Colouring
 from registration.report.gcode.design_outline import DesignOutline
-from registration.report.gcode.job import Act, FloatArray, GcodeJob, IntArray
 from registration.report.gcode.outline_pack import SCALE_UM
 from registration.report.scaled_lines import VECTOR_PIECES, aspect, set_limits
 from registration.report.svg import MUTED

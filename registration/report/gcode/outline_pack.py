@@ -8,10 +8,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from registration.gcode_job import FloatArray
 from registration.picture.colours import samples
 from registration.report.gcode.chunks import encoded, planes
 from registration.report.gcode.design_outline import REACH_MM, DesignOutline
-from registration.report.gcode.job import FloatArray
 
 MAX_POINTS: Final = 6_000_000
 """Of a page's outlines: about 30 MB."""

@@ -12,9 +12,9 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, Normalize, to_rgba
 from PIL import Image
 
+from registration.gcode_job import Act, FloatArray, IntArray
 from registration.picture.colours import SEQUENTIAL
 from registration.report.drawing import blank, styled
-from registration.report.gcode.job import Act, FloatArray, IntArray
 from registration.report.play.packed import NOT_HELD, OFF, colourings
 from registration.report.play.played import Played, PlayRows
 from registration.report.scaled_lines import aspect, draw_scaled_lines, set_limits

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from design.files import write_text
-from registration.report.gcode.job import Act
+from registration.gcode_job import Act
 from registration.report.page import environment, style
 from registration.report.play.played import Played
 from registration.report.play.section import clock, play_section

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.report.gcode.job import Act
+from registration.gcode_job import Act
 from registration.report.play.played import FloatArray, Played, PlayRows
 from registration.report.wording import number
 

@@ -11,8 +11,8 @@ from design.tissue import block, tissue_from_surface
 from design.vasculature import GrowthOptions, grow_tree
 from design.vasculature.growth.bifurcation import split_value
 from design.vasculature.growth.cost import Sprout, climb
-from design.vasculature.growth.penalty import no_penalty
 from design.vasculature.growth.propose import estimate
+from design.vasculature.penalty import no_penalty
 from design.vasculature.polish.cost import law_of, segments_of
 
 ONE = Sprout(1.0, 1.0)

@@ -6,7 +6,7 @@ import pytest
 from design.errors import GrowthError
 from design.tissue import block, tissue_from_surface
 from design.vasculature import DepthPenalty, GrowthOptions, grow_tree
-from design.vasculature.growth.penalty import read_penalty, sample_penalty
+from design.vasculature.penalty import read_penalty, sample_penalty
 from tests.design.vasculature import oracles
 
 

@@ -12,8 +12,8 @@ from design.vasculature import (
     tree_radii,
     tree_to_network,
 )
-from design.vasculature.growth.viscosity import relative_viscosity
 from design.vasculature.polish import PolishOptions, polish
+from design.vasculature.viscosity import relative_viscosity
 from tests.design.vasculature import oracles
 
 

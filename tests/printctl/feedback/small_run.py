@@ -11,10 +11,10 @@ from rich.console import Console
 
 from design.network import VesselNetwork
 from design.network_csv import write_network_csv
-from printctl.pipeline.artefacts import NUMBERS
-from printctl.pipeline.manifest import Manifest, StageRecord, digest_file
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
+from printctl.run_folder.artefacts import NUMBERS
+from printctl.run_folder.manifest import Manifest, StageRecord, digest_file
 from tests.printctl.feedback.lab import Lab
 
 TWO = VesselNetwork.from_segments(

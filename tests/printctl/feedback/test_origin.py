@@ -10,9 +10,8 @@ import pytest
 
 from printctl.errors import UsageError
 from printctl.feedback import NO_ORIGIN, ORIGIN, keep_origin, read_print
-from printctl.pipeline.artefacts import NETWORK, NUMBERS
-from printctl.pipeline.manifest import MANIFEST, Manifest, StageRecord, digest_file
-from printctl.pipeline.stages.scan import of_simulator
+from printctl.run_folder.artefacts import NETWORK, NUMBERS
+from printctl.run_folder.manifest import MANIFEST, Manifest, StageRecord, digest_file, of_simulator
 from tests.printctl.feedback.lab import Lab
 from tests.printctl.feedback.small_run import TWO, recipe_of, registered, run
 

@@ -14,9 +14,9 @@ import yaml
 from design.errors import ToolpathError
 from printctl.errors import RecipeError, SafetyError, UsageError
 from printctl.feedback.evidence import read_print
-from printctl.pipeline.artefacts import NUMBERS
-from printctl.pipeline.manifest import Manifest
 from printctl.recipe import parse_recipe
+from printctl.run_folder.artefacts import NUMBERS
+from printctl.run_folder.manifest import Manifest
 from tests.printctl.cli.shell import Shell
 from tests.printctl.feedback.lab import Lab
 from tests.printctl.feedback.small_run import TWO, recipe_of, registered, run

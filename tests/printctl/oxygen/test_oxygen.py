@@ -15,12 +15,12 @@ from design.tissue import block
 from printctl.errors import RecipeError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import recipe_facts
-from printctl.pipeline.manifest import Manifest
 from printctl.pipeline.sequences import DESIGN
 from printctl.pipeline.stage import wanted
 from printctl.pipeline.stages import oxygen as stage
 from printctl.progress import StageBars
 from printctl.recipe import Recipe, parse_recipe
+from printctl.run_folder.manifest import Manifest
 from registration.report.page import report_html
 from tests.system.cli import called as printctl
 

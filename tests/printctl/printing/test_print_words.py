@@ -6,8 +6,8 @@ from pathlib import Path
 
 from printctl.cli.status import told
 from printctl.link.states import LinkState, Status
+from printctl.print_state.state import PrintTruth
 from printctl.printing.journalled import Journalled
-from printctl.printing.print_state import PrintTruth
 
 
 def truth() -> PrintTruth:

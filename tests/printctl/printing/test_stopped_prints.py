@@ -11,7 +11,7 @@ from printctl.errors import PrintctlError
 from printctl.link.journal import Journal
 from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.states import LinkState
-from printctl.printing.print_state import PrintTruth, read_print
+from printctl.print_state.state import PrintTruth, read_print
 from printctl.printing.recovery import planned
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.test_stop_in_waits import JOB

@@ -16,11 +16,11 @@ from rich.console import Console
 
 from firmware_profiles import Needle, load
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.manifest import Manifest
 from printctl.pipeline.stage import run_stages
 from printctl.pipeline.stages import flow, measures, tissue, vasculature
 from printctl.progress import StageBars
 from printctl.recipe import load_recipe
+from printctl.run_folder.manifest import Manifest
 from printctl.search import evaluate, load_search
 from printctl.search.candidates import draw_candidates
 from printctl.search.evaluate import WorkerError

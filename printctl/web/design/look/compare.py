@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from printctl.pipeline.manifest import Manifest
+from printctl.run_folder.manifest import Manifest
 from printctl.web.design.look.figures import Figure, key_figures
 
 

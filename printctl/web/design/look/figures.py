@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from design.units import PA_PER_MMHG
-from printctl.pipeline.manifest import Manifest
+from printctl.run_folder.manifest import Manifest
 
 Stages = Mapping[str, Mapping[str, Any]]
 

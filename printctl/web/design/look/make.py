@@ -14,13 +14,13 @@ import numpy as np
 
 from design.network import VesselNetwork
 from firmware_profiles import Ink, Printer, Syringe, load
-from printctl.cli.failures import message_and_code
 from printctl.errors import UsageError
+from printctl.failures import message_and_code
 from printctl.gcode_view import Pushing, read_job, read_line_map
 from printctl.networks import Drive, load_source
-from printctl.pipeline.artefacts import GCODE, OXYGEN
-from printctl.pipeline.manifest import Manifest
 from printctl.pipeline.outlined import run_outlines
+from printctl.run_folder.artefacts import GCODE, OXYGEN
+from printctl.run_folder.manifest import Manifest
 from printctl.web.design.look.views import LUMENS
 from printctl.web.polite import step_back
 from registration.picture import Quantity, quantities

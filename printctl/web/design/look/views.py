@@ -8,7 +8,7 @@ import threading
 from pathlib import Path
 from typing import Final
 
-from printctl.pipeline.artefacts import GCODE, LINE_MAP, NETWORK, OXYGEN, SOLID
+from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK, OXYGEN, SOLID
 from printctl.web.errors import ConflictError
 from printctl.web.worker import worked
 

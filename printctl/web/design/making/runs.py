@@ -15,8 +15,8 @@ from typing import Final
 from printctl.link.client import attach
 from printctl.link.errors import LinkError
 from printctl.link.states import ENDED
-from printctl.pipeline.manifest import MANIFEST
 from printctl.pipeline.names import TOOLPATH_NAMES, names_until
+from printctl.run_folder.manifest import MANIFEST
 from printctl.web.design.making.detached import Detached
 from printctl.web.design.making.progress import RunProgress
 from printctl.web.design.recipes import Recipes

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from starlette.testclient import TestClient
 
-from printctl.pipeline.manifest import Manifest, StageRecord
+from printctl.run_folder.manifest import Manifest, StageRecord
 from printctl.web.app import build_app
 from printctl.web.core import Core
 from printctl.web.settings import ServeSettings

@@ -17,7 +17,7 @@ from printctl.link.errors import Refused
 from printctl.link.history_query import HistoryQuery
 from printctl.link.journal import read_journal
 from printctl.link.record import JOURNAL, load_record
-from printctl.printing.print_actions import PrintAction
+from printctl.print_state.actions import PrintAction
 from printctl.station import Station, connect
 from printctl.station.record import load_station
 from printctl.web.history.service import HistoryService

@@ -20,10 +20,10 @@ from printctl.bead import (
     write_prediction,
 )
 from printctl.gcode_view.line_map import LineMap, read_line_map
-from printctl.pipeline.artefacts import GCODE
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stages.toolpath import plain_job, written_bundles
 from printctl.recipe.making import Embedded
+from printctl.run_folder.artefacts import GCODE
 from sim.bead import Bead, swell
 from sim.dryrun import DryRun, dry_run
 from sim.executed import ExecutedMotion

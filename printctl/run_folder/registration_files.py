@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from design.solids import Solid, write_ply
-from printctl.pipeline.manifest import digest_file
+from printctl.run_folder.manifest import digest_file
 from registration import RegistrationReport, Scan
 from registration.exports import (
     write_axes_vtp,

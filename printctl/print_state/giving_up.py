@@ -15,7 +15,7 @@ from printctl.link.journal import Journal, read_journal
 from printctl.link.process import only_one
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.states import LinkState, Status
-from printctl.printing.print_actions import PrintAction, possible_actions
+from printctl.print_state.actions import PrintAction, possible_actions
 
 _PATIENCE_S = 5.0
 _UNDER_WAY = 32

@@ -75,3 +75,9 @@ class Manifest:
         stages = {name: vars(record) for name, record in self.stages.items()}
         text = json.dumps({"schema": 1, "facts": self.facts, "stages": stages}, indent=1)
         write_text(self.folder / MANIFEST, text + "\n")
+
+
+def of_simulator(path: Path) -> bool:
+    """Whether a file, where it lies, is some run's simulated scan."""
+    record = Manifest.load(path.parent).stages.get("scan")
+    return record is not None and path.name in record.outputs

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from printctl import preflight
 from printctl.errors import UsageError
+from printctl.preflight.shaft import accepted_text, shaft_checks, shaft_lines, unmapped_check
+from printctl.preflight.shaft_map import read_written
+from printctl.preflight.shaft_run import shaft_clearance
 from printctl.set_up import Check, SetUp
 from sim.dryrun import DryRun
 
@@ -43,7 +45,7 @@ class FileShaft:
 
     def lines(self) -> list[str]:
         """For people."""
-        return [] if self.found is None else preflight.shaft_lines(self.found.as_dict())
+        return [] if self.found is None else shaft_lines(self.found.as_dict())
 
 
 def file_shaft(file: Path, run: DryRun, mounted: SetUp, *, accepted: bool = False) -> FileShaft:
@@ -65,16 +67,16 @@ def file_shaft(file: Path, run: DryRun, mounted: SetUp, *, accepted: bool = Fals
     """
     path = file.with_suffix(".map.npz")
     if not path.is_file():
-        return FileShaft([preflight.unmapped_check()] if _climbs(run) else [])
-    written = preflight.read_written(path)
+        return FileShaft([unmapped_check()] if _climbs(run) else [])
+    written = read_written(path)
     if written is None:
         return FileShaft([])
     _check_lines(file, path, len(written.sources.vessel))
     loads = [mounted.load_of(number) for number in range(mounted.printer.head_count)]
-    found = preflight.shaft_clearance(run, mounted.printer, loads, written)
-    text = preflight.accepted_text(found)
+    found = shaft_clearance(run, mounted.printer, loads, written)
+    text = accepted_text(found)
     return FileShaft(
-        preflight.shaft_checks(found, 0, accepted=accepted),
+        shaft_checks(found, 0, accepted=accepted),
         found,
         (text,) if accepted and text else (),
     )

@@ -14,8 +14,8 @@ from printctl.link.care import Care
 from printctl.link.client import attach
 from printctl.link.record import JOURNAL, LinkRecord, load_record
 from printctl.link.states import LinkState, Status
+from printctl.print_state.actions import Possible, PrintAction, possible_actions
 from printctl.printing.journalled import Journalled, journalled
-from printctl.printing.print_actions import Possible, PrintAction, possible_actions
 from printctl.printing.print_words import made_words, print_words, state_words
 from printctl.printing.progress import Filling, Progress, predicted_s, progress
 from printctl.printing.remaining import Remaining

@@ -13,7 +13,7 @@ from printctl.link.journal import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.states import LinkState, Status
-from printctl.printing.print_actions import refuse_forgotten
+from printctl.print_state.actions import refuse_forgotten
 from printctl.printing.syringes import usable_mm
 
 _GOING_ON: Final = (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)

@@ -138,7 +138,7 @@ def _changed(folder: Path) -> tuple[tuple[str, int], ...]:
 
 
 def _why_no_going_on(folder: Path) -> str:
-    """Why `printctl.printing.continuing.go_on` would refuse; empty where it wouldn't."""
+    """Why `printctl.print_state.continuing.go_on` would refuse; empty where it wouldn't."""
     try:
         record = load_record(folder)
         printer = load(Printer, record.profile)

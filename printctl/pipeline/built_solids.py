@@ -1,0 +1,34 @@
+"""All solids of a run's recipe, from its folder's network and tissue."""
+
+from __future__ import annotations
+
+from design.network import VesselNetwork
+from design.solids import read_solid, validate_file
+from design.vasculature import PLANAR_DIMPLES, Dimple
+from printctl.pipeline.context import RunContext
+from printctl.pipeline.solid_build import Built, build
+from printctl.recipe.growth import NamedNetwork
+from printctl.run_folder.artefacts import SURFACE
+
+
+def built_solids(context: RunContext, network: VesselNetwork | None = None) -> Built:
+    """All solids of the recipe; a design of ours brings its fiducial dimples.
+
+    ``network`` is put in the design's place where it is given.
+    """
+    named = isinstance(context.recipe.vasculature, NamedNetwork)
+    scale = context.recipe.print_scale
+    marks = [_scaled(mark, scale) for mark in PLANAR_DIMPLES] if named else []
+    tissue = read_solid(context.folder / SURFACE, unit="mm")
+    vessels = context.network if network is None else network
+    return build(context.recipe.solid, vessels, tissue, body_genus(context), marks)
+
+
+def _scaled(mark: Dimple, scale: float) -> tuple[tuple[float, float, float], float]:
+    x, y, z = mark.centre_mm
+    return (x * scale, y * scale, z * scale), mark.diameter_mm * scale
+
+
+def body_genus(context: RunContext) -> int:
+    """Handles of the tissue itself (a ring has one)."""
+    return validate_file(context.folder / SURFACE).genus or 0
