@@ -14,7 +14,7 @@ terminals (800,000 unknowns in loops) 50,000.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +90,48 @@ def star_mesh_of(first: IntArray, last: IntArray, count: int) -> StarMesh:
     )
 
 
+class _Queue(NamedTuple):
+    """Nodes that wait, by degree: a doubly linked stack for each degree up to the most.
+
+    Attributes
+    ----------
+    top : (most + 1,) int32
+        First node of each degree; -1 for none.
+    below, above : (n,) int32
+        Each node's neighbours on its stack.
+    stands : (n,) int32
+        Degree of the stack that it is on; -1 off all.
+    """
+
+    top: Small
+    below: Small
+    above: Small
+    stands: Small
+
+
+class _Lists(NamedTuple):
+    """Nodes' neighbours, those already eliminated among them.
+
+    Attributes
+    ----------
+    start, room, used : (n,)
+        Where a node's list begins, how many it has room for, and how many there are.
+    degree : (n,) int32
+        Neighbours that aren't eliminated.
+    gone : (n,) bool
+        Eliminated nodes.
+    end : (1,) int64
+        Where the pool's unused part begins.
+    """
+
+    start: IntArray
+    room: Small
+    used: Small
+    degree: Small
+    gone: NDArray[np.bool_]
+    end: IntArray
+
+
 @jit
 def _longer(old: Small, least: int) -> Small:
     new = np.empty(max(2 * len(old), least), np.int32)
@@ -98,95 +140,165 @@ def _longer(old: Small, least: int) -> Small:
 
 
 @jit
-def _degrees(first: Small, last: Small, count: int) -> IntArray:
+def _empty_lists(first: Small, last: Small, count: int) -> _Lists:
     """Room for each node's neighbours: as many as links, and a few more."""
-    start = np.zeros(count + 1, np.int64)
+    room = np.full(count, 3, np.int32)
     for k in range(len(first)):
-        start[first[k] + 1] += 1
-        start[last[k] + 1] += 1
+        room[first[k]] += 1
+        room[last[k]] += 1
+    start, end = np.empty(count, np.int64), np.zeros(1, np.int64)
     for v in range(count):
-        start[v + 1] += start[v] + 3
-    return start
+        start[v] = end[0]
+        end[0] += room[v]
+    return _Lists(
+        start,
+        room,
+        np.zeros(count, np.int32),
+        np.zeros(count, np.int32),
+        np.zeros(count, np.bool_),
+        end,
+    )
+
+
+@jit
+def _between(lists: _Lists, pool: Small, by: Small, a: int, b: int) -> int:
+    """Link between two nodes; -1 for none."""
+    short, other = (a, b) if lists.used[a] <= lists.used[b] else (b, a)
+    begin = lists.start[short]
+    for at in range(begin, begin + lists.used[short]):
+        if pool[at] == other:
+            return int(by[at])
+    return -1
+
+
+@jit
+def _add(lists: _Lists, pool: Small, by: Small, node: int, other: int, link: int) -> None:
+    """Put a neighbour at the end of a node's list, which has room."""
+    at = lists.start[node] + lists.used[node]
+    pool[at], by[at] = other, link
+    lists.used[node] += 1
+    lists.degree[node] += 1
+
+
+@jit
+def _make_room(lists: _Lists, pool: Small, by: Small, node: int) -> tuple[Small, Small]:
+    """Clear a full list of eliminated nodes; one that stays over half full moves to the end."""
+    kept, old = 0, lists.start[node]
+    for at in range(old, old + lists.used[node]):
+        if not lists.gone[pool[at]]:
+            pool[old + kept], by[old + kept] = pool[at], by[at]
+            kept += 1
+    lists.used[node] = kept
+    if 2 * kept > lists.room[node]:
+        lists.room[node] *= 2
+        begin = lists.end[0]
+        lists.end[0] += lists.room[node]
+        if lists.end[0] > len(pool):
+            pool, by = _longer(pool, lists.end[0]), _longer(by, lists.end[0])
+        for at in range(kept):
+            pool[begin + at], by[begin + at] = pool[old + at], by[old + at]
+        lists.start[node] = begin
+    return pool, by
+
+
+@jit
+def _push(queue: _Queue, v: int, degree: int) -> None:
+    """Put a node on its degree's stack, if there is one."""
+    if degree >= len(queue.top):
+        return
+    queue.above[v], queue.below[v], queue.stands[v] = -1, queue.top[degree], degree
+    if queue.top[degree] >= 0:
+        queue.above[queue.top[degree]] = v
+    queue.top[degree] = v
+
+
+@jit
+def _pull(queue: _Queue, v: int) -> None:
+    """Take a node off its stack."""
+    if queue.stands[v] < 0:
+        return
+    if queue.above[v] >= 0:
+        queue.below[queue.above[v]] = queue.below[v]
+    else:
+        queue.top[queue.stands[v]] = queue.below[v]
+    if queue.below[v] >= 0:
+        queue.above[queue.below[v]] = queue.above[v]
+    queue.stands[v] = -1
+
+
+@jit
+def _full_queue(degree: Small, most: int) -> _Queue:
+    """All nodes of at most so many neighbours, the first of each degree on top."""
+    count = len(degree)
+    queue = _Queue(
+        np.full(most + 1, -1, np.int32),
+        np.full(count, -1, np.int32),
+        np.full(count, -1, np.int32),
+        np.full(count, -1, np.int32),
+    )
+    for v in range(count - 1, -1, -1):
+        _push(queue, v, degree[v])
+    return queue
+
+
+@jit
+def _take_given(
+    first: Small, last: Small, lists: _Lists, pool: Small, by: Small, ends: Small
+) -> Small:
+    """Put the given links into the lists; return which one each counts to."""
+    of_given = np.empty(len(first), np.int32)
+    for k in range(len(first)):
+        a, b = first[k], last[k]
+        ends[2 * k], ends[2 * k + 1] = a, b
+        same = _between(lists, pool, by, a, b)
+        of_given[k] = k if same < 0 else same
+        if same < 0:
+            _add(lists, pool, by, a, b, k)
+            _add(lists, pool, by, b, a, k)
+    return of_given
 
 
 @jit
 def _plan(
     first: Small, last: Small, count: int, most: int
 ) -> tuple[Small, IntArray, Small, Small, Small, Small, Small]:
-    """The whole elimination on paper.
-
-    One long kernel: its state is a dozen arrays, several of which grow. Neighbours stand in
-    ``pool`` from ``start[v]`` on, ``used[v]`` of them, those already gone included; a list that is
-    full is cleared of these, or moves to the end of the pool. Nodes wait on a stack for each
-    degree; what a node's degree was when it was put there may be out of date.
-    """
-    given = len(first)
-    places = _degrees(first, last, count)
-    start, room = places[:count].copy(), np.empty(count, np.int32)
-    for v in range(count):
-        room[v] = places[v + 1] - places[v]
-    end = places[count]
-    pool, by = np.empty(2 * end + 64, np.int32), np.empty(2 * end + 64, np.int32)
-    used, degree = np.zeros(count, np.int32), np.zeros(count, np.int32)
-    ends, of_given = np.empty(4 * given + 64, np.int32), np.empty(given, np.int32)
-    for k in range(given):
-        a, b = first[k], last[k]
-        ends[2 * k], ends[2 * k + 1], of_given[k] = a, b, k
-        short, other = (a, b) if used[a] < used[b] else (b, a)
-        for at in range(start[short], start[short] + used[short]):
-            if pool[at] == other:
-                of_given[k] = by[at]
-        if of_given[k] == k:
-            pool[start[a] + used[a]], by[start[a] + used[a]] = b, k
-            pool[start[b] + used[b]], by[start[b] + used[b]] = a, k
-            used[a] += 1
-            used[b] += 1
-    degree[:] = used
-    top, below = np.full(most + 1, -1, np.int32), np.full(count, -1, np.int32)
-    above, stands = np.full(count, -1, np.int32), np.full(count, -1, np.int32)
-    for v in range(count - 1, -1, -1):
-        d = degree[v]
-        if d <= most:
-            below[v], stands[v] = top[d], d
-            if top[d] >= 0:
-                above[top[d]] = v
-            top[d] = v
-    gone = np.zeros(count, np.bool_)
+    """Eliminate nodes by their neighbours' lists alone, no numbers; `StarMesh`'s first seven."""
+    lists = _empty_lists(first, last, count)
+    pool = np.empty(2 * lists.end[0] + 64, np.int32)
+    by = np.empty(len(pool), np.int32)
+    links = len(first)
+    ends = np.empty(4 * links + 64, np.int32)
+    of_given = _take_given(first, last, lists, pool, by, ends)
+    queue = _full_queue(lists.degree, most)
     order, begin, steps = np.empty(count, np.int32), np.zeros(count + 1, np.int64), 0
     neighbour, link, entries = np.empty(4 * count, np.int32), np.empty(4 * count, np.int32), 0
     pair, pairs = np.empty(6 * count, np.int32), 0
-    links, least = given, 0
+    least = 0
     while True:
-        while least <= most and top[least] < 0:
+        while least <= most and queue.top[least] < 0:
             least += 1
         if least > most:
             break
-        v = top[least]
-        top[least], gone[v] = below[v], True
-        if below[v] >= 0:
-            above[below[v]] = -1
+        v = queue.top[least]
+        _pull(queue, v)
+        lists.gone[v] = True
         if entries + most > len(neighbour):
             neighbour, link = _longer(neighbour, 0), _longer(link, 0)
         if pairs + most * most > len(pair):
             pair = _longer(pair, pairs + most * most)
         low = entries
-        for at in range(start[v], start[v] + used[v]):
-            if not gone[pool[at]]:
+        for at in range(lists.start[v], lists.start[v] + lists.used[v]):
+            if not lists.gone[pool[at]]:
                 neighbour[entries], link[entries] = pool[at], by[at]
-                degree[pool[at]] -= 1
+                lists.degree[pool[at]] -= 1
                 entries += 1
         order[steps] = v
         steps += 1
         begin[steps] = entries
         for i in range(low, entries):
-            a = neighbour[i]
             for j in range(low, i):
-                b, between = neighbour[j], -1
-                short, other = (a, b) if used[a] <= used[b] else (b, a)
-                for at in range(start[short], start[short] + used[short]):
-                    if pool[at] == other:
-                        between = by[at]
-                        break
+                a, b = neighbour[i], neighbour[j]
+                between = _between(lists, pool, by, a, b)
                 if between < 0:
                     between = links
                     links += 1
@@ -194,47 +306,18 @@ def _plan(
                         ends = _longer(ends, 0)
                     ends[2 * between], ends[2 * between + 1] = a, b
                     for node, other in ((a, b), (b, a)):
-                        degree[node] += 1
-                        if used[node] == room[node]:
-                            kept, old = 0, start[node]
-                            for at in range(old, old + used[node]):
-                                if not gone[pool[at]]:
-                                    pool[old + kept], by[old + kept] = pool[at], by[at]
-                                    kept += 1
-                            used[node] = kept
-                            if 2 * kept > room[node]:
-                                room[node] *= 2
-                                if end + room[node] > len(pool):
-                                    pool = _longer(pool, end + room[node])
-                                    by = _longer(by, end + room[node])
-                                for at in range(kept):
-                                    pool[end + at], by[end + at] = pool[old + at], by[old + at]
-                                start[node] = end
-                                end += room[node]
-                        pool[start[node] + used[node]] = other
-                        by[start[node] + used[node]] = between
-                        used[node] += 1
+                        if lists.used[node] == lists.room[node]:
+                            pool, by = _make_room(lists, pool, by, node)
+                        _add(lists, pool, by, node, other, between)
                 pair[pairs] = between
                 pairs += 1
         for i in range(low, entries):
             a = neighbour[i]
-            old, d = stands[a], degree[a]
-            if old == d:
-                continue
-            if old >= 0:
-                if above[a] >= 0:
-                    below[above[a]] = below[a]
-                else:
-                    top[old] = below[a]
-                if below[a] >= 0:
-                    above[below[a]] = above[a]
-                stands[a] = -1
-            if d <= most:
-                above[a], below[a], stands[a] = -1, top[d], d
-                if top[d] >= 0:
-                    above[top[d]] = a
-                top[d] = a
-                least = min(least, d)
+            degree = lists.degree[a]
+            if queue.stands[a] != degree:
+                _pull(queue, a)
+                _push(queue, a, degree)
+                least = min(least, degree)
     return (
         order[:steps].copy(),
         begin[: steps + 1].copy(),
