@@ -32,6 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.deposit_kernels import paint_filaments, paint_layers, stack_layers, writing_runs
+from sim.deposit_levels import level_heights, written_levels
 from sim.errors import DepositError
 from sim.executed import ExecutedMotion
 
@@ -40,8 +41,6 @@ IntArray = NDArray[np.int64]
 
 Style = Literal["layered", "embedded"]
 
-LEVEL_TOLERANCE_MM = 5e-3
-"""Written heights closer than this are one level (two steps of a usual z axis)."""
 MOST_VOXELS = 2_000_000_000
 
 
@@ -338,31 +337,6 @@ def _smoothed_area(
 def _style(lines: _Lines) -> Style:
     flat = np.abs(lines.end[:, 2] - lines.start[:, 2]).max() < 1e-3
     return "layered" if flat and len(written_levels(lines.end[:, 2])) > 1 else "embedded"
-
-
-def written_levels(heights: FloatArray) -> FloatArray:
-    """Distinct written heights, ascending, mm."""
-    ordered = np.unique(np.round(heights, 4))
-    new = np.concatenate([[True], np.diff(ordered) > LEVEL_TOLERANCE_MM])
-    return ordered[new]
-
-
-def level_heights(levels: FloatArray) -> FloatArray:
-    """Height of the lines of each level: down to the level below, (k,), mm.
-
-    The lowest level, and one that hangs more than two usual spacings above the last, take the
-    most frequent spacing.
-    """
-    gaps = np.diff(levels)
-    if len(gaps) == 0:
-        raise DepositError(
-            "layered writing has a single level, so its line height is unknown; "
-            "use style='embedded' or write at least two layers"
-        )
-    values, counts = np.unique(np.round(gaps, 3), return_counts=True)
-    usual = float(values[counts.argmax()])
-    gaps = np.where(gaps > 2 * usual, usual, gaps)
-    return np.concatenate([[usual], gaps])
 
 
 def _in_levels(lines: _Lines) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:

@@ -125,16 +125,14 @@ def pattern(
     bead = _bead(wide, layer, bath is not None if round_bead is None else round_bead, ink)
     own = _Own(speeds, flow_factors, length, repeats, steps, speed, turns, pitch, gaps, overlaps,
                spans, height)  # fmt: skip
-    made = _made(name, bead, own)
-    mounted = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
     machine, material = load(Printer, printer), load(Ink, ink)
     _refuse_air(machine)
-    set_for = set_up(machine, syringe, ink, place, mounted)
-    written = Written(
-        made,
-        Mounted(printer, syringe, ink, needle, material.flow_factor, material.swell_factor),
+    named = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
+    set_for = set_up(machine, syringe, ink, place, named)
+    used = Mounted(printer, syringe, ink, needle, material.flow_factor, material.swell_factor)
+    _write(
+        _Job(output, Written(_made(name, bead, own), used), set_for, place, load(Syringe, syringe))
     )
-    _write(_Job(output, written, set_for, place, load(Syringe, syringe)))
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -21,6 +22,7 @@ from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NETWORK
 from registration.dye import (
     DyeOptions,
+    DyeReport,
     dye_dict,
     measure_dye,
     place_rows,
@@ -106,12 +108,26 @@ def dye(
         lens=None if camera is None else read_lens(camera),
     )
     report = measure_dye(video, read_marks(marks), network, options)
-    data = dye_dict(report, tolerance_percent)
+    _tell(report, dye_dict(report, tolerance_percent), _Film(video, network, out), as_json)
+
+
+@dataclass(frozen=True)
+class _Film:
+    """A film, its part, and the folder of what is found."""
+
+    video: Path
+    network: VesselNetwork
+    out: Path
+
+
+def _tell(report: DyeReport, data: dict[str, Any], film: _Film, as_json: bool) -> None:
+    """Write files and words; exit code 1 unless the part passes."""
+    out = film.out
     for note in report.notes:
         messages().print(f"note: {note}", markup=False)
     write_text(out / NUMBERS, json.dumps(data, indent=1, allow_nan=False) + "\n")
     write_text(out / PLACES, as_csv(place_rows(report)))
-    write_dye_html(out / PAGE, video.name, data, report, network)
+    write_dye_html(out / PAGE, film.video.name, data, report, film.network)
     if as_json:
         print_json(data)
     else:

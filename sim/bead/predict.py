@@ -28,7 +28,8 @@ from firmware_profiles.bead import BeadSection
 from sim.bead.flow import NozzleFlow, nozzle_flow
 from sim.bead.nozzle import Nozzle
 from sim.bead.pieces import Pieces
-from sim.deposit import Style, level_heights, written_levels
+from sim.deposit import Style
+from sim.deposit_levels import level_heights, written_levels
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
