@@ -79,6 +79,11 @@ def differences(answers: Answers, printer: Printer) -> list[Difference]:
     return [*found, *_speeds(settings, printer)]
 
 
+def levelling_is_on(lines: Sequence[str], printer: Printer) -> bool:
+    """Whether the settings that M503 lists have bed levelling on."""
+    return bool(_levelling(_settings(lines).get("M420"), printer))
+
+
 def told_settings(answers: Answers, printer: Printer) -> dict[str, str]:
     """Settings that a job may change, as the commands that set them back, by code.
 
@@ -216,6 +221,19 @@ def _levelling(words: dict[str, str] | None, printer: Printer) -> list[Differenc
     ]
 
 
+def _skew(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
+    factors = " ".join(f"{key}{value}" for key, value in (words or {}).items() if float(value))
+    if not factors:
+        return []
+    return [
+        Difference(
+            f"skew correction is on (M852 {factors}), which moves X and Y along with Y and Z",
+            remedy="switch it off with the maker's own program (M852 I0 J0 K0, M500): Marlin "
+            "leaves it out near the axes' ends, so a line there jumps sideways",
+        )
+    ]
+
+
 def _advance(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
     told = float((words or {}).get("K", printer.advance_s))
     if abs(told - printer.advance_s) <= 0.005:
@@ -229,5 +247,6 @@ _CHECKS: Final = {
     "M200": _volumes,
     "M206": _home_offset,
     "M420": _levelling,
+    "M852": _skew,
     "M900": _advance,
 }

@@ -13,6 +13,7 @@ from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.frame_check import FrameCheck
 from printctl.link.gauges import Gauge, Gauges
 from printctl.link.head_choice import HeadChoice
+from printctl.link.homing_check import HomingCheck
 from printctl.link.idle_motors import IdleMotors
 from printctl.link.interruption import Interruption
 from printctl.link.job import Job
@@ -54,6 +55,7 @@ class PrintParts:
     ending : Ending
     pauses : Pauses
     slips : SlipWatch
+    homing : HomingCheck
     resumption : Resumption
     interruption : Interruption
     """
@@ -72,6 +74,7 @@ class PrintParts:
     ending: Ending
     pauses: Pauses
     slips: SlipWatch
+    homing: HomingCheck
     resumption: Resumption
     interruption: Interruption
 
@@ -124,6 +127,7 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         ending=ending,
         pauses=pauses,
         slips=SlipWatch(channel, position),
+        homing=HomingCheck(channel),
         resumption=Resumption(
             channel,
             firmware,

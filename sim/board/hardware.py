@@ -24,6 +24,10 @@ class Board:
         Largest share of the processor that the interrupt gets.
     thermistors : bool
         Whether the temperature inputs are wired; without, a heater ends in a MINTEMP stop.
+    levels_after_homing : bool
+        Whether Marlin was built with ENABLE_LEVELING_AFTER_G28: G28 switches levelling on.
+    bed_slope : float
+        Of the bed that levelling knows, mm of Z for each mm of X.
     store_s : float
         To write the settings' 597 bytes into the EEPROM, 3.4 ms each; nothing else is done then.
     """
@@ -34,6 +38,8 @@ class Board:
     pulse_s: float = 27.5e-6
     most_load: float = 0.9
     thermistors: bool = True
+    levels_after_homing: bool = False
+    bed_slope: float = 0.0
     store_s: float = 2.03
 
     def costs(self) -> NDArray[np.float64]:

@@ -50,6 +50,8 @@ class Motion:
         As the firmware was told.
     closed_until : float, s
         Before it the planner takes no moves.
+    slope : float
+        By how much bed levelling lifts Z along X, mm for each mm; 0 where it is off.
     """
 
     def __init__(
@@ -76,6 +78,7 @@ class Motion:
         rule = family_of(printer).grammar.e_rule
         self.modal = new_modal(self._start_mm, printer.head_count, rule)
         self.tool_offset = np.zeros((printer.head_count, 3))
+        self.slope = 0.0
         spans: tuple[Span, ...] = (printer.x_mm, printer.y_mm, printer.z_mm)
         self.modal["low"] = [span.low for span in spans]
         self.modal["high"] = [span.high for span in spans]
@@ -121,6 +124,8 @@ class Motion:
 
     def add_move(self, target_mm: Any, feed: float, line: int, now: float) -> None:
         """Put a straight move into the ring, which must have a place; none while it is closed."""
+        if self.slope:
+            target_mm = target_mm + np.array([0.0, 0.0, self.slope * target_mm[0], 0.0])
         if now >= self.closed_until:
             add_move(self.planner, self.ring, target_mm, feed, line, now)
 
@@ -142,6 +147,7 @@ class Motion:
         self._make_room()
         stop_now(self.planner, self.ring, self.log, now)
         native = self.planner["position"][0] / self.planner["steps_per_mm"][0].astype(float)
+        native[2] -= self.slope * native[0]
         self.modal["plunger_shift"] += self.modal["position"][0, 3] - native[3]
         self.modal["position"] = native
 
@@ -149,6 +155,12 @@ class Motion:
         """Call where an axis stands ``position_mm``, as homing does that finds its switch."""
         set_axis(self.planner, axis, position_mm)
         self.modal["position"][0, axis] = position_mm
+
+    def level(self, slope: float) -> None:
+        """Have Z rise along X by ``slope`` from now on; the place's name changes with it."""
+        place = self.modal["position"][0]
+        place[2] += (self.slope - slope) * place[0]
+        self.slope = slope
 
     def count_anew(self) -> None:
         """Count where the last block ends in the steps/mm as they are now; no motor moves."""

@@ -20,6 +20,7 @@ from sim.families.marlin.tells import ok_words, planned_position, temperatures
 from sim.families.marlin.texts import BANNER
 from sim.families.marlin.tools import m218, take_tool
 from sim.families.marlin.urgent import EMERGENCY, act_urgently, code_on_entering
+from sim.families.marlin.waits import m420
 from sim.gcode import Command
 
 _HEAT_WORDS = {
@@ -97,6 +98,8 @@ class Marlin:
         name = f"{command.letter}{command.number}"
         if name in self.handlers:
             return self.handlers[name](self.board, command)
+        if name == "M420" and self.board.machine.board.bed_slope:
+            return m420(self.board, command)
         if name == self.offsets_by and printer.head_count > 1:
             m218(self.board, command)
         elif name not in printer.extra_commands:

@@ -21,7 +21,7 @@ def take_plain_moves(board: Controller, data: bytes, alarm: Callable[[], float])
         When the main loop next has something to do of its own, s.
     """
     wire, machine = board.wire, board.machine
-    if machine.dead or machine.settings.has_least_feeds:
+    if machine.dead or machine.settings.has_least_feeds or machine.motion.slope:
         return data
     if not board.work.idle or len(data) > wire.capacity:
         return data

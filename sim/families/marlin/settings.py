@@ -70,6 +70,10 @@ def tell_settings(machine: Machine, bare: bool = False) -> None:
     """Say all settings, each with its heading; ``bare`` without, and without echo:."""
     rows = [("Linear Units:", "G21 ; (mm)"), ("Temperature Units:", "M149 C ; Units in Celsius")]
     rows += [(heading, line_of(machine, name)) for name, heading in _HEADINGS.items()]
+    if machine.board.bed_slope:
+        on = bool(machine.motion.slope)
+        word = "ON" if on else "OFF"
+        rows.append(("Mesh Bed Leveling:", f"M420 S{on:d} Z10.00 ; Leveling {word}"))
     for heading, line in rows:
         if not bare:
             heading = (

@@ -62,7 +62,18 @@ def g28(board: Controller, command: Command) -> Task:
         machine.homed[axis] = True
         machine.motion.modal["shift"][0, axis] = 0.0
     limit_homed(board)
+    if machine.board.levels_after_homing:
+        machine.motion.level(machine.board.bed_slope)
     machine.say(planned_position(board))
+
+
+def m420(board: Controller, command: Command) -> Task:
+    """Switch bed levelling on or off, with the motors at rest; tell which."""
+    motion = board.machine.motion
+    yield Still()
+    if "S" in command.values:
+        motion.level(board.machine.board.bed_slope if command.values["S"] else 0.0)
+    board.machine.say(f"echo:Bed Leveling {'ON' if motion.slope else 'OFF'}")
 
 
 def limit_homed(board: Controller) -> None:
