@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.deposit_kernels import paint_filaments, paint_layers, stack_layers, writing_runs
-from sim.deposit_levels import level_heights, written_levels
+from sim.deposit_levels import level_areas, level_heights, written_levels
 from sim.errors import DepositError
 from sim.executed import ExecutedMotion
 
@@ -342,7 +342,8 @@ def _style(lines: _Lines) -> Style:
 def _in_levels(lines: _Lines) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
     """Levels, their lines' heights, the level of each line, and its half width."""
     levels = written_levels(lines.end[:, 2])
-    height = level_heights(levels)
+    area = level_areas(levels, lines.end[:, 2], lines.area_mm2)
+    height = level_heights(levels, area)
     layer = np.clip(np.searchsorted(levels, lines.end[:, 2] + 1e-6, side="right") - 1, 0, None)
     return levels, height, layer, lines.area_mm2 / height[layer] / 2
 
