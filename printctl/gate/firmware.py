@@ -25,6 +25,7 @@ _SETTING: Final = re.compile(r"^(?:echo:)?\s*(M\d+)((?: [A-Z]-?\d*(?:\.\d+)?)+)"
 _WORD: Final = re.compile(r"([A-Z])(-?\d+(?:\.\d+)?)")
 _OFFSETS: Final = re.compile(r"[XYZ]:? ?(-?\d+\.\d+)")
 _COLD: Final = re.compile(r"Cold extrudes are (en|dis)abled(?: \(min temp (\d+))?")
+_PLACE: Final = re.compile(r"(gcode|gcode base): X:(\S+) Y:(\S+) Z:(\S+)")
 _TIMEOUT: Final = re.compile(r"(?:Inactivity timeout|Timeout set to) (\d+(?:\.\d+)?) s")
 
 
@@ -71,7 +72,7 @@ def differences(answers: Answers, printer: Printer) -> list[Difference]:
         Question to the lines that were said to it.
     printer : Printer
     """
-    found = [*_factors(answers), *_limits(answers), *_flags(answers)]
+    found = [*_factors(answers), *_limits(answers), *_flags(answers), *_shifts(answers)]
     settings = _settings(answers.get("M503 S0", ()))
     for code, check in _CHECKS.items():
         found += check(settings.get(code), printer)
@@ -154,6 +155,18 @@ def _flags(answers: Answers) -> list[Difference]:
         for flags in on
         if flags.lower() not in ("off", "")
     ]
+
+
+def _shifts(answers: Answers) -> list[Difference]:
+    """What G92 has left where the firmware keeps it beside the head's own place."""
+    said = [_PLACE.search(text) for text in answers.get("GET_POSITION", ())]
+    told = {one[1]: [float(mm) for mm in one.groups()[1:]] for one in said if one}
+    shift, place = told.get("gcode base"), told.get("gcode")
+    if place is None or shift is None or not any(shift):
+        return []
+    x, y, z = shift
+    what = f"places are shifted by X{x:g} Y{y:g} Z{z:g} mm (G92 of an earlier job or program)"
+    return [Difference(what, "G92 X{:.6f} Y{:.6f} Z{:.6f}".format(*place))]
 
 
 def _speeds(settings: dict[str, dict[str, str]], printer: Printer) -> list[Difference]:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from firmware_profiles import Printer
+from firmware_profiles.families import family_of
 from printctl.link.errors import LinkError
 from printctl.link.job import Job
 from printctl.link.modal import ModalTrail, places_told
 from sim.reading import code_of, is_motion, read_sent
 
 _AXES: Final = "XYZ"
+Place = tuple[float, float, float]
 _SAME_MM: Final = 1e-9
 """Rounding of sums of numbers with few decimals."""
 
@@ -40,25 +44,31 @@ class Renaming:
 
 @dataclass(frozen=True)
 class JobFrame:
-    """Frame before a line.
+    """What a job's lines add to a place, counted from where the tip was touched off.
 
     Attributes
     ----------
     start : (x, y, z) or None, mm
         Where the first lines, or else the checks, tell that the tip stands; None where the machine
         is homed.
-    shift : (x, y, z), mm
-        What later lines have added to what a place is called.
     lines : tuple of bytes
-        Commands, without E, that make the frame with the tip at ``start``.
+        Commands, without E, that tell ``start``.
     top : float, mm
         Greatest height of any move of the job, as ``start`` counts.
+    renamed : tuple of (int, (x, y, z) in mm)
+        Command lines that call a place otherwise, and what places are called beyond ``start``'s
+        count from there on; in order.
     """
 
-    start: tuple[float, float, float] | None
-    shift: tuple[float, float, float]
+    start: Place | None
     lines: tuple[bytes, ...]
     top: float
+    renamed: tuple[tuple[int, Place], ...] = ()
+
+    def shift_at(self, index: int) -> Place:
+        """Return what a place is called by command line ``index`` beyond ``start``'s count, mm."""
+        before = bisect_right(self.renamed, index, key=lambda one: one[0])
+        return self.renamed[before - 1][1] if before else (0.0, 0.0, 0.0)
 
 
 def renamings(lines: Sequence[bytes]) -> list[Renaming]:
@@ -77,13 +87,14 @@ def renamings(lines: Sequence[bytes]) -> list[Renaming]:
     return found
 
 
-def frame_at(job: Job, begin: int, start_mm: tuple[float, float, float] | None = None) -> JobFrame:
-    """Return the frame before command line ``begin``.
+def frame_at(job: Job, begin: int, printer: Printer, start_mm: Place | None = None) -> JobFrame:
+    """Return the frame of a job, and the commands that tell it before command line ``begin``.
 
     Parameters
     ----------
     job : Job
     begin : int
+    printer : Printer
     start_mm : (x, y, z) or None, mm
         Where the checks took the tip to stand before the first line; it counts for a job that tells
         some of X, Y and Z alone, or tells them late.
@@ -95,16 +106,24 @@ def frame_at(job: Job, begin: int, start_mm: tuple[float, float, float] | None =
     """
     named = _named(job, start_mm)
     start, lines = _declared(job, named)
-    shift = _shift(job, [one for one in named if one.index < begin], start)
-    if any(shift) and start is not None:
-        # One G92 tells the place as it is called there: two would be a place told anew.
-        renamed = (mm + by for mm, by in zip(start, shift, strict=True))
-        others = (line for line in lines if code_of(line) != b"G92")
-        lines = (*others, b"G92 X%.5f Y%.5f Z%.5f" % tuple(renamed))
-    return JobFrame(start, shift, lines, _top(job, named))
+    if start is None:  # what renames places behind ``begin`` stays in the rest
+        _shifts(job, [one for one in named if one.index < begin], start)
+        return JobFrame(None, lines, _top(job, named))
+    frame = JobFrame(start, lines, _top(job, named), _shifts(job, named, start))
+    if named[0].index < 0 or any(frame.shift_at(begin - 1)):
+        return replace(frame, lines=_telling(start, printer))
+    return frame
 
 
-def _named(job: Job, start_mm: tuple[float, float, float] | None) -> list[Renaming]:
+def _telling(start: Place, printer: Printer) -> tuple[bytes, ...]:
+    """Write what tells a printer where the tip stands; where it keeps G92 apart, that as well."""
+    declares = family_of(printer).dialect(printer).declares
+    x, y, z = (f"{mm:.5f}" for mm in start)
+    every = (declares, "G92 X{x} Y{y} Z{z}")
+    return tuple(one.format(x=x, y=y, z=z).encode("ascii") for one in every if one)
+
+
+def _named(job: Job, start_mm: Place | None) -> list[Renaming]:
     """Return the job's renamings, behind the place of its checks where the job needs that."""
     named = renamings(job.lines)
     early = range(_first_move(job))
@@ -121,9 +140,7 @@ def _first_move(job: Job) -> int:
     return next((k for k, line in enumerate(job.lines) if is_motion(line)), len(job))
 
 
-def _declared(
-    job: Job, named: Sequence[Renaming]
-) -> tuple[tuple[float, float, float] | None, tuple[bytes, ...]]:
+def _declared(job: Job, named: Sequence[Renaming]) -> tuple[Place | None, tuple[bytes, ...]]:
     """Where the tip stands by the lines before the first move, and those lines without E."""
     declaring = [one for one in named if one.declared]
     if not declaring:
@@ -140,17 +157,22 @@ def _declared(
     return (found["X"], found["Y"], found["Z"]), lines
 
 
-def _shift(
-    job: Job, named: Sequence[Renaming], start: tuple[float, float, float] | None
-) -> tuple[float, float, float]:
-    total = dict.fromkeys(_AXES, 0.0)
+def _shifts(
+    job: Job, named: Sequence[Renaming], start: Place | None
+) -> tuple[tuple[int, Place], ...]:
+    """Add up what lines call a place beyond the count of ``start``, mm."""
+    total, found = dict.fromkeys(_AXES, 0.0), list[tuple[int, Place]]()
     for one in named:
-        if one.moved and (start is None or code_of(one.line) != b"G92"):
+        if not one.moved:
+            continue
+        by_name = code_of(one.line) != b"G92"  # leaves what G92 has shifted as it is
+        if start is None or (by_name and any(total.values())):
             _refuse(job, one, "calls a place otherwise that no line before the first move tells")
         for axis, mm in one.moved.items():
             total[axis] += mm
-    x, y, z = (mm if abs(mm) > _SAME_MM else 0.0 for mm in total.values())
-    return x, y, z
+        x, y, z = (mm if abs(mm) > _SAME_MM else 0.0 for mm in total.values())
+        found.append((one.index, (x, y, z)))
+    return tuple(found)
 
 
 def _top(job: Job, named: Sequence[Renaming]) -> float:

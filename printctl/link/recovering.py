@@ -21,6 +21,7 @@ from printctl.link.journal import History
 from printctl.link.modal import HOMING, Modal, places_told
 from printctl.link.recovery_begin import Beginning, beginning
 from printctl.link.recovery_steps import by_hand, what_is_there
+from printctl.link.rest_lines import rest_lines
 from printctl.link.retreat import Retreat, count_from
 from printctl.link.valve import is_about_valve, reopen, shut
 from sim.reading import code_of
@@ -101,10 +102,12 @@ def plan_recovery(
             f"before line {job.file_lines[begin]} the job doesn't say where the needle and the "
             "plunger are; give a later line (--from-line)"
         )
-    frame = frame_at(job, begin, start_mm)
-    gcode = _way_in(job, found, printer, retreat, frame) + _rest(job, data, begin)
+    frame = frame_at(job, begin, printer, start_mm)
+    there = replace(found, at=_counted(at, frame, begin))
+    rest = rest_lines(job, data, begin, frame)
+    gcode = _way_in(job, there, printer, retreat, frame) + rest
     steps = (
-        *by_hand(job, printer, frame.start),
+        *by_hand(printer, frame),
         *what_is_there(job, history, found, printer, ul_per_mm),
     )
     return Recovery(begin, gcode, steps, frame.start)
@@ -117,6 +120,13 @@ def _untouched(
     if start_mm is None or any(code_of(line) in HOMING for line in before):
         return at
     return at.filled(dict(zip("xyz", start_mm, strict=True)))
+
+
+def _counted(at: Modal, frame: JobFrame, begin: int) -> Modal:
+    """Count a place before line ``begin`` from where the tip was touched off."""
+    x, y, z = frame.shift_at(begin - 1)
+    by = {"x": x, "y": y, "z": z}
+    return replace(at, **{axis: at.place()[axis] - mm for axis, mm in by.items()})
 
 
 def _way_in(
@@ -135,10 +145,9 @@ def _way_in(
     head = head_at(job.lines, begin) if printer.heads else None
     retreat = retreat.of_head(head)
     x, y, z, e = (float(value or 0.0) for value in (at.x, at.y, at.z, at.e))
-    shift = frame.shift[2]
-    top = max(z - shift, frame.top)
+    top = max(z, frame.top)
     touched_off = top if frame.start is None else frame.start[2]
-    high = max(min(top + CLEARANCE_MM, printer.z_mm.high), top, touched_off) + shift
+    high = max(min(top + CLEARANCE_MM, printer.z_mm.high), top, touched_off)
     speed = printer.max_speed_mm_s
     level, rise = min(TRAVEL_MM_S, speed.x, speed.y), min(TRAVEL_MM_S, speed.z)
     commands = [*shut(printer), *_settings(job, begin, printer, frame.lines)]
@@ -188,11 +197,3 @@ def _told_of_head(line: bytes) -> bytes:
     letters = b"TD" if code[:1] == b"M" else b"P" if code == b"G10" else b""
     told = len(words) > 1 and words[0][:1] in letters and words[0][1:].isdigit()
     return b" ".join([code, words[0]]) if told else b""
-
-
-def _rest(job: Job, data: bytes, begin: int) -> bytes:
-    """The lines still to be made, after what the file last said of its layers' height."""
-    lines = data.splitlines(keepends=True)
-    first = job.file_lines[begin] - 1
-    said = (line for line in reversed(lines[:first]) if line.startswith(b";HEIGHT:"))
-    return b"".join([next(said, b""), *lines[first:]])

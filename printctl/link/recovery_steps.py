@@ -5,15 +5,14 @@ from __future__ import annotations
 from firmware_profiles import Printer
 from printctl.link.heads import head_at
 from printctl.link.job import Job
+from printctl.link.job_frame import JobFrame
 from printctl.link.journal import History
 from printctl.link.marks import MarkKind
 from printctl.link.recovery_begin import Beginning
 from printctl.link.written_twice import written_twice
 
 
-def by_hand(
-    job: Job, printer: Printer, start: tuple[float, float, float] | None
-) -> tuple[str, ...]:
+def by_hand(printer: Printer, frame: JobFrame) -> tuple[str, ...]:
     """Return what to do at the machine, in order: needle, place, plunger."""
     lift = (
         "Lift the needle out before anything else moves: straight up, by hand on the Z screw or "
@@ -26,19 +25,24 @@ def by_hand(
             "Take the air's pressure off before that: the valve may stand open. Wipe the tip; set "
             "the pressure again when the file runs, which shuts the valve first."
         )
-    if start is None:
+    if frame.start is None:
         place = (
             "This job needs a homed machine. Home X and Y (G28 X Y) once the needle is above the "
             "dish and can't touch it. Don't home Z with the needle mounted: it would be driven "
             "into the dish; touch it off at a known height and tell it by G92 Z."
         )
     else:
-        x, y, z = start
+        x, y, z = frame.start
         place = (
             "Don't home. Once it is clear of the dish, bring the tip back to the very place where "
-            f"it was touched off before the print, which the job calls X{x:g} Y{y:g} Z{z:g}: the "
-            "rest is written as far beside the part as the tip is beside that place now."
+            f"it was touched off before the print, which the new file calls X{x:g} Y{y:g} Z{z:g}: "
+            "the rest is written as far beside the part as the tip is beside that place now."
         )
+        if frame.renamed:
+            place += (
+                " The job calls places otherwise (G92); the new file counts all from there, as the "
+                "checks of the print did."
+            )
     limits = (
         f"Check that the path is free at the height of the file's first move; Z ends at "
         f"{printer.z_mm.high:g} mm."

@@ -47,13 +47,17 @@ def _told_anew(run: DryRun) -> Iterator[tuple[int, str, float, float]]:
     program = run.program
     moves = program.line[program.kind == MOVE]
     first = int(moves.min()) if moves.size else 0
-    shift: dict[str, float] = {}
+    shift, by_g92 = dict[str, float](), set[str]()
     for number, line in run.others:
         told = _places(line)
         row = int(np.searchsorted(program.line, number)) if told else 0
         for axis, value in told.items():
             at = _stood(run, row)[_AXES.index(axis)]
+            by_name = line.code != "G92"
             stands = at + shift.setdefault(axis, value - at if number < first or not first else 0.0)
+            if by_name and axis in by_g92 and abs(shift[axis]) > _SAME_MM:
+                stands = at  # G92's shift comes on top of what the command tells
+            by_g92 |= set() if by_name else {axis}
             if abs(value - stands) > _SAME_MM:
                 yield number, axis, value, stands
 

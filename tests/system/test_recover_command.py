@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from firmware_profiles import Printer, load
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
-from tests.printctl.link.layered import START, layered
+from tests.printctl.link.layered import HEADER, START, layered
 from tests.sim_process import printer_process
 from tests.system.cli import printctl
 
@@ -19,9 +21,34 @@ DATA = layered(4, 60)
 TIP = ",".join(f"{value:g}" for value in START)
 
 
-def test_rest_of_a_print_that_was_reset_is_printed_by_its_own_command(tmp_path: Path) -> None:
+def called(told: str, **by: float) -> bytes:
+    """The job with another first line, which calls places so many mm more."""
+    text = DATA.replace(HEADER.splitlines()[-1], told.encode()).decode()
+    for axis, mm in by.items():
+        text = re.sub(
+            rf"^(G[01] .*{axis})(\S+)",
+            lambda found, mm=mm: f"{found[1]}{float(found[2]) + mm:.5f}",
+            text,
+            flags=re.MULTILINE,
+        )
+    return text.encode()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        pytest.param(DATA, id="tells its place"),
+        pytest.param(called("G92 X30 E0", X=-20), id="X alone, elsewhere"),
+        pytest.param(called("G92 Z0 E0", Z=-10), id="Z alone, from 0"),
+        pytest.param(called("G92 X0 Y0 E0", X=-50, Y=-50), id="X and Y from 0"),
+        pytest.param(called("G92 Y12.34567 E0", Y=-37.65433), id="Y alone, between two steps"),
+    ],
+)
+def test_rest_of_a_print_that_was_reset_is_printed_by_its_own_command(
+    tmp_path: Path, data: bytes
+) -> None:
     job = tmp_path / "job.gcode"
-    job.write_bytes(DATA)
+    job.write_bytes(data)
     given = ("--printer", "generic_marlin", "--start", TIP, "--yes")
     with printer_process(
         tmp_path, "--exit-on-hangup", "--start", TIP, "--fault", "reset@190"
@@ -34,6 +61,7 @@ def test_rest_of_a_print_that_was_reset_is_printed_by_its_own_command(tmp_path: 
     made = printctl("recover", job, "--yes", "--json", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     assert "straight up" in made.stderr
+    assert f"new file calls X{START[0]:g} Y{START[1]:g} Z{START[2]:g}" in made.stderr
     plan = json.loads(made.stdout)
 
     rest = Path(plan["file"])
@@ -42,4 +70,8 @@ def test_rest_of_a_print_that_was_reset_is_printed_by_its_own_command(tmp_path: 
     motion = ExecutedMotion.load(tmp_path / "job.rest.gcode.print" / "executed.npz")
     foreseen = dry_run(DATA, PRINTER, START).executed
     left = foreseen.line >= plan["lines_left_out"]
-    np.testing.assert_array_equal(motion.end[-np.count_nonzero(left) :], foreseen.end[left])
+    ours = motion.end[-np.count_nonzero(left) :]
+    np.testing.assert_allclose(ours, foreseen.end[left], rtol=0, atol=1e-9)
+    per_mm = np.array([getattr(PRINTER.steps_per_mm, axis) for axis in "xyz"])
+    steps = np.rint(ours * per_mm), np.rint(foreseen.end[left] * per_mm)
+    np.testing.assert_array_equal(*steps)

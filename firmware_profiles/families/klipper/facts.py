@@ -94,7 +94,7 @@ FAMILY: Final = Family(
             "SET_PRESSURE_ADVANCE": Advance("ADVANCE"),
             "TEMPERATURE_WAIT": _AWAIT,
         },
-        questions=("SET_IDLE_TIMEOUT",),
+        questions=("SET_IDLE_TIMEOUT", "GET_POSITION"),
         resets=_CLEAN,
         awaits_cooling=frozenset({"M109", "M190"}),
     ),

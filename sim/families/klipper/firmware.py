@@ -7,7 +7,7 @@ Shutdown; few commands (no M85, M92, M113, M302); no busy messages. Axes move on
 homed or SET_KINEMATIC_POSITION has said where they are; after the idle timeout (600 s) heaters and
 motors are off and no axis is homed. SET_VELOCITY_LIMIT, SET_IDLE_TIMEOUT and SET_PRESSURE_ADVANCE
 answer as theirs do, and change nothing but the timeout. SET_GCODE_OFFSET and G92 shift the places
-that a job names, and SET_KINEMATIC_POSITION leaves such a shift as it is.
+that a job names, and SET_KINEMATIC_POSITION leaves such a shift as it is; GET_POSITION tells it.
 
 It has few of Marlin's codes, and what isn't listed here of those is done and said by Marlin's own
 firmware part: this twin is one with other words and commands.
@@ -160,6 +160,8 @@ class Klipper(Marlin):
             self._offsets.set(values_of(words))
         elif name == "ACTIVATE_EXTRUDER":
             return self._activate(words)
+        elif name == "GET_POSITION":
+            machine.say(self._offsets.told())
         elif name == "SET_VELOCITY_LIMIT":
             machine.say(_limits(self.board))
         elif name == "SET_PRESSURE_ADVANCE":

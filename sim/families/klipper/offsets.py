@@ -40,3 +40,13 @@ class Offsets:
             value = values.get(name, now + values.get(f"{name}_ADJUST", 0.0))
             self._motion.modal["shift"][0][axis] -= value - now
             self._offset[axis] = value
+
+    def told(self) -> str:
+        """Say where the head is, and what a job's places are shifted by (GET_POSITION)."""
+        modal = self._motion.modal[0]
+        head = modal["position"][:3] + self._own
+        told = {"toolhead": head, "gcode": head, "gcode base": self._own - modal["shift"]}
+        return "\n".join(
+            f"// {name}: X:{x:.6f} Y:{y:.6f} Z:{z:.6f}"
+            for name, (x, y, z) in ((name, mm.tolist()) for name, mm in told.items())
+        )

@@ -5,12 +5,14 @@ from __future__ import annotations
 import pytest
 
 from firmware_profiles import Printer, load
+from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from printctl.gate.firmware import differences, told_settings
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import HandshakeError
 from printctl.link.journal import read_journal
 from printctl.link.states import LinkState
+from sim.families.klipper.printer import KlipperPrinter
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.layered import PRINTER, START, Script, layered, played
 from tests.printctl.link.sim_transport import SimTransport
@@ -190,3 +192,21 @@ def test_the_recorded_firmware_s_answers_are_read():
         "",
         "M900 K0",
     ]
+
+
+def test_places_that_klipper_still_shifts_by_an_earlier_g92_are_reset(tmp_path):
+    """SET_KINEMATIC_POSITION leaves the shift: without the reset each move ends 70 mm beside."""
+    printer, start = load(Printer, "klipper_bioprinter"), (100.0, 100.0, 20.0)
+    board = KlipperPrinter(printer, start)
+    transport = SimTransport(board, VirtualClock())
+    transport.write(b"G92 X30\n")
+    while transport.read(1.0):
+        pass
+    lines = ["SET_KINEMATIC_POSITION X=100 Y=100 Z=20", "G92 E0", "G1 X101 E0.1 F600", "M400", ""]
+    job = "\n".join(["G21", "G90", "M82", *lines]).encode()
+    protocol = KlipperProtocol()
+    status = played(job, tmp_path, transport, Script(), protocol=protocol, printer=printer)
+    assert status.state is LinkState.DONE, status
+    assert board.executed().end[-1].tolist() == [101, 100, 20]
+    (alarm,) = read_journal(tmp_path / "journal.log").alarms
+    assert "places are shifted by X70 Y0 Z0 mm" in alarm

@@ -268,6 +268,64 @@ def test_an_axis_that_no_line_has_told_yet_is_where_the_checks_took_the_tip_to_s
         plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line)
 
 
+ARCS = b"""M302 P1
+G90
+M82
+M85 S600
+G92 X30 Z0 E0
+G1 X31 E0.1 F600 ; one
+G2 X33 Y50 I1 J0 E0.2;two
+G92 X33 E0
+G92 X0
+;LAYER_END:0
+G3 X3 Y50 R2 E0.1
+G1 X5 Z1 E0.2
+G1 Y60 Z1 E0.2
+M400
+"""
+
+
+def test_arcs_comments_and_later_places_of_a_rest_are_counted_from_the_touch_off():
+    job = parse_job(ARCS, "test.gcode")
+    plan = plan_recovery(job, ARCS, History(), PRINTER, RETREAT, from_line=6, start_mm=START)
+    rest = plan.gcode.splitlines()
+    assert rest[rest.index(b"G1 X51 E0.1 F600; one") + 1 :] == [
+        b"G2 X53 Y50 I1 J0 E0.2;two",
+        b"G92 X53 E0",
+        b"G92 X53",
+        b";LAYER_END:0",
+        b"G3 X56 Y50 R2 E0.1",
+        b"G1 X58 Z11 E0.2",
+        b"G1 Y60 Z11 E0.2",
+        b"M400",
+    ]
+    told = [line for line in rest if line.startswith(b"G92 X50")]
+    assert told == [b"G92 X50.00000 Y50.00000 Z10.00000"]
+
+
+def test_a_rest_in_the_middle_of_a_line_is_counted_from_the_touch_off():
+    stood = {"line": 10, "certain": True, "dropped": True}
+    stood["begin_at"] = {"x": 4.0, "y": 50.0, "z": 0.5, "e": 0.15, "f": 600.0}
+    job = parse_job(ARCS, "test.gcode")
+    plan = plan_recovery(job, ARCS, History(stood=stood), PRINTER, RETREAT, start_mm=START)
+    run = dry_run(plan.gcode, PRINTER, START, cold_extrusion=False).executed
+    np.testing.assert_allclose(run.start[-2], [57, 50, 10.5])
+    np.testing.assert_allclose(run.end[-2:], [[58, 50, 11], [58, 60, 11]])
+
+
+def test_klipper_is_told_the_place_in_its_own_words():
+    lines = ["G21", "G90", "M82", "SET_KINEMATIC_POSITION X=30", "G92 E0"]
+    lines += [f"G1 X{30 + k} Y100 Z20 E{0.1 * k:.1f} F600" for k in range(1, 9)]
+    data = "\n".join([*lines, "SET_KINEMATIC_POSITION X=38", "M400", ""]).encode()
+    klipper = load(Printer, "klipper_bioprinter")
+    job, start = parse_job(data, "a", klipper), (100.0, 100.0, 20.0)
+    plan = plan_recovery(job, data, History(), klipper, RETREAT, from_line=9, start_mm=start)
+    assert b"SET_KINEMATIC_POSITION X=100.00000 Y=100.00000 Z=20.00000\n" in plan.gcode
+    assert plan.gcode.endswith(b"G1 X108 Y100 Z20 E0.8 F600\nSET_KINEMATIC_POSITION X=108\nM400\n")
+    again = [one.check for one in gcode_checks(dry_run(plan.gcode, klipper, start), klipper)]
+    assert not any("told anew" in check for check in again)
+
+
 @pytest.mark.parametrize("line", [1, 10_000])
 def test_line_outside_the_job_is_refused(line):
     with pytest.raises(LinkError, match="isn't between"):

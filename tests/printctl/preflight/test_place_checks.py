@@ -33,6 +33,7 @@ NAMED = "SET_KINEMATIC_POSITION X=100 Y=100 Z=20"
         (MARLIN, ["G1 X101 F200", "G92 X0"], ("X", 0, 101)),
         (KLIPPER, [NAMED, "G1 Z21 F200", "SET_KINEMATIC_POSITION Z=100"], ("Z", 100, 21)),
         (KLIPPER, [NAMED, "G92 Z5", "G1 Z6 F200"], ("Z", 5, 20)),
+        (KLIPPER, ["G92 X30", "SET_KINEMATIC_POSITION X=30", "G1 X32 F200"], ("X", 30, 100)),
         (DUET, [PLACED, "G92 Z0", "G1 Z1 F200"], ("Z", 0, 20)),
     ],
 )
