@@ -59,7 +59,7 @@ class Progress:
     ink_left_ul : float or None, µL
         In the syringe, but for its dead volume; None where nobody knows.
     tip_mm : (x, y, z), mm
-        Where the tip stands, by the job.
+        Where the executed lines lead; a pause or a stop has raised the tip from there.
     """
 
     commands: int

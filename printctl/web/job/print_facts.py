@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from printctl.link.states import LinkState
 from printctl.printing.print_words import clock, span
 from printctl.station.status import OPEN
 
@@ -17,6 +18,14 @@ FACTS: Final = {
 }
 """Key and name of each, in the order shown."""
 _UNKNOWN: Final = "not known"
+_RAISED: Final = {
+    LinkState.PAUSED: "raised from ",
+    LinkState.RESUMING: "raised from ",
+    LinkState.STOPPING: "raised from about ",
+    LinkState.STOPPED: "raised from about ",
+    LinkState.FAILED: "raised from about ",
+}
+"""States in which the needle is no longer where the job's lines have brought it."""
 
 
 def facts(told: dict[str, Any], station: dict[str, Any] | None) -> dict[str, str]:
@@ -81,7 +90,8 @@ def _one(heater: dict[str, Any]) -> str:
 def _tip(told: dict[str, Any], done: dict[str, Any] | None) -> str:
     if done is None or not told["position_known"]:
         return _UNKNOWN
-    return " ".join(f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", done["tip_mm"], strict=True))
+    place = " ".join(f"{axis}{mm:.2f}" for axis, mm in zip("XYZ", done["tip_mm"], strict=True))
+    return _RAISED.get(LinkState(told["state"]), "") + place
 
 
 def _alarms(told: dict[str, Any]) -> str:
