@@ -43,11 +43,10 @@ def recover(
     )
     _confirm(file, yes)
     written = write_rest(folder, plan, file)
-    command = written.pop("command")
     if as_json:
         print_json(written)
         return
-    print_lines(str(file), f"when all that is done: {command}")
+    print_lines(str(file), f"when all that is done: {written['command']}")
 
 
 def _confirm(file: Path, assume_yes: bool) -> None:

@@ -12,7 +12,7 @@ from starlette.responses import RedirectResponse, Response
 from printctl.web.api.answers import API, our_version
 from printctl.web.api.described import describe_refusals
 from printctl.web.api.docs import serve_docs
-from printctl.web.api.errors import answer_errors
+from printctl.web.api.errors import answer_errors, answer_unknown
 from printctl.web.api.routes import router, watch_holder
 from printctl.web.compressing import Compressed
 from printctl.web.core import Core
@@ -70,6 +70,7 @@ def build_app(core: Core, pages: bool = True) -> FastAPI:
     for part in routers(services):
         app.include_router(part)
     describe_refusals(app)
+    answer_unknown(app, API)
     if pages:
         _add_pages(app)
         register_pages(services)

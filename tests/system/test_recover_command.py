@@ -65,6 +65,8 @@ def test_rest_of_a_print_that_was_reset_is_printed_by_its_own_command(
     plan = json.loads(made.stdout)
 
     rest = Path(plan["file"])
+    assert plan["command"].startswith(f"printctl print {rest} ")
+    assert plan["command"].endswith(f"--start {TIP}")
     done = printctl("print", rest, "--port", "simulated", *given, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     motion = ExecutedMotion.load(tmp_path / "job.rest.gcode.print" / "executed.npz")

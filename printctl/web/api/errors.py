@@ -37,6 +37,27 @@ def answer_errors(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _own)
 
 
+def answer_unknown(app: FastAPI, root: str) -> None:
+    """Have the app refuse whatever else is asked below ``root``, before its pages answer it.
+
+    Parameters
+    ----------
+    app : FastAPI
+        With all its routes but the pages'.
+    root : str
+        Where the API begins.
+    """
+
+    @app.api_route(
+        f"{root}/{{rest:path}}",
+        methods=["GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"],
+        include_in_schema=False,
+    )
+    def unknown(request: Request) -> JSONResponse:
+        what = f"{request.method} {request.url.path}"
+        return told(404, "NotFoundError", f"the API has no {what}; /api/docs lists what it has")
+
+
 async def _refused(request: Request, exc: Exception) -> JSONResponse:
     return told(getattr(exc, "status", _CONFLICT), type(exc).__name__, str(exc))
 

@@ -45,6 +45,27 @@ def test_only_the_loopback_is_listened_at(server: tuple[Process, Path]) -> None:
         pass
 
 
+@pytest.mark.parametrize(
+    ("method", "path"), [("GET", "/nowhere"), ("POST", "/printer/console"), ("GET", "/stop")]
+)
+def test_what_the_api_doesn_t_have_is_refused_as_the_api_refuses(
+    server: tuple[Process, Path], method: str, path: str
+) -> None:
+    """The pages take every address that is left: they answered by a page of their own."""
+    started, _ = server
+    request = urllib.request.Request(
+        f"{started.url}/api/v1{path}",
+        headers={"Authorization": f"Bearer {started.token}"},
+        method=method,
+    )
+    with pytest.raises(urllib.error.HTTPError) as refusal:
+        urllib.request.urlopen(request, timeout=10)
+    assert refusal.value.code == 404
+    told = json.loads(refusal.value.read())
+    assert told["error"] == "NotFoundError"
+    assert f"{method} /api/v1{path}" in told["message"]
+
+
 def test_where_the_server_is_stands_in_a_file_of_its_owner(server: tuple[Process, Path]) -> None:
     started, workspace = server
     path = workspace / ".printctl" / "serve.json"
