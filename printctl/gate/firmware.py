@@ -17,6 +17,8 @@ from firmware_profiles.families import family_of
 from printctl.gate.speeds import speeds_apart
 
 Answers = Mapping[str, Sequence[str]]
+LISTED: Final = "M503 S0"
+"""Question for all settings, bare."""
 
 _FACTORS: Final = {"M220": "the speed factor", "M221": "the flow factor"}
 _PERCENT: Final = re.compile(r"(\d+(?:\.\d+)?) ?%")
@@ -73,7 +75,7 @@ def differences(answers: Answers, printer: Printer) -> list[Difference]:
     printer : Printer
     """
     found = [*_factors(answers), *_limits(answers), *_flags(answers), *_shifts(answers)]
-    settings = _settings(answers.get("M503 S0", ()))
+    settings = _settings(answers.get(LISTED, ()))
     for code, check in _CHECKS.items():
         found += check(settings.get(code), printer)
     return [*found, *_speeds(settings, printer)]
@@ -90,7 +92,7 @@ def told_settings(answers: Answers, printer: Printer) -> dict[str, str]:
     The junction deviation is left out: no job sets it, and its last digits aren't told.
     """
     found: dict[str, str] = {}
-    for code, words in _settings(answers.get("M503 S0", ())).items():
+    for code, words in _settings(answers.get(LISTED, ())).items():
         if code in ("M201", "M203", "M204", "M205"):
             told = [f"{key}{value}" for key, value in words.items() if (code, key) != ("M205", "J")]
             found[code] = " ".join([code, *told])

@@ -104,6 +104,8 @@ class PrintEvents:
         )
 
     def _on_stray(self, event: said.Stray) -> None:
+        if self._kill.asked.is_set():  # its own M410 is answered by an ok, too
+            return
         self._progress.doubt()
         if not event.foreign:
             self._logbook.notice(f"an ok without a line, near line {event.number}")

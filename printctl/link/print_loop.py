@@ -106,9 +106,6 @@ class PrintLoop:
         self._parts.ending.end_on_fault()
         if self._parts.slips.due:
             self._parts.slips.look()
-        levelled = self._parts.homing.look()
-        if levelled:
-            self._parts.ending.retreat(LinkState.FAILED, levelled)
         now = now_s()
         stop = protocol.limit = self._next_stop(now)
         if not progress.unverified:
@@ -153,7 +150,7 @@ class PrintLoop:
         stop = parts.watch.next_stop(now, done, self._protocol.idle, len(self._job))
         if parts.slips.due or now >= min(parts.gauges.next_due, parts.answers.next_due):
             return done
-        return parts.homing.next_stop(parts.slips.next_stop(stop))
+        return parts.slips.next_stop(stop)
 
     # --- between two lines -----------------------------------------------------------------------
 

@@ -13,7 +13,6 @@ from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.frame_check import FrameCheck
 from printctl.link.gauges import Gauge, Gauges
 from printctl.link.head_choice import HeadChoice
-from printctl.link.homing_check import HomingCheck
 from printctl.link.idle_motors import IdleMotors
 from printctl.link.interruption import Interruption
 from printctl.link.job import Job
@@ -55,7 +54,6 @@ class PrintParts:
     ending : Ending
     pauses : Pauses
     slips : SlipWatch
-    homing : HomingCheck
     resumption : Resumption
     interruption : Interruption
     """
@@ -74,7 +72,6 @@ class PrintParts:
     ending: Ending
     pauses: Pauses
     slips: SlipWatch
-    homing: HomingCheck
     resumption: Resumption
     interruption: Interruption
 
@@ -127,7 +124,6 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         ending=ending,
         pauses=pauses,
         slips=SlipWatch(channel, position),
-        homing=HomingCheck(channel),
         resumption=Resumption(
             channel,
             firmware,

@@ -24,6 +24,7 @@ from printctl.gate import (
     judge,
     speed_limit,
 )
+from printctl.gate.firmware import LISTED, levelling_is_on, questions
 from printctl.link.errors import LinkError, Refused
 from printctl.link.gating import let_through
 from printctl.station.knowledge import Knowledge
@@ -108,9 +109,24 @@ class Hands:
         except NotAllowed as exc:
             raise Refused(str(exc)) from exc
         self.standby.do("G28 " + " ".join(axis.upper() for axis in axes), "M400")
+        message = self._level_off()
         self.standby.look()
         self.known.home(set(axes))
-        return {}
+        return {"message": message}
+
+    def _level_off(self) -> str:
+        """Switch bed levelling off that G28 has switched on; return what was done, or ''.
+
+        A Marlin that was built with ENABLE_LEVELING_AFTER_G28 does so, and a start is then refused.
+        Later it would change what the height of a tip is called that was touched off meanwhile.
+        """
+        printer = self._known.printer
+        if LISTED not in questions(printer):
+            return ""
+        if not levelling_is_on(self.standby.do(LISTED), printer):
+            return ""
+        self.standby.do("M420 S0")
+        return "homing switched bed levelling on; it was switched off again (M420 S0)"
 
     def _plunger(self, wish: dict[str, Any]) -> Answer:
         ul = _number(wish["ul"], "ul")

@@ -12,11 +12,12 @@ Modelled of any board, whatever its firmware:
 
 What a firmware does with that is its family's (`sim.board.firmware`, `sim/families/`).
 
-Not modelled: SD card, display, probe and levelling, endstops that are hit (G28 is a straight run
-to the low end, and a switch fails only as a fault says), a head's own temperature where there are
-several, sensors' noise, heaters' control loop, bytes that the line invents, the stutter of an
-overloaded processor, motors that lose steps. The software endstops count only on axes that were
-homed: a machine that wasn't homed runs wherever it is told, and the host must keep it inside.
+Not modelled: SD card, display, probe, a mesh (levelling knows a slope), endstops that are hit
+(G28 is a straight run to the low end, and a switch fails only as a fault says), a head's own
+temperature where there are several, sensors' noise, heaters' control loop, bytes that the line
+invents, the stutter of an overloaded processor, motors that lose steps. The software endstops
+count only on axes that were homed: a machine that wasn't homed runs wherever it is told, and the
+host must keep it inside.
 
 Time. The clock advances only by the printer's own waits: bytes on the wire, the processor's time
 for a command, a full planner, M400, G4, a wait for heat. So a slow host can't starve the

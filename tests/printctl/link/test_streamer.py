@@ -202,6 +202,21 @@ def test_kill_leaves_while_a_write_is_stuck(tmp_path):
     assert len([line for line in printer.executed if line.startswith("G1")]) == 18  # and a token
 
 
+def test_answers_to_the_kills_own_quickstop_are_no_other_program(tmp_path):
+    printer, clock = FakeMarlin(), VirtualClock()
+    transport = FakeTransport(printer, clock)
+
+    def killing(status: Status) -> None:
+        if status.lines_done > 50:
+            streamer.kill()
+
+    streamer = streamer_of(job_of(zigzag(3000)), transport, tmp_path, killing)
+    status = streamer.run()
+    assert status.state is LinkState.KILLED
+    assert printer.executed.count("M410") == 2
+    assert not read_journal(tmp_path / "journal.log").alarms
+
+
 def test_kill_without_an_answer_pulls_the_reset_line(tmp_path, monkeypatch):
     monkeypatch.setattr(kill, "KILL_REPEAT_S", 0.001)
     printer, clock = FakeMarlin(), VirtualClock()
