@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from design.network import VesselNetwork
 from design.solids.solid import Solid
+from kernels import freed_memory_kept
 from registration.distance import ModelSurface
 from registration.errors import RegistrationError
 from registration.options import RegistrationOptions, segmentation_options
@@ -56,7 +57,8 @@ class Prepared:
             When the scan can't be segmented, or model and network don't belong together.
         """
         thinnest = 2 * float(network.radius.min())
-        segmentation = segment(scan, segmentation_options(scan, options, thinnest))
+        with freed_memory_kept():
+            segmentation = segment(scan, segmentation_options(scan, options, thinnest))
         errors = scan_errors(scan, segmentation, options.walls)
         surface = ModelSurface.of(model)
         is_lumen = _model_is_lumen(surface, network)
