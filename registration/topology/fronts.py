@@ -7,6 +7,8 @@ close a way between two walls, and the cheapest such ways are the candidates.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +17,7 @@ from kernels import jit
 FloatVolume = NDArray[np.float32]
 IntVolume = NDArray[np.int32]
 IntArray = NDArray[np.int64]
+T = TypeVar("T", bound=np.generic)
 
 BARRIER = -3
 """Label of what no front enters."""
@@ -132,7 +135,7 @@ def _neighbours(along_y: int, along_z: int, step: float) -> tuple[IntArray, NDAr
 
 
 @jit
-def _longer(values: NDArray[np.generic]) -> NDArray[np.generic]:
+def _longer(values: NDArray[T]) -> NDArray[T]:
     """The same values with as much room again behind them."""
     more = np.empty(2 * len(values), dtype=values.dtype)
     more[: len(values)] = values
