@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 from design.network import VesselNetwork
@@ -57,10 +58,12 @@ class Prepared:
             When the scan can't be segmented, or model and network don't belong together.
         """
         thinnest = 2 * float(network.radius.min())
-        with freed_memory_kept():
+        # The surface takes one core, and the segmentation leaves one free now and then.
+        with ThreadPoolExecutor(1) as other, freed_memory_kept():
+            preparing = other.submit(ModelSurface.of, model)
             segmentation = segment(scan, segmentation_options(scan, options, thinnest))
         errors = scan_errors(scan, segmentation, options.walls)
-        surface = ModelSurface.of(model)
+        surface = preparing.result()
         is_lumen = _model_is_lumen(surface, network)
         section_mm = options.section_mm or thinnest / 4
         return Prepared(scan, network, options, segmentation, surface, is_lumen, errors, section_mm)
