@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 from design.network import VesselNetwork
 from design.solids.solid import Solid
+from kernels import freed_memory_kept
 from registration.distance import ModelSurface
 from registration.errors import RegistrationError
 from registration.options import RegistrationOptions, segmentation_options
@@ -56,9 +58,12 @@ class Prepared:
             When the scan can't be segmented, or model and network don't belong together.
         """
         thinnest = 2 * float(network.radius.min())
-        segmentation = segment(scan, segmentation_options(scan, options, thinnest))
+        # The surface takes one core, and the segmentation leaves one free now and then.
+        with ThreadPoolExecutor(1) as other, freed_memory_kept():
+            preparing = other.submit(ModelSurface.of, model)
+            segmentation = segment(scan, segmentation_options(scan, options, thinnest))
         errors = scan_errors(scan, segmentation, options.walls)
-        surface = ModelSurface.of(model)
+        surface = preparing.result()
         is_lumen = _model_is_lumen(surface, network)
         section_mm = options.section_mm or thinnest / 4
         return Prepared(scan, network, options, segmentation, surface, is_lumen, errors, section_mm)

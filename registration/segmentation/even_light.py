@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from kernels import jit, pjit
-from registration.segmentation.filters import bin_mean, normalise
+from registration.segmentation.filters import bin_mean, times_level
 from registration.segmentation.light import share_of_gel
 from registration.segmentation.local_level import local_level
 from registration.segmentation.working import Working
@@ -158,10 +158,4 @@ def evened(signal: FloatVolume, light: FloatVolume, working: Working) -> FloatVo
         known = int(np.count_nonzero(gel))
         level *= local_level(share, gel, (1, 1, 1), sigma, 1.0, False)
         np.clip(level, LEAST, 1.0, out=level)
-    return np.asarray(light / _over(np.ones_like(light), level, (z, y, x)))
-
-
-def _over(values: FloatVolume, level: FloatVolume, factor: tuple[int, int, int]) -> FloatVolume:
-    """Divide in place by a level known on the coarse grid."""
-    normalise(values, np.zeros_like(level), level, factor)
-    return values
+    return times_level(light, level, (z, y, x))

@@ -301,6 +301,29 @@ def normalise(
 
 
 @pjit
+def times_level(
+    values: FloatVolume, level: FloatVolume, factor: tuple[int, int, int]
+) -> FloatVolume:
+    """Product of a volume and a level, at least 0.1, known at every `factor`-th voxel."""
+    nz, ny, nx = values.shape
+    mz, my, mx = level.shape
+    layer, w = _steps(mz, nz, factor[0])
+    line, v = _steps(my, ny, factor[1])
+    place, u = _steps(mx, nx, factor[2])
+    out = np.empty_like(values)
+    for z in numba.prange(nz):
+        row = np.empty(mx + 1, np.float32)
+        for y in range(ny):
+            _row_between(level, layer[z], w[z], line[y], v[y], row)
+            row[mx] = row[mx - 1]
+            for x in range(nx):
+                i = place[x]
+                at = max(row[i] + u[x] * (row[i + 1] - row[i]), np.float32(0.1))
+                out[z, y, x] = values[z, y, x] / (np.float32(1.0) / at)
+    return out
+
+
+@pjit
 def near_in_depth(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
     """Voxels with one of `mask` at most `reach` above or below them."""
     nz, ny, nx = mask.shape

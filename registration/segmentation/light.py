@@ -69,11 +69,11 @@ def light_left(
     down = signal if depth_down else signal[::-1]
     light = accumulate(down, step_mm, _first_beyond(down, step_mm, floor, EVEN_MM / pixel_mm[::-1]))
     bright = _brightest(down)
-    typical = _typical(bright, down / light)
+    typical = _typical(bright, down, light)
     within = share_of_gel(down / light, typical) > 0.95
     lowest = max(4, round(LOWEST_MM / step_mm))
     for _ in range(ROUNDS):
-        typical = _typical(bright, down / light)
+        typical = _typical(bright, down, light)
         below, deep, returned = from_below(down, within, step_mm, typical, lowest)
         beyond = _weighted(below, deep, returned, EVEN_MM / pixel_mm[::-1])
         light = accumulate(down, step_mm, np.maximum(beyond, floor / typical))
@@ -111,9 +111,9 @@ def _brightest(signal: FloatVolume) -> NDArray[np.int64]:
     return np.flatnonzero(probed > 0.1 * np.percentile(probed, 99)) * every
 
 
-def _typical(bright: NDArray[np.int64], ratio: FloatVolume) -> float:
+def _typical(bright: NDArray[np.int64], signal: FloatVolume, light: FloatVolume) -> float:
     """Attenuation of the gel, 1/mm, from these places."""
-    return float(np.median(ratio.ravel()[bright]))
+    return float(np.median(signal.ravel()[bright] / light.ravel()[bright]))
 
 
 def _weighted(

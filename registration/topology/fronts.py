@@ -7,6 +7,8 @@ close a way between two walls, and the cheapest such ways are the candidates.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,11 +17,16 @@ from kernels import jit
 FloatVolume = NDArray[np.float32]
 IntVolume = NDArray[np.int32]
 IntArray = NDArray[np.int64]
+T = TypeVar("T", bound=np.generic)
 
 BARRIER = -3
 """Label of what no front enters."""
 UNREACHED = -2
 """Label of gel that no front has reached."""
+_CLOSED = np.float32(-1.0)
+"""Cost of what no front goes to: none is less."""
+_NONE = np.uint8(255)
+"""Step that led to where a front begins, or none came."""
 
 
 @jit
@@ -49,128 +56,144 @@ def grow(
 
     Notes
     -----
-    A step costs its length times `price` of both ends' mean. Kept in one kernel for speed.
+    A step costs its length times `price` of both ends' mean. Voxels wait in buckets by their cost
+    (Dial 1969, 10.1145/363269.363610), each narrower than the cheapest step, so that their order
+    within one doesn't matter. Kept in one kernel for speed.
     """
+    # A closed voxel all round saves the looks for the edges.
     nz, ny, nx = label.shape
+    along_y, along_z = nx + 2, (ny + 2) * (nx + 2)
+    size = (nz + 2) * along_z
     # Neighbours are asked for cost and mean together: side by side they are fetched once.
-    known = np.empty((label.size, 2), dtype=np.float32)
-    known[:, 0], known[:, 1] = np.inf, mean.ravel()
-    parent = np.full(label.size, -1, dtype=np.int64)
-    to_reach = label.ravel() == UNREACHED
-    # Length of a step by how many axes it goes along, and which step led to each voxel.
-    ways, slant = step * np.sqrt(np.arange(4.0)), np.zeros(label.size, dtype=np.uint8)
-    waiting, count = np.empty(1024, dtype=np.uint64), 0
-    bits = np.empty(1, dtype=np.float32)
+    known = np.full((size, 2), _CLOSED, dtype=np.float32)
+    apart, ways = _neighbours(along_y, along_z, step)
+    came = np.full(size, _NONE, dtype=np.uint8)  # which step led to each voxel
+    # No step costs less than a bucket is wide: what lies in one is settled when its turn comes.
+    width = 0.99 * step * price(0.0)
+    top = np.full(int(most / width) + 2, -1, dtype=np.int64)
+    voxel, below = np.empty(1024, dtype=np.int64), np.empty(1024, dtype=np.int64)
+    offer, count = np.empty(1024, dtype=np.float32), 0
     for z in range(nz):
         for y in range(ny):
             for x in range(nx):
-                if label[z, y, x] >= -1 and _beside(label, z, y, x):
-                    flat = (z * ny + y) * nx + x
-                    known[flat, 0] = 0.0
-                    waiting, count = _pushed(waiting, count, np.float32(0.0), flat, bits)
+                here = (z + 1) * along_z + (y + 1) * along_y + x + 1
+                known[here, 1] = mean[z, y, x]
+                if label[z, y, x] == UNREACHED:
+                    known[here, 0] = np.inf
+                elif label[z, y, x] >= -1 and _beside(label, z, y, x):
+                    known[here, 0] = 0.0
+                    if count == len(voxel):
+                        voxel, below, offer = _longer(voxel), _longer(below), _longer(offer)
+                    voxel[count], offer[count], below[count] = here, 0.0, top[0]
+                    top[0], count = count, count + 1
     order, reached = np.empty(label.size, dtype=np.int64), 0
-    while count > 0:
-        flat, count = _popped(waiting, count)
-        first = parent[flat] < 0
-        if not first and not to_reach[flat]:
-            continue
-        to_reach[flat] = False
-        if not first:
-            order[reached] = flat
-            reached += 1
-        z, rest = flat // (ny * nx), flat % (ny * nx)
-        y, x = rest // nx, rest % nx
-        here, own = known[flat, 0], known[flat, 1]
-        for k in range(max(z - 1, 0), min(z + 2, nz)):
-            for j in range(max(y - 1, 0), min(y + 2, ny)):
-                row, aside = (k * ny + j) * nx, int(k != z) + int(j != y)
-                for i in range(max(x - 1, 0), min(x + 2, nx)):
-                    other = row + i
-                    if not to_reach[other]:
-                        continue
-                    both = known[other, 1] if first else 0.5 * (own + known[other, 1])
-                    along = aside + int(i != x)
-                    there = np.float32(here + ways[along] * price(both))
-                    if there < known[other, 0] and there < most:
-                        known[other, 0], parent[other], slant[other] = there, flat, along
-                        waiting, count = _pushed(waiting, count, there, other, bits)
-    return _told_along(label, mean, ways, slant, known[:, 0], parent, order[:reached])
+    for bucket in range(len(top)):
+        while top[bucket] >= 0:
+            entry = top[bucket]
+            here, cost, top[bucket] = voxel[entry], offer[entry], below[entry]
+            if cost > known[here, 0]:
+                continue  # reached cheaper since
+            own, first = known[here, 1], came[here] == _NONE
+            if not first:
+                order[reached] = here
+                reached += 1
+            for k in range(26):
+                other = here + apart[k]
+                if known[other, 0] <= cost:
+                    continue
+                both = known[other, 1] if first else 0.5 * (own + known[other, 1])
+                there = np.float32(cost + ways[k] * price(both))
+                if there >= most or there > known[other, 0]:
+                    continue
+                if there == known[other, 0]:
+                    # Of equal ways that over the cheaper voxel, or over that of lower number.
+                    rival = other - apart[came[other]]
+                    if (known[rival, 0], rival) > (cost, here):
+                        came[other] = k
+                    continue
+                known[other, 0], came[other] = there, k
+                if count == len(voxel):
+                    voxel, below, offer = _longer(voxel), _longer(below), _longer(offer)
+                later = int(there / width)
+                voxel[count], offer[count], below[count] = other, there, top[later]
+                top[later], count = count, count + 1
+    return _told_along(label, mean, (apart, ways), came, known[:, 0], order[:reached])
+
+
+@jit
+def _neighbours(along_y: int, along_z: int, step: float) -> tuple[IntArray, NDArray[np.float64]]:
+    """How far off the 26 neighbours' numbers are, and the ways to them, mm."""
+    apart, ways, count = np.empty(26, dtype=np.int64), np.empty(26), 0
+    for k in range(-1, 2):
+        for j in range(-1, 2):
+            for i in range(-1, 2):
+                if k != 0 or j != 0 or i != 0:
+                    apart[count] = k * along_z + j * along_y + i
+                    ways[count] = step * np.sqrt(float(abs(k) + abs(j) + abs(i)))
+                    count += 1
+    return apart, ways
+
+
+@jit
+def _longer(values: NDArray[T]) -> NDArray[T]:
+    """The same values with as much room again behind them."""
+    more = np.empty(2 * len(values), dtype=values.dtype)
+    more[: len(values)] = values
+    return more
 
 
 @jit
 def _told_along(
     label: IntVolume,
     mean: FloatVolume,
-    ways: NDArray[np.float64],
-    slant: NDArray[np.uint8],
+    steps: tuple[IntArray, NDArray[np.float64]],
+    came: NDArray[np.uint8],
     cost: NDArray[np.float32],
-    parent: IntArray,
     order: IntArray,
 ) -> tuple[FloatVolume, FloatVolume, FloatVolume, FloatVolume, IntArray]:
-    """Fill in labels, and return what `grow` does, along the ways to voxels in their order."""
+    """Fill in labels, and return what `grow` does, along the ways to voxels in their order.
+
+    `came`, `cost` and `order` count the closed voxels round the volume too; `steps`: `_neighbours`.
+    """
+    apart, ways = steps
+    _, ny, nx = label.shape
     length = np.zeros(label.size, dtype=np.float32)
     gel = np.zeros(label.size, dtype=np.float32)
     worst = np.zeros(label.size, dtype=np.float32)
     whose, values = label.ravel(), mean.ravel()
-    for place in range(len(order)):
-        flat = order[place]
-        before = parent[flat]
-        way = ways[slant[flat]]
+    told = np.empty(label.size, dtype=np.float32)
+    parent = np.full(label.size, -1, dtype=np.int64)
+    for flat in range(label.size):
+        own = cost[_inside(flat, ny, nx)]
+        told[flat] = np.inf if own == _CLOSED else own
+    for there in order:
+        taken = came[there]
+        flat, before = _outside(there, ny, nx), _outside(there - apart[taken], ny, nx)
+        way = ways[taken]
         both = 0.5 * (values[before] + values[flat]) if parent[before] >= 0 else values[flat]
+        parent[flat] = before
         whose[flat] = whose[before]
         length[flat] = length[before] + way
         gel[flat] = gel[before] + way * both
         worst[flat] = max(worst[before], values[flat])
     shape = label.shape
     return (
-        cost.copy().reshape(shape), length.reshape(shape), gel.reshape(shape),
-        worst.reshape(shape), parent,
+        told.reshape(shape), length.reshape(shape), gel.reshape(shape), worst.reshape(shape), parent
     )  # fmt: skip
 
 
 @jit
-def _pushed(
-    waiting: NDArray[np.uint64], count: int, cost: np.float32, flat: int, bits: NDArray[np.float32]
-) -> tuple[NDArray[np.uint64], int]:
-    """Put a voxel into a heap of four children a node; return the heap and how many it holds.
-
-    An entry is the bits of the cost, which order as costs from 0 do, over the voxel's number: the
-    cheapest first, and of equal ones that with the lowest number. `bits`: room for one cost.
-    """
-    if count == len(waiting):
-        more = np.empty(2 * count, dtype=np.uint64)
-        more[:count] = waiting
-        waiting = more
-    bits[0] = cost
-    entry = (np.uint64(bits.view(np.uint32)[0]) << np.uint64(32)) | np.uint64(flat)
-    place = count
-    while place > 0:
-        above = (place - 1) >> 2
-        if waiting[above] <= entry:
-            break
-        waiting[place] = waiting[above]
-        place = above
-    waiting[place] = entry
-    return waiting, count + 1
+def _inside(flat: int, ny: int, nx: int) -> int:
+    """Number of a voxel with a closed one all round the volume."""
+    z, rest = flat // (ny * nx), flat % (ny * nx)
+    return ((z + 1) * (ny + 2) + rest // nx + 1) * (nx + 2) + rest % nx + 1
 
 
 @jit
-def _popped(waiting: NDArray[np.uint64], count: int) -> tuple[np.int64, int]:
-    """Take the cheapest voxel out; return it and how many are left."""
-    first, last = waiting[0], waiting[count - 1]
-    count -= 1
-    place = 0
-    while 4 * place + 1 < count:
-        least = 4 * place + 1
-        for child in range(least + 1, min(least + 4, count)):
-            if waiting[child] < waiting[least]:
-                least = child
-        if waiting[least] >= last:
-            break
-        waiting[place] = waiting[least]
-        place = least
-    waiting[place] = last
-    return np.int64(first & np.uint64(0xFFFFFFFF)), count
+def _outside(number: int, ny: int, nx: int) -> int:
+    """Number of a voxel without the closed ones."""
+    z, rest = number // ((ny + 2) * (nx + 2)), number % ((ny + 2) * (nx + 2))
+    return ((z - 1) * ny + rest // (nx + 2) - 1) * nx + rest % (nx + 2) - 1
 
 
 @jit

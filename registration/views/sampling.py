@@ -67,8 +67,9 @@ def trilinear(scan: Scan, points: FloatArray) -> NDArray[np.float32]:
     i, j, k = low.T
     part = (where[inside] - low).T
     (u, v, w), total = zip(1 - part, part, strict=True), np.zeros(len(low))
+    values = np.asarray(scan.volume)  # a file's map makes a new map of whatever is taken from it
     for a, b, c in np.ndindex(2, 2, 2):
-        total += u[a] * v[b] * w[c] * scan.volume[k + c, j + b, i + a]
+        total += u[a] * v[b] * w[c] * values[k + c, j + b, i + a]
     out = np.full(where.shape[:-1], np.nan, np.float32)
     out[inside] = total
     return out

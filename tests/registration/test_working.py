@@ -10,7 +10,13 @@ from scipy import ndimage
 
 from registration import options
 from registration.options import RegistrationOptions, segmentation_options
-from registration.segmentation.filters import between, gaussian_weights, normalise, smooth
+from registration.segmentation.filters import (
+    between,
+    gaussian_weights,
+    normalise,
+    smooth,
+    times_level,
+)
 from registration.segmentation.working import bins
 from tests.registration.readers.crafted import scan
 
@@ -50,3 +56,14 @@ def test_levels_are_taken_off_as_interpolated_at_each_voxel(factor: tuple[int, i
         expected[place] = (values[place] - floor) / (top - floor)
     normalise(values, low, high, factor)
     np.testing.assert_allclose(values, expected, atol=2e-6)
+
+
+def test_a_level_multiplies_each_voxel_as_interpolated_there() -> None:
+    rng = np.random.default_rng(2)
+    values = rng.random((20, 21, 22), dtype=np.float32)
+    level = rng.random((5, 10, 7), dtype=np.float32)
+    factor = (4, 2, 3)
+    expected = np.empty_like(values)
+    for place in np.ndindex(values.shape):
+        expected[place] = values[place] * max(between(level, factor, *place), 0.1)
+    np.testing.assert_allclose(times_level(values, level, factor), expected, atol=2e-6)

@@ -1,0 +1,35 @@
+"""Memory that is kept while large arrays follow each other."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import sys
+
+import pytest
+
+KEPT_THEN_GIVEN_BACK = """
+import numpy as np
+from kernels import freed_memory_kept
+from pathlib import Path
+
+def held():
+    return 4096 * int(Path("/proc/self/statm").read_text().split()[1])
+
+before = held()
+with freed_memory_kept():
+    for _ in range(3):
+        large = np.ones(12_000_000)
+        del large
+    kept = held() - before
+after = held() - before
+assert kept > 90e6, kept
+assert after < 10e6, after
+"""
+
+
+@pytest.mark.skipif(
+    not hasattr(ctypes.CDLL(None), "mallopt"), reason="the C library has no mallopt"
+)
+def test_freed_memory_is_kept_within_and_given_back_behind() -> None:
+    subprocess.run([sys.executable, "-c", KEPT_THEN_GIVEN_BACK], check=True)
