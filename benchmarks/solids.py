@@ -10,12 +10,14 @@ from __future__ import annotations
 from benchmarks.command import Job, run
 from benchmarks.solids_bent import rows as bent_rows
 from benchmarks.solids_large import rows as large_rows
+from benchmarks.solids_lumens import rows as lumens_rows
 from benchmarks.solids_slicing import rows as slicing_rows
 from benchmarks.solids_union import rows as union_rows
 
 JOBS: dict[str, Job] = {
     "slicing": lambda quick: slicing_rows(),
     "bent": lambda quick: bent_rows(),
+    "lumens": lambda quick: lumens_rows(),
     "union": union_rows,
     "large": lambda quick: iter(()) if quick else large_rows(),
 }

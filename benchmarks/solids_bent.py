@@ -38,8 +38,9 @@ PEERS = {
 
 @dataclass(frozen=True)
 class Written:
-    """A file's moves, what a millimetre of E is, and the part's origin in its frame."""
+    """A file, its moves, what a millimetre of E is, and the part's origin in its frame."""
 
+    file: Path
     moves: Moves
     ul_per_e: float
     place: NDArray[np.float64]
@@ -56,7 +57,7 @@ def rows() -> Iterator[Row]:
         for part in (slanted(), bifurcations(), ventricle(), gyroid()):
             model = Path(scratch) / f"{part.name}.stl"
             part.write_stl(model)
-            made, peers = _ours(part, model), _peers(part, model)
+            made, peers = slice_ours(part, model), slice_peers(part, model)
             if part.axes:
                 yield from _axis_rows(part, made, peers)
             yield from _layer_rows(part, made, peers)
@@ -113,15 +114,17 @@ def _layers(part: BentPart, written: Written) -> Any:
     return compare_layers(written.lines(steps=False), material)
 
 
-def _ours(part: BentPart, model: Path) -> Written:
+def slice_ours(part: BentPart, model: Path) -> Written:
+    """What `printctl slice` writes of a part."""
     out = model.with_suffix(".ours.gcode")
     command = [sys.executable, "-m", "printctl", "slice", str(model), "--unit", "mm"]
     subprocess.run([*command, "--out", str(out)], check=True, capture_output=True)
     place = np.append(np.round(100.0 - part.middle[:2], 3), -part.middle[2])
-    return Written(read_moves(out.read_text()), np.pi * SYRINGE_MM**2 / 4, place)
+    return Written(out, read_moves(out.read_text()), np.pi * SYRINGE_MM**2 / 4, place)
 
 
-def _peers(part: BentPart, model: Path) -> dict[str, Written]:
+def slice_peers(part: BentPart, model: Path) -> dict[str, Written]:
+    """What PrusaSlicer writes of it with each of `PEERS`; nothing where it isn't installed."""
     program, found = shutil.which("prusa-slicer"), {}
     for name, options in PEERS.items() if program else ():
         out = model.with_suffix(f".{name}.gcode")
@@ -129,5 +132,5 @@ def _peers(part: BentPart, model: Path) -> dict[str, Written]:
         command += ["--center", "30,30", "--export-gcode", "-o", str(out), str(model)]
         subprocess.run(command, check=True, capture_output=True)
         place = np.append(30.0 - part.middle[:2], -part.middle[2])
-        found[name] = Written(read_moves(out.read_text()), np.pi * FILAMENT_MM**2 / 4, place)
+        found[name] = Written(out, read_moves(out.read_text()), np.pi * FILAMENT_MM**2 / 4, place)
     return found

@@ -25,11 +25,14 @@ class BentPart:
     name : str
     body : manifold3d.Manifold
     axes : tuple of Axis
+    paths : tuple of (name, (n, 3) float64 in mm, radius in mm)
+        Whole lumens that `printctl lumens` is held against.
     """
 
     name: str
     body: m3.Manifold
     axes: tuple[Axis, ...]
+    paths: tuple[tuple[str, FloatArray, float], ...] = ()
 
     @property
     def middle(self) -> FloatArray:
@@ -110,7 +113,7 @@ def slanted() -> BentPart:
     for name, path, radius in paths:
         body -= tube(path, radius)
         lanes.append(axis(name, path, radius))
-    return BentPart("slanted", body, tuple(lanes))
+    return BentPart("slanted", body, tuple(lanes), tuple(paths))
 
 
 def bifurcations(wall: float = 0.4) -> BentPart:

@@ -55,17 +55,26 @@ class Free:
 
 def free_sections(lines: Lines, layer_mm: float, axis: Axis, *, rounded: bool) -> Free:
     """Measure an axis' sections."""
+    way = free_outline(lines, layer_mm, axis, RAYS, rounded=rounded)
+    return Free(2 * np.sqrt(np.mean(way**2, axis=1)), 2 * way.min(axis=1))
+
+
+def free_outline(
+    lines: Lines, layer_mm: float, axis: Axis, rays: int, *, rounded: bool = True
+) -> FloatArray:
+    """Way to the nearest ink at evenly spread angles about each point, (n, rays), mm."""
     top = np.round(lines.z, 4)
     order = np.argsort(top, kind="stable")
     top = top[order]
     data = np.column_stack([lines.start, lines.end, lines.width / 2, lines.z - layer_mm / 2])[order]
-    found = np.array(
+    turn = (np.arange(rays) + 0.5) / rays * 2 * np.pi
+    circle = np.column_stack([np.cos(turn), np.sin(turn)])
+    return np.array(
         [
-            _section(data, top, layer_mm, *row, rounded)
+            _section(data, top, layer_mm, *row, circle, rounded)
             for row in zip(axis.point, axis.along, axis.diameter, strict=True)
         ]
     )
-    return Free(found[:, 0], found[:, 1])
 
 
 def _section(
@@ -75,8 +84,9 @@ def _section(
     point: FloatArray,
     along: FloatArray,
     diameter: float,
+    circle: FloatArray,
     rounded: bool,
-) -> tuple[float, float]:
+) -> FloatArray:
     reach = diameter / 2 + 0.15
     low, high = np.searchsorted(top, [point[2] - reach - layer, point[2] + reach + 2 * layer])
     near = data[low:high]
@@ -86,10 +96,8 @@ def _section(
     one = np.cross(along, [0.0, 0.0, 1.0] if abs(along[2]) < 0.9 else [1.0, 0.0, 0.0])
     one /= np.linalg.norm(one)
     two = np.cross(along, one)
-    turn = (np.arange(RAYS) + 0.5) / RAYS * 2 * np.pi
-    rays = np.cos(turn)[:, None] * one + np.sin(turn)[:, None] * two
-    way = _trace(np.ascontiguousarray(near), layer / 2, point, rays, reach, rounded)
-    return 2 * float(np.sqrt(np.mean(way**2))), 2 * float(way.min())
+    rays = circle @ np.array([one, two])
+    return _trace(np.ascontiguousarray(near), layer / 2, point, rays, reach, rounded)
 
 
 @compiled
