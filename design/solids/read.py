@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import SolidError
-from design.solids.construct import solid_from_surface
+from design.solids.construct import sections_solid, solid_from_surface
 from design.solids.merge import merge_equal
 from design.solids.solid import Solid
 from design.solids.stl import read_corners
@@ -35,7 +35,7 @@ _UNIT_NAMES: Final[dict[str, LengthUnit]] = {
 """As 3MF spells them (trimesh calls the default "millimeters")."""
 
 
-def read_solid(path: Path, unit: LengthUnit | None) -> Solid:
+def read_solid(path: Path, unit: LengthUnit | None, *, for_sections: bool = False) -> Solid:
     """Read a closed mesh whose coordinates are in ``unit``.
 
     Parameters
@@ -44,6 +44,8 @@ def read_solid(path: Path, unit: LengthUnit | None) -> Solid:
         STL, 3MF, PLY, OBJ or OFF.
     unit : "um", "mm", "cm", "m" or "in"
         None only for 3MF, which says it; where both do they must agree.
+    for_sections : bool
+        Leave touching sheets and crossing faces as they are; see `sections_solid`.
 
     Returns
     -------
@@ -62,7 +64,7 @@ def read_solid(path: Path, unit: LengthUnit | None) -> Solid:
     if corners is not None and unit is not None:
         corners *= MM_PER[unit]
         faces = np.arange(3 * len(corners)).reshape(-1, 3)
-        return _solid(corners.reshape(-1, 3), faces, path)
+        return _solid(corners.reshape(-1, 3), faces, path, for_sections)
     mesh = load_mesh(path)
     stated = _UNIT_NAMES.get(str(mesh.units)) if path.suffix.lower() == ".3mf" else None
     if unit is None and stated is None:
@@ -70,12 +72,13 @@ def read_solid(path: Path, unit: LengthUnit | None) -> Solid:
     if unit is not None and stated not in (None, unit):
         raise SolidError(f"{path}: the file says {stated}, not {unit}; leave the unit out")
     scale = MM_PER[unit or stated or "mm"]
-    return _solid(np.asarray(mesh.vertices) * scale, np.asarray(mesh.faces), path)
+    return _solid(np.asarray(mesh.vertices) * scale, np.asarray(mesh.faces), path, for_sections)
 
 
-def _solid(vertices: FloatArray, faces: IntArray, path: Path) -> Solid:
+def _solid(vertices: FloatArray, faces: IntArray, path: Path, for_sections: bool) -> Solid:
+    make = sections_solid if for_sections else solid_from_surface
     try:
-        return solid_from_surface(vertices, faces)
+        return make(vertices, faces)
     except SolidError as exc:
         raise SolidError(f"{path}: {exc}") from exc
 

@@ -72,7 +72,7 @@ def assemble(
     SolidError
         For a mesh that can't be read or isn't closed.
     """
-    solids = tuple(read_solid(model, unit) for model in models)
+    solids = tuple(read_solid(model, unit, for_sections=True) for model in models)
     # With one mesh of head 0 there is nothing to part.
     parted = [] if set(heads) == {0} else zip(solids, heads, strict=True)
     regions = [Region(solid, filling, head) for solid, head in parted]

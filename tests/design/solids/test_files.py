@@ -46,6 +46,21 @@ def construct() -> Solid:
     return construct_solid(block_solid((16, 8, 3)), lumen, [((1.5, 1, 3), 0.6)])
 
 
+def test_a_mesh_for_sections_keeps_the_vertices_of_its_file(tmp_path: Path) -> None:
+    """Two blocks that touch in an edge: drawn apart where the solid may be written again."""
+    blocks = [block_solid((1, 1, 1)).vertices, block_solid((1, 1, 1)).vertices + [1, 1, 0]]
+    faces = block_solid((1, 1, 1)).faces
+    write_stl(tmp_path / "two.stl", Solid(np.vstack(blocks), np.vstack([faces, faces + 8])))
+    found = read_solid(tmp_path / "two.stl", "mm", for_sections=True)
+    assert len(found.vertices) == 14
+    assert set(np.unique(found.vertices)) == {0.0, 1.0, 2.0}
+    assert found.volume_mm3 == pytest.approx(2.0, rel=1e-12)
+    assert len(read_solid(tmp_path / "two.stl", "mm").vertices) > 14
+    write_stl(tmp_path / "open.stl", Solid(blocks[0], faces[1:]))
+    with pytest.raises(SolidError, match="open edges; close the holes"):
+        read_solid(tmp_path / "open.stl", "mm", for_sections=True)
+
+
 @pytest.mark.parametrize("suffix", WRITERS)
 def test_a_file_read_back_is_the_same_solid(construct: Solid, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"solid{suffix}"
