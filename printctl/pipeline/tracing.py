@@ -101,23 +101,19 @@ def _spans(of_line: IntArray) -> tuple[IntArray, IntArray]:
     return np.where(last > 0, first, 0), last
 
 
-def by_layer(
-    found: RegistrationReport, job: Job, low_mm: float, height_mm: float
-) -> list[dict[str, Any]]:
+def by_layer(found: RegistrationReport, job: Job) -> list[dict[str, Any]]:
     """Deviation after the scaled fit of the seen surface in each layer, and the layer's lines.
 
     Parameters
     ----------
     found : RegistrationReport
     job : Job
-        Written in layers.
-    low_mm, height_mm : float, mm
-        The part's lowest z, and a layer's height: layer k lies from low + k h to low + (k + 1) h.
+        Written in layers, each below the height that its lines are written at.
     """
     again = found.scaled_scan_to_part @ np.linalg.inv(found.transform_scan_to_part)
     z = found.vertices @ again[2, :3] + again[2, 3]
-    count = len(job.first_line)
-    layer = np.clip(((z - low_mm) / height_mm).astype(np.int64), 0, count - 1)[found.seen]
+    count, tops = len(job.first_line), _layer_tops(job)
+    layer = np.minimum(np.searchsorted(tops, z[found.seen], side="right"), count - 1)
     deviation = found.scaled_deviation_um[found.seen]
     points = np.bincount(layer, minlength=count)
     some = np.maximum(points, 1)
@@ -126,7 +122,7 @@ def by_layer(
     return [
         {
             "layer": index,
-            "z_mm": low_mm + (index + 1) * height_mm,
+            "z_mm": float(tops[index]),
             "points": int(points[index]),
             "mean_um": float(mean[index]) if points[index] else None,
             "rms_um": float(rms[index]) if points[index] else None,
@@ -135,6 +131,16 @@ def by_layer(
         }
         for index in range(count)
     ]
+
+
+def _layer_tops(job: Job) -> FloatArray:
+    """Height that each layer's lines are written at, (s,), mm; between others where it has none.
+
+    The median of a layer's lines: those that prime the needle count with the first one.
+    """
+    height = {k: float(np.median(job.end[job.source == k, 2])) for k in np.unique(job.source)}
+    known = np.array(sorted(k for k in height if k >= 0))
+    return np.interp(np.arange(len(job.first_line)), known, [height[k] for k in known])
 
 
 def made_by(

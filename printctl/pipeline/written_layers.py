@@ -149,7 +149,7 @@ def _pushing(context: RunContext, part: Fresh) -> Pushing:
         syringe_mm=syringe.inner_mm,
         syringe_said=syringe.name,
         flow_ul_s=context.flow_ul_s,
-        layer_mm=part.layer_um * 1e-3,
+        layer_mm=part.even_layer_mm,
         bead=context.ink.bead_section,
     )
 

@@ -65,6 +65,15 @@ class Fresh(FillingPart):
     method: Literal["fresh"]
     needle: NeedleName = "fresh_150um"
     layer_um: Annotated[float, Field(ge=10, le=2000)] = 60.0
+    thinnest_layer_um: Annotated[float, Field(ge=5, le=2000)] | None = Field(
+        default=None,
+        description="Layers down to this height where walls are slanted; all alike by default.",
+    )
+    stair_um: Annotated[float, Field(ge=1, le=500)] = Field(
+        default=20.0,
+        description="With thinnest_layer_um: depth of a slanted wall's stair from which on layers "
+        "become thinner.",
+    )
     line_um: Annotated[float, Field(ge=20, le=5000)] = 150.0
     walls: Annotated[int, Field(ge=1, le=50)] = Field(
         default=2, description="Lines along every boundary, counted from the lumen outward."
@@ -86,6 +95,26 @@ class Fresh(FillingPart):
                 "from a print that had it holds it already"
             )
         return self
+
+    @model_validator(mode="after")
+    def _thinner_layers_are_thinner(self) -> Fresh:
+        thinnest = self.thinnest_layer_um
+        if thinnest is None and "stair_um" in self.model_fields_set:
+            raise ValueError(
+                f"stair_um is {self.stair_um:g}, and all layers are alike; give thinnest_layer_um, "
+                "or leave stair_um out"
+            )
+        if thinnest is not None and thinnest >= self.layer_um:
+            raise ValueError(
+                f"thinnest_layer_um is {thinnest:g}, and layer_um {self.layer_um:g}; the thinnest "
+                "layer must be thinner: lower it, or leave it out"
+            )
+        return self
+
+    @property
+    def even_layer_mm(self) -> float | None:
+        """Height of all layers, mm; None where they differ and the G-code says each."""
+        return self.layer_um * 1e-3 if self.thinnest_layer_um is None else None
 
     def files(self) -> list[str]:
         """Names of the user's files that it is made from."""

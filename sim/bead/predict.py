@@ -28,7 +28,7 @@ from firmware_profiles.bead import BeadSection
 from sim.bead.flow import NozzleFlow, nozzle_flow
 from sim.bead.nozzle import Nozzle
 from sim.bead.pieces import Pieces
-from sim.deposit import Style, level_heights, written_levels
+from sim.deposit import Style, level_areas, level_heights, written_levels
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -213,6 +213,7 @@ def _widths(
     if style == "embedded" or not writes.any():
         return np.sqrt(4 / np.pi * area)
     levels = written_levels(pieces.end[writes, 2])
-    height = level_heights(levels)
+    areas = level_areas(levels, pieces.end[writes, 2], area[writes])
+    height = level_heights(levels, areas)
     at = np.searchsorted(levels, pieces.end[:, 2] + 1e-6, side="right") - 1
     return section.width(area, height[np.clip(at, 0, None)])

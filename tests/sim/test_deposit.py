@@ -73,6 +73,22 @@ def test_first_layer_takes_the_usual_spacing_and_a_gap_is_not_bridged() -> None:
     assert filled == pytest.approx(4 * HEIGHT, abs=0.05)
 
 
+@pytest.mark.parametrize("first", [HEIGHT, HEIGHT / 3])
+def test_layers_of_different_heights_keep_their_lines_width(first: float) -> None:
+    """Most are a third as high as the others, which hold three times as much: they don't hang."""
+    heights = np.array([first, first] + [HEIGHT / 3] * 5 + [HEIGHT] * 2 + [HEIGHT / 3] * 3)
+    heights = np.append(heights, HEIGHT)
+    points, volumes = [(1.0, 1.0, 1.0)], []
+    for z, height in zip(np.cumsum(heights), heights, strict=True):
+        points += [(1.0, 1.0, float(z)), (4.0, 1.0, float(z))]
+        volumes += [0.0, 3 * WIDTH * height]
+    found = deposit(motion(points, volumes), AREA, 0.01)
+    share = found.volume[:, :, found.volume.shape[2] // 2] / 255.0
+    filled = share.sum(axis=1)[share.max(axis=1) > 0.99] * 0.01
+    assert filled == pytest.approx(np.full(len(filled), WIDTH), abs=0.011)
+    assert (share > 0.5).any(axis=1).sum() * 0.01 == pytest.approx(heights.sum(), abs=0.021)
+
+
 def test_embedded_filament_has_the_diameter_of_its_dose() -> None:
     ends = [(1.0, 1.0, 1.0), (1.5, 1.0, 4.0), (4.0, 3.0, 6.0)]
     length = [float(np.linalg.norm(np.subtract(b, a))) for a, b in pairwise(ends)]

@@ -122,7 +122,7 @@ def writing_of(context: RunContext) -> Writing:
         printer=printer,
         ul_per_e=None if printer.pneumatic else _ul_per_mm(context.syringe, context.ink),
         flow_ul_s=context.flow_ul_s,
-        layer_mm=part.layer_um * 1e-3 if isinstance(part, Fresh) else None,
+        layer_mm=part.even_layer_mm if isinstance(part, Fresh) else None,
         start_mm=(x, y, z),
         ul_per_e_of_heads=tuple(_ul_per_mm(one.syringe, one.ink) for one in loads),
         beads=tuple(one.ink.bead_section for one in loads) or (context.ink.bead_section,),

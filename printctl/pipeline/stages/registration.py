@@ -120,8 +120,7 @@ def add_traces(summary: dict[str, Any], context: RunContext, found: Registration
     job = replace(job, start=stretch.back(job.start), end=stretch.back(job.end))
     if isinstance(part, Fresh):
         line_mm = part.line_um * 1e-3
-        low = float(context.solid.bounds[0, 2])
-        summary["by_layer"] = by_layer(found, job, low, part.layer_um * 1e-3 / stretch.factor[2])
+        summary["by_layer"] = by_layer(found, job)
     else:
         # A filament fills its own lumen: no line's width lies between.
         line_mm = 0.0

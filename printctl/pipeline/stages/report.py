@@ -131,7 +131,7 @@ def figures(context: RunContext) -> dict[str, bytes]:
         syringe_mm=syringe.inner_mm,
         syringe_said=syringe.name,
         flow_ul_s=context.flow_ul_s,
-        layer_mm=part.layer_um * 1e-3 if isinstance(part, Fresh) else None,
+        layer_mm=part.even_layer_mm if isinstance(part, Fresh) else None,
         bead=context.ink.bead_section,
     )
     return (

@@ -22,6 +22,7 @@ from design.toolpath.embedded import (
 )
 from design.toolpath.file import save_toolpath
 from design.toolpath.fresh import (
+    Adaptive,
     Compensation,
     FreshLayers,
     FreshOptions,
@@ -201,6 +202,7 @@ def fresh_options(context: RunContext, part: Fresh) -> list[FreshOptions]:
     return [
         FreshOptions(
             layer_height_mm=part.layer_um * 1e-3,
+            adaptive=_adaptive(context.printer, part),
             line_width_mm=line_um * 1e-3,
             bead=load.ink.bead_section,
             walls=part.walls,
@@ -220,6 +222,14 @@ def fresh_options(context: RunContext, part: Fresh) -> list[FreshOptions]:
             widths, context.loads, map(context.printer.of_head, range(count)), strict=True
         )
     ]
+
+
+def _adaptive(printer: Printer, part: Fresh) -> Adaptive | None:
+    """Layers that follow the slopes, in whole steps of the vertical motor."""
+    if part.thinnest_layer_um is None:
+        return None
+    thinnest_mm, stair_mm = part.thinnest_layer_um * 1e-3, part.stair_um * 1e-3
+    return Adaptive(thinnest_mm, stair_mm, 1 / printer.steps_per_mm.z)
 
 
 def embedded_options(part: Embedded, filled: Filled, bath: Bath, *, ahead: bool) -> EmbeddedOptions:

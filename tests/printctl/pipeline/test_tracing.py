@@ -79,7 +79,7 @@ def test_deviation_goes_to_the_layer_it_lies_in() -> None:
         seen=np.array([True, True, True, False]),
         scaled_deviation_um=np.array([10.0, -30.0, 7.0, 1e6]),
     )
-    rows = by_layer(report, job(), 0.0, 0.1)  # type: ignore[arg-type]
+    rows = by_layer(report, job())  # type: ignore[arg-type]
     assert len(rows) == 10
     assert (rows[0]["points"], rows[0]["mean_um"]) == (2, -10.0)
     assert rows[0]["rms_um"] == pytest.approx(np.sqrt(500))
@@ -87,6 +87,25 @@ def test_deviation_goes_to_the_layer_it_lies_in() -> None:
     assert rows[3]["mean_um"] is None
     assert (rows[5]["first_line"], rows[5]["last_line"]) == (51, 60)
     assert rows[5]["z_mm"] == pytest.approx(0.6)
+
+
+def test_layers_of_different_heights_take_what_lies_in_them() -> None:
+    """Two of 0.1 mm, the next without lines, then thinner ones; the first primes higher up."""
+    tops = np.array([0.1, 0.1, 0.5, 0.2, 0.24, 0.26])
+    end = np.column_stack([np.ones(6), np.zeros(6), tops])
+    source = np.array([0, 0, 0, 1, 3, 4])
+    lines = np.arange(1, 7)
+    one = Job(end - [1, 0, 0], end, lines, source, False, np.arange(5), np.arange(5))
+    report = SimpleNamespace(
+        transform_scan_to_part=np.eye(4),
+        scaled_scan_to_part=np.eye(4),
+        vertices=np.array([[0, 0, z] for z in (0.05, 0.15, 0.21, 0.23, 0.25, 0.4)]),
+        seen=np.ones(6, dtype=bool),
+        scaled_deviation_um=np.array([1.0, 2.0, 3.0, 4.0, 5.0, 7.0]),
+    )
+    rows = by_layer(report, one)  # type: ignore[arg-type]
+    assert [row["mean_um"] for row in rows] == [1.0, 2.0, 3.0, 4.0, 6.0]
+    assert [row["z_mm"] for row in rows] == pytest.approx([0.1, 0.2, 0.22, 0.24, 0.26])
 
 
 def test_spans_of_a_line_map() -> None:
