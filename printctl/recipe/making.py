@@ -99,7 +99,8 @@ class Fresh(FillingPart):
     @model_validator(mode="after")
     def _thinner_layers_are_thinner(self) -> Fresh:
         thinnest = self.thinnest_layer_um
-        if thinnest is None and "stair_um" in self.model_fields_set:
+        # By value: a run's manifest holds every key, defaults too, and is read again.
+        if thinnest is None and self.stair_um != Fresh.model_fields["stair_um"].default:
             raise ValueError(
                 f"stair_um is {self.stair_um:g}, and all layers are alike; give thinnest_layer_um, "
                 "or leave stair_um out"
