@@ -78,8 +78,8 @@ def follow(client: PrintClient, report: Report, bars: StageBars) -> PrintOutcome
     if outcome.state is not LinkState.DONE:
         raise PrinterFailedError(
             f"the print ended as {outcome.state.value}: {outcome.message} "
-            f"({outcome.lines_done} of {outcome.lines_total} lines done; "
-            f"journal: {client.folder})"
+            f"({outcome.lines_done} of {outcome.lines_total} lines taken by the printer; `printctl "
+            f"status` tells how many are made; journal: {client.folder})"
         )
     return outcome
 

@@ -47,7 +47,7 @@ def test_port_that_goes_away_ends_with_the_last_line_known(tmp_path: Path) -> No
         )  # fmt: skip
     assert done.returncode == 4, done.stderr
     assert "Traceback" not in done.stderr
-    assert f"of {MOVES + 6} lines done" in done.stderr
+    assert f"of {MOVES + 6} lines taken" in done.stderr
     assert "journal" in done.stderr
 
 
