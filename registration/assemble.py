@@ -29,6 +29,7 @@ from registration.options import RegistrationOptions
 from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import Segmentation
+from registration.uncertainty import ScanErrors
 
 FloatArray = NDArray[np.float64]
 
@@ -71,6 +72,7 @@ class Registered:
     findings: Findings
     frame: Frame
     characteristics: tuple[Characteristic, ...]
+    errors: ScanErrors
 
 
 def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> RegistrationReport:
@@ -98,6 +100,7 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
         scaled=summarise(scaled.there_mm, limits),
         rigid_back=summarise(rigid.back_mm, limits),
         scaled_back=summarise(scaled.back_mm, limits),
+        rms_interval_um=1e3 * found.errors.surface_expanded(segmentation.contrast),
         hausdorff_p95_um=rigid.hausdorff_um,
         scaled_hausdorff_p95_um=scaled.hausdorff_um,
         model_seen_fraction=len(scaled.back_mm) / found.spread,

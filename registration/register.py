@@ -87,6 +87,7 @@ def _registered(case: Prepared, other: Executor) -> Registered:
         findings,
         lying.frame,
         _characterised(case, lying, findings),
+        case.errors,
     )
 
 

@@ -64,6 +64,8 @@ class RegistrationReport:
         Of the seen scanned surface, to the design, after each fit.
     rigid_back, scaled_back : Deviation
         Of points spread over the design's surface, to the scanned one.
+    rms_interval_um : float, µm
+        Half width of the 95 % interval of an RMS; NaN where it isn't known.
     hausdorff_p95_um, scaled_hausdorff_p95_um : float, µm
         The larger of both directions' 95th percentiles, rigid and scaled fit.
     model_seen_fraction : float
@@ -120,6 +122,7 @@ class RegistrationReport:
     scaled: Deviation
     rigid_back: Deviation
     scaled_back: Deviation
+    rms_interval_um: float
     hausdorff_p95_um: float
     scaled_hausdorff_p95_um: float
     model_seen_fraction: float
@@ -186,6 +189,7 @@ def report_dict(report: RegistrationReport) -> dict[str, Any]:
         },
         "rigid_model_to_scan": _deviation_dict(report.rigid_back),
         "scaled_model_to_scan": _deviation_dict(report.scaled_back),
+        "rms_interval_95_um": report.rms_interval_um,
         "hausdorff_p95_um": {
             "rigid": report.hausdorff_p95_um,
             "scaled": report.scaled_hausdorff_p95_um,

@@ -9,8 +9,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.alignment.contest import contest, residuals
+from registration.alignment.contest import contest, off_where_told, residuals
 from registration.alignment.fit import Fit, Freedom, refine
+from registration.alignment.landing import OFF_MM
 from registration.alignment.rivals import MIRROR, Rival, describe, own_symmetries
 from registration.alignment.search import Search
 
@@ -34,7 +35,8 @@ class Choice:
     rivals : tuple of Rival
         The closest first.
     mirror_lead : float
-        How many times as badly the pose fits as the best of the mirror image, see `contest`.
+        How many times as badly the pose fits as the best of the mirror image that lies on the
+        design where the two are told apart (within `OFF_MM`), see `contest`; 0 where none does.
     """
 
     best: Fit
@@ -128,7 +130,9 @@ class Contestants:
             if lead < CLEAR_LEAD:
                 under = self._under(other, most)
                 lead = contest(wide, under)
-                mirror_lead = max(mirror_lead, contest(under, wide) * other.mirrored)
+                # A mirror image that doesn't lie on the design itself proves nothing.
+                if other.mirrored and off_where_told(under, wide) < OFF_MM:
+                    mirror_lead = max(mirror_lead, contest(under, wide))
             if lead < 1.0 and not other.mirrored:
                 better = other
             surface = self.search.surface

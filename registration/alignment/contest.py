@@ -24,13 +24,33 @@ def contest(mine: FloatArray, other: FloatArray) -> float:
     part agree all over but for a mark or two, which an RMS over everything would drown. With
     fewer than a dozen such points the poses can't be told apart: 1.
     """
-    spread = 1.4826 * min(float(np.median(np.abs(r))) for r in (mine, other))
-    first, second = np.minimum(np.abs(mine), CAP_MM), np.minimum(np.abs(other), CAP_MM)
-    telling = np.abs(first - second) > 5 * max(spread, 2e-3)
+    telling = _telling(mine, other)
     if telling.sum() < TELLING_POINTS:
         return 1.0
-    squares = [float(np.mean(r[telling] ** 2)) for r in (first, second)]
+    squares = [float(np.mean(r[telling] ** 2)) for r in _capped(mine, other)]
     return float(np.sqrt(squares[1] / max(squares[0], 1e-12)))
+
+
+def off_where_told(mine: FloatArray, other: FloatArray) -> float:
+    """Median deviation, mm, of `mine` at the points by which the two poses are told apart.
+
+    Parameters
+    ----------
+    mine, other : (n,) float64, mm
+        Residuals as of `contest`.
+    """
+    telling = _telling(mine, other)
+    return float(np.median(np.abs(mine[telling]))) if telling.any() else 0.0
+
+
+def _capped(mine: FloatArray, other: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return np.minimum(np.abs(mine), CAP_MM), np.minimum(np.abs(other), CAP_MM)
+
+
+def _telling(mine: FloatArray, other: FloatArray) -> NDArray[np.bool_]:
+    spread = 1.4826 * min(float(np.median(np.abs(r))) for r in (mine, other))
+    first, second = _capped(mine, other)
+    return np.asarray(np.abs(first - second) > 5 * max(spread, 2e-3))
 
 
 def residuals(surface: ModelSurface, points: FloatArray, fit: Fit) -> FloatArray:

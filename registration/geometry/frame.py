@@ -60,9 +60,13 @@ class Frame:
         return COVERAGE * float(np.sqrt(direction @ self.covariance(place) @ direction))
 
     def across_mm(self, place: FloatArray, direction: FloatArray) -> float:
-        """Radius, mm, within which a place lies across a direction (3,), 95 %."""
+        """Radius, mm, within which a place lies across a direction (3,), 95 %.
+
+        NaN where the place's errors aren't known, as of liquid nearly as bright as gel.
+        """
         out = np.eye(3) - np.outer(direction, direction)
-        spread = np.linalg.eigvalsh(out @ self.covariance(place) @ out)[-1]
+        across = out @ self.covariance(place) @ out
+        spread = np.linalg.eigvalsh(across)[-1] if np.isfinite(across).all() else np.nan
         return IN_PLANE * float(np.sqrt(max(spread, 0.0)))
 
 

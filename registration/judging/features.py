@@ -301,7 +301,14 @@ def leak_feature(defect: Record, limits: VesselLimits) -> Feature:
     )
 
 
-def rms_feature(rms_um: float | None, limit_um: float) -> Feature:
-    """Judge the RMS deviation of the scaled fit; it states no interval, so the value decides."""
-    good: Decision = "undecided" if rms_um is None else "pass" if rms_um <= limit_um else "fail"
-    return Feature("rms", good, value_um=rms_um, upper_um=limit_um, limit=_upto(limit_um))
+def rms_feature(rms_um: float | None, u_um: float | None, limit_um: float) -> Feature:
+    """Judge the RMS deviation of the scaled fit; without an interval nothing is proven of it."""
+    u = math.nan if u_um is None else u_um
+    return Feature(
+        "rms",
+        "undecided" if rms_um is None else _upper(rms_um, u, limit_um),
+        value_um=rms_um,
+        u_um=None if math.isnan(u) else u,
+        upper_um=limit_um,
+        limit=_upto(limit_um),
+    )

@@ -94,7 +94,7 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
     features = [f for vessel in judged for f in vessel.features]
     features += [f for _, f in ways]
     features += [f for f in of_zones if f.vessel is None]
-    features.append(rms_feature(numbers["scaled"]["rms_um"], tolerances.rms_um))
+    features.append(_rms(numbers, tolerances.rms_um))
     listed = [d for vessel in judged for d in vessel.findings] + [d for d, _ in ways]
     out: dict[str, Any] = json_ready(
         dict(numbers)
@@ -200,6 +200,13 @@ def _way(defect: Record, limits: VesselLimits) -> tuple[dict[str, Any], Feature]
 
 def _kind(rows: Sequence[Record], defect: Record) -> str:
     return next(str(row["kind"]) for row in rows if row["vessel"] == defect["vessel"])
+
+
+def _rms(numbers: Record, limit_um: float) -> Feature:
+    """Judge the RMS; reports from before it had an interval are judged by the value."""
+    return rms_feature(
+        numbers["scaled"]["rms_um"], numbers.get("rms_interval_95_um", 0.0), limit_um
+    )
 
 
 def _plain(feature: Feature) -> dict[str, Any]:

@@ -28,14 +28,19 @@ def reason(feature: Record) -> str:
             feature
         )
     if name == "rms":
-        value = feature.get("value_um")
-        said = "not known" if value is None else f"{value:.1f} µm"
-        return f"RMS deviation of the scaled fit {said}, {feature['limit']}"
+        return f"RMS deviation of the scaled fit {_rms(feature)}, {feature['limit']}"
     if name == "leak":
         return _way(feature)
     if name == "zone":
         return _zone(feature)
     return _sight(feature)
+
+
+def _rms(feature: Record) -> str:
+    value, u = feature.get("value_um"), feature.get("u_um")
+    if value is None:
+        return "not known"
+    return f"{value:.1f} µm" if u is None else f"{value:.1f} ± {u:.1f} µm"
 
 
 def _way(feature: Record) -> str:

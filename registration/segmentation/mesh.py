@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from kernels import pjit
 from registration.errors import SegmentationError
+from registration.segmentation.bright_liquid import BRIGHT
 from registration.segmentation.nets import surface
 from registration.segmentation.volume import GelField, Strength, Volume
 
@@ -45,6 +46,8 @@ def surface_mesh(field: GelField, strength: Strength | None, speck_mm: float) ->
     seen = _away_from_edge(position, field)
     if strength is not None:
         seen &= _lit(position, gradient, strength) & _stepped(position, gradient, field)
+        if strength.dark >= BRIGHT:
+            seen &= _shown_by_light(position, gradient, strength, faces)
     kept = _large_components(vertices, faces, speck_mm)
     if not kept.any():
         raise SegmentationError(
@@ -86,6 +89,33 @@ def _stepped(position: FloatArray, gradient: FloatArray, field: GelField) -> NDA
     """
     gel, liquid = (_beside(position, gradient, field.values, side) for side in (1, -1))
     return np.asarray(gel - liquid > STEP * (2 * LIT_VOXELS + 1) ** 3)
+
+
+ROUNDS = 8
+"""Of averages over neighbours on the surface: some √8 voxels along it, by which speckle of the two
+sides falls below a fifth of the least step asked for."""
+
+
+def _shown_by_light(
+    position: FloatArray, gradient: FloatArray, strength: Strength, faces: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Where more light comes back from the gel's side, as of a wall under one light.
+
+    Liquid nearly as bright as gel, under light that gel above has not taken, is as bright as gel or
+    brighter. Its border then lies where the model has its light change, which no step confirms:
+    between gel and liquid under the same light lies (1 - dark) of what gel sends back.
+    """
+    gel, liquid = (_beside(position, gradient, strength.signal, side) for side in (1, -1))
+    floor = strength.noise * (2 * LIT_VOXELS + 1) ** 3
+    n = len(position)
+    pairs = np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]])
+    ones = np.ones(2 * len(pairs))
+    ends = np.concatenate([pairs, pairs[:, ::-1]]).T
+    around = coo_matrix((ones, (ends[0], ends[1])), shape=(n, n)).tocsr()
+    count = np.maximum(around @ np.ones(n), 1.0)
+    for _ in range(ROUNDS):
+        gel, liquid = ((one + around @ one / count) / 2 for one in (gel, liquid))
+    return np.asarray(gel - liquid > STEP * (1 - strength.dark) * (gel + floor))
 
 
 @pjit

@@ -74,6 +74,17 @@ class ScanErrors:
     faint_mm: float = 0.0
     cut_mm: float = 0.0
 
+    def surface_expanded(self, contrast: float) -> float:
+        """Half width of the 95 % interval of an RMS over the surface, mm; NaN if not known.
+
+        An RMS changes by no more than the RMS of the errors (triangle inequality): what outer
+        walls share, and each place's own, the field's noise (1 / contrast of the step) over the
+        step's rise 1 / (√(2π) σ).
+        """
+        own = ROOT_TWO_PI * self.blur_mm / contrast
+        shared = np.hypot(self.outer_mm, self.facing_mm)
+        return float(coverage_factor(np.inf) * np.hypot(shared, np.hypot(self.faint_mm, own)))
+
     @staticmethod
     def of_blur(blur_mm: float) -> ScanErrors:
         """Errors of walls found under a blur between two known levels, all else exact."""
