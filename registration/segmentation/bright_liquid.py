@@ -29,6 +29,9 @@ Mask = NDArray[np.bool_]
 
 BRIGHT = 0.33
 """Of the gel's brightness: of brighter liquid light and levels are found together."""
+DARK = 0.2
+"""The same, once both media are known by their light: darker liquid needs no threshold of its own,
+but up to here the noise floor would be liquid's."""
 SOFTEST = 3.2
 """Voxels, standard deviation: averages over more see no lumen."""
 ROUNDS = 4
@@ -115,7 +118,7 @@ def two_media(signal: FloatVolume, working: Working) -> TwoMedia | None:
     for _ in range(ROUNDS):
         lit = light > LIT * float(np.percentile(light[::4, ::4, ::4], 99))
         soft, levels = softly_split(signal / light, lit)
-        if not levels.two or levels.low < BRIGHT * levels.high:
+        if not levels.two or levels.low < DARK * levels.high:
             return found
         gel = soft > levels.middle
         sides = sides_of(gel)

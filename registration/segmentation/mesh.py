@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from kernels import pjit
 from registration.errors import SegmentationError
-from registration.segmentation.bright_liquid import BRIGHT
+from registration.segmentation.bright_liquid import DARK
 from registration.segmentation.nets import surface
 from registration.segmentation.volume import GelField, Strength, Volume
 
@@ -46,7 +46,7 @@ def surface_mesh(field: GelField, strength: Strength | None, speck_mm: float) ->
     seen = _away_from_edge(position, field)
     if strength is not None:
         seen &= _lit(position, gradient, strength) & _stepped(position, gradient, field)
-        if strength.dark >= BRIGHT:
+        if strength.dark >= DARK:
             seen &= _shown_by_light(position, gradient, strength, faces)
     kept = _large_components(vertices, faces, speck_mm)
     if not kept.any():
