@@ -111,7 +111,9 @@ def align(
     depth = float(np.inf if depth_standard else np.ptp(np.percentile(many[:, 2], (1, 99))))
     free = partial(_freedom, surface, depth, options)
     choice = Contestants(search, points, free).choose()
-    _refuse_mirrored(choice.mirror_lead)
+    shared = errors or ScanErrors.of_blur(blur_mm)
+    if np.isfinite(shared.level_mm):  # else walls prove nothing: the mirror image is a doubt
+        _refuse_mirrored(choice.mirror_lead)
     freedom = free(choice.best)
     scaled = refine(surface, many, choice.best, freedom, blur_mm=blur_mm)
     many = _off_rims(surface, many, scaled, RIM_BLURS * blur_mm)
@@ -123,7 +125,6 @@ def align(
     rigid = refine(
         surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0, blur_mm=blur_mm, even=True
     )
-    shared = errors or ScanErrors.of_blur(blur_mm)
     sure = fit_errors(surface, many[kept], scaled, freedom, shared)
     loose = loose_freedoms(sure.covariance[:6, :6], surface.bounds)
     off = misfits(surface, many, scaled, blur_mm)

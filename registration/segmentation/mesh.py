@@ -91,9 +91,8 @@ def _stepped(position: FloatArray, gradient: FloatArray, field: GelField) -> NDA
     return np.asarray(gel - liquid > STEP * (2 * LIT_VOXELS + 1) ** 3)
 
 
-ROUNDS = 8
-"""Of averages over neighbours on the surface: some √8 voxels along it, by which speckle of the two
-sides falls below a fifth of the least step asked for."""
+ROUNDS = 32
+"""Of averages over neighbours on the surface: some 3 voxels along it, to quieten speckle."""
 
 
 def _shown_by_light(

@@ -12,8 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from design.solids.solid import Solid
 from registration.alignment import AlignmentOptions, align
+from registration.alignment.contest import off_where_told
 from registration.distance import ModelSurface
 from registration.errors import AlignmentError
+from registration.uncertainty import ScanErrors
 from tests.registration.parts import corners, planar_construct
 from tests.slower import first_of
 
@@ -68,6 +70,20 @@ def test_mirrored_points_are_refused_though_one_dimple_alone_tells(construct: So
     points, _ = placed(surface_points(construct, 60_000, 1) * [-1, 1, 1], 7, np.ones(3))
     with pytest.raises(AlignmentError, match="mirror"):
         align(ModelSurface.of(construct), points, True, FAST)
+
+
+def test_a_pose_is_off_by_its_residuals_where_two_poses_differ() -> None:
+    mine, other = np.full(1000, 0.01), np.full(1000, 0.01)
+    mine[:100], other[:100] = -0.12, 0.4
+    assert off_where_told(mine, other) == pytest.approx(0.12)
+    assert off_where_told(mine, mine) == 0.0
+
+
+def test_walls_of_unknown_errors_prove_no_mirror_image(construct: Solid) -> None:
+    points, _ = placed(surface_points(construct, 60_000, 1) * [-1, 1, 1], 7, np.ones(3))
+    unknown = replace(ScanErrors.of_blur(0.03), level_mm=float("nan"))
+    found = align(ModelSurface.of(construct), points, True, FAST, errors=unknown)
+    assert any("mirrored" in doubt for doubt in found.doubts)
 
 
 def test_symmetric_part_is_flagged_ambiguous() -> None:

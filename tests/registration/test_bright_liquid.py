@@ -11,6 +11,8 @@ import pytest
 from registration.scan import Scan
 from registration.segmentation import segment
 from registration.segmentation.classes import split
+from registration.segmentation.first_light import first_light
+from registration.segmentation.working import Working
 
 VOXEL_MM = (0.02, 0.035, 0.035)
 RADIUS_MM = 0.3
@@ -74,3 +76,22 @@ def test_a_scan_from_below_is_the_same_turned_round() -> None:
     assert one.blur_mm == pytest.approx(other.blur_mm, rel=0.05)
     inside = np.s_[8:-8, 8:-8, 8:-8]
     assert np.abs(one.values[inside] - other.values[::-1][inside]).mean() < 0.03
+
+
+def test_deep_gel_darker_than_the_liquid_beside_it_is_gel() -> None:
+    liquid = 0.5
+    made = scan(liquid)
+    power = np.random.default_rng(1).gamma(2.0, 0.5, (110, 110, 110))
+    z, y, x = np.ogrid[:110, :110, :110]
+    gel = (z >= 10) & (z < 95) & (abs(y - 55) < 28) & (abs(x - 55) < 28)
+    light = np.exp(-2 * np.cumsum(np.where(gel, 0.6, 0.03), axis=0) * VOXEL_MM[0])
+    power *= np.where(gel, 1.0, liquid) * light + 0.004
+    made = replace(made, volume=power.astype(np.float32))
+    working = Working.of(made, 0.02, 0.03)
+    signal = working.binned(made)
+    share = signal / first_light(signal, working)
+    deep, aside = (z > 70) & (z < 90), (abs(y - 55) > 35) | (abs(x - 55) > 35)
+    within = deep & (abs(y - 55) < 22) & (abs(x - 55) < 22)
+    beside = deep & aside
+    assert signal[within].mean() < signal[beside].mean()
+    assert share[beside].mean() / share[within].mean() == pytest.approx(liquid, abs=0.15)

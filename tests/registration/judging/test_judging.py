@@ -130,6 +130,20 @@ def test_features_have_limits_of_their_own() -> None:
     }  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("rms", "u", "decision"),
+    [(60, 30, "pass"), (90, 30, "undecided"), (120, 30, "undecided"), (150, 30, "fail"),
+     (20, None, "undecided"), (150, None, "undecided")],
+)  # fmt: skip
+def test_the_rms_is_judged_with_its_interval_and_not_without(
+    rms: float, u: float | None, decision: str
+) -> None:
+    numbers = registration(vessel(0, np.zeros(20), u_um=SURE), scaled={"rms_um": rms})
+    found = judge_plain(numbers | {"rms_interval_95_um": u}, 100.0, 10.0)
+    (feature,) = (f for f in found["judging"]["features"] if f["name"] == "rms")
+    assert feature["decision"] == decision
+
+
 def test_a_leak_fails_where_none_is_allowed() -> None:
     leak = change(0, 1.0, 1.2) | {"kind": "leak", "size_um": 200.0}
     found = judged(vessel(0, np.zeros(20), u_um=SURE), defects=[leak])
