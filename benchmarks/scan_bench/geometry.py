@@ -15,6 +15,8 @@ FAR = 9.0
 STEP_MM = 0.01
 ROUGH_WITHIN_MM = 0.15
 """Of a lumen's wall: farther from it nothing is rough."""
+SLOPE_MM = 0.002
+"""Over so short a way the slopes of rough walls are taken."""
 
 
 @nb.njit(cache=True)
@@ -132,11 +134,17 @@ def bscan(y, nx, pitch, nz, dz, to_part, boxes, shape, lumens, rough, seed, fiel
                 p[a] = m[a, 0] * i * pitch + m[a, 1] * y + m[a, 2] * k * dz + m[a, 3]
             swelling(p, size, swell, q)
             d = outside(q, planes, cylinder, g)
-            if rough[0] > 0 and abs(d) < 0.15:
-                d += 0.7 * rough[0] * grain(p, rough[1], seed)
-            field[1, 0, i, k] = d
             field[1, 1, i, k] = g[0] * m[0, 0] + g[1] * m[1, 0] + g[2] * m[2, 0]
             field[1, 2, i, k] = g[0] * m[0, 1] + g[1] * m[1, 1] + g[2] * m[2, 1]
+            if rough[0] > 0 and abs(d) < 0.15:
+                rise = 0.7 * rough[0] * grain(p, rough[1], seed)
+                d += rise
+                for a in range(2):
+                    for b in range(3):
+                        q[b] = p[b] + SLOPE_MM * m[b, a]
+                    beside = 0.7 * rough[0] * grain(q, rough[1], seed)
+                    field[1, 1 + a, i, k] += (beside - rise) / SLOPE_MM
+            field[1, 0, i, k] = d
     for c in range(len(pieces)):
         if y < boxes[c, 1] or y > boxes[c, 4]:
             continue
@@ -164,13 +172,18 @@ def roughness(p, rough, seed):
 @nb.njit(cache=True)
 def roughen(y, nx, pitch, nz, dz, m, rough, seed, field):
     """Move the lumens' walls by noise and by the ridges of 50 um layers."""
-    p = np.zeros(3)
+    p, q = np.zeros(3), np.zeros(3)
     for i in range(nx):
         for k in range(nz):
             if abs(field[0, 0, i, k]) < ROUGH_WITHIN_MM:
                 for a in range(3):
                     p[a] = m[a, 0] * i * pitch + m[a, 1] * y + m[a, 2] * k * dz + m[a, 3]
-                field[0, 0, i, k] += roughness(p, rough, seed)
+                rise = roughness(p, rough, seed)
+                field[0, 0, i, k] += rise
+                for a in range(2):
+                    for b in range(3):
+                        q[b] = p[b] + SLOPE_MM * m[b, a]
+                    field[0, 1 + a, i, k] += (roughness(q, rough, seed) - rise) / SLOPE_MM
 
 
 @nb.njit(cache=True)

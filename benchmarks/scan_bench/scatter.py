@@ -40,7 +40,6 @@ def at_depth(column, z, dz):
 @nb.njit(cache=True)
 def facing(cosine, specular):
     """Return the share of a wall's reflection that the lens takes, by the wall's slope."""
-    cosine = min(cosine, 1.0)
     slope2 = 1 / max(cosine * cosine, 1e-3) - 1
     return math.exp(-slope2 / specular[1] ** 2) + specular[2] * math.exp(-slope2 / 0.2)
 
@@ -127,7 +126,11 @@ def cast(
                 which = 0 if now + before == GEL + LUMEN else 1
                 here = lumen if which == 0 else body
                 step = abs(here - at_depth(field[which, 0, x], z - delta, dz_field))
-                size = specular[0] * facing(step / delta, specular) * light * focus
+                along = at_depth(field[which, 1, x], z, dz_field)
+                aside = at_depth(field[which, 2, x], z, dz_field)
+                # A rough wall's distance grows faster than the way: its gradient isn't a unit.
+                cosine = step / math.sqrt(step * step + delta * delta * (along**2 + aside**2))
+                size = specular[0] * facing(cosine, specular) * light * focus
                 phase = carrier * (z - min(abs(here) / max(step, 1e-9), 1.0) * delta)
                 amplitude[x, cell] += complex(math.cos(phase), math.sin(phase)) * size
             before = now

@@ -45,7 +45,8 @@ class Ends:
     def shared_mm(self) -> float:
         """Standard uncertainty that both ends share, mm."""
         errors = self.errors
-        return float(np.hypot(np.hypot(errors.level_mm, errors.cut_mm), errors.faint_mm))
+        shared = (errors.level_mm, errors.cut_mm, errors.faint_mm, errors.line_mm)
+        return float(np.linalg.norm(shared))
 
 
 def find_closures(traces: tuple[VesselTrace, ...], ends: Ends) -> list[Defect]:

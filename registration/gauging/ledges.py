@@ -3,7 +3,8 @@
 A reflection no brighter than gel can't be told from a wall that lies a little further out. Smooth
 walls send one back only where they face the light; rough ones have ledges that do, whichever way
 they stand. How rough walls are is seen in the scatter of each section's rays beyond that of
-speckle.
+speckle. Where walls shine so much that their mean profile tells the line (`wall_profile`), that
+tells where they lie.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from registration.gauging.sections import independent_rays
 from registration.gauging.trace import VesselTrace
+from registration.gauging.wall_profile import wall_profile
 from registration.segmentation import Segmentation
 from registration.uncertainty import ScanErrors
 
@@ -37,8 +39,9 @@ def with_ledges(
     The last is how much further into the gel than the field says, mm, for walls along the light.
 
     `GelField.faint_mm` has moved all walls as if they had ledges all over: what they lack of that
-    is taken back, and what the cap on bright voxels moves them by (`GelField.cut_mm`) is added. A
-    calibration of walls (`--walls`) is made on diameters moved so.
+    is taken back, and what the cap on bright voxels moves them by (`GelField.cut_mm`) is added.
+    Where the walls' mean profile knows better, its place and error replace both. A calibration of
+    walls (`--walls`) is made on diameters moved so.
 
     Parameters
     ----------
@@ -54,6 +57,11 @@ def with_ledges(
     wider = 2 * (field.cut_mm - (1 - part) * field.faint_mm)
     moved = tuple(_widened(trace, wider) for trace in traces)
     left = replace(errors, faint_mm=part * errors.faint_mm)
+    found = wall_profile(moved, segmentation)
+    if found is not None and found.told and found.error_mm < left.faint_mm:
+        moved = tuple(_widened(trace, 2 * found.place_mm) for trace in moved)
+        wider += 2 * found.place_mm
+        left = replace(left, faint_mm=0.0, facing_mm=0.0, cut_mm=0.0, line_mm=found.error_mm)
     return moved, left, field.wall_mm + wider / 2
 
 

@@ -61,6 +61,8 @@ class ScanErrors:
         Of the place of all walls alike, by reflections no brighter than gel.
     cut_mm : float, mm
         Of the place of walls in sections, by speckle and the caps on it.
+    line_mm : float, mm
+        Of the place of walls in sections, where the profile of their bright line has told it.
     """
 
     level_mm: float
@@ -73,6 +75,7 @@ class ScanErrors:
     beam: FloatArray
     faint_mm: float = 0.0
     cut_mm: float = 0.0
+    line_mm: float = 0.0
 
     def surface_expanded(self, contrast: float) -> float:
         """Half width of the 95 % interval of an RMS over the surface, mm; NaN if not known.

@@ -15,6 +15,9 @@ FloatArray = NDArray[np.float64]
 OWN_DOF = 40.0
 """Of a section's own noise: independent places on 48 rays, less the harmonics."""
 
+LINE_DOF = 5.0
+"""Of the place of a bright line: groups of sections less one, walls of three directions."""
+
 
 @dataclass(frozen=True)
 class SectionErrors:
@@ -26,9 +29,9 @@ class SectionErrors:
         Measured; 0 or NaN where closed or unknown.
     own : (n,) float64, mm
         Independent of every other vessel, correlated along `correlation_mm`.
-    shared : (n, 5) float64, mm
-        Change of each diameter by one standard deviation of level, reflections, blur, depth and
-        lateral scale.
+    shared : (n, 6) float64, mm
+        Change of each diameter by one standard deviation of level, reflections, the walls' bright
+        line, blur, depth and lateral scale.
     spacing_mm, correlation_mm : float, mm
     wall_dof : float
     """
@@ -97,12 +100,15 @@ class SectionErrors:
 
     def budget(self, weights: FloatArray, own: float) -> Budget:
         """Budget of a weighted sum of the diameters whose own errors leave `own`."""
-        level, facing, blur, depth, lateral = np.abs(weights @ self.known_shared)
+        level, facing, line, blur, depth, lateral = np.abs(weights @ self.known_shared)
         return Budget(
             (
                 Term("speckle and roughness", "A", own, OWN_DOF, "scatter of the rays"),
                 Term("level of the wall", "B", float(level), self.wall_dof, "halfway to the gel"),
                 Term("reflections", "B", float(facing), np.inf, "too weak to be told from gel"),
+                Term(
+                    "bright line of walls", "B", float(line), LINE_DOF, "profile across the walls"
+                ),
                 Term("blur and curvature", "B", float(blur), np.inf, "10 % of the blur"),
                 Term("refractive index", "B", float(depth), np.inf, "depth"),
                 Term("voxel size", "B", float(lateral), np.inf, "lateral scale"),
@@ -138,6 +144,7 @@ def section_errors(
             np.full(len(diameter), 2 * np.hypot(errors.level_mm, errors.cut_mm)),
             # One print's walls either shine or don't: both are off the same way.
             2 * errors.faint_mm + in_depth * errors.facing_mm,
+            np.full(len(diameter), 2 * errors.line_mm),
             curved,
             0.5 * diameter * in_depth * errors.depth,
             0.5 * diameter * (2 - in_depth) * errors.lateral,

@@ -1,0 +1,86 @@
+"""Mean surface of rough walls that shine, by the mean profile across them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from registration.gauging.ledges import with_ledges
+from registration.gauging.wall_profile import WallProfile, wall_profile
+from registration.segmentation import Segmentation
+from registration.segmentation.volume import Strength
+from registration.uncertainty import ScanErrors
+from tests.registration.phantom import as_designed, block, traces
+
+LEVEL, LIQUID, OPTICS = 7.0, 0.05, 0.012
+"""Gel's brightness, the liquid's over that, the point spread's standard deviation, mm."""
+SPREAD, PLACE = 0.03, 0.008
+"""Of the walls' heights (Gaussian as is fitted, or uniform), and how much further they lie
+in the gel than the field has them, mm."""
+
+
+@cache
+def shining(line_mm: float, uniform: bool = True) -> Segmentation:
+    """The block with speckle, walls rough by `SPREAD`, and a bright line of so much gel."""
+    found = block(as_designed)
+    depth = 0.3 * (found.field.values.astype(float) - 0.5) - PLACE
+    heights = np.sqrt(3) * np.linspace(-1, 1, 9) if uniform else np.zeros(1)
+    sharp = OPTICS if uniform else float(np.hypot(OPTICS, SPREAD))
+    u = [(depth - SPREAD * height) / sharp for height in heights]
+    gel = np.mean([ndtr(one) for one in u], axis=0)
+    slope = np.mean([np.exp(-one * one / 2) for one in u], axis=0) / (np.sqrt(2 * np.pi) * sharp)
+    mean = LIQUID + (1 - LIQUID) * (gel + line_mm * slope)
+    speckle = np.random.default_rng(5).exponential(size=mean.shape)
+    signal = (LEVEL * mean * speckle).astype(np.float32)
+    return replace(found, strength=Strength(signal, 0.01, LIQUID))
+
+
+def profile(line_mm: float, uniform: bool = True) -> WallProfile | None:
+    scan = shining(line_mm, uniform)
+    return wall_profile(traces(scan), scan)
+
+
+@pytest.mark.parametrize("line_mm", [0.1, 0.4])
+@pytest.mark.parametrize("uniform", [False, True])
+def test_the_mean_surface_is_found_under_a_bright_line(line_mm: float, uniform: bool):
+    found = profile(line_mm, uniform)
+    assert found is not None
+    assert found.told
+    assert found.place_mm == pytest.approx(PLACE, abs=max(2.5 * found.error_mm, 0.002))
+    assert found.error_mm < 0.003
+    assert found.line_mm == pytest.approx(line_mm, rel=0.25)
+
+
+@pytest.mark.parametrize("line_mm", [0.0, 0.012])
+def test_a_line_fainter_than_the_walls_are_rough_is_not_told(line_mm: float):
+    found = profile(line_mm)
+    assert found is None or not found.told
+
+
+def test_a_line_told_moves_sections_and_has_its_own_error():
+    scan = shining(0.4)
+    field = replace(scan.field, faint_mm=0.006)
+    before = tuple(
+        replace(one, sections=replace(one.sections, noise=np.full(len(one.along), 0.05)))
+        for one in traces(scan)
+    )
+    errors = replace(ScanErrors.of_blur(0.04), faint_mm=0.0045, facing_mm=0.004, cut_mm=0.001)
+    rough = replace(scan, field=field)
+    moved, left, wall = with_ledges(before, rough, errors)
+    dull, kept, usual = with_ledges(before, replace(rough, strength=None), errors)
+    assert (left.faint_mm, left.facing_mm, left.cut_mm) == (0.0, 0.0, 0.0)
+    assert 0 < left.line_mm < kept.faint_mm
+    assert kept.line_mm == 0.0
+    for one, other in zip(moved, dull, strict=True):
+        known = other.sections.diameter > 0
+        change = one.sections.diameter[known] - other.sections.diameter[known]
+        np.testing.assert_allclose(change, 2 * (wall - usual))
+
+
+def test_without_light_there_is_no_profile():
+    scan = replace(shining(0.4), strength=None)
+    assert wall_profile(traces(scan), scan) is None
