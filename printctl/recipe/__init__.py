@@ -3,8 +3,7 @@
 Names are loaded when first asked for: most commands need one part of the schema, not all.
 """
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from design.on_demand import on_demand
 
@@ -13,10 +12,7 @@ if TYPE_CHECKING:
     from printctl.recipe.migrate import SCHEMA
     from printctl.recipe.model import Recipe
 
-STARTER: Final = Path(__file__).parent / "starter.yaml"
-"""Commented recipe that runs as it stands."""
-
-__all__ = ["SCHEMA", "STARTER", "Recipe", "load_recipe", "parse_recipe"]
+__all__ = ["SCHEMA", "Recipe", "load_recipe", "parse_recipe"]
 
 __getattr__ = on_demand(__name__)
 

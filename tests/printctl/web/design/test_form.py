@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from firmware_profiles import Ink, load
-from printctl.recipe import STARTER, Recipe, parse_recipe
+from printctl.recipe.starter import STARTER, Recipe, parse_recipe
 from printctl.web.design import form as forms
 from printctl.web.design.checking import check_data, check_text
 from printctl.web.design.pane.words import shown, typed

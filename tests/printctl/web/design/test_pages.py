@@ -13,7 +13,7 @@ import pytest
 from PIL import Image, ImageChops, ImageStat
 from playwright.sync_api import expect
 
-from printctl.recipe import STARTER
+from printctl.recipe.starter import STARTER
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import LOOKS, serious, shown
 from tests.printctl.web.shell.dialogs import serious_in_dialog

@@ -1,0 +1,7 @@
+"""The commented recipe to start from."""
+
+from pathlib import Path
+from typing import Final
+
+STARTER: Final = Path(__file__).parent / "starter.yaml"
+"""Runs as it stands, on the simulated printer."""
