@@ -9,7 +9,8 @@ import pytest
 import yaml
 
 from firmware_profiles import Ink, load
-from printctl.recipe.starter import STARTER, Recipe, parse_recipe
+from printctl.recipe import Recipe, parse_recipe
+from printctl.recipe.starter import STARTER
 from printctl.web.design import form as forms
 from printctl.web.design.checking import check_data, check_text
 from printctl.web.design.pane.words import shown, typed
