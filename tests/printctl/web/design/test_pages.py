@@ -62,7 +62,7 @@ def test_a_recipe_is_begun_mended_made_and_seen(served: Process, browser: Any) -
     quick = re.sub(r"toolpath:\n(?:  .*\n)+", _TOOLPATH, text.input_value())
     text.fill(quick)
     page.get_by_text("toolpath", exact=True).first.click()
-    layer = page.get_by_label("layer (µm)")
+    layer = page.get_by_label("layer (µm)", exact=True)
     expect(layer).to_have_value("150")  # what is typed is taken up a moment later
     layer.fill("1")
     page.get_by_text("must be at least 10 (is 1)", exact=True).wait_for()
