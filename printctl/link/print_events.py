@@ -12,6 +12,7 @@ from printctl.link.interruption import Interruption
 from printctl.link.kill import HALTED_BEFORE, Kill
 from printctl.link.logbook import Logbook
 from printctl.link.requests import Request, RequestQueue
+from printctl.link.run_on import RunOn
 from printctl.link.states import EARLY, LinkState, PrintEnded
 from printctl.link.wiring import Wiring
 
@@ -157,16 +158,22 @@ class PrintEvents:
         if itself and self._kill.asked.is_set():
             message = f"{HALTED_BEFORE} ({event.text})"
             raise PrintEnded(LinkState.KILLED, message, known=False)
-        speed = self._progress.speed_mm_s
+        run_on = self._run_on()
         if self._kill.asked.is_set():
-            raise PrintEnded(LinkState.KILLED, self._kill.words(speed), known=False)
+            raise PrintEnded(LinkState.KILLED, self._kill.words(run_on), known=False)
         because = f": {self._logbook.fault}" if self._logbook.fault else ""
         raise PrintEnded(
             LinkState.KILLED,
             f"the firmware halted itself ({event.text}){because}; "
-            f"{self._kill.halting.told(speed, stopped=False)}",
+            f"{self._kill.halting.told(run_on, stopped=False)}",
             known=False,
         )
+
+    def _run_on(self) -> RunOn | None:
+        """How far motors may run on; None where other moves than the job's may be under way."""
+        if self._logbook.state is not LinkState.PRINTING:
+            return None
+        return self._progress.run_on(self._wiring.clock.now())
 
     def _on_booted(self, event: said.Booted) -> None:
         if self._kill.asked.is_set():
