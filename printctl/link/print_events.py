@@ -114,7 +114,8 @@ class PrintEvents:
         self._progress.count_foreign(event.foreign)
         self._logbook.alarm(
             f"{self._progress.foreign_words()} (noticed after {self._progress.words()}); see that "
-            "nothing else uses its port, and look at the part"
+            "nothing else uses its port, and look at the part",
+            kind="foreign lines",
         )
 
     # --- what holds the print --------------------------------------------------------------------
@@ -136,7 +137,7 @@ class PrintEvents:
     def _on_action(self, event: said.Action) -> None:
         if event.name in _ACTIONS:
             self._logbook.alarm(f"the printer asks for {event.name!r}")
-            self._requests.add(_ACTIONS[event.name])
+            self._requests.add(_ACTIONS[event.name], by=f"the printer (//action:{event.name})")
 
     def _on_noisy(self, event: said.Noisy) -> None:
         self._logbook.alarm(
@@ -205,8 +206,7 @@ class PrintEvents:
         if self._logbook.state in EARLY:
             printer = self._wiring.printer
             raise HandshakeError(
-                f"no firmware answers at {self._wiring.transport.name} "
-                f"({self._heard.count} bytes heard in {event.seconds:.0f} s); check that the "
+                f"{self._unanswered(event.seconds)}; check that the "
                 f"printer is on, its baud rate (profile: {printer.baud}) and its firmware "
                 f"(profile: {printer.firmware})"
             )
@@ -219,6 +219,16 @@ class PrintEvents:
                 f"{silent}{self._progress.words()}; the next line may or may not have been taken"
             )
         raise PrintEnded(LinkState.FAILED, message, known=False)
+
+    def _unanswered(self, seconds: float) -> str:
+        """Say whether nothing came, or nothing that can be understood."""
+        name, heard = self._wiring.transport.name, self._heard
+        if not heard.count:
+            return f"no firmware answers at {name} (0 bytes heard in {seconds:.0f} s)"
+        return (
+            f"what answers at {name} can't be understood ({heard.count} bytes heard in "
+            f"{seconds:.0f} s, the last: {heard.last!r})"
+        )
 
     @property
     def _complaint(self) -> str:
