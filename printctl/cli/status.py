@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.link.states import Status
@@ -64,5 +66,9 @@ def _offered(one: Possible, run: str) -> str:
     """The command of an action that is possible now."""
     if not one.possible or one.action not in _COMMANDS:
         return ""
-    line = " --from-line LINE" if one.needs == "from_line" else ""
-    return _COMMANDS[one.action].format(run=run) + line + (f" ({one.reason})" if line else "")
+    command = _COMMANDS[one.action].format(run=shlex.quote(run))
+    if one.needs != "from_line":
+        return command
+    if not one.from_line:
+        return f"recover: {one.reason} (printctl recover --help)"
+    return f"{command} --from-line {one.from_line} ({one.reason})"

@@ -16,6 +16,7 @@ from printctl.link.wiring import Wiring
 
 POLL_S: Final = 0.04
 """Longest wait for the printer before requests are looked at."""
+_LAST_BYTES: Final = 80
 
 
 class EventHandler(Protocol):
@@ -41,16 +42,25 @@ class Heard:
     ----------
     count : int
         Bytes.
+    last : str
+        The last words, for a message.
     booted : bool
         Whether its firmware has said that it starts.
     """
 
     def __init__(self) -> None:
-        self.count, self.booted = 0, False
+        self.count, self.booted, self._last = 0, False, b""
 
     def add(self, data: bytes) -> None:
         """Count what came."""
         self.count += len(data)
+        self._last = (self._last + data)[-_LAST_BYTES:]
+
+    @property
+    def last(self) -> str:
+        """See the class."""
+        lines = self._last.split()
+        return b" ".join(lines).decode("ascii", "backslashreplace")
 
     def boot(self) -> None:
         """Take notice that the firmware starts."""

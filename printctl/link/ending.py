@@ -57,7 +57,8 @@ class Ending:
         PrintEnded
             Always: stopped.
         """
-        self.retreat(LinkState.STOPPED, "stopped by the user" + self._excursion.words())
+        who = self._interruption.stopped_by
+        self.retreat(LinkState.STOPPED, f"stopped by {who}{self._excursion.words()}")
 
     def retreat(self, state: LinkState, message: str) -> NoReturn:
         """Relieve the plunger, lift the needle, switch off; nothing may be in flight.

@@ -19,16 +19,12 @@ A board that stood still meanwhile finds all of these at once, and looks at M112
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Final
 
 from firmware_profiles import Printer
 from printctl.link.families import link_facts
-
-STEP_S: Final = 47.5e-6
-"""Of the processor's time for each step event of a Marlin on an 8-bit board, s."""
-MOST_STEPS: Final = 10_000.0
-"""Step events/s from which on one interrupt makes two."""
+from printctl.link.run_on import RunOn, unknown_run_on
 
 
 @dataclass(frozen=True)
@@ -46,10 +42,8 @@ class Halting:
     stops_at_once : bool
         Whether the motors stand when the first has arrived.
     runs_on_s : float, s
-        For how long they may go on where the firmware halts itself, or they don't stand; longer
-        while they step.
-    steps_per_mm : float
-        Of the quicker of X and Y.
+        For how long they may go on where the firmware halts itself, or they don't stand, at the
+        machine's greatest speed.
     """
 
     first: tuple[tuple[bytes, float], ...]
@@ -57,14 +51,14 @@ class Halting:
     words: str = "M112"
     stops_at_once: bool = False
     runs_on_s: float = 0.0
-    steps_per_mm: float = 0.0
 
-    def told(self, speed_mm_s: float, stopped: bool) -> str:
-        """Say what the motors did, or may have done at such a speed of the needle.
+    def told(self, run_on: RunOn | None, stopped: bool) -> str:
+        """Say what the motors did, or may have done.
 
         Parameters
         ----------
-        speed_mm_s : float
+        run_on : RunOn or None
+            How far they may have run on; None where nobody knows what moved.
         stopped : bool
             Whether the printer lived between ``first`` and ``last``.
         """
@@ -72,11 +66,11 @@ class Halting:
             return "its motors were stopped before that, by M410"
         if not self.runs_on_s:
             return "what its motors did meanwhile isn't known"
-        seconds = self.runs_on_s / (1.0 - STEP_S * min(speed_mm_s * self.steps_per_mm, MOST_STEPS))
+        seconds = self.runs_on_s if run_on is None else run_on.seconds
+        far = "" if run_on is None else f" ({run_on.path_mm:.1f} mm)"
         return (
-            f"its motors may have run on for up to {seconds:.2g} s "
-            f"({seconds * speed_mm_s:.1f} mm at {speed_mm_s:g} mm/s): "
-            "look where the needle is"
+            f"its motors may have run on for up to {math.ceil(seconds * 100) / 100:.2f} s after "
+            f"that{far}: look where the needle is"
         )
 
 
@@ -92,10 +86,9 @@ def halting_of(printer: Printer, kill: bytes, emergency_parser: bool) -> Halting
         Whether it looks at M410 and M112 at once: what it says of itself, else its profile.
     """
     link = link_facts(printer)
-    steps_per_mm = max(printer.steps_per_mm.x, printer.steps_per_mm.y)
     if not link.quickstop or not emergency_parser:
-        return Halting((), kill, runs_on_s=link.run_on_s, steps_per_mm=steps_per_mm)
+        return Halting((), kill, runs_on_s=unknown_run_on(printer))
     at_once = b"\n%b\n" % link.quickstop
     between = ((at_once, 1.0),) * (printer.lines_in_flight - 1)
     first = ((at_once, 0.5), *between, (at_once, 1.3))
-    return Halting(first, kill, "M410 and M112", True, link.run_on_s, steps_per_mm)
+    return Halting(first, kill, "M410 and M112", True, unknown_run_on(printer))

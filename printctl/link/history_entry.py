@@ -5,10 +5,11 @@ from __future__ import annotations
 import getpass
 import platform
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from printctl.link.journal import Record, read_records
+from printctl.link.journal import Record, read_records, times_words
 from printctl.link.noted import noted
 from printctl.link.states import LinkState
 
@@ -123,11 +124,7 @@ def entry_of(journal: Path) -> PrintEntry | None:
         done=max(taken, default=0),
         total=int(first.get("lines", 0)),
         begun=len(jobs),
-        alarms=tuple(
-            Alarm(float(r.get("at", 0.0)), plain_text(r.get("text", "")))
-            for r in records
-            if r.get("t") == "alarm"
-        ),
+        alarms=_alarms(records),
         operator=_operator(journal),
         file=plain_text(first.get("name", "")),
         **{
@@ -135,6 +132,21 @@ def entry_of(journal: Path) -> PrintEntry | None:
             for k in ("who", "host", "path", "sha256", "profile", "port")
         },
     )
+
+
+def _alarms(records: Sequence[Record]) -> tuple[Alarm, ...]:
+    """Return each alarm once, when it came first; of one that came again how often."""
+    found: list[Alarm] = []
+    first: dict[object, int] = {}
+    for record in records:
+        if record.get("t") == "alarm":
+            first[record.get("text")] = len(found)
+            at = float(record.get("at", 0.0))
+            found.append(Alarm(at, plain_text(record.get("text", ""))))
+        elif record.get("t") == "repeated" and record.get("first") in first:
+            index = first[record.get("first")]
+            found[index] = Alarm(found[index].at, plain_text(times_words(record)))
+    return tuple(found)
 
 
 def plain_text(value: object) -> str:

@@ -87,6 +87,11 @@ class Interruption:
     def _asked(self) -> bool:
         return not self._over and Request.STOP in self._queue.requests
 
+    @property
+    def stopped_by(self) -> str:
+        """Who has asked for the stop."""
+        return self._queue.stopped_by
+
     def _cut_in(self) -> None:
         wiring = self._wiring
         link, now = link_facts(wiring.printer), wiring.clock.now()
@@ -115,9 +120,9 @@ class Interruption:
 
     def _end_early(self) -> None:
         if not self._logbook.resumed:
-            message = "stopped by the user before the first line"
+            message = f"stopped by {self.stopped_by} before the first line"
             raise PrintEnded(LinkState.STOPPED, message)
-        message = "stopped by the user before the printer was found again"
+        message = f"stopped by {self.stopped_by} before the printer was found again"
         quickstop = link_facts(self._wiring.printer).quickstop
         if quickstop:
             self._wiring.transport.write_urgent(b"\n%b\n" % quickstop)

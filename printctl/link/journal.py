@@ -215,6 +215,7 @@ class History:
     done: int = 0
     controls: dict[int, str] = field(default_factory=dict)
     alarms: list[str] = field(default_factory=list)
+    _first_alarms: list[str] = field(default_factory=list, repr=False)
     checkpoint: Record | None = None
     checkpoints: list[Record] = field(default_factory=list)
     left: dict[str, float] = field(default_factory=dict)
@@ -301,6 +302,9 @@ def _apply(history: History, record: Record | None) -> None:
         _control(history, record)
     elif sort == "alarm":
         history.alarms.append(record["text"])
+        history._first_alarms.append(record["text"])
+    elif sort == "repeated":
+        _repeated(history, record)
     elif sort == "checkpoint":
         history.checkpoint = record
         if record["agrees"] and record.get("mark"):
@@ -324,6 +328,19 @@ def _apply(history: History, record: Record | None) -> None:
         history.end = record
         history.state, history.done = LinkState(record["state"]), record["done"]
         history.message = record.get("message", "")
+
+
+def _repeated(history: History, record: Record) -> None:
+    """An alarm came again: it says how often, and its last words."""
+    first = history._first_alarms
+    if record["first"] in first:
+        index = len(first) - 1 - first[::-1].index(record["first"])
+        history.alarms[index] = times_words(record)
+
+
+def times_words(record: Record) -> str:
+    """Return the last words of an alarm that came again, and how often it did."""
+    return f"{record.get('text', '')} ({record.get('times', '?')} times)"
 
 
 def _back(history: History, record: Record) -> None:

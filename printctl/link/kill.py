@@ -10,6 +10,7 @@ from typing import Final
 from printctl.link.errors import PortLost
 from printctl.link.firmware import Firmware
 from printctl.link.halting import Halting, halting_of
+from printctl.link.run_on import RunOn
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.wiring import Wiring
 
@@ -110,13 +111,13 @@ class Kill:
         late = self._wiring.clock.now() - self._left > WIRE_S
         self._alive |= late and not self._sent
 
-    def words(self, speed_mm_s: float) -> str:
+    def words(self, run_on: RunOn | None) -> str:
         """Return what was sent and how soon it worked, once the printer has halted."""
         printer_s = self._wiring.clock.now() - self._left
         return (
             f"killed by the user; {self.halting.words} left the host after "
             f"{self._host_s * 1e3:.1f} ms, the printer said {printer_s * 1e3:.0f} ms "
-            f"later that it has halted; {self.halting.told(speed_mm_s, self._alive)}"
+            f"later that it has halted; {self.halting.told(run_on, self._alive)}"
         )
 
     def await_halt(self, hear: Callable[[], None]) -> None:

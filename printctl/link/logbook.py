@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final
@@ -15,6 +16,15 @@ from printctl.link.wiring import Wiring
 
 NOTE_S: Final = 0.25
 """Interval of progress records and progress events."""
+_NUMBER: Final = re.compile(r"\d+(?:\.\d+)?")
+
+
+class _Alarm:
+    """An alarm's first and last words, how often it came, and how often was written down."""
+
+    def __init__(self, text: str) -> None:
+        self.first = self.text = text
+        self.times, self.written = 0, 1
 
 
 def _as_it_is(status: Status) -> Status:
@@ -61,6 +71,7 @@ class Logbook:
         self._state, self._message = LinkState.CONNECTING, ""
         self._noted = self._alarms = 0
         self._fault, self._complaints = "", 0
+        self._told: dict[str, _Alarm] = {}
         self._final: Status | None = None
         self._journal_lost = False
         self.next_note = 0.0
@@ -137,6 +148,9 @@ class Logbook:
         self._state, self._final = ended.state, status
         self._journal_lost = False  # there may be room again, and this is the one that matters
         refused = self.progress.refused
+        for told in self._told.values():
+            if told.times > told.written:
+                self._record_times(told)
         self.record(
             "end",
             state=status.state,
@@ -179,10 +193,27 @@ class Logbook:
         for count, command in enumerate(controls, number + 1):
             self.record_control(count, command)
 
-    def alarm(self, text: str) -> None:
-        """Write down what a person must see."""
-        self._alarms += 1
-        self.record("alarm", text=text)
+    def alarm(self, text: str, kind: str = "") -> None:
+        """Write down what a person must see; the same alarm again is counted.
+
+        Parameters
+        ----------
+        text : str
+        kind : str
+            Alarms of one kind are the same; by default those that differ in numbers alone.
+        """
+        kind = kind or _NUMBER.sub("0", text)
+        told = self._told.setdefault(kind, _Alarm(text))
+        told.text, told.times = text, told.times + 1
+        if told.times == 1:
+            self._alarms += 1
+            self.record("alarm", text=text)
+        elif told.times & (told.times - 1) == 0:  # the 2nd, 4th, 8th: thousands fill no disk
+            self._record_times(told)
+
+    def _record_times(self, told: _Alarm) -> None:
+        told.written = told.times
+        self.record("repeated", first=told.first, text=told.text, times=told.times)
 
     def notice(self, text: str) -> None:
         """Write down what needs no action."""

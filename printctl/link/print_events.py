@@ -12,6 +12,7 @@ from printctl.link.interruption import Interruption
 from printctl.link.kill import HALTED_BEFORE, Kill
 from printctl.link.logbook import Logbook
 from printctl.link.requests import Request, RequestQueue
+from printctl.link.run_on import RunOn
 from printctl.link.states import EARLY, LinkState, PrintEnded
 from printctl.link.wiring import Wiring
 
@@ -113,7 +114,8 @@ class PrintEvents:
         self._progress.count_foreign(event.foreign)
         self._logbook.alarm(
             f"{self._progress.foreign_words()} (noticed after {self._progress.words()}); see that "
-            "nothing else uses its port, and look at the part"
+            "nothing else uses its port, and look at the part",
+            kind="foreign lines",
         )
 
     # --- what holds the print --------------------------------------------------------------------
@@ -135,7 +137,7 @@ class PrintEvents:
     def _on_action(self, event: said.Action) -> None:
         if event.name in _ACTIONS:
             self._logbook.alarm(f"the printer asks for {event.name!r}")
-            self._requests.add(_ACTIONS[event.name])
+            self._requests.add(_ACTIONS[event.name], by=f"the printer (//action:{event.name})")
 
     def _on_noisy(self, event: said.Noisy) -> None:
         self._logbook.alarm(
@@ -157,16 +159,22 @@ class PrintEvents:
         if itself and self._kill.asked.is_set():
             message = f"{HALTED_BEFORE} ({event.text})"
             raise PrintEnded(LinkState.KILLED, message, known=False)
-        speed = self._progress.speed_mm_s
+        run_on = self._run_on()
         if self._kill.asked.is_set():
-            raise PrintEnded(LinkState.KILLED, self._kill.words(speed), known=False)
+            raise PrintEnded(LinkState.KILLED, self._kill.words(run_on), known=False)
         because = f": {self._logbook.fault}" if self._logbook.fault else ""
         raise PrintEnded(
             LinkState.KILLED,
             f"the firmware halted itself ({event.text}){because}; "
-            f"{self._kill.halting.told(speed, stopped=False)}",
+            f"{self._kill.halting.told(run_on, stopped=False)}",
             known=False,
         )
+
+    def _run_on(self) -> RunOn | None:
+        """How far motors may run on; None where other moves than the job's may be under way."""
+        if self._logbook.state is not LinkState.PRINTING:
+            return None
+        return self._progress.run_on(self._wiring.clock.now())
 
     def _on_booted(self, event: said.Booted) -> None:
         if self._kill.asked.is_set():
@@ -198,8 +206,7 @@ class PrintEvents:
         if self._logbook.state in EARLY:
             printer = self._wiring.printer
             raise HandshakeError(
-                f"no firmware answers at {self._wiring.transport.name} "
-                f"({self._heard.count} bytes heard in {event.seconds:.0f} s); check that the "
+                f"{self._unanswered(event.seconds)}; check that the "
                 f"printer is on, its baud rate (profile: {printer.baud}) and its firmware "
                 f"(profile: {printer.firmware})"
             )
@@ -212,6 +219,16 @@ class PrintEvents:
                 f"{silent}{self._progress.words()}; the next line may or may not have been taken"
             )
         raise PrintEnded(LinkState.FAILED, message, known=False)
+
+    def _unanswered(self, seconds: float) -> str:
+        """Say whether nothing came, or nothing that can be understood."""
+        name, heard = self._wiring.transport.name, self._heard
+        if not heard.count:
+            return f"no firmware answers at {name} (0 bytes heard in {seconds:.0f} s)"
+        return (
+            f"what answers at {name} can't be understood ({heard.count} bytes heard in "
+            f"{seconds:.0f} s, the last: {heard.last!r})"
+        )
 
     @property
     def _complaint(self) -> str:

@@ -108,6 +108,7 @@ class PrintLoop:
             self._parts.slips.look()
         now = now_s()
         stop = protocol.limit = self._next_stop(now)
+        taken = protocol.lines_done
         if not progress.unverified:
             protocol.held = False
             protocol.go(now)
@@ -122,6 +123,9 @@ class PrintLoop:
                 events = feed(data, now)
                 if events:
                     channel.handle(events)
+                if protocol.lines_done != taken:
+                    taken = protocol.lines_done
+                    progress.answered(taken, now)
             if now >= protocol.deadline:
                 channel.handle(protocol.tick(now))
             if now >= logbook.next_note:

@@ -8,12 +8,15 @@ from printctl.link.heads import head_at
 from printctl.link.job import Job
 from printctl.link.made import Made
 from printctl.link.modal import Modal, ModalTrail, modal_state, relieved_mm
+from printctl.link.planned_moves import planned_moves
+from printctl.link.run_on import Answers, RunOn, longest_run_on
 from printctl.link.stood import Stood, find_stood
 from printctl.link.wiring import Wiring
-from sim.reading import is_motion, read_sent
 
+_BEFORE: Final = 4
+"""Lines before the first move under way, which is entered at a speed that they decide."""
 _MOST_AHEAD: Final = 64
-"""Lines looked back for feed rates: more than a planner holds."""
+"""Lines looked back for moves: more than a planner holds."""
 
 
 class JobProgress:
@@ -39,6 +42,7 @@ class JobProgress:
         self._trail = ModalTrail(job.lines)
         self._made = Made(job.lines, wiring.printer)
         self.unverified, self.foreign = False, 0
+        self._answers = Answers(0, 0.0, 0, 0.0)
         self._refused: int | None = None
 
     @property
@@ -97,20 +101,17 @@ class JobProgress:
         if found.certain:
             self._made.stood(found.line)
 
-    @property
-    def speed_mm_s(self) -> float:
-        """How fast the needle may be, mm/s: by the feed rates of moves that may be under way.
+    def run_on(self, now: float) -> RunOn | None:
+        """Return how far motors may run on, halted at ``now``; None where the job doesn't tell.
 
-        Those in flight are among them: an arc is answered when all but its end was made. Without
-        any, by the profile.
+        Moves in flight are among those under way: an arc is answered when all but its end was made.
         """
-        lines, done, most = self.job.lines, self.done, self._printer.max_speed_mm_s.x
-        first = max(self.executed(done), done - _MOST_AHEAD)
-        under_way = lines[first : done + self._printer.lines_in_flight]
-        feeds = [modal_state(lines, first + 1).f]
-        feeds += [read_sent(line).number("F") for line in under_way if is_motion(line)]
-        told = [feed / 60.0 for feed in feeds if feed is not None]
-        return min(max(told, default=most), most)
+        lines, done = self.job.lines, self.done
+        sure = max(self.executed(done), done - _MOST_AHEAD)
+        first, end = max(sure - _BEFORE, 0), done + self._printer.lines_in_flight
+        at = modal_state(lines, first)
+        moves = planned_moves(lines, first, min(end, len(lines)), at, self._printer)
+        return longest_run_on(moves, sure, self._answers, now, self._printer) if moves else None
 
     @property
     def head(self) -> int | None:
@@ -123,6 +124,10 @@ class JobProgress:
         return relieved_mm(self.job.lines, self.done)
 
     # --- what the streamer learns ----------------------------------------------------------------
+
+    def answered(self, lines: int, now: float) -> None:
+        """Take notice that ``lines`` of the job were taken by ``now``, s."""
+        self._answers = Answers(self._answers.last, self._answers.last_s, lines, now)
 
     def stands_still(self) -> None:
         """Take notice that the printer has made all that it took."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import time
@@ -47,13 +48,36 @@ def what_is_known(folder: Path) -> Status:
             "message": (
                 f"the process that spoke to the printer ended without a word while "
                 f"{history.state.value}; at least {history.done} of {history.total} lines were "
-                "acknowledged"
+                f"acknowledged; {_still_moving(folder, record, history)}"
             ),
             "alarms": len(history.alarms),
             "position_known": False,
             "error": "LinkError",
         }
     )
+
+
+def _still_moving(folder: Path, record: LinkRecord, history: History) -> str:
+    """Say what a printer whose host is gone may go on doing, by its family."""
+    if history.state is LinkState.PAUSED:
+        return "it was paused, so its motors stood; heaters stay on"
+    if not history.begun:
+        return "the job had not begun, so its motors stood"
+    moves = "it goes on with what it has taken"
+    with contextlib.suppress(ProfileError):
+        moves += f": {_held(load(Printer, record.profile))}"
+    since_s = max(time.time() - (folder / JOURNAL).stat().st_mtime, 0.0)
+    return (
+        f"nothing has stopped its motors: {moves} (last word {since_s:.0f} s ago); heaters stay "
+        "on. Its own stop or its power ends both"
+    )
+
+
+def _held(printer: Printer) -> str:
+    """Say how much a printer makes of its own accord."""
+    if link_facts(printer).plans_by_time:
+        return "some seconds of moves, longer where the last ones are long"
+    return f"up to {moves_ahead(printer):.0f} moves"
 
 
 def _places(record: LinkRecord, history: History) -> dict[str, int]:

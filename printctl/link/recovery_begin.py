@@ -9,12 +9,22 @@ from firmware_profiles import Printer
 from printctl.link.errors import LinkError
 from printctl.link.job import Job
 from printctl.link.journal import History, Record
-from printctl.link.made import surely_moved
+from printctl.link.made import moves_ahead, surely_moved
 from printctl.link.modal import Modal, modal_state, relieved_mm
 
 
 class NoCheckpoint(LinkError):  # noqa: N818
-    """The journal doesn't tell where to begin: a person must."""
+    """The journal doesn't tell where to begin: a person must.
+
+    Attributes
+    ----------
+    line : int
+        Of the file, the first whose move may not have been made; 0 where no move surely was.
+    """
+
+    def __init__(self, message: str, line: int = 0) -> None:
+        super().__init__(message)
+        self.line = line
 
 
 @dataclass(frozen=True)
@@ -106,9 +116,23 @@ def _line_to_begin(
     for record in reversed(history.checkpoints):
         if record["done"] <= sure and record["done"] < len(job):
             return record["done"], f"checkpoint, {record['mark']}"
-    raise NoCheckpoint(
-        f"the journal has no checkpoint before line {job.file_line(sure)}, up to which the moves "
-        "were surely made; look at the part and give --from-line"
+    raise _no_checkpoint(job, history, printer, sure)
+
+
+def _no_checkpoint(job: Job, history: History, printer: Printer, sure: int) -> NoCheckpoint:
+    """Return what tells a person where to begin, or what to look up."""
+    none = f"the journal has no checkpoint before line {job.file_line(sure)}"
+    made = surely_moved(job.lines, history.done, moves_ahead(printer))
+    if not 0 < made < len(job):
+        return NoCheckpoint(
+            f"{none}, and no move was surely made; look at the part: print the job anew, or look "
+            f"up in {job.name} the first line that isn't on the part, and give it as --from-line"
+        )
+    line = job.file_lines[made]
+    return NoCheckpoint(
+        f"{none}; line {line} is the first whose move may not have been made: look at the part, "
+        "and begin there or, where more is written, with a later line (--from-line)",
+        line,
     )
 
 

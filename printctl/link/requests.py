@@ -28,19 +28,24 @@ class RequestQueue:
     requests : deque of Request
     commands : deque of Manual
         Commands between two lines.
+    stopped_by : str
+        Who has asked for the stop: the first who did.
     """
 
     def __init__(self) -> None:
         self.requests: Final[deque[Request]] = deque()
         self.commands: Final[deque[Manual]] = deque()
+        self.stopped_by = ""
 
     @property
     def waiting(self) -> bool:
         """Whether anything is asked for."""
         return bool(self.requests or self.commands)
 
-    def add(self, request: Request) -> None:
+    def add(self, request: Request, by: str = "the user") -> None:
         """Ask for something."""
+        if request is Request.STOP:
+            self.stopped_by = self.stopped_by or by
         self.requests.append(request)
 
     def add_command(self, manual: Manual) -> None:

@@ -53,12 +53,16 @@ class Possible:
     needs : str
         What must be given with it: ``syringe`` (what was put in), ``from_line`` (where to begin);
         empty for nothing.
+    from_line : int
+        Line of the file with which the rest begins where nobody says otherwise; 0 where the journal
+        doesn't tell.
     """
 
     action: PrintAction
     possible: bool = True
     reason: str = ""
     needs: Literal["", "syringe", "from_line"] = ""
+    from_line: int = 0
 
     def to_dict(self) -> dict[str, Any]:
         """As a JSON object."""
@@ -187,7 +191,7 @@ def _recover(folder: Path) -> Possible:
     try:
         planned(folder)
     except NoCheckpoint as exc:
-        return Possible(PrintAction.RECOVER, True, str(exc), "from_line")
+        return Possible(PrintAction.RECOVER, True, str(exc), "from_line", exc.line)
     except (PrintctlError, LinkError, ProfileError, OSError) as exc:
         return Possible(PrintAction.RECOVER, False, str(exc))
     return Possible(PrintAction.RECOVER)

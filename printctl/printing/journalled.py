@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.link.journal import read_records
+from printctl.link.journal import read_records, times_words
 from printctl.link.states import LinkState
 
 _AT_WORK: Final = LinkState.PRINTING
@@ -70,6 +70,8 @@ def read_so_far(records: Iterable[dict[str, Any]]) -> Journalled:
             found = _with(found, filled=filled)
         elif sort == "alarm":
             found = _with(found, last_alarm=str(record.get("text", "")))
+        elif sort == "repeated":
+            found = _with(found, last_alarm=times_words(record))
         elif sort == "checkpoint" and found.since is not None:
             paces.append((int(record.get("done", 0)), found.active_until(at)))
     return _with(found, paces=tuple(paces))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from printctl.link.history_entry import plain_text
-from printctl.link.journal import Record, read_records
+from printctl.link.journal import Record, read_records, times_words
 
 MOST: Final = 2000
 """Events that are told; a print with more has them in its journal."""
@@ -118,6 +118,8 @@ def _told(record: Record | None) -> tuple[str, str] | None:
         return "begun", f"{record.get('name', '')} on {record.get('port', '')}"
     if sort == "state":
         return "state", f"{record.get('state', '')}: {record.get('message', '')}"
+    if sort == "repeated":
+        return "alarm", times_words(record)
     if sort == "alarm":
         return "alarm", str(record.get("text", ""))
     if sort == "checkpoint":

@@ -32,7 +32,7 @@ from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.probe_facts import ProbeFacts
 
 ADVANCE: Final = rb"M900\b[^;]*?K\s*([0-9.]+)"
-RUN_ON_S: Final = 0.67
+RUN_ON_S: Final = 0.635
 QUICKSTOP: Final = b"M410"
 TIMEOUT: Final = IdleTimeout("M85", "", "M85 S600")
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
@@ -11,6 +13,9 @@ from firmware_profiles.families.marlin.doubting import Doubting
 from firmware_profiles.families.marlin.replies import Kind, Reply
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState
+
+_STUCK: Final = 3
+"""Lines running that were answered by an ok with one number: it isn't the line's."""
 
 
 class Hearing:
@@ -44,6 +49,8 @@ class Hearing:
         state = self._state
         if state.phase is Phase.OVER and reply.kind is not Kind.HALT:
             return
+        if reply.kind is Kind.OK:
+            reply = self._look_at_fields(reply, events)
         if reply.kind is Kind.ERROR and reply.number < 0:
             state.complaint = reply.words  # why it halts, if it does
         if reply.kind is Kind.REPORT and not reply.text.startswith(b"X:"):
@@ -65,6 +72,22 @@ class Hearing:
             self._at_rest(reply, now, events)
         else:
             self._doubting.hear(reply, now)
+
+    def _look_at_fields(self, reply: Reply, events: list[Event]) -> Reply:
+        """Return an ok as it may be believed; tell once where ADVANCED_OK's fields can't be."""
+        state = self._state
+        expected = state.number + 1
+        if reply.number < 0 or reply.number == expected:
+            state.times_misnamed = 0
+        elif reply.number != state.misnamed:
+            state.misnamed, state.misnamed_line, state.times_misnamed = reply.number, expected, 1
+        elif expected != state.misnamed_line:
+            state.misnamed_line, state.times_misnamed = expected, state.times_misnamed + 1
+        state.plain |= state.times_misnamed == _STUCK
+        if (state.plain or reply.senseless) and not state.told_odd:
+            state.told_odd = True
+            events.append(said.Notice(f"ADVANCED_OK makes no sense ({reply.words!r}): plain oks"))
+        return replace(reply, number=-1, text=b"ok") if state.plain else reply
 
     def _at_rest(self, reply: Reply, now: float, events: list[Event]) -> None:
         """Take a line with nothing in flight, but for a line whose end hasn't left yet."""

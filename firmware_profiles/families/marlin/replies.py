@@ -62,6 +62,11 @@ class Reply:
         return self.kind is Kind.OK and self.number < 0 and self.text.startswith(b"ok P")
 
     @property
+    def senseless(self) -> bool:
+        """Whether it is an ADVANCED_OK whose room in planner or buffer can't be true."""
+        return self.kind is Kind.OK and bool(_NO_ROOM.match(self.text))
+
+    @property
     def forbids(self) -> bool:
         """Whether no line may leave after it: an error that isn't the wire's, a halt, a reset."""
         return (
@@ -71,7 +76,11 @@ class Reply:
         )
 
 
-_OK = re.compile(rb"ok(?: N(\d+)(?: P\d+)?(?: B\d+)?| P\d+ B\d+| T:.*| [ BC]:?.*)?$")
+_ROOM: Final = rb"-?[\d.]+"
+_OK = re.compile(
+    rb"ok(?: N(\d+)(?: P%b)?(?: B%b)?| P%b B%b| T:.*| [ BC]:?.*)?$" % (_ROOM, _ROOM, _ROOM, _ROOM)
+)
+_NO_ROOM = re.compile(rb"ok.* [PB](?:-|\d*\.|\d{5})")
 _RESEND = re.compile(rb"(?:Resend:|rs) ?N?(\d+)$")
 _LAST_LINE = re.compile(rb"Error:.*Last Line: (\d+)$")
 _UNKNOWN = re.compile(rb'echo:Unknown command: "(.*)"$', re.DOTALL)

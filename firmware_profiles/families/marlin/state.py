@@ -97,6 +97,13 @@ class LineState:
         Whether a token was asked for by `LinkProtocol.confirm`.
     names_lines : bool
         Whether an ok has named its line (ADVANCED_OK): then each of the host's lines is named.
+    misnamed, misnamed_line, times_misnamed : int, int, int
+        Number that an ok has named in place of the line in flight's; that line; for how many lines
+        running it was the same number.
+    plain : bool
+        Whether ADVANCED_OK is read as a plain ok: its numbers don't follow the lines.
+    told_odd : bool
+        Whether it was told that ADVANCED_OK's fields make no sense.
     behind_moves : bytes
         Written behind each move in flight that is taken, after `LinkProtocol.cut_in`.
     """
@@ -138,6 +145,11 @@ class LineState:
     doubt: Doubt = field(default_factory=lambda: Doubt(0.0))
     confirming: bool = False
     names_lines: bool = False
+    misnamed: int = -1
+    misnamed_line: int = -1
+    times_misnamed: int = 0
+    plain: bool = False
+    told_odd: bool = False
     behind_moves: bytes = b""
 
     def fault(self, text: str) -> Fault:

@@ -183,6 +183,9 @@ class ActionTold(Told):
     possible: bool
     reason: str = Field(description="Why not; empty where it is possible.")
     needs: Literal["", "syringe", "from_line"] = Field(description="What must be given with it.")
+    from_line: int = Field(
+        default=0, description="Line to begin with where nobody says otherwise; 0: nobody knows."
+    )
 
 
 class PrintTold(StatusTold):

@@ -14,17 +14,27 @@ from printctl.link.halting import halting_of
 from printctl.link.job import Job
 from printctl.link.kill import Kill
 from printctl.link.progress import JobProgress
+from printctl.link.run_on import RunOn
 
 
 @pytest.mark.parametrize(
-    ("speed_mm_s", "real_s"), [(7.1, 0.638), (35.4, 0.715), (70.7, 0.843), (141.0, 1.27)]
+    ("feed", "real_s"), [(600, 0.638), (3000, 0.715), (6000, 0.843), (12000, 1.27)]
 )
-def test_message_tells_the_time_that_was_measured(speed_mm_s: float, real_s: float) -> None:
+def test_message_tells_the_time_that_was_measured(feed: int, real_s: float) -> None:
     """X and Y alike, 80 steps/mm (2026-11-22, ATmega2560 under simavr)."""
-    halting = halting_of(load(Printer, "marlin_avr"), b"M112\n", emergency_parser=False)
-    found = re.search(r"up to ([\d.]+) s", halting.told(speed_mm_s, stopped=False))
+    printer = load(Printer, "marlin_avr")
+    halting = halting_of(printer, b"M112\n", emergency_parser=False)
+    lines = [b"G92 X0 Y0 Z1", b"G1 X300 Y300 F%d" % feed, b"G1 X0 Y0"]
+    told = halting.told(progress_of(lines, 2, printer).run_on(0.0), stopped=False)
+    found = re.search(r"up to ([\d.]+) s", told)
     assert found is not None
     assert real_s <= float(found[1]) + 0.005 <= 1.2 * real_s
+
+
+def progress_of(lines: list[bytes], done: int, printer: Printer) -> JobProgress:
+    """A job of which ``done`` lines were taken."""
+    wiring = SimpleNamespace(printer=printer, protocol=SimpleNamespace(lines_done=done))
+    return JobProgress(wiring, Job(lines, list(range(1, len(lines) + 1)), "", "a"))
 
 
 class Wire:
@@ -57,7 +67,7 @@ def test_only_a_board_that_lived_between_has_obeyed_the_quickstop(says_something
         kill.heard()
     kill.halted()
     striking.join()
-    assert told in kill.words(7.1)
+    assert told in kill.words(RunOn(0.634, 4.5))
 
 
 @pytest.mark.parametrize("in_flight", [1, 2])
@@ -76,12 +86,13 @@ def test_each_line_in_flight_has_a_quickstop_behind_the_one_that_stops_the_motor
         ([b"G92 X0 Y0 Z1", b"G2 X10 I5 J0 F600", b"G3 X0 I-5 J0"], 1, 10.0),
         ([b"G92 X0 Y0 Z1", b"G2 X10 I5 J0 F600", b"G3 X0 I-5 J0"], 2, 10.0),
         ([b"G1 X10 F600", b"G1 X20 F60", b"G1 X30"], 3, 10.0),
-        ([b"G92 X0 Y0 Z1", b"M105"], 1, 300.0),
     ],
 )
-def test_speed_of_a_kill_is_that_of_the_moves_under_way(lines, done, mm_s):
+def test_path_after_a_kill_is_that_of_the_moves_under_way(lines, done, mm_s):
     """An arc is in flight until it was made: its own feed counts, not the profile's greatest."""
-    printer = load(Printer, "marlin_avr")
-    wiring = SimpleNamespace(printer=printer, protocol=SimpleNamespace(lines_done=done))
-    progress = JobProgress(wiring, Job(lines, list(range(1, len(lines) + 1)), "", "a"))
-    assert progress.speed_mm_s == pytest.approx(min(mm_s, printer.max_speed_mm_s.x))
+    run_on = progress_of(lines, done, load(Printer, "marlin_avr")).run_on(0.0)
+    assert 0.9 * mm_s < run_on.path_mm / run_on.seconds <= mm_s
+
+
+def test_nothing_is_known_of_a_run_on_where_the_job_has_no_move():
+    assert progress_of([b"G92 X0 Y0 Z1", b"M105"], 1, load(Printer, "marlin_avr")).run_on(0) is None

@@ -10,9 +10,10 @@ from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import LinkError
 from printctl.link.journal import History, read_journal
-from printctl.link.made import surely_moved
+from printctl.link.made import moves_ahead, surely_moved
 from printctl.link.marks import MarkKind
 from printctl.link.recovering import Recovery, plan_recovery
+from printctl.link.recovery_begin import NoCheckpoint
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
 from printctl.preflight import gcode_checks
@@ -358,3 +359,21 @@ def test_the_rest_says_its_first_layer_s_height(tmp_path):
     before = said.splitlines()[: job.file_lines[plan.begin] - 1]
     assert rest[first] == [line for line in before if line.startswith(b";HEIGHT:")][-1]
     assert_rest_is_the_jobs(plan)
+
+
+def test_without_a_checkpoint_the_first_line_that_may_not_be_made_is_named():
+    """Command 60 was taken, 20 moves may be ahead: begin with the line of command 41."""
+    with pytest.raises(NoCheckpoint) as refused:
+        plan_recovery(JOB, DATA, History(done=60), PRINTER, RETREAT)
+    made = surely_moved(JOB.lines, 60, moves_ahead(PRINTER))
+    assert refused.value.line == JOB.file_lines[made] > 0
+    assert f"line {refused.value.line} is the first" in str(refused.value)
+    assert plan_recovery(JOB, DATA, History(done=60), PRINTER, RETREAT, refused.value.line)
+
+
+def test_where_no_move_was_surely_made_it_is_told_what_to_look_up():
+    klipper = PRINTER.model_copy(update={"firmware": "klipper"})
+    for printer, done in ((PRINTER, 12), (klipper, 60)):
+        with pytest.raises(NoCheckpoint, match="the first line that isn't on the part") as refused:
+            plan_recovery(JOB, DATA, History(done=done), printer, RETREAT)
+        assert refused.value.line == 0
