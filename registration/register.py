@@ -119,6 +119,8 @@ def _aligned(case: Prepared) -> Alignment:
         blur_mm=segmentation.field.blur_mm,
         depth_standard=scan.depth_standard,
         errors=case.errors,
+        lumens=case.is_lumen,
+        lit=float(segmentation.seen.mean()),
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from registration.alignment.choice import Contestants, thinned
 from registration.alignment.contest import residuals
-from registration.alignment.doubts import pose_doubts
+from registration.alignment.doubts import LEAST_SEEN, pose_doubts
 from registration.alignment.fit import RIGID, Fit, Freedom, refine
 from registration.alignment.freedoms import loose_freedoms
 from registration.alignment.intervals import Uncertainty, fit_errors, uncertainty
@@ -86,6 +86,8 @@ def align(
     blur_mm: float = 0.0,
     depth_standard: bool = False,
     errors: ScanErrors | None = None,
+    lumens: bool = False,
+    lit: float = 1.0,
 ) -> Alignment:
     """Align scanned surface points (n, 3) to a model.
 
@@ -93,7 +95,8 @@ def align(
     the scan's z, else against it. `blur_mm`: standard deviation of the blur under which the surface
     was found, which has narrowed lumens. `depth_standard`: depth was measured on something of known
     height, so its scale may be fitted in any part. `errors`: what the scan's measurements share,
-    for the intervals.
+    for the intervals. `lumens`: the model is the lumens, not the gel around them. `lit`: share
+    of the scanned surface that light reached.
 
     Raises
     ------
@@ -112,7 +115,8 @@ def align(
     free = partial(_freedom, surface, depth, options)
     choice = Contestants(search, points, free).choose()
     shared = errors or ScanErrors.of_blur(blur_mm)
-    if np.isfinite(shared.level_mm):  # else walls prove nothing: the mirror image is a doubt
+    # Else walls prove nothing: the mirror image is a doubt.
+    if np.isfinite(shared.level_mm) and lit >= LEAST_SEEN:
         _refuse_mirrored(choice.mirror_lead)
     freedom = free(choice.best)
     scaled = refine(surface, many, choice.best, freedom, blur_mm=blur_mm)
@@ -125,7 +129,7 @@ def align(
     rigid = refine(
         surface, many[kept], _rigid(scaled), RIGID, kernel_mm=1.0, blur_mm=blur_mm, even=True
     )
-    sure = fit_errors(surface, many[kept], scaled, freedom, shared)
+    sure = fit_errors(surface, many[kept], scaled, freedom, shared, lumens=lumens)
     loose = loose_freedoms(sure.covariance[:6, :6], surface.bounds)
     off = misfits(surface, many, scaled, blur_mm)
     depth_axis = int(np.abs(scaled.rotation[:, 2]).argmax())

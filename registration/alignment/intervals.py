@@ -153,20 +153,31 @@ def uncertainty(found: FitErrors, fit: Fit, freedom: Freedom, errors: ScanErrors
 
 
 def fit_errors(
-    surface: ModelSurface, points: FloatArray, fit: Fit, freedom: Freedom, errors: ScanErrors
+    surface: ModelSurface,
+    points: FloatArray,
+    fit: Fit,
+    freedom: Freedom,
+    errors: ScanErrors,
+    *,
+    lumens: bool = False,
 ) -> FitErrors:
-    """Return the errors of a converged fit to scanned points (n, 3) by cause."""
+    """Return the errors of a converged fit to scanned points (n, 3) by cause.
+
+    `lumens`: the model is the lumens, so that their walls bulge; a construct's are hollow, and what
+    bulges there is an outer face.
+    """
     step = linearised(surface, points, fit, freedom, blur_mm=errors.blur_mm, even=True)
     bread = np.asarray(np.linalg.inv(step.normal), dtype=np.float64)
     # A face may lie on a cell's border, where noise alone would share its points out.
     places = fit.apply(points) - INSET_MM * step.direction
     patch = _numbers(np.floor(places / PATCH_MM).astype(np.int64))
-    walls = facing(step.direction, step.bends)
+    lumen = step.bends > 0 if lumens else step.bends < 0
+    walls = _numbers(np.column_stack([facing(step.direction, step.bends), lumen]))
     cell = np.floor(places / BLOCK_MM).astype(np.int64)
     block = _numbers(np.column_stack([walls, cell]))
     pulls = step.jacobian * step.weight[:, None]
     along = step.direction @ (fit.rotation @ errors.beam)
-    level = np.where(np.abs(step.bends) > 0, errors.level_mm, errors.outer_mm)
+    level = np.where(lumen, errors.level_mm, errors.outer_mm)
     light = _numbers(np.column_stack([walls, along > 0]))
     facing_light = errors.facing_mm * _summed(pulls * along[:, None] ** 2, light)
     noise = _summed(pulls * step.residual[:, None], patch)

@@ -65,13 +65,19 @@ def _closures(trace: VesselTrace, measured: Ends) -> list[Defect]:
     closed = trace.seen & ~trace.sections.open
     if not closed.any():
         return []
-    # Where it lies within a junction's lumen even a missing vessel is free.
-    own = trace.seen & (trace.apart | trace.short)
-    if own.any() and (closed & own).sum() >= MISSING_SHARE * own.sum():
+    if is_missing(trace):
         return [_missing(trace, np.flatnonzero(closed))]
     found = np.flatnonzero(closed)
     runs = np.split(found, np.flatnonzero(np.diff(found) > 1) + 1)
     return [_occlusion(trace, run, measured) for run in runs]
+
+
+def is_missing(trace: VesselTrace) -> bool:
+    """Whether a vessel is closed over nearly all that was seen of it."""
+    # Where it lies within a junction's lumen even a missing vessel is free.
+    own = trace.seen & (trace.apart | trace.short)
+    closed = own & ~trace.sections.open
+    return bool(own.any() and closed.sum() >= MISSING_SHARE * own.sum())
 
 
 def _missing(trace: VesselTrace, closed: NDArray[np.int64]) -> Defect:

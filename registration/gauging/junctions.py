@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from registration.gauging.closures import is_missing
 from registration.gauging.defect import Defect
 from registration.gauging.near_walls import near_walls
 from registration.gauging.trace import VesselTrace
@@ -73,6 +74,8 @@ def find_junction_changes(
         Probability, at most, that a clean scan shows one.
     """
     whole = np.concatenate([trace.counted & (trace.diameter > 0) for trace in traces])
+    free = ~_in_closed(traces, wall)
+    wall, deviation_mm = wall[free], deviation_mm[free]
     walls = _walls(traces, wall, deviation_mm, whole)
     whole &= np.isfinite(walls.change)
     if whole.sum() < LEAST_SECTIONS:
@@ -95,6 +98,31 @@ def find_junction_changes(
         far = (np.abs(off) > least * error) & (np.abs(off) > 1e-3 * LEAST_UM)
         out += _defects(trace, off, error, far)
     return out
+
+
+def _in_closed(traces: tuple[VesselTrace, ...], wall: FloatArray) -> BoolArray:
+    """Whether wall points lie within the designed lumen of a vessel where that is closed, (n,).
+
+    The gel that closes it ends the lumens it would lead into; their own walls don't.
+    """
+    inside = np.zeros(len(wall), dtype=np.bool_)
+    for trace in traces:
+        for station in np.flatnonzero(_closed(trace)).tolist():
+            away = np.linalg.norm(wall - trace.centre[station], axis=1)
+            inside |= away < trace.radius[station]
+    return inside
+
+
+def _closed(trace: VesselTrace) -> BoolArray:
+    """Closed stations, and the junctions that they reach: only others' lumens are free in them."""
+    if is_missing(trace):
+        return np.ones(len(trace.along), dtype=np.bool_)
+    closed = trace.seen & ~trace.sections.open
+    borders = np.flatnonzero(np.diff(trace.own.astype(np.int8))) + 1
+    for run in np.split(np.arange(len(closed)), borders):
+        if not trace.own[run[0]] and closed[max(run[0] - 1, 0) : run[-1] + 2].any():
+            closed[run] = True
+    return np.asarray(closed)
 
 
 def _walls(

@@ -88,8 +88,8 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     noise = _noise_floor(signal, working.bins)
     signal -= np.float32(noise)
     step = float(working.voxel_mm[2])
-    _refuse_upside_down(signal, step, scan.depth_down)
     dull = without_glare(signal, step)
+    _refuse_upside_down(dull, step, scan.depth_down)
     response = depth_response(dull, noise, working, scan.depth_down)[:, None, None]
     signal /= response
     dull /= response

@@ -86,6 +86,12 @@ def test_walls_of_unknown_errors_prove_no_mirror_image(construct: Solid) -> None
     assert any("mirrored" in doubt for doubt in found.doubts)
 
 
+def test_a_surface_that_little_light_reached_proves_no_mirror_image(construct: Solid) -> None:
+    points, _ = placed(surface_points(construct, 60_000, 1) * [-1, 1, 1], 7, np.ones(3))
+    found = align(ModelSurface.of(construct), points, True, FAST, lit=0.3)
+    assert any("mirrored" in doubt for doubt in found.doubts)
+
+
 def test_symmetric_part_is_flagged_ambiguous() -> None:
     block = manifold3d.Manifold.cube((10, 6, 3))
     channel = manifold3d.Manifold.cube((12, 1, 1)).translate((-1, 2.5, 1))

@@ -95,3 +95,11 @@ def test_deep_gel_darker_than_the_liquid_beside_it_is_gel() -> None:
     beside = deep & aside
     assert signal[within].mean() < signal[beside].mean()
     assert share[beside].mean() / share[within].mean() == pytest.approx(liquid, abs=0.15)
+
+
+def test_bright_lines_that_grow_with_depth_arent_light_from_below() -> None:
+    """Two of 0.3 mm apart outshine the gel, the lower one the upper; the gel fades."""
+    shining = scan(0.02)
+    for row, bright in ((42, 20.0), (57, 40.0)):
+        shining.volume[row, 14:56, 14:56] *= bright
+    assert segment(shining).strength is not None

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 
-from design.solids import block_solid
+from design.solids import Solid, block_solid
 from registration.alignment.fit import Fit, Freedom, refine
 from registration.alignment.intervals import (
     BLOCK_MM,
@@ -100,6 +101,26 @@ def test_levels_reflections_and_index_widen_them() -> None:
     np.testing.assert_allclose(found.shift_mm, [0, 0, own], rtol=0.1, atol=1e-5)
     found = sure_of(points, START, tilted)
     np.testing.assert_allclose(found.scale[:2], [1.96 * 0.01 * 0.36, 0], rtol=0.1, atol=1e-5)
+
+
+def test_a_round_outer_face_errs_like_an_outer_face_and_a_lumen_like_a_lumen() -> None:
+    mesh = trimesh.creation.cylinder(radius=4.0, height=3.0, sections=720)
+    disc = ModelSurface.of(Solid(mesh.vertices, mesh.faces))
+    rng = np.random.default_rng(5)
+    turn, rise = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(-1.3, 1.3, 4000)
+    wall = np.column_stack([4 * np.cos(turn), 4 * np.sin(turn), rise])
+    shared = ScanErrors(0.0, 0.004, 0.0, np.inf, 0.0, 0.0, 0.0, BEAM)
+    start = Fit(np.eye(3), np.zeros(3), np.ones(3), np.zeros(3))
+    scale = [
+        uncertainty(
+            fit_errors(disc, wall, start, Freedom((0, 1)), shared, lumens=lumens),
+            start, Freedom((0, 1)), shared,
+        ).scale[:2]
+        for lumens in (False, True)
+    ]  # fmt: skip
+    # Quarters that face one way each, off by their own.
+    assert (scale[0] > 0.5 * 1.96 * 0.004 / np.sqrt(2) / 4.0).all()
+    assert (scale[1] < 1e-4).all()
 
 
 def test_what_was_not_fitted_has_no_interval() -> None:

@@ -18,17 +18,22 @@ NOISY = 0.06
 RADIUS, LENGTH, STATIONS, OWN_FROM = 0.22, 4.0, 40, 8
 
 
-def trace(vessel: int, x: float) -> VesselTrace:
-    """Return an upright vessel, the lowest stations of which lie within a junction."""
+def trace(vessel: int, x: float, *, down: bool = False, free: bool = True) -> VesselTrace:
+    """Return an upright vessel, the first stations of which lie within a junction at z = 0."""
     along = (np.arange(STATIONS) + 0.5) * LENGTH / STATIONS
     own = np.arange(STATIONS) >= OWN_FROM
     made: dict[str, Any] = {
         "vessel": vessel,
         "along": along,
-        "centre": np.column_stack([np.full(STATIONS, x), np.zeros(STATIONS), along]),
+        "centre": np.column_stack(
+            [np.full(STATIONS, x), np.zeros(STATIONS), -along if down else along]
+        ),
         "radius": np.full(STATIONS, RADIUS),
         "counted": own,
         "own": own,
+        "apart": own,
+        "short": False,
+        "sections": SimpleNamespace(open=np.full(STATIONS, free) | ~own),
         "to_end": np.full(STATIONS, np.inf),
         "seen": np.ones(STATIONS, dtype=np.bool_),
         "diameter": np.where(own, 2 * RADIUS, np.nan),
@@ -80,6 +85,22 @@ def test_a_lumen_that_lies_aside_is_no_change_of_its_width() -> None:
     off += 0.05 * first[:, 1] / RADIUS  # towards the half of the wall that the junction kept
     both = np.vstack([first, second]), np.concatenate([off, clean])
     assert find_junction_changes((trace(0, 0.0), trace(1, 3.0)), *both, 1e-3) == []
+
+
+def test_a_missing_vessel_s_gel_is_no_stenosis_of_the_one_that_it_would_lead_into() -> None:
+    """It caps the lumen below its first station: wall 0.09 mm within the junction's design."""
+    first, off = walls(0.0, 0.015, 7)
+    rng = np.random.default_rng(8)
+    turn, rise = rng.uniform(0, 2 * np.pi, 400), rng.uniform(-0.14, -0.05, 400)
+    cap = np.column_stack([0.15 * np.cos(turn), 0.15 * np.sin(turn), rise])
+    points = np.vstack([first[first[:, 2] > 0.3], cap])
+    deviation = np.concatenate([off[first[:, 2] > 0.3], np.full(400, -0.09)])
+    vessels = trace(0, 0.0), trace(1, 0.0, down=True, free=False)
+    assert find_junction_changes(vessels, points, deviation, 1e-3) == []
+    printed = trace(0, 0.0), trace(1, 3.0)
+    assert [one.kind for one in find_junction_changes(printed, points, deviation, 1e-3)] == [
+        "stenosis"
+    ]
 
 
 def test_sizes_of_changes_within_junctions_arent_biased() -> None:
