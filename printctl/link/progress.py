@@ -31,6 +31,8 @@ class JobProgress:
         before the job goes on.
     foreign : int
         Answers of the printer beyond those to the host's lines, on a wire without errors.
+    meddled : bool
+        Whether such came since the firmware's settings were last compared.
     """
 
     def __init__(self, wiring: Wiring, job: Job) -> None:
@@ -38,7 +40,7 @@ class JobProgress:
         self._protocol, self._printer = wiring.protocol, wiring.printer
         self._trail = ModalTrail(job.lines)
         self._made = Made(job.lines, wiring.printer)
-        self.unverified, self.foreign = False, 0
+        self.unverified, self.foreign, self.meddled = False, 0, False
         self._refused: int | None = None
 
     @property
@@ -151,6 +153,7 @@ class JobProgress:
     def count_foreign(self, answers: int) -> None:
         """Take notice of answers to lines that the host didn't write."""
         self.foreign += answers
+        self.meddled = True
 
     def foreign_words(self) -> str:
         """Return what to say of lines that others wrote; empty for none."""
@@ -162,3 +165,7 @@ class JobProgress:
     def verified(self) -> None:
         """Take notice that the position is being compared."""
         self.unverified = False
+
+    def taken_back(self) -> None:
+        """Take notice that what others may have set is being taken back."""
+        self.meddled = False
