@@ -79,7 +79,7 @@ class Ending:
         self._heaters_off()
         self._channel.command(b"M400")
         known = stop.read and self._logbook.complaints == complaints
-        if known and state is LinkState.STOPPED:
+        if known and (state is LinkState.STOPPED or self._logbook.disk_full):
             self._record_stood(stop)
         self._firmware.undo_settings()
         fault = self._logbook.fault

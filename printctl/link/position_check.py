@@ -212,8 +212,8 @@ class PositionCheck:
     def _drop_moves(self) -> str:
         """Have moves that lead astray dropped; return what to add to the message.
 
-        Past the protocol, as the last thing that is said: a stop that was asked for meanwhile mustn't
-        make a way out from a place that nobody knows.
+        Past the protocol, as the last thing that is said: a stop that was asked for meanwhile
+        mustn't make a way out from a place that nobody knows.
         """
         wiring = self._channel.wiring
         quickstop = link_facts(wiring.printer).quickstop
