@@ -14,7 +14,8 @@ back       ``done``, ``n``: lines that an ok which wasn't theirs had acknowledge
 control    ``n``, ``command``: a line number about to be used for a control command
 alarm      text
 checkpoint position read back (M114) after ``done`` command lines, ``agrees`` with the job's text?
-           ``mark``: what ended there, where it was made at a mark
+           ``mark``: what ended there, where it was made at a mark; ``stands``: with the motors at
+           rest, so that those lines were made
 wanted     ``after``: the mark at which somebody wants the print held; empty once it is taken
            back; ``head``: of several, whose syringe
 reload     a change of syringe begins after ``done`` lines; the plunger's count was ``e``; ``head``:
@@ -228,6 +229,8 @@ class History:
         The last one.
     checkpoints : list of dict
         Those at marks that agreed with the job, in order.
+    made : int
+        Command lines that were made for certain when the motors last stood.
     left : dict of str to float
         The job's place that the needle last left for a pause, by `Modal`'s names; empty for none.
     wanted : dict or None
@@ -269,6 +272,7 @@ class History:
     alarms: list[str] = field(default_factory=list)
     checkpoint: Record | None = None
     checkpoints: list[Record] = field(default_factory=list)
+    made: int = 0
     left: dict[str, float] = field(default_factory=dict)
     wanted: Record | None = None
     reload: Record | None = None
@@ -360,6 +364,7 @@ def _apply(history: History, record: Record | None) -> None:
         history.checkpoint = record
         if record["agrees"] and record.get("mark"):
             history.checkpoints.append(record)
+            history.made = record["done"] if record.get("stands") else history.made
     elif sort == "left":
         history.left = dict(record["place"])
     elif sort == "settings":
@@ -384,6 +389,7 @@ def _apply(history: History, record: Record | None) -> None:
 def _back(history: History, record: Record) -> None:
     """Lines above ``n`` weren't taken: what was in them goes again, perhaps under other numbers."""
     history.done = record["done"]
+    history.made = min(history.made, history.done)
     last = record.get("n", math.inf)
     history.controls = {n: text for n, text in history.controls.items() if n <= last}
 

@@ -111,7 +111,7 @@ class Pauses:
         channel.command(b"M400")
         self.valve.shut()  # what was taken is written; nothing more
         at = self.position.expected()
-        self.position.verify(at)
+        self.position.verify(at, mark="pause", stands=True)
         logbook.record("left", place=at.place())
         retreat, relieved = self.heads.retreat, logbook.progress.relieved_mm
         self.excursion.begin(at, relieved, self._top(at, changing))

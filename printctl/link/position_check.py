@@ -162,8 +162,10 @@ class PositionCheck:
                 break
         return wrong, position
 
-    def verify(self, at: Modal, mark: str = "") -> None:
+    def verify(self, at: Modal, mark: str = "", stands: bool = False) -> None:
         """Compare the printer's position with the job's text; write both down.
+
+        ``stands``: M400 was just answered, so that all that was taken is made.
 
         Raises
         ------
@@ -174,7 +176,8 @@ class PositionCheck:
         if not wrong and (self._progress.meddled or self._frame.doubtful()):
             wrong = self._frame.renamed()
         done = self._progress.done
-        values = {"mark": mark} if mark else {}
+        values: dict[str, str | bool] = {"mark": mark} if mark else {}
+        values |= {"stands": True} if stands else {}
         self._logbook.record("checkpoint", done=done, position=position, agrees=not wrong, **values)
         if wrong:
             self.end_astray(wrong)

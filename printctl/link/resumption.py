@@ -71,7 +71,6 @@ class Resumption:
         channel.command(b"M400")
         self.firmware.restore_settings(history.settings)
         self.firmware.agree_settings(journalled=True)
-        self.firmware.set_modes(journalled=True)
         if history.frame:
             self.frame.restore(**history.frame)
             self.position.refuse_renamed(waited=True)

@@ -43,6 +43,7 @@ def printed(
     printer: Printer = PRINTER,
     on_status: Callable[[Status], None] = lambda status: None,
     journal: Journal | None = None,
+    keep: list[Streamer] | None = None,
 ) -> tuple[Status, Streamer]:
     wiring = Wiring(
         transport=transport,
@@ -53,6 +54,8 @@ def printed(
         on_status=on_status,
     )
     streamer = Streamer(wiring, parse_job(data, "test.gcode", printer))
+    if keep is not None:
+        keep.append(streamer)
     for wish in wishes:
         getattr(streamer, wish)()
     return streamer.run(), streamer
