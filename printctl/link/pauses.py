@@ -107,7 +107,11 @@ class Pauses:
         """Leave the bath, wait for the word to go on, and come back."""
         logbook, channel = self.channel.logbook, self.channel
         self.watch.paused(logbook.progress.done)
-        logbook.enter(LinkState.PAUSING, "relieving the plunger and lifting the needle")
+        logbook.enter(
+            LinkState.PAUSING,
+            "the moves that the printer holds are made; then the plunger is relieved and the needle "
+            "lifted",
+        )
         channel.command(b"M400")
         self.valve.shut()  # what was taken is written; nothing more
         at = self.position.expected()
