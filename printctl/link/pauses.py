@@ -109,7 +109,7 @@ class Pauses:
         self.watch.paused(logbook.progress.done)
         logbook.enter(
             LinkState.PAUSING,
-            "the moves that the printer holds are made; then the plunger is relieved and the needle "
+            "the moves that the printer holds are made; then the plunger is relieved, the needle "
             "lifted",
         )
         channel.command(b"M400")

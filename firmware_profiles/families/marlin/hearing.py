@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
@@ -11,6 +12,9 @@ from firmware_profiles.families.marlin.doubting import Doubting
 from firmware_profiles.families.marlin.replies import Kind, Reply
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState
+
+PERSON: Final = b"paused for user"
+"""In a busy message while a person is waited for at the printer's own button."""
 
 
 class Hearing:
@@ -48,6 +52,11 @@ class Hearing:
             state.complaint = reply.words  # why it halts, if it does
         if reply.kind is Kind.REPORT and not reply.text.startswith(b"X:"):
             state.report = reply.text
+        if reply.kind is Kind.BUSY and PERSON in reply.text and PERSON not in state.report:
+            state.report = reply.text
+            events.append(said.PersonAwaited())
+        elif reply.kind is Kind.OK and PERSON in state.report:
+            state.report = b""
         if reply.halts:
             state.end(said.Halted(state.complaint or reply.words), events)
         elif reply.kind is Kind.START:

@@ -10,6 +10,7 @@ import pytest
 from printctl.link.clock import VirtualClock
 from printctl.link.journal import read_journal
 from printctl.link.states import LinkState, Status
+from printctl.link.streamer import Streamer
 from sim.executed import ExecutedMotion
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.sim_transport import SimTransport
@@ -86,3 +87,30 @@ def test_steps_that_another_program_changes_end_the_print(tmp_path):
     assert status.state is LinkState.POSITION_UNKNOWN
     assert "E makes 250 steps/mm" in status.message
     assert "M410" in status.message
+
+
+class Waiting(SharedWire):
+    """The board waits for somebody at its button; a stop is asked for 5 s later."""
+
+    streamer: Streamer
+    asked_s = 0.0
+
+    def read(self, timeout: float) -> bytes:
+        if not self._after and not self.asked_s and self.printer.machine.waits_for_user:
+            self.asked_s = self.clock.now() + 5.0
+        if self.asked_s and self.clock.now() > self.asked_s:
+            self.streamer.stop()
+            assert self.clock.now() < self.asked_s + 60.0, "the stop isn't over"
+        return super().read(timeout)
+
+
+def test_a_stop_ends_a_wait_for_a_person_at_the_printers_button(tmp_path):
+    wire, kept = Waiting(b"M0\n", b" E0.07000 "), list[Streamer]()
+
+    def on_status(_: Status) -> None:
+        wire.streamer = kept[0]
+
+    status, _ = printed(gcode(MOVES), tmp_path, wire, on_status=on_status, keep=kept)
+    assert status.state is LinkState.STOPPED
+    alarms = " ".join(read_journal(tmp_path / "journal.log").alarms)
+    assert "waits for somebody to press its own button" in alarms
