@@ -99,9 +99,24 @@ class PositionCheck:
         wrong, position = self.compare(at)
         if not wrong or not position:
             return at
+        if self._was_of_others(position):
+            return self._progress.modal()
         self._logbook.alarm(wrong)
         z = position.get("Z") if at.z is None else max(at.z, position.get("Z", at.z))
         return replace(at, z=z, e=position.get("E", at.e))
+
+    def _was_of_others(self, position: Mapping[str, float]) -> bool:
+        """Whether the line that seemed refused was carried out: another's command was."""
+        behind = self._progress.behind_refused()
+        facts = link_facts(self._channel.wiring.printer)
+        if behind is None or not facts.complains_to_all or disagreement(behind, dict(position)):
+            return False
+        self._progress.not_refused()
+        self._logbook.alarm(
+            f"{self._progress.words()}, the last of them all the same: the printer complained of "
+            "another program's command"
+        )
+        return True
 
     def height(self) -> float:
         """Return the needle's height, mm.

@@ -140,7 +140,7 @@ class PrintEvents:
 
     def _on_person_awaited(self, event: said.PersonAwaited) -> None:
         self._logbook.alarm(
-            "the printer waits for somebody to press its own button (paused for user): press it, or "
+            "the printer waits for somebody to press its own button (paused for user): press it or "
             "stop the print"
         )
 

@@ -141,6 +141,17 @@ class JobProgress:
             self._refused = line - 1
         return first
 
+    def behind_refused(self) -> Modal | None:
+        """Return where the line that was refused leads to, if none was sent after it; else None."""
+        if self._refused is None or self._protocol.lines_done != self._refused + 1:
+            return None
+        return modal_state(self.job.lines, self._refused + 1)
+
+    def not_refused(self) -> None:
+        """Take notice that the line was carried out, and all before it."""
+        self._refused = None
+        self.stands_still()
+
     def went_back(self) -> None:
         """Take notice that lines weren't taken after all: what is there must be verified."""
         self._made.back(self.done)
