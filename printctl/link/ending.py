@@ -19,7 +19,6 @@ from printctl.link.stood import Stood
 from printctl.link.valve import shut
 from printctl.link.valve_switch import ValveSwitch
 
-
 OTHERS: Final = (
     ", but the line was carried out: another program's command was refused; see that nothing else "
     "drives this printer, and look at the part"
