@@ -63,6 +63,8 @@ class LinkFacts:
         the power at once, or does something else.
     plans_by_time : bool
         Whether it plans ahead by time, so that nobody knows how many moves are under way.
+    complains_to_all : bool
+        Whether it tells every client what is wrong with any client's command.
     run_on_s : float, s
         Longest time for which its motors go on after it has halted; 0 where nobody knows.
     quickstop : bytes
@@ -84,6 +86,7 @@ class LinkFacts:
     cuts_long_lines: bool = False
     m84_sets_timeout: bool = False
     plans_by_time: bool = False
+    complains_to_all: bool = False
     run_on_s: float = 0.0
     quickstop: bytes = b""
     ends_waits: bytes = b""

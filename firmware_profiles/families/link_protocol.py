@@ -132,6 +132,11 @@ class Waiting:
 
 
 @dataclass(frozen=True)
+class PersonAwaited:
+    """The printer waits for a person at its own button (``paused for user``)."""
+
+
+@dataclass(frozen=True)
 class Action:
     """The printer asks its host for an action (``//action:pause``)."""
 
@@ -209,6 +214,7 @@ Event: TypeAlias = (
     | Stray
     | TokenSent
     | Waiting
+    | PersonAwaited
     | Action
     | Noisy
     | Halting
@@ -260,7 +266,7 @@ class LinkProtocol(Protocol):
 
     @property
     def report(self) -> bytes:
-        """Temperatures as they were told last in a line of their own; empty for none."""
+        """Temperatures, or for whom it waits, as told last in a line of its own; else empty."""
         ...
 
     @property

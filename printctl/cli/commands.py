@@ -25,6 +25,8 @@ COMMANDS: dict[str, str] = {
     "print": "print_job:print_job",
     "station": "station:station",
     "status": "status:status",
+    "stop": "stop:stop",
+    "kill": "stop:kill",
     "pause": "pause:pause",
     "resume": "resume:resume",
     "reload": "reload:reload",

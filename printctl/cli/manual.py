@@ -54,6 +54,8 @@ MANUAL: Final[Mapping[str, Manual]] = {
         PRINTS,
     ),
     "status": Manual(("printctl status runs/my_run",)),
+    "stop": Manual(("printctl stop runs/my_run",), REACHES),
+    "kill": Manual(("printctl kill runs/my_run",), REACHES),
     "pause": Manual(("printctl pause runs/my_run --after layer",), REACHES),
     "resume": Manual(("printctl resume runs/my_run",), REACHES),
     "reload": Manual(("printctl reload runs/my_run",), REACHES),

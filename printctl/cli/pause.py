@@ -42,5 +42,6 @@ def pause(
             print_lines(f"is paused already; `printctl resume {run}` goes on")
             return
         client.pause(MarkKind(after.value) if after else None)
-        where = f"at the end of this {after.value}" if after else "after the line in flight"
+        held = "after the line in flight and the moves that the printer holds"
+        where = f"at the end of this {after.value}" if after else held
         print_lines(f"will pause {where}; `printctl status {run}` tells when")

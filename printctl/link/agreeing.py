@@ -24,7 +24,9 @@ ASIDE_MM: Final = 0.05
 _TRIES: Final = 4
 
 
-def agree_settings(ask: Ask, printer: Printer, note: Callable[[str], None]) -> dict[str, str]:
+def agree_settings(
+    ask: Ask, printer: Printer, note: Callable[[str], None], begun: bool = False
+) -> dict[str, str]:
     """Reset what the firmware has otherwise; give the settings that a job may change, as told.
 
     Parameters
@@ -34,6 +36,8 @@ def agree_settings(ask: Ask, printer: Printer, note: Callable[[str], None]) -> d
     printer : Printer
     note : callable
         Told of each reset, for the journal.
+    begun : bool
+        Whether the job's moves have begun.
 
     Raises
     ------
@@ -54,7 +58,7 @@ def agree_settings(ask: Ask, printer: Printer, note: Callable[[str], None]) -> d
                 ask(one.reset.encode("ascii"))
         answers = _asked(ask, printer)
     else:
-        raise HandshakeError(_refusal(found))
+        raise HandshakeError(_refusal(found, begun))
     for one in every:
         note(f"{one.what}: {one.remedy}")
     return told_settings(answers, printer)
@@ -67,11 +71,12 @@ def _asked(ask: Ask, printer: Printer) -> dict[str, list[str]]:
     }
 
 
-def _refusal(found: list[Difference]) -> str:
+def _refusal(found: list[Difference], begun: bool) -> str:
     told = "; ".join(
         f"{one.what}: {one.remedy or f'{one.reset} was sent and changed nothing'}" for one in found
     )
-    return f"the firmware isn't as the checks count on, and nothing was moved: {told}"
+    moved = "" if begun else ", and nothing was moved"
+    return f"the firmware isn't as the checks count on{moved}: {told}"
 
 
 def agree_start(ask: Ask, start_mm: Place, declared: Place | None) -> None:

@@ -312,9 +312,8 @@ class Door(ABC):
             guest.unsent = guest.unsent[guest.socket.send(guest.unsent) :]
         except BlockingIOError:
             pass
-        except OSError:
-            self._dismiss(guest)
-            return
+        except OSError:  # it has left; what it wrote before that is still to be read: a stop, say
+            guest.unsent, guest.subscribed = b"", False
         if len(guest.unsent) > _BACKLOG_LIMIT:
             self._dismiss(guest)
             return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import NoReturn
+from typing import Final, NoReturn
 
 from printctl.link.channel import Channel
 from printctl.link.excursion import Excursion
@@ -18,6 +18,11 @@ from printctl.link.states import LinkState, PrintEnded
 from printctl.link.stood import Stood
 from printctl.link.valve import shut
 from printctl.link.valve_switch import ValveSwitch
+
+OTHERS: Final = (
+    ", but the line was carried out: another program's command was refused; see that nothing else "
+    "drives this printer, and look at the part"
+)
 
 
 class Ending:
@@ -73,14 +78,17 @@ class Ending:
         self._logbook.enter(LinkState.STOPPING, message)
         self._logbook.take_fault()
         complaints = self._logbook.complaints
+        refused = self._logbook.progress.refused
         stop = self._stop_motors()
+        others = self._logbook.progress.refused != refused
+        message += OTHERS if others else ""
         message += stop.words()
         self._valve.shut()
         self._channel.commands(self._way_out(stop))
         self._heaters_off()
         self._channel.command(b"M400")
         known = stop.read and self._logbook.complaints == complaints
-        if known and state is LinkState.STOPPED:
+        if known and (state is LinkState.STOPPED or self._logbook.disk_full or others):
             self._record_stood(stop)
         self._firmware.undo_settings()
         fault = self._logbook.fault

@@ -54,13 +54,14 @@ class FirmwareCheck:
         self._check_heads()
         self.check_keepalive(journalled=False)
         if family.tells_steps:
-            self._check_steps()
+            self.check_steps(journalled=False)
         else:
             self._logbook.notice("this firmware doesn't tell its steps per mm (M92)")
         self.agree_settings(journalled=False)
         # an earlier job may have left these otherwise
-        for mode in (*shut(self._printer), *modes(self._printer)):
-            self._channel.ask(mode)
+        for command in shut(self._printer):
+            self._channel.ask(command)
+        self.set_modes(journalled=False)
         self._gauges.check_at_rest()
         self._logbook.excuse_all()  # a firmware without M113 says so; that is no fault of the job
 
@@ -100,11 +101,18 @@ class FirmwareCheck:
         protocol.keepalive = False
         self._logbook.alarm("the firmware sends no busy messages (M113); a lost ok costs a minute")
 
-    def _check_steps(self) -> None:
-        """Refuse a printer whose steps per mm aren't the profile's; note other differences."""
+    def check_steps(self, journalled: bool) -> None:
+        """Refuse a printer whose steps per mm aren't the profile's; note other differences.
+
+        Raises
+        ------
+        HandshakeError
+        """
         found: list[str] = []
         for _ in range(RETRIES):
-            found = differences(self.firmware, self._channel.ask(b"M92"), self._printer)
+            found = differences(
+                self.firmware, self._channel.command(b"M92", journalled), self._printer
+            )
             if not any("steps/mm" in text for text in found):
                 break
         for text in found:
@@ -115,6 +123,11 @@ class FirmwareCheck:
                 )
             self._logbook.alarm(text)
 
+    def set_modes(self, journalled: bool) -> None:
+        """Set what a job takes for granted: mm, absolute places, an absolute plunger."""
+        for mode in modes(self._printer):
+            self._channel.command(mode, journalled)
+
     # --- settings that a job may change ----------------------------------------------------------
 
     def agree_settings(self, journalled: bool) -> None:
@@ -124,7 +137,7 @@ class FirmwareCheck:
             return self._channel.command(text, journalled)
 
         before = self._logbook.fault
-        settings = agree_settings(ask, self._printer, self._logbook.alarm)
+        settings = agree_settings(ask, self._printer, self._logbook.alarm, self._logbook.begun)
         self._logbook.excuse(before)  # a question that this build doesn't know
         self._logbook.record("settings", told=settings)
         self._settings = self._settings or settings

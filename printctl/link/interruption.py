@@ -22,8 +22,8 @@ from printctl.link.wiring import Wiring
 AGAIN_S: Final = 3.0
 MOST: Final = 3
 """So often the motors are told to stop while the line in flight isn't answered; each takes 1 s."""
-HEATS: Final = b" W:"
-"""In temperatures that are told while heat is waited for."""
+BREAKABLE: Final = (b" W:", b"paused for user")
+"""In what is told while heat, or a person at the printer's own button, is waited for."""
 WAITS: Final = (
     "stopping; this firmware can't drop the moves that it holds, so they are made first: "
     "kill doesn't wait"
@@ -102,8 +102,8 @@ class Interruption:
             return
         # a second would hold up a firmware that looks at it in its turn
         again = self._kill.halting.stops_at_once
-        heats = HEATS in wiring.protocol.report  # else its place in the queue is wanted
-        commands = (*shut(wiring.printer), link.ends_waits if heats else b"", link.quickstop)
+        waits = any(one in wiring.protocol.report for one in BREAKABLE)  # else its place is wanted
+        commands = (*shut(wiring.printer), link.ends_waits if waits else b"", link.quickstop)
         if not wiring.protocol.cut_in([text for text in commands if text], again, now):
             if not wiring.protocol.idle:
                 self._tell(FIRST)

@@ -14,7 +14,8 @@ back       ``done``, ``n``: lines that an ok which wasn't theirs had acknowledge
 control    ``n``, ``command``: a line number about to be used for a control command
 alarm      text
 checkpoint position read back (M114) after ``done`` command lines, ``agrees`` with the job's text?
-           ``mark``: what ended there, where it was made at a mark
+           ``mark``: what ended there, where it was made at a mark; ``stands``: with the motors at
+           rest, so that those lines were made
 wanted     ``after``: the mark at which somebody wants the print held; empty once it is taken
            back; ``head``: of several, whose syringe
 reload     a change of syringe begins after ``done`` lines; the plunger's count was ``e``; ``head``:
@@ -37,6 +38,9 @@ death of the process (kill -9). Those with ``at`` are also forced to the disk, b
 that agrees and was made at no mark. That one and ack and control records are not, since forcing
 the disk several times a second would stall the line, and after a loss of power the printer has
 lost its position as well.
+
+Room is kept back on the disk (``journal.reserve``), so that the end of a print that a full disk
+ends can be written down. Emptied, it says that records may be missing at the journal's end.
 """
 
 from __future__ import annotations
@@ -57,6 +61,8 @@ from printctl.link.errors import JournalError
 from printctl.link.states import LinkState
 
 Record = dict[str, Any]
+RESERVE: Final = "journal.reserve"
+RESERVE_BYTES: Final = 65_536
 _DATED: Final = frozenset(
     {"job", "state", "alarm", "checkpoint", "left", "wanted", "reload", "syringe", "stood", "end"}
 )
@@ -69,6 +75,8 @@ class Journal:
     ----------
     path : Path
         Made if absent; an existing one is gone on with (a torn tail is closed by a line end).
+    reserve : bool
+        Whether to keep room back on the disk until the print has ended.
 
     Raises
     ------
@@ -76,10 +84,13 @@ class Journal:
         When it can't be written.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, reserve: bool = False) -> None:
         self.path = path
-        self._lock, self._torn = threading.Lock(), False
+        self._lock, self._torn, self._ended = threading.Lock(), False, False
+        self._reserve = path.with_name(RESERVE) if reserve else None
         try:
+            if self._reserve is not None:
+                _keep_room(self._reserve)
             self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
             size = os.fstat(self._fd).st_size
             if size and _last_byte(path, size) != b"\n":
@@ -106,12 +117,33 @@ class Journal:
                 self._torn = written != len(line) and (self._torn or written > 0)
                 if written != len(line):
                     raise OSError("disk full")
+                self._ended = sort == "end"
                 if at and not passing:
                     os.fsync(self._fd)
             except OSError as exc:
                 raise JournalError(
                     f"journal {self.path} can't be written: {exc}; free space on the disk"
                 ) from exc
+
+    def use_reserve(self) -> bool:
+        """Free the room kept back, so that the record that didn't fit may be added once more.
+
+        Returns
+        -------
+        bool
+            False where there is none left.
+        """
+        with self._lock:
+            if self._reserve is None or not _bytes_in(self._reserve):
+                return False
+            try:
+                os.truncate(self._reserve, 0)
+                if self._torn:
+                    os.ftruncate(self._fd, _end_of_last_line(self.path))
+            except OSError:
+                return False
+            self._torn = False
+            return True
 
     def close(self) -> None:
         """Force everything to the disk, if it can, and let go of the file.
@@ -125,6 +157,25 @@ class Journal:
                 with contextlib.suppress(OSError):
                     os.close(self._fd)
                 self._fd = -1
+            if self._ended and self._reserve is not None:
+                with contextlib.suppress(OSError):
+                    self._reserve.unlink(missing_ok=True)
+
+
+def _keep_room(reserve: Path) -> None:
+    if _bytes_in(reserve) < RESERVE_BYTES:
+        reserve.write_bytes(os.urandom(RESERVE_BYTES))  # no disk can make it smaller
+
+
+def _bytes_in(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:
+        return 0
+
+
+def _end_of_last_line(path: Path) -> int:
+    return path.read_bytes().rfind(b"\n") + 1
 
 
 def _last_byte(path: Path, size: int) -> bytes:
@@ -178,6 +229,8 @@ class History:
         The last one.
     checkpoints : list of dict
         Those at marks that agreed with the job, in order.
+    made : int
+        Command lines that were made for certain when the motors last stood.
     left : dict of str to float
         The job's place that the needle last left for a pause, by `Modal`'s names; empty for none.
     wanted : dict or None
@@ -200,6 +253,8 @@ class History:
     gaps : int
         Those of them after which the same link process wrote on: no torn ends, but records that
         are missing, so that lines can't be counted.
+    cut_short : bool
+        Whether the disk was full, and the print's end isn't there.
     stopping : bool
         Whether it had begun to end the print: needle up, heaters perhaps off.
     settings : dict of str to str
@@ -218,6 +273,7 @@ class History:
     _first_alarms: list[str] = field(default_factory=list, repr=False)
     checkpoint: Record | None = None
     checkpoints: list[Record] = field(default_factory=list)
+    made: int = 0
     left: dict[str, float] = field(default_factory=dict)
     wanted: Record | None = None
     reload: Record | None = None
@@ -229,6 +285,7 @@ class History:
     end: Record | None = None
     damaged: int = 0
     gaps: int = 0
+    cut_short: bool = False
     stopping: bool = False
     settings: dict[str, str] = field(default_factory=dict)
     frame: Record = field(default_factory=dict)
@@ -273,6 +330,8 @@ def read_journal(path: Path) -> History:
             _apply(history, record)
     except OSError as exc:
         raise JournalError(f"journal {path} can't be read: {exc.strerror}") from exc
+    reserve = path.with_name(RESERVE)
+    history.cut_short = history.end is None and reserve.exists() and not _bytes_in(reserve)
     return history
 
 
@@ -309,6 +368,7 @@ def _apply(history: History, record: Record | None) -> None:
         history.checkpoint = record
         if record["agrees"] and record.get("mark"):
             history.checkpoints.append(record)
+            history.made = record["done"] if record.get("stands") else history.made
     elif sort == "left":
         history.left = dict(record["place"])
     elif sort == "settings":
@@ -346,6 +406,7 @@ def times_words(record: Record) -> str:
 def _back(history: History, record: Record) -> None:
     """Lines above ``n`` weren't taken: what was in them goes again, perhaps under other numbers."""
     history.done = record["done"]
+    history.made = min(history.made, history.done)
     last = record.get("n", math.inf)
     history.controls = {n: text for n, text in history.controls.items() if n <= last}
 

@@ -73,7 +73,7 @@ class Logbook:
         self._fault, self._complaints = "", 0
         self._told: dict[str, _Alarm] = {}
         self._final: Status | None = None
-        self._journal_lost = False
+        self._journal_lost = self._disk_full = False
         self.next_note = 0.0
         self.resumed = False
 
@@ -98,6 +98,11 @@ class Logbook:
     def complaints(self) -> int:
         """How often the printer has complained."""
         return self._complaints
+
+    @property
+    def disk_full(self) -> bool:
+        """Whether a record couldn't be written at once."""
+        return self._disk_full
 
     @property
     def status(self) -> Status:
@@ -171,7 +176,9 @@ class Logbook:
         try:
             self._wiring.journal.add(sort, **values)
         except JournalError as exc:
-            self._journal_lost, self._fault = True, str(exc)
+            self._disk_full, self._fault = True, str(exc)
+            self._journal_lost = not self._wiring.journal.use_reserve()
+            self.record(sort, **values)
 
     def record_control(self, number: int, command: bytes) -> None:
         """Write down a command between two lines of the job, before it is sent."""
@@ -242,5 +249,5 @@ class Logbook:
 
     def excuse_all(self) -> None:
         """Forget what the printer complained of; a journal that is lost stays a fault."""
-        if not self._journal_lost:
+        if not self._disk_full:
             self._fault = ""

@@ -18,6 +18,7 @@ from printctl.link.head_choice import HeadChoice
 from printctl.link.idle_motors import IdleMotors
 from printctl.link.interruption import StopAsked
 from printctl.link.manual_commands import ManualCommands
+from printctl.link.meddling import Meddling
 from printctl.link.modal import Modal
 from printctl.link.position_check import PositionCheck
 from printctl.link.print_requests import PrintRequests
@@ -47,6 +48,7 @@ class Pauses:
     change : SyringeChange
     changer : SyringeChanger
     position : PositionCheck
+    meddling : Meddling
     heads : HeadChoice
     valve : ValveSwitch
     motors : IdleMotors
@@ -63,6 +65,7 @@ class Pauses:
     change: SyringeChange
     changer: SyringeChanger
     position: PositionCheck
+    meddling: Meddling
     heads: HeadChoice
     valve: ValveSwitch
     motors: IdleMotors
@@ -104,11 +107,15 @@ class Pauses:
         """Leave the bath, wait for the word to go on, and come back."""
         logbook, channel = self.channel.logbook, self.channel
         self.watch.paused(logbook.progress.done)
-        logbook.enter(LinkState.PAUSING, "relieving the plunger and lifting the needle")
+        logbook.enter(
+            LinkState.PAUSING,
+            "the moves that the printer holds are made; then the plunger is relieved, the needle "
+            "lifted",
+        )
         channel.command(b"M400")
         self.valve.shut()  # what was taken is written; nothing more
         at = self.position.expected()
-        self.position.verify(at)
+        self.position.verify(at, mark="pause", stands=True)
         logbook.record("left", place=at.place())
         retreat, relieved = self.heads.retreat, logbook.progress.relieved_mm
         self.excursion.begin(at, relieved, self._top(at, changing))
@@ -143,6 +150,7 @@ class Pauses:
         logbook.enter(LinkState.RESUMING, "returning to where the print was left")
         if new or (self.change.going_on and self.change.idle_head is not None):
             self.changer.count(at, new or NewSyringe())
+        self.meddling.take_back()
         self.heads.take()
         self.returning.come_back(at, self.heads.retreat.prime_mm)
         self.change.end()

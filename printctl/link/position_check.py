@@ -14,6 +14,7 @@ from typing import Final, NoReturn
 
 from firmware_profiles.families.position_reply import parse_position
 from printctl.link.channel import Channel
+from printctl.link.families import link_facts
 from printctl.link.frame_check import FrameCheck
 from printctl.link.modal import AXES, Modal, disagreement
 from printctl.link.states import LinkState, PrintEnded
@@ -98,9 +99,24 @@ class PositionCheck:
         wrong, position = self.compare(at)
         if not wrong or not position:
             return at
+        if self._was_of_others(position):
+            return self._progress.modal()
         self._logbook.alarm(wrong)
         z = position.get("Z") if at.z is None else max(at.z, position.get("Z", at.z))
         return replace(at, z=z, e=position.get("E", at.e))
+
+    def _was_of_others(self, position: Mapping[str, float]) -> bool:
+        """Whether the line that seemed refused was carried out: another's command was."""
+        behind = self._progress.behind_refused()
+        facts = link_facts(self._channel.wiring.printer)
+        if behind is None or not facts.complains_to_all or disagreement(behind, dict(position)):
+            return False
+        self._progress.not_refused()
+        self._logbook.alarm(
+            f"{self._progress.words()}, the last of them all the same: the printer complained of "
+            "another program's command"
+        )
+        return True
 
     def height(self) -> float:
         """Return the needle's height, mm.
@@ -161,8 +177,10 @@ class PositionCheck:
                 break
         return wrong, position
 
-    def verify(self, at: Modal, mark: str = "") -> None:
+    def verify(self, at: Modal, mark: str = "", stands: bool = False) -> None:
         """Compare the printer's position with the job's text; write both down.
+
+        ``stands``: M400 was just answered, so that all that was taken is made.
 
         Raises
         ------
@@ -170,13 +188,14 @@ class PositionCheck:
             Where they disagree.
         """
         wrong, position = self.compare(at)
-        if not wrong and (self._progress.foreign or self._frame.doubtful()):
+        if not wrong and (self._progress.meddled or self._frame.doubtful()):
             wrong = self._frame.renamed()
         done = self._progress.done
-        values = {"mark": mark} if mark else {}
+        values: dict[str, str | bool] = {"mark": mark} if mark else {}
+        values |= {"stands": True} if stands else {}
         self._logbook.record("checkpoint", done=done, position=position, agrees=not wrong, **values)
         if wrong:
-            self._end_astray(wrong)
+            self.end_astray(wrong)
 
     def refuse_renamed(self, *, waited: bool = False) -> None:
         """Compare what the printer calls its place with its steps; see `FrameCheck.renamed`.
@@ -188,23 +207,42 @@ class PositionCheck:
         """
         wrong = self._frame.renamed(waited=waited)
         if wrong:
-            self._end_astray(wrong)
+            self.end_astray(wrong)
 
-    def _end_astray(self, wrong: str) -> NoReturn:
+    def end_astray(self, wrong: str) -> NoReturn:
+        """End a print whose printer isn't as its job counts on; its moves are dropped.
+
+        Raises
+        ------
+        PrintEnded
+            Always: position unknown.
+        """
         self._valve.shut()
         others = self._progress.foreign_words()
         because = f" ({others})" if others else ""
         raise PrintEnded(
             LinkState.POSITION_UNKNOWN,
-            f"after line {self._progress.done}: {wrong}{because}; `printctl status` says what next",
+            f"after line {self._progress.done}: {wrong}{because}{self._drop_moves()}; `printctl "
+            "status` says what next",
             known=False,
         )
 
+    def _drop_moves(self) -> str:
+        """Have moves that lead astray dropped; return what to add to the message.
+
+        Past the protocol, as the last thing that is said: a stop that was asked for meanwhile
+        mustn't make a way out from a place that nobody knows.
+        """
+        wiring = self._channel.wiring
+        quickstop = link_facts(wiring.printer).quickstop
+        if not quickstop:
+            return ""
+        wiring.transport.write_urgent(b"\n%b\n" % quickstop)
+        self._progress.moves_dropped()
+        return f"; its motors were told to stop ({quickstop.decode()})"
+
     def verify_in_passing(self) -> None:
         """Compare positions between two lines; the planner isn't drained for it."""
-        protocol = self._channel.wiring.protocol
         self._channel.settle()
         self._progress.verified()
         self.verify(self._progress.modal())
-        protocol.held = False
-        protocol.go(self._channel.wiring.clock.now())

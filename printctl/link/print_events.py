@@ -60,6 +60,7 @@ class PrintEvents:
             said.TokenSent: self._on_token_sent,
             said.Waiting: self._on_waiting,
             said.Action: self._on_action,
+            said.PersonAwaited: self._on_person_awaited,
             said.Noisy: self._on_noisy,
             said.Halting: self._on_halting,
             said.Halted: self._on_halted,
@@ -138,6 +139,12 @@ class PrintEvents:
         if event.name in _ACTIONS:
             self._logbook.alarm(f"the printer asks for {event.name!r}")
             self._requests.add(_ACTIONS[event.name], by=f"the printer (//action:{event.name})")
+
+    def _on_person_awaited(self, event: said.PersonAwaited) -> None:
+        self._logbook.alarm(
+            "the printer waits for somebody to press its own button (paused for user): press it or "
+            "stop the print"
+        )
 
     def _on_noisy(self, event: said.Noisy) -> None:
         self._logbook.alarm(

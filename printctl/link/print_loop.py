@@ -104,6 +104,8 @@ class PrintLoop:
         self._measure(now_s())
         self._parts.answers.look(now_s())
         self._parts.ending.end_on_fault()
+        if progress.foreign and progress.unverified:
+            self._verify()  # before a slip is looked for: that waits for moves that lead astray
         if self._parts.slips.due:
             self._parts.slips.look()
         now = now_s()
@@ -134,9 +136,16 @@ class PrintLoop:
             if logbook.fault:
                 self._parts.ending.end_on_fault()
             if progress.unverified:
-                self._parts.position.verify_in_passing()
+                self._verify()
+                protocol.held = False
+                protocol.go(now_s())
             if killed():
                 channel.await_halt()
+
+    def _verify(self) -> None:
+        """Compare positions between two lines; take back what another program has set."""
+        self._parts.position.verify_in_passing()
+        self._parts.meddling.take_back()
 
     def _measure(self, now: float) -> None:
         """Ask for what is watched and due; end the print where a reading is above its limit."""
@@ -197,7 +206,7 @@ class PrintLoop:
         self._channel.settle()
         self._channel.command(b"M400")
         slips = self._parts.slips
-        if self._progress.unverified or slips.due or slips.noisy:
+        if self._progress.unverified or slips.due or slips.noisy or self._progress.foreign:
             self._progress.verified()
             self._parts.position.verify(self._progress.modal())
         self._parts.position.refuse_renamed(waited=True)

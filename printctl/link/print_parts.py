@@ -18,6 +18,7 @@ from printctl.link.interruption import Interruption
 from printctl.link.job import Job
 from printctl.link.logbook import Logbook
 from printctl.link.manual_commands import ManualCommands
+from printctl.link.meddling import Meddling
 from printctl.link.pauses import Pauses
 from printctl.link.position_check import PositionCheck
 from printctl.link.print_details import PrintDetails
@@ -50,6 +51,7 @@ class PrintParts:
     answers : AnswerCount
     firmware : FirmwareCheck
     position : PositionCheck
+    meddling : Meddling
     valve : ValveSwitch
     ending : Ending
     pauses : Pauses
@@ -68,6 +70,7 @@ class PrintParts:
     firmware: FirmwareCheck
     frame: FrameCheck
     position: PositionCheck
+    meddling: Meddling
     valve: ValveSwitch
     ending: Ending
     pauses: Pauses
@@ -90,7 +93,7 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
     valve = ValveSwitch(channel)
     frame = FrameCheck(channel)
     position = PositionCheck(channel, valve, frame)
-    excursion = Excursion()
+    meddling, excursion = Meddling(channel, firmware, position), Excursion()
     returning = Returning(channel, heads, position, excursion)
     ending = Ending(channel, firmware, heads, position, valve, excursion, interruption)
     pauses = Pauses(
@@ -102,6 +105,7 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         change=change,
         changer=SyringeChanger(channel, change, heads, position, watch),
         position=position,
+        meddling=meddling,
         heads=heads,
         valve=valve,
         motors=IdleMotors(channel),
@@ -120,6 +124,7 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         firmware=firmware,
         frame=frame,
         position=position,
+        meddling=meddling,
         valve=valve,
         ending=ending,
         pauses=pauses,

@@ -168,7 +168,8 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
     traffic = WireLog(Path(order.care.wire_log) if order.care.wire_log else None)
     transport = LoggedTransport(port, traffic)
     keeper = _Keeper(traffic, order.folder / FILE)
-    journal = Journal(order.folder / JOURNAL if order.resume else put_aside(order.folder))
+    path = order.folder / JOURNAL if order.resume else put_aside(order.folder)
+    journal = Journal(path, reserve=True)
     try:
         listener, address, token = listen(order.folder)
         streamer = Streamer(

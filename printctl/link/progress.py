@@ -34,6 +34,8 @@ class JobProgress:
         before the job goes on.
     foreign : int
         Answers of the printer beyond those to the host's lines, on a wire without errors.
+    meddled : bool
+        Whether such came since the firmware's settings were last compared.
     """
 
     def __init__(self, wiring: Wiring, job: Job) -> None:
@@ -41,7 +43,7 @@ class JobProgress:
         self._protocol, self._printer = wiring.protocol, wiring.printer
         self._trail = ModalTrail(job.lines)
         self._made = Made(job.lines, wiring.printer)
-        self.unverified, self.foreign = False, 0
+        self.unverified, self.foreign, self.meddled = False, 0, False
         self._answers = Answers(0, 0.0, 0, 0.0)
         self._refused: int | None = None
 
@@ -144,6 +146,17 @@ class JobProgress:
             self._refused = line - 1
         return first
 
+    def behind_refused(self) -> Modal | None:
+        """Return where the line that was refused leads to, if none was sent after it; else None."""
+        if self._refused is None or self._protocol.lines_done != self._refused + 1:
+            return None
+        return modal_state(self.job.lines, self._refused + 1)
+
+    def not_refused(self) -> None:
+        """Take notice that the line was carried out, and all before it."""
+        self._refused = None
+        self.stands_still()
+
     def went_back(self) -> None:
         """Take notice that lines weren't taken after all: what is there must be verified."""
         self._made.back(self.done)
@@ -156,6 +169,7 @@ class JobProgress:
     def count_foreign(self, answers: int) -> None:
         """Take notice of answers to lines that the host didn't write."""
         self.foreign += answers
+        self.meddled = True
 
     def foreign_words(self) -> str:
         """Return what to say of lines that others wrote; empty for none."""
@@ -167,3 +181,7 @@ class JobProgress:
     def verified(self) -> None:
         """Take notice that the position is being compared."""
         self.unverified = False
+
+    def taken_back(self) -> None:
+        """Take notice that what others may have set is being taken back."""
+        self.meddled = False

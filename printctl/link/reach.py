@@ -97,7 +97,7 @@ def _places(record: LinkRecord, history: History) -> dict[str, int]:
 
 def _made(job: Job, history: History, printer: Printer) -> int:
     """Lines surely made; at an end that dropped moves, those before the place where it stood."""
-    sure = surely_moved(job.lines, history.done, moves_ahead(printer))
+    sure = max(surely_moved(job.lines, history.done, moves_ahead(printer)), history.made)
     if history.end is None or not history.end.get("position_known"):
         return sure
     if history.stood is not None:

@@ -42,6 +42,11 @@ def resumable(folder: Path, sha256: str) -> History:
             f"the print in {folder} was being ended ({history.message}): its heaters may be off "
             "and its needle up; print it anew"
         )
+    if history.cut_short:
+        raise Refused(
+            f"the disk was full, and how the print in {folder} went on isn't in its journal: its "
+            "needle may be up and its heaters off; look at the part and use `printctl recover`"
+        )
     if history.gaps:
         raise Refused(
             f"the journal in {folder} is damaged in {history.gaps} places, so that its lines can't "

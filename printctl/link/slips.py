@@ -38,13 +38,13 @@ class SlipWatch:
 
     @property
     def noisy(self) -> bool:
-        """Whether the wire made an error not long ago."""
+        """Whether the wire made an error, or another program wrote, not long ago."""
         return self._progress.done < self._noisy_until
 
     @property
     def due(self) -> bool:
         """Whether to compare the position now."""
-        errors, done = self._protocol.line_errors, self._progress.done
+        errors, done = self._protocol.line_errors + self._progress.foreign, self._progress.done
         if errors != self._errors_seen:
             self._errors_seen, self._noisy_until = errors, done + NOISY_LINES
             self._every = AGAIN_LINES if self._slip else SOONEST_LINES

@@ -70,7 +70,9 @@ def _confirms(number: int) -> tuple[bytes, ...]:
 
 
 FAMILY: Final = Family(
-    link=LinkFacts(says="klipper", make_protocol=_make_protocol, plans_by_time=True),
+    link=LinkFacts(
+        says="klipper", make_protocol=_make_protocol, plans_by_time=True, complains_to_all=True
+    ),
     grammar=Grammar(
         codes=CODES, names=NAMES, words=WORDS, named=True, parentheses=False, e_rule="either"
     ),

@@ -17,6 +17,9 @@ from firmware_profiles.families.marlin.state import LineState
 _STUCK: Final = 3
 """Lines running that were answered by an ok with one number: it isn't the line's."""
 
+PERSON: Final = b"paused for user"
+"""In a busy message while a person is waited for at the printer's own button."""
+
 
 class Hearing:
     """The listening part of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
@@ -55,6 +58,11 @@ class Hearing:
             state.complaint = reply.words  # why it halts, if it does
         if reply.kind is Kind.REPORT and not reply.text.startswith(b"X:"):
             state.report = reply.text
+        if reply.kind is Kind.BUSY and PERSON in reply.text and PERSON not in state.report:
+            state.report = reply.text
+            events.append(said.PersonAwaited())
+        elif reply.kind is Kind.OK and PERSON in state.report:
+            state.report = b""
         if reply.halts:
             state.end(said.Halted(state.complaint or reply.words), events)
         elif reply.kind is Kind.START:

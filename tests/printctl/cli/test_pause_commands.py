@@ -18,6 +18,7 @@ from printctl.cli.recover import recover
 from printctl.cli.reload import reload
 from printctl.cli.resume import resume
 from printctl.cli.status import status
+from printctl.cli.stop import kill, stop
 from printctl.errors import PrintctlError, SafetyError, UsageError
 from printctl.link import Care, LinkError, LinkState, PrintClient, start_print
 from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, zigzag
@@ -99,6 +100,23 @@ def test_status_of_a_print_that_waits_for_a_layer_is_json(tmp_path, profile, cap
         client.stop()
         served.gate.set()
         assert client.wait(30).state is LinkState.STOPPED
+
+
+@pytest.mark.parametrize(
+    ("end", "state", "told"),
+    [
+        (stop, LinkState.STOPPED, "tells how it ended"),
+        (kill, LinkState.KILLED, "killed: killed by"),
+    ],
+)
+def test_print_is_ended_from_another_terminal(tmp_path, profile, capsys, end, state, told):
+    with pty_printer(FakeMarlin(), hold_at=40) as served:
+        client = begun(tmp_path, profile, served.name)
+        assert served.held.wait(10)
+        served.gate.set()
+        end(tmp_path / "job.gcode")
+        assert client.wait(30).state is state
+    assert told in capsys.readouterr().out
 
 
 def test_file_that_was_never_printed_is_told(tmp_path):

@@ -10,6 +10,7 @@ import numpy as np
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.clock import VirtualClock
+from printctl.link.journal import Journal
 from printctl.link.states import Status
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
@@ -41,16 +42,20 @@ def printed(
     *wishes: str,
     printer: Printer = PRINTER,
     on_status: Callable[[Status], None] = lambda status: None,
+    journal: Journal | None = None,
+    keep: list[Streamer] | None = None,
 ) -> tuple[Status, Streamer]:
     wiring = Wiring(
         transport=transport,
         protocol=MarlinProtocol(),
         clock=transport.clock,
-        journal=journal_in(folder),
+        journal=journal or journal_in(folder),
         printer=printer,
         on_status=on_status,
     )
     streamer = Streamer(wiring, parse_job(data, "test.gcode", printer))
+    if keep is not None:
+        keep.append(streamer)
     for wish in wishes:
         getattr(streamer, wish)()
     return streamer.run(), streamer

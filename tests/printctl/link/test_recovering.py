@@ -15,7 +15,8 @@ from printctl.link.marks import MarkKind
 from printctl.link.recovering import Recovery, plan_recovery
 from printctl.link.recovery_begin import NoCheckpoint
 from printctl.link.retreat import Retreat
-from printctl.link.states import LinkState
+from printctl.link.states import LinkState, Status
+from printctl.link.streamer import Streamer
 from printctl.preflight import gcode_checks
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
@@ -24,6 +25,7 @@ from sim.faults import parse_fault
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, START, Script, layered, played
 from tests.printctl.link.sim_transport import SimTransport
+from tests.printctl.link.simulated import gcode, printed, wire
 
 DATA = layered(5, 20)
 JOB = parse_job(DATA, "test.gcode")
@@ -377,3 +379,30 @@ def test_where_no_move_was_surely_made_it_is_told_what_to_look_up():
         with pytest.raises(NoCheckpoint, match="the first line that isn't on the part") as refused:
             plan_recovery(JOB, DATA, History(done=done), printer, RETREAT)
         assert refused.value.line == 0
+
+
+def test_rest_after_a_power_cut_in_a_pause_begins_where_it_was_held(tmp_path):
+    """A job without marks; the motors stood, so that nobody has to say with which line."""
+    data = gcode(80)
+    transport = wire()
+    asked: list[LinkState] = []
+
+    def on_status(status: Status) -> None:
+        if status.lines_done > 40 and not asked:
+            asked.append(status.state)
+            streamers[0].pause()
+        if status.state is LinkState.PAUSED and len(asked) == 1:
+            asked.append(status.state)
+            transport.printer.reset()
+
+    streamers: list[Streamer] = []
+    status, _ = printed(data, tmp_path, transport, on_status=on_status, keep=streamers)
+    assert status.state is LinkState.POSITION_UNKNOWN
+    plan = plan_recovery(
+        parse_job(data, "test.gcode"),
+        data,
+        read_journal(tmp_path / "journal.log"),
+        PRINTER,
+        RETREAT,
+    )
+    assert plan.begin == status.lines_done == status.lines_executed > 40

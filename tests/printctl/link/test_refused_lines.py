@@ -75,3 +75,29 @@ def test_the_last_line_refused_is_no_print_that_is_done(tmp_path):
     status = streamer_of("klipper", FakeKlipper(), tmp_path, job).run()
     assert status.state is LinkState.FAILED
     assert status.lines_done == len(JOB)
+
+
+class SharedKlipper(FakeKlipper):
+    """Another program's move is refused while a line of the job is being taken."""
+
+    def take(self, line: bytes) -> str:
+        said = super().take(line)
+        if JOB[REFUSED] in line and not self.told:
+            self.told = True
+            return "!! Move out of range: 900.000 0.000 0.000 [0.000]\n" + said
+        return said
+
+    told = False
+
+
+def test_a_complaint_about_another_programs_command_doubles_no_line(tmp_path):
+    status = streamer_of("klipper", SharedKlipper(), tmp_path, JOB).run()
+    assert status.state is LinkState.FAILED
+    assert "another program's command was refused" in status.message
+    assert status.lines_done == status.lines_executed == REFUSED + 1
+    data = b"\n".join(JOB)
+    job = parse_job(data, "test.gcode", facts("klipper"))
+    history = read_journal(tmp_path / "journal.log")
+    assert "refused" not in history.end
+    plan = plan_recovery(job, data, history, facts("klipper"), Retreat())
+    assert plan.begin == REFUSED + 1

@@ -201,3 +201,23 @@ def test_kill_gets_through_beside_guests_that_never_read_or_never_end_a_line(doo
         server.publish(Status(LinkState.PRINTING, lines_done=done, message="m" * 100))
     say(user, do="kill", token=token)
     assert spy.killed.wait(10)
+
+
+def test_a_stop_of_who_leaves_at_once_is_heard(tmp_path):
+    """What it is answered can't be delivered any more; what it wrote before leaving counts."""
+    if not hasattr(socket, "AF_UNIX"):
+        pytest.skip("no Unix sockets here")
+    listener, address, token = listen(tmp_path)
+    spy = Spy()
+    server = Server(listener, token, spy)  # type: ignore[arg-type]
+    with socket.socket(socket.AF_UNIX) as guest:
+        guest.connect(address.removeprefix("unix:"))
+        say(guest, do="subscribe")
+        say(guest, do="status", aside="x" * 6000)  # more than one read: it is answered in between
+        say(guest, do="stop")
+        say(guest, do="kill")
+    server.start()
+    assert spy.killed.wait(5)
+    server.finish()
+    forget(address)
+    assert spy.wishes == ["stop"]

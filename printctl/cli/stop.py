@@ -1,0 +1,41 @@
+"""`printctl stop` and `printctl kill`: end a print."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from printctl.cli.options import print_lines
+from printctl.cli.run_folder import RunArg, print_folder, running_print
+from printctl.link.client import attach
+from printctl.link.errors import LinkError
+from printctl.link.states import LinkState
+
+HALT_S: Final = 10.0
+"""Longest wait for the printer's word that it has halted."""
+
+
+def stop(run: RunArg) -> None:
+    """End a print: relieve the plunger, lift the needle straight up, switch the heaters off.
+
+    The position stays known, and `printctl recover RUN` goes on with the rest. To halt the printer
+    at once there is `printctl kill`.
+    """
+    with running_print(run) as client:
+        client.stop()
+        told = client.status
+    print_lines(f"{told.state.value}: {told.message}; `printctl status {run}` tells how it ended")
+
+
+def kill(run: RunArg) -> None:
+    """Halt the printer of a print at once (M112), whatever it does; its position is lost."""
+    with attach(print_folder(run)) as client:
+        client.kill()
+        try:
+            outcome = client.wait(HALT_S)
+        except TimeoutError:
+            raise LinkError(
+                f"the link process of {client.folder} hasn't said within {HALT_S:.0f} s that the "
+                "printer has halted: cut the printer's power"
+            ) from None
+    before = "" if outcome.state is LinkState.KILLED else "not halted, for the print had ended: "
+    print_lines(f"{before}{outcome.state.value}: {outcome.message}")

@@ -1,0 +1,53 @@
+"""Settings that another program may have changed in mid-print, taken back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from printctl.link.channel import Channel
+from printctl.link.errors import HandshakeError
+from printctl.link.families import link_facts
+from printctl.link.firmware_check import FirmwareCheck
+from printctl.link.position_check import PositionCheck
+
+
+@dataclass(frozen=True)
+class Meddling:
+    """Has a printer that others wrote to as the job counts on.
+
+    M114 tells where a printer is, not how it reads the next line: relative places, a flow factor
+    or other steps per mm would spoil the rest of the print.
+
+    Attributes
+    ----------
+    channel : Channel
+    firmware : FirmwareCheck
+    position : PositionCheck
+    """
+
+    channel: Channel
+    firmware: FirmwareCheck
+    position: PositionCheck
+
+    def take_back(self) -> None:
+        """Set modes, factors, limits and feed rate anew where lines weren't ours; none in flight.
+
+        Raises
+        ------
+        PrintEnded
+            For what no command takes back.
+        """
+        progress, printer = self.channel.logbook.progress, self.channel.wiring.printer
+        if not progress.meddled:
+            return
+        progress.taken_back()
+        self.firmware.set_modes(journalled=True)
+        try:
+            if link_facts(printer).tells_steps:
+                self.firmware.check_steps(journalled=True)
+            self.firmware.agree_settings(journalled=True)
+        except HandshakeError as exc:
+            self.position.end_astray(str(exc))
+        feed = progress.modal().f
+        if feed is not None:
+            self.channel.command(b"G1 F%b" % f"{feed:g}".encode())
