@@ -60,6 +60,8 @@ Record = dict[str, Any]
 _DATED: Final = frozenset(
     {"job", "state", "alarm", "checkpoint", "left", "wanted", "reload", "syringe", "stood", "end"}
 )
+_SPARE_BYTES: Final = 64 * 1024
+"""Room on the disk that is kept for the end of a print, should it fill."""
 
 
 class Journal:
@@ -86,6 +88,9 @@ class Journal:
                 os.write(self._fd, b"\n")
         except OSError as exc:
             raise JournalError(f"journal {path} can't be opened: {exc.strerror}") from exc
+        self._spare = path.with_name(path.name + ".spare")
+        with contextlib.suppress(OSError):
+            self._spare.write_bytes(b"\0" * _SPARE_BYTES)
 
     def add(self, sort: str, **values: Any) -> None:
         """Append a record.
@@ -98,6 +103,7 @@ class Journal:
         at = {"at": time.time()} if sort in _DATED else {}
         line = encode({"t": sort, **at, **values})
         passing = sort == "checkpoint" and values.get("agrees") and not values.get("mark")
+        full = False
         with self._lock:
             try:
                 if self._torn:  # a part of the last record is there
@@ -109,15 +115,21 @@ class Journal:
                 if at and not passing:
                     os.fsync(self._fd)
             except OSError as exc:
-                raise JournalError(
-                    f"journal {self.path} can't be written: {exc}; free space on the disk"
-                ) from exc
+                full = sort == "end" and self._spare.exists()
+                if not full:
+                    raise JournalError(
+                        f"journal {self.path} can't be written: {exc}; free space on the disk"
+                    ) from exc
+        if full:
+            self._spare.unlink(missing_ok=True)
+            self.add(sort, **values)
 
     def close(self) -> None:
         """Force everything to the disk, if it can, and let go of the file.
 
         Closing twice does no harm. The print is over: what the disk says now changes no outcome.
         """
+        self._spare.unlink(missing_ok=True)
         with self._lock:
             if self._fd >= 0:
                 with contextlib.suppress(OSError):

@@ -128,3 +128,24 @@ def test_record_that_is_missing_in_the_middle_is_a_gap_and_a_torn_end_is_none(tm
     assert (read_journal(tmp_path / "j").damaged, read_journal(tmp_path / "j").gaps) == (1, 0)
     (tmp_path / "j").write_bytes(lines[0] + lines[1][:5] + b"?" + lines[1][6:] + lines[2])
     assert (read_journal(tmp_path / "j").damaged, read_journal(tmp_path / "j").gaps) == (1, 1)
+
+
+def test_full_disk_leaves_room_for_the_end(tmp_path, monkeypatch):
+    """Else a print that was stopped would be told as one whose printer goes on."""
+    journal = Journal(tmp_path / "journal.log")
+    spare = tmp_path / "journal.log.spare"
+    assert spare.stat().st_size >= 16 * 1024
+    write = os.write
+    shortened = lambda fd, data: write(fd, data[:10] if spare.exists() else data)  # noqa: E731
+    monkeypatch.setattr(os, "write", shortened)
+    with pytest.raises(JournalError):
+        journal.add("ack", done=1)
+    assert spare.exists()  # nothing else may take it
+    journal.add("end", state="failed", done=1)
+    journal.close()
+    assert read_journal(tmp_path / "journal.log").end is not None
+
+
+def test_room_for_the_end_is_given_back(tmp_path):
+    Journal(tmp_path / "journal.log").close()
+    assert [path.name for path in tmp_path.iterdir()] == ["journal.log"]
