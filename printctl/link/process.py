@@ -8,6 +8,7 @@ the journal and in ``link.json``.
 from __future__ import annotations
 
 import logging
+import math
 import os
 import signal
 import time
@@ -181,7 +182,7 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
                 printer=printer,
                 retreat=order.retreat,
                 fresh=wire.fresh if wire else True,
-                on_status=lambda status: _publish(status, server, wire, keeper),
+                on_status=lambda status: _publish(status, server, wire, keeper, streamer),
                 room=wire.room if wire else None,
             ),
             job,
@@ -220,6 +221,10 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
             transport.close()
 
 
+_AFTERMATH_S: Final = 5.0
+"""Time after an alarm for which traffic is kept as well."""
+
+
 @dataclass
 class _Keeper:
     """Keeps the last traffic in the print's folder when something went wrong."""
@@ -227,18 +232,36 @@ class _Keeper:
     traffic: WireLog
     path: Path
     _alarms: int = 0
+    _again_s: float = math.inf
+    _lost_told: bool = False
 
     def look(self, status: Status) -> None:
-        """Write it at each new alarm, and at an end other than the job's."""
+        """Write it at each new alarm, what came of it a while later, and at a bad end."""
         ended_badly = status.ended and status.state is not LinkState.DONE
+        now = time.monotonic()
+        if status.alarms > self._alarms:
+            self._again_s = now + _AFTERMATH_S
+        elif now >= self._again_s or (status.ended and self._again_s < math.inf):
+            self._again_s, ended_badly = math.inf, True
         if status.alarms > self._alarms or ended_badly:
             self._alarms = status.alarms
             with suppress(OSError):  # a full disk is the journal's affair
                 self.traffic.keep(self.path)
 
+    def lost_words(self) -> str:
+        """Return, once, why the log that was asked for ends; else an empty text."""
+        if not self.traffic.lost or self._lost_told:
+            return ""
+        self._lost_told = True
+        return f"the wire log (--wire-log) ends here: {self.traffic.lost}; the print goes on"
 
-def _publish(status: Status, server: Server, wire: Wire | None, keeper: _Keeper) -> None:
+
+def _publish(
+    status: Status, server: Server, wire: Wire | None, keeper: _Keeper, streamer: Streamer
+) -> None:
     keeper.look(status)
+    if lost := keeper.lost_words():
+        streamer.alarm(lost)
     server.publish(status)
     if wire:
         wire.on_status(status)

@@ -121,17 +121,18 @@ def _line_to_begin(
 
 def _no_checkpoint(job: Job, history: History, printer: Printer, sure: int) -> NoCheckpoint:
     """Return what tells a person where to begin, or what to look up."""
-    none = f"the journal has no checkpoint before line {job.file_line(sure)}"
     made = surely_moved(job.lines, history.done, moves_ahead(printer))
     if not 0 < made < len(job):
         return NoCheckpoint(
-            f"{none}, and no move was surely made; look at the part: print the job anew, or look "
-            f"up in {job.name} the first line that isn't on the part, and give it as --from-line"
+            "the journal has no checkpoint, and no move was surely made; look at the part: print "
+            f"the job anew, or look up in {job.name} the first line that isn't on the part, and "
+            "give it as --from-line"
         )
     line = job.file_lines[made]
     return NoCheckpoint(
-        f"{none}; line {line} is the first whose move may not have been made: look at the part, "
-        "and begin there or, where more is written, with a later line (--from-line)",
+        f"the journal has no checkpoint before line {job.file_line(sure)}; line {line} is the "
+        "first whose move may not have been made: look at the part, and begin there or, where "
+        "more is written, with a later line (--from-line)",
         line,
     )
 

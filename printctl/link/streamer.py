@@ -77,6 +77,10 @@ class Streamer:
         known = isinstance(exc, HandshakeError) and not self._logbook.resumed
         return PrintEnded(LinkState.FAILED, str(exc), known, name)
 
+    def alarm(self, text: str) -> None:
+        """Write down what a person must see, found outside of the print itself."""
+        self._logbook.alarm(text)
+
     # --- for any thread --------------------------------------------------------------------------
 
     @property

@@ -1,7 +1,8 @@
 """A log of what went over the wire: the last traffic in memory, and a file where one is asked for.
 
 A line of the file: seconds since the port was opened (monotonic), ``>`` to the printer or
-``<`` from it or ``!`` past the queue, and the bytes as a Python literal.
+``<`` from it or ``!`` past the queue, and the bytes as a Python literal. The first line (``#``)
+says when second 0 was by the wall clock, s since 1970, as in the journal's records.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, TextIO
 
@@ -32,16 +34,24 @@ class WireLog:
     ----------
     path : Path, optional
         Everything goes there as well; a folder gets a file ``wire.log``.
+
+    Attributes
+    ----------
+    lost : str
+        Why nothing more is written to that file (disk full); empty while it is.
     """
 
     def __init__(self, path: Path | None = None) -> None:
         self._last: deque[_Note] = deque(maxlen=_MOST)
         self._zero, self._lock = time.monotonic(), threading.Lock()
+        self._began: _Note = (self._zero, "#", b"%.6f" % time.time())
         self._file: TextIO | None = None
         self._flush_due = 0.0
+        self.lost = ""
         if path is not None:
             path = path / FILE if path.is_dir() else path
             self._file = path.open("a", encoding="ascii", buffering=1 << 16)
+            self._write(self._began)
 
     def add(self, sort: str, data: bytes) -> None:
         """Note bytes; from any thread. Part of the link's hot path: twice a line."""
@@ -55,7 +65,7 @@ class WireLog:
     def keep(self, path: Path) -> None:
         """Write the last traffic to a file, in place of what it held."""
         self._drop_oldest()
-        lines = [self._line(note) for note in self._last.copy()]
+        lines = [self._line(note) for note in (self._began, *self._last.copy())]
         path.write_text("".join(lines), encoding="ascii")
 
     def _drop_oldest(self) -> None:
@@ -69,10 +79,13 @@ class WireLog:
         with self._lock:
             if self._file is None:
                 return
-            self._file.write(self._line(note))
-            if note[0] >= self._flush_due:  # a link that is killed leaves what it had
-                self._file.flush()
-                self._flush_due = note[0] + FLUSH_S
+            try:
+                self._file.write(self._line(note))
+                if note[0] >= self._flush_due:  # a link that is killed leaves what it had
+                    self._file.flush()
+                    self._flush_due = note[0] + FLUSH_S
+            except OSError as exc:  # a print, and above all a kill, goes on without its log
+                self._let_go(str(exc))
 
     def _line(self, note: _Note) -> str:
         at, sort, data = note
@@ -81,9 +94,13 @@ class WireLog:
     def close(self) -> None:
         """Let go of the file."""
         with self._lock:
-            if self._file is not None:
-                self._file.close()
-                self._file = None
+            self._let_go()
+
+    def _let_go(self, lost: str = "") -> None:
+        file, self._file, self.lost = self._file, None, self.lost or lost
+        if file is not None:
+            with suppress(OSError):
+                file.close()
 
 
 class LoggedTransport:

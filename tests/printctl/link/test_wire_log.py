@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import ast
+import time
+from pathlib import Path
+
+import pytest
 
 from printctl.link.clock import VirtualClock
 from printctl.link.transport_scripted import ScriptedTransport
@@ -11,7 +15,9 @@ from printctl.link.wire_log import RING_BYTES, LoggedTransport, WireLog
 
 def traffic(text: str) -> list[tuple[str, bytes]]:
     return [
-        (line.split()[1], ast.literal_eval(line.split(None, 2)[2])) for line in text.splitlines()
+        (line.split()[1], ast.literal_eval(line.split(None, 2)[2]))
+        for line in text.splitlines()
+        if " # " not in line
     ]
 
 
@@ -38,3 +44,28 @@ def test_only_the_last_traffic_is_held_in_memory(tmp_path):
     lines = traffic((tmp_path / "kept.log").read_text())
     assert sum(len(data) for _, data in lines) < RING_BYTES
     assert lines[-1][1].startswith(b"N19999 ")
+
+
+def test_second_nought_is_told_by_the_wall_clock(tmp_path):
+    """Else the log's times can't be held against the journal's."""
+    began = time.time()
+    log = WireLog(tmp_path)
+    log.add(">", b"M105\n")
+    log.keep(tmp_path / "kept.log")
+    log.close()
+    for name in ("kept.log", "wire.log"):
+        first = (tmp_path / name).read_text().splitlines()[0].split()
+        assert first[:2] == ["0.000000", "#"]
+        assert began <= float(ast.literal_eval(first[2])) <= time.time()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_full_disk_ends_the_log_and_nothing_else():
+    """An error in there would end the link process, or a kill before its M112 is repeated."""
+    log = WireLog(Path("/dev/full"))
+    wire = LoggedTransport(ScriptedTransport(lambda data: b"ok\n", VirtualClock()), log)
+    wire.write_urgent(b"\nM112\n")
+    wire.write(b"N1 M105*36\n")
+    assert wire.read(1.0) == b"ok\nok\n"
+    log.close()
+    assert "No space left" in log.lost
