@@ -27,7 +27,10 @@ def stop(run: RunArg) -> None:
 
 
 def kill(run: RunArg) -> None:
-    """Halt the printer of a print at once (M112), whatever it does; its position is lost."""
+    """Halt the printer of a print at once (M112), whatever it does; its position is lost.
+
+    Look at the machine afterwards and reset it; `printctl recover RUN` plans the rest.
+    """
     with attach(print_folder(run)) as client:
         client.kill()
         try:

@@ -28,6 +28,7 @@ OVER: Final = frozenset(
     {"killed", "halted", "failed", "stopped", "done", "position_unknown", "given_up"}
 )
 """States after which nothing more comes of a stop."""
+UNHEARD: Final = "no word that the printer has halted: CUT ITS POWER"
 _LOOK_S: Final = 0.5
 _SEND_S: Final = 1.0
 _SHORTLY_S: Final = 0.02
@@ -129,7 +130,8 @@ class Wires:
             said = self._hear(path, limit - self.clock()) or _last_word(path) or said
             if said.get("state") not in OVER:
                 time.sleep(_SHORTLY_S)  # its socket has closed, its last word isn't written yet
-        return {"state": said.get("state", "unknown"), "message": said.get("message", "")}
+        state = said.get("state", "unknown")
+        return {"state": state, "message": said.get("message", "") if state in OVER else UNHEARD}
 
     # --- within --------------------------------------------------------------------------
 

@@ -71,6 +71,21 @@ def test_a_stop_reaches_the_printer_while_the_server_hangs(served: tuple[Process
         assert ended_by_kill(print_)
 
 
+def test_a_halt_that_nobody_confirms_says_to_cut_the_power(served: tuple[Process, Path]) -> None:
+    server, workspace = served
+    with under_way(workspace, "suspended") as print_:
+        assert soon(lambda: connected(server) == 1)
+        process = json.loads((print_.folder / "link.json").read_text())["pid"]
+        os.kill(process, signal.SIGSTOP)
+        try:
+            _, said, _ = ask(server.stop, **by_token(server))
+        finally:
+            os.kill(process, signal.SIGCONT)
+        assert len(said[0]["sent"]) == 1  # to the process that speaks to the printer, which sleeps
+        assert "CUT ITS POWER" in said[1]["outcome"][0]["message"]
+        assert ended_by_kill(print_)
+
+
 def test_the_server_stops_too_and_finds_a_print_that_just_began(
     served: tuple[Process, Path],
 ) -> None:
