@@ -74,10 +74,10 @@ def lumen_solid(
         layout = lay_out(moved, tolerance_mm, fillet_ratio, fillet_mm)
         layout.sharp |= sharp
         solid = _made(layout, extended, tolerance_mm, middle)
-        crowded = [joint for joint in range(len(layout.ends)) if layout.crowded(joint)]
-        if not (crowded or any(layout.swallowed)):
+        if not _united(layout):
             return solid
         solid, crossing = mended_solid(solid, tolerance_mm)
+        crowded = [joint for joint in range(len(layout.ends)) if layout.crowded(joint)]
         if len(crossing) == 0 or not crowded or not (fillet_ratio > 0.0 or fillet_mm):
             return solid
         # Crowds that cross themselves once they are rounded to float32 stay sharp.
@@ -94,6 +94,7 @@ def _made(
     tolerance_mm: float,
     middle: FloatArray,
 ) -> Solid:
+    """All parts sewn and rounded; where some were united, crossings may still be in it."""
     joined = layout.joint_of()
     shapes: list[tuple[EndShape, EndShape]] = []
     for index, run in enumerate(layout.runs):
@@ -104,7 +105,14 @@ def _made(
         shapes.append((ends[0], ends[1]))
         layout.runs[index] = with_ends_drawn_out(run, extended)
     vertices, faces = sewn(layout, shapes, tolerance_mm)
-    return solid_from_mesh(vertices + middle, faces, "the lumens' union")
+    mend = not _united(layout)
+    return solid_from_mesh(vertices + middle, faces, "the lumens' union", mend=mend)
+
+
+def _united(layout: Layout) -> bool:
+    """Whether any part is a union of several; known once all is sewn."""
+    crowded = any(layout.crowded(joint) for joint in range(len(layout.ends)))
+    return crowded or any(layout.swallowed)
 
 
 def _check(extend_ends_mm: float | FloatArray, tolerance_mm: float, fillet: float) -> None:

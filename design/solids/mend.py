@@ -25,11 +25,14 @@ from kernels import jit
 FloatArray = NDArray[np.float64]
 FaceArray = NDArray[np.int64]
 
-_SHARES = (1.0 / 64.0, 1.0 / 16.0, 1.0 / 4.0, 1.0, 1.0, 1.0)
+_SHARES = (1 / 256, 1 / 64, 1 / 16, 1 / 4, 1 / 4, 1 / 4, 1.0, 1.0, 1.0)
 """Of the length by which a change may move the surface, round by round."""
 
 _STEPS = 4
 """Lengths by which a vertex is moved: 2, 8, 32, 128 steps of float32."""
+
+_APART = 4.0
+"""Steps of float32 by which two fans of faces that touch in one vertex are drawn apart."""
 
 _MOST = 1024
 """Faces around a vertex; one with more stays."""
@@ -56,36 +59,49 @@ def without_crossings(
     left : (k,) int64
         Faces that cross others still.
     """
+    fan = corner_fans(faces)
+    step = float(np.spacing(np.float32(np.abs(vertices).max())))
+    apart, together = _fans_apart(vertices, faces, fan, _APART * step)
+    if together:
+        vertices, faces = apart, fan
     tree = build_triangle_tree(np.ascontiguousarray(vertices), faces.astype(np.int32))
     left = find_crossings(vertices, faces, tree).faces
     if len(left) == 0:
         return vertices, faces, left
     surface = _surface(vertices, faces, tree)
-    single = np.bincount(surface.place, minlength=len(vertices))[surface.place] == 1
-    step = float(np.spacing(np.float32(np.abs(vertices).max())))
     for share in _SHARES:
-        _mend(surface, left, single, share * reach_mm, step)
+        _mend(surface, left, share * reach_mm, step)
         # What crosses now has been changed, or has crossed before.
         surface.changed[left] = True
         left = _crossing(surface, np.flatnonzero(surface.changed & ~surface.dead))
         if len(left) == 0:
             break
-    moved, kept = vertices.copy(), surface.faces[~surface.dead]
-    moved[surface.place[kept]] = surface.points[kept]
-    faces = surface.place[kept]
-    return moved, faces, find_crossings(moved, faces).faces if len(left) else left
+    points, faces = surface.points, surface.faces[~surface.dead]
+    return points, faces, find_crossings(points, faces).faces if len(left) else left
+
+
+def _fans_apart(
+    vertices: FloatArray, faces: FaceArray, fan: FaceArray, step_mm: float
+) -> tuple[FloatArray, bool]:
+    """Places of fans, those that touch in one vertex drawn into the solid; and whether any do."""
+    place = np.zeros(int(fan.max()) + 1, np.int64)
+    place[fan] = faces
+    points = vertices[place]
+    touching = np.flatnonzero(np.bincount(place, minlength=len(vertices))[place] > 1)
+    for one in touching.tolist():
+        a, b, c = (points[fan[(fan == one).any(axis=1), k]] for k in range(3))
+        normal = np.cross(b - a, c - a).sum(axis=0)
+        points[one] -= step_mm * normal / max(float(np.linalg.norm(normal)), 1e-300)
+    points[touching] = points[touching].astype(np.float32)
+    return points, len(touching) > 0
 
 
 def _surface(vertices: FloatArray, faces: FaceArray, tree: TriangleTree) -> Surface:
-    fan = corner_fans(faces)
-    place = np.zeros(int(fan.max()) + 1, np.int64)
-    place[fan] = faces
     return Surface(
-        points=np.ascontiguousarray(vertices[place]),
-        place=place,
-        faces=fan,
-        twin=twins_of(fan),
-        out=leaving(fan, len(place)),
+        points=np.array(vertices),
+        faces=np.array(faces),
+        twin=twins_of(faces),
+        out=leaving(faces, len(vertices)),
         dead=np.zeros(len(faces), np.bool_),
         changed=np.zeros(len(faces), np.bool_),
         tree=tree,
@@ -102,9 +118,6 @@ class Surface(NamedTuple):
     Attributes
     ----------
     points : (v, 3) float64, mm
-        A vertex in which two fans of faces touch is there twice.
-    place : (v,) int64
-        The same number for the same place.
     faces, twin, out
         See `halfedges`.
     dead : (m,) bool
@@ -122,7 +135,6 @@ class Surface(NamedTuple):
     """
 
     points: FloatArray
-    place: NDArray[np.int64]
     faces: FaceArray
     twin: NDArray[np.int64]
     out: NDArray[np.int64]
@@ -157,7 +169,7 @@ def _leaves(
 
 
 @jit
-def _mend(s: Any, hot: Any, single: Any, reach: float, step: float) -> None:
+def _mend(s: Any, hot: Any, reach: float, step: float) -> None:
     """Make the best change at each of the faces ``hot`` that still crosses another."""
     for f in hot:
         if s.dead[f] or hits(s, f, 0) == 0:
@@ -182,7 +194,7 @@ def _mend(s: Any, hot: Any, single: Any, reach: float, step: float) -> None:
         for k in range(3):
             for way in range(2 * _STEPS):
                 a = s.faces[f, k]
-                gain = move(s, a, way, reach, step, False) if single[a] else 0
+                gain = move(s, a, way, reach, step, False)
                 if gain > best:
                     best, at, which = gain, a, way
         if best > 0:

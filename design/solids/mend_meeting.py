@@ -55,7 +55,7 @@ def hits(s: Any, face: int, count: int) -> int:
     mine, its = np.empty(3, np.int64), np.empty(3, np.int64)
     low, high = np.empty(3), np.empty(3)
     for k in range(3):
-        mine[k] = s.place[s.faces[face, k]]
+        mine[k] = s.faces[face, k]
         one[k] = s.points[s.faces[face, k]]
     corners_box(one, low, high)
     found = 0
@@ -83,5 +83,5 @@ def _met(s: Any, other: int, one: Any, mine: Any, low: Any, high: Any, two: Any,
     if apart(two, low, high):
         return 0
     for k in range(3):
-        its[k] = s.place[s.faces[other, k]]
+        its[k] = s.faces[other, k]
     return 0 if meet(one, two, mine, its) == APART else 1

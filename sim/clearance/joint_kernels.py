@@ -42,18 +42,16 @@ def _mixed(pair: FloatArray, share: float) -> float:
 
 
 @jit
-def _far_end(pair: FloatArray, vessel: int, joints: Joints) -> float:
-    """The vessel's other end, of a piece that goes on past one; inf of all others, mm.
+def _past_far_end(v: int, place: float, near: float, joints: Joints) -> float:
+    """How far a place lies past the end that is opposite to ``near``, mm; below 0 it doesn't.
 
     What lies past a vessel's end lies where another one is: it belongs to the joint there, and not
-    to that at its own other end, however short the vessel is.
+    to that at its own other end, however short the vessel is. Asked of each place, not of a row:
+    one line of G-code may write a vessel and what goes on past it.
     """
-    low, high, length = min(pair[0], pair[1]), max(pair[0], pair[1]), joints.length_mm[vessel]
-    if low < -PAST_MM and high <= PAST_MM:
-        return float(length)
-    if high > length + PAST_MM and low >= length - PAST_MM:
-        return 0.0
-    return np.inf
+    if near == 0.0:
+        return float(place - joints.length_mm[v])
+    return float(-place)
 
 
 @jit
@@ -78,7 +76,6 @@ def slack_of(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, joints: J
     if w < 0:
         return float(best)
     place = _mixed(ink.along[j], t)
-    far_ink = _far_end(ink.along[j], w, joints)
     for role in range(2):
         v = tips.vessel[i, role]
         if v < 0:
@@ -90,17 +87,18 @@ def slack_of(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, joints: J
         at = _mixed(tips.along[i, role], s)
         if v == w:
             best = max(best, left - abs(place - at))
-        far = _far_end(tips.along[i, role], v, joints)
         low, high = _between(v, w, joints)
         most = reach + WIDEST_MM
         for m in range(low + np.searchsorted(joints.own[low:high], at - most), high):
             if joints.own[m] > at + most:
                 break
-            if joints.wide[m] == 0.0 and (joints.own[m] == far or joints.there[m] == far_ink):
-                continue
             tip = left - abs(joints.own[m] - at) - joints.gap[m]
-            here = min(tip, reach - abs(joints.there[m] - place))
-            best = max(best, here + joints.wide[m])
+            here = min(tip, reach - abs(joints.there[m] - place)) + joints.wide[m]
+            if joints.wide[m] == 0.0:
+                past = _past_far_end(v, at, joints.own[m], joints)
+                past = max(past, _past_far_end(w, place, joints.there[m], joints))
+                here = min(here, PAST_MM - past)
+            best = max(best, here)
     return float(best)
 
 

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from design.toolpath.embedded.needle import Needle, off_shaft
 from design.toolpath.embedded.spared import (
     Spared,
-    far_end,
     inside_joint,
     meetings_between,
     reach_of,
@@ -188,16 +187,14 @@ def _inside(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, spared: Sp
         best = ahead / part * _span(tips.start[i], tips.end[i])
     there, other = _at(ink.along[j, 0], ink.along[j, 1], t), ink.vessel[j]
     thick = max(ink.radius[j, 0], ink.radius[j, 1])
-    far_ink = far_end(ink.along[j, 0], ink.along[j, 1], other, spared)
     for k in range(2):
         vessel = tips.vessel[i, k]
         if vessel < 0 or tips.since[i, k, 0] == np.inf:
             continue
-        far = far_end(tips.along[i, k, 0], tips.along[i, k, 1], vessel, spared)
         reach = reach_of(vessel, tips.radius[i, k], other, thick, spared, needle)
         left = reach - _at(tips.since[i, k, 0], tips.since[i, k, 1], s)
         at = _at(tips.along[i, k, 0], tips.along[i, k, 1], s)
-        best = max(best, inside_joint(vessel, at, left, far, other, there, reach, far_ink, spared))
+        best = max(best, inside_joint(vessel, at, left, other, there, reach, spared))
     return best
 
 

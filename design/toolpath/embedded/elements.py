@@ -161,3 +161,21 @@ def at_places(values: FloatArray, place: FloatArray) -> FloatArray:
     if values.ndim == 1:
         return np.interp(place, whole, values)
     return np.column_stack([np.interp(place, whole, column) for column in values.T])
+
+
+def nearest_along(elements: Elements, vessel: int, place: FloatArray) -> float:
+    """Way along a vessel to what is nearest to a place (3,) on its axis, mm.
+
+    Past an end it counts on: below 0, or above the vessel's length.
+    """
+    own = slice(int(elements.first[vessel]), int(elements.first[vessel + 1]))
+    begin, end = (elements.point[elements.end[own, side]] for side in (0, 1))
+    step = end - begin
+    square = np.maximum((step**2).sum(axis=1), 1e-300)
+    straight = ((place - begin) * step).sum(axis=1) / square
+    share = np.clip(straight, 0.0, 1.0)
+    best = int(np.argmin(np.linalg.norm(begin + share[:, None] * step - place, axis=1)))
+    if (best == 0 and share[0] == 0.0) or (best == len(share) - 1 and share[best] == 1.0):
+        share[best] = straight[best]
+    low, high = elements.along[own][best]
+    return float(low + share[best] * (high - low))

@@ -14,7 +14,7 @@ from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
 PAST_MM: Final = 0.002
-"""What ends so near to a vessel's end ends there."""
+"""Rounding of a place at a vessel's end."""
 
 
 class Spared(NamedTuple):
@@ -88,29 +88,22 @@ def meetings_between(vessel: int, other: int, spared: Spared) -> tuple[int, int]
 
 
 @jit
-def far_end(low: float, high: float, vessel: int, spared: Spared) -> float:
-    """The other end of a vessel, of a piece that goes on past one; inf of all others, mm.
+def past_other_end(vessel: int, at: float, end: float, spared: Spared) -> float:
+    """How far a place lies past the vessel's other end than ``end``, mm; below 0 before it.
 
-    Such a piece lies where another vessel is, and belongs to that end's joint alone.
+    What lies past an end lies where another vessel is, and belongs to that end's joint alone.
     """
-    if low > high:
-        low, high = high, low
-    if low < -PAST_MM and high <= PAST_MM:
-        return spared.length[vessel]
-    if high > spared.length[vessel] + PAST_MM and low >= spared.length[vessel] - PAST_MM:
-        return 0.0
-    return np.inf
+    return -at if end > 0.0 else at - spared.length[vessel]
 
 
 @jit
 def inside_joint(
-    vessel: int, at: float, left: float, far: float, other: int, there: float, reach: float,
-    far_ink: float, spared: Spared,
-) -> float:  # fmt: skip
+    vessel: int, at: float, left: float, other: int, there: float, reach: float, spared: Spared
+) -> float:
     """How far inside a joint ink ``there`` along a vessel lies, mm; below 0 it is outside.
 
     The tip is ``at`` mm along its vessel; ``left`` of the joint's reach is not yet used up by its
-    way from or to there. ``far`` and ``far_ink`` are what `far_end` says of both.
+    way from or to there.
     """
     best = left - abs(there - at) if vessel == other else -np.inf
     low, high = meetings_between(vessel, other, spared)
@@ -118,9 +111,11 @@ def inside_joint(
     for m in range(low + np.searchsorted(spared.own[low:high], at - most), high):
         if spared.own[m] > at + most:
             break
-        if spared.wide[m] == 0.0 and (spared.own[m] == far or spared.there[m] == far_ink):
-            continue
         tip = left - abs(spared.own[m] - at) - spared.gap[m]
-        ink = reach - abs(spared.there[m] - there)
-        best = max(best, min(tip, ink) + spared.wide[m])
+        here = min(tip, reach - abs(spared.there[m] - there)) + spared.wide[m]
+        if spared.wide[m] == 0.0:
+            past = past_other_end(vessel, at, spared.own[m], spared)
+            past = max(past, past_other_end(other, there, spared.there[m], spared))
+            here = min(here, PAST_MM - past)
+        best = max(best, here)
     return float(best)

@@ -11,6 +11,7 @@ from design.toolpath.embedded.elements import (
     Elements,
     at_places,
     finer_places,
+    nearest_along,
     off_chords,
 )
 from design.toolpath.embedded.filament import frustum_ul, writing_speed
@@ -26,6 +27,9 @@ STEP = 1.5
 """Where a pass goes on into a vessel by so much thinner or thicker, the plunger relieves and primes
 in place: the pressure that drives a thick filament takes its way to fall, and would swell the thin
 one behind it. A smaller step swells the first half millimetre by 27 % at most (`sim.deposit`)."""
+
+ROUNDING_MM = 1e-6
+"""What ends so near to a vessel's end ends there."""
 
 
 @dataclass(frozen=True)
@@ -142,13 +146,20 @@ class FilamentWriter:
         self.builder.dwell(options.dwell_s, vessel)
 
     def _longer(self, one: Stretch, reach_mm: float, *, at_end: bool) -> Stretch:
-        """Go on straight beyond an end, as thick as there."""
+        """Go on straight beyond an end, as thick as there.
+
+        Beyond the vessel's own end the way counts on. Where the pass was cut within the vessel it
+        is that of what is nearest on the axis, from which a bend leads away.
+        """
         end, inner = (-1, -2) if at_end else (0, 1)
         way = one.points[end] - one.points[inner]
         further = one.points[end] + reach_mm * way / np.linalg.norm(way)
         place = len(one.points) if at_end else 0
         rises = one.along[end] > one.along[inner]
         along = one.along[end] + (reach_mm if rises else -reach_mm)
+        whole = self._elements.along[self._elements.first[one.vessel + 1] - 1, 1]
+        if ROUNDING_MM < one.along[end] < whole - ROUNDING_MM:
+            along = nearest_along(self._elements, one.vessel, further)
         self.overlap_ul += float(np.pi * one.radius[end] ** 2 * reach_mm)
         return Stretch(
             np.insert(one.points, place, further, axis=0),

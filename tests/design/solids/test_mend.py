@@ -8,7 +8,7 @@ import pytest
 from design.solids import Solid, block_solid, find_crossings, lumen_solid, surface_genus
 from design.solids import lumen as lumen_module
 from design.solids.mend import without_crossings
-from design.solids.topology import is_closed
+from design.solids.topology import corner_fans, is_closed
 from tests.design.solids.networks import channels
 
 
@@ -65,3 +65,22 @@ def test_what_would_move_the_surface_too_far_is_told() -> None:
     assert len(left) > 0
     assert is_closed(kept)
     assert np.abs(moved - vertices).max() < 2e-3
+
+
+def test_bodies_that_touch_in_a_vertex_are_drawn_apart() -> None:
+    """Each vertex is then of one fan of faces, as other programs ask of a two-manifold."""
+    cube = block_solid((1, 1, 1))
+    corner = cube.vertices.max(axis=0)
+    touching = np.flatnonzero((cube.vertices == cube.vertices.min(axis=0)).all(axis=1))[0]
+    its = np.flatnonzero((cube.vertices == corner).all(axis=1))[0]
+    second = cube.faces.astype(np.int64) + len(cube.vertices)
+    second[second == touching + len(cube.vertices)] = its
+    vertices = np.concatenate([cube.vertices, cube.vertices + corner - cube.vertices.min(axis=0)])
+    faces = np.concatenate([cube.faces.astype(np.int64), second])
+    assert corner_fans(faces).max() + 1 > len(np.unique(faces))
+    apart, kept, left = without_crossings(vertices, faces, 1e-3)
+    assert len(left) == 0
+    assert is_closed(kept)
+    assert corner_fans(kept).max() + 1 == len(np.unique(kept))
+    assert len(np.unique(apart[np.unique(kept)], axis=0)) == 16
+    assert np.array_equal(apart, apart.astype(np.float32))

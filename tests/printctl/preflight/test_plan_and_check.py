@@ -61,14 +61,18 @@ def agrees(seed: int) -> bool:
     return max([*said.values(), *seen.values()]) < TOUCH_MM + ROUNDED_MM
 
 
-@pytest.mark.parametrize("seed", [4, 20, 35, 41, 56, *range(6)])
+@pytest.mark.parametrize("seed", [4, 20, 35, 41, 56, 437, 817, 966, *range(6)])
 def test_plan_and_check_agree_on_whether_a_job_crosses_ink(seed: int) -> None:
-    """The first five differed while the plan looked at places of elements alone."""
+    """The first five differed while the plan looked at places of elements alone.
+
+    In 817 and 966 one line of G-code writes a short vessel and goes on past its end; in 437 a pass
+    cut within a vessel goes on straight where the vessel bends.
+    """
     assert agrees(seed)
 
 
 def test_most_pairs_are_named_alike() -> None:
-    said, seen = said_and_seen(37)
+    said, seen = said_and_seen(55)
     assert len(seen) > 3
     assert len(set(said) ^ set(seen)) <= 1
 
