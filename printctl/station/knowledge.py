@@ -1,4 +1,4 @@
-"""Knowledge of a printer beyond its firmware's own answers."""
+"""Printer state known from the user or past commands, not the firmware."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An order for a print, as it goes through the door; read by `printctl.station.orders`."""
+"""Serialise a print order as JSON for the station's socket."""
 
 from __future__ import annotations
 

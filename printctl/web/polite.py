@@ -1,4 +1,4 @@
-"""Work of the pages that a print comes before."""
+"""Run background work at lower scheduling priority than a print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Effects of the planned faults on a simulated board."""
+"""Apply planned faults to a simulated board."""
 
 from __future__ import annotations
 

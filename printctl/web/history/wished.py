@@ -1,4 +1,4 @@
-"""Selection of prints: as a form, an address, a query of the index."""
+"""Filter of the print history: form values, URL query, index query."""
 
 from __future__ import annotations
 

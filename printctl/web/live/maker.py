@@ -1,4 +1,4 @@
-"""The server's hold on the process that makes scenes."""
+"""Client of the process that makes live-view scenes."""
 
 from __future__ import annotations
 

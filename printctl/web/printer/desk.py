@@ -1,4 +1,4 @@
-"""The way from who asks to the printer: the controls first, then the station."""
+"""Shared access of the printer page: control lock, then the station."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run what a page is asked to do, off the event loop, and tell the user what is refused."""
+"""Run page actions in a thread; show refusals as notifications."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The plain next lines of a print, taken without the main loop."""
+"""Fast path for consecutive plain moves, bypassing the simulated main loop."""
 
 from __future__ import annotations
 

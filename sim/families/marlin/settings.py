@@ -1,4 +1,4 @@
-"""Marlin's settings: M92, M201 to M206, M200, M301, and all of them in M503.
+"""Simulated Marlin's settings commands (M92, M200 to M206, M301) and M503 report.
 
 A step count, speed or acceleration of 0 or less is told as it was set, as Marlin tells it, but not
 kept to: what Marlin makes of it isn't modelled.

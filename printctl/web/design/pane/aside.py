@@ -1,4 +1,4 @@
-"""Run what may block in a thread, and give what it gives."""
+"""Run a blocking call in a thread and return its result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The process at the camera: told its source on a line, it writes pictures until its input ends."""
+"""Camera process: source on its first input line, pictures on its output."""
 
 from __future__ import annotations
 
