@@ -12,7 +12,7 @@ from typing import Final
 from sim.board.controller import Controller
 from sim.board.machine import Machine
 from sim.families.marlin.factors import filament_line, m200
-from sim.families.marlin.tells import planned_position
+from sim.families.marlin.report_commands import planned_position
 from sim.gcode import Command
 
 _AXES: Final = "XYZE"

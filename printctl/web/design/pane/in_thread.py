@@ -10,6 +10,6 @@ from nicegui import run
 T = TypeVar("T")
 
 
-async def aside(work: Callable[..., T], *args: Any) -> T:
+async def run_in_thread(work: Callable[..., T], *args: Any) -> T:
     """Call ``work`` in a thread; what it raises is raised here."""
     return cast(T, await run.io_bound(work, *args))

@@ -14,7 +14,7 @@ from printctl.web.errors import ConflictError
 from printctl.web.printer.following import Follower
 
 
-class Desk:
+class PrinterAccess:
     """What all parts of the printer's room share.
 
     Parameters
