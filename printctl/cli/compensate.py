@@ -1,4 +1,4 @@
-"""`printctl compensate`: what the next print must be written like so that it comes out right."""
+"""`printctl compensate`: derive corrections for the next print from registered ones."""
 
 from __future__ import annotations
 

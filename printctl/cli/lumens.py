@@ -1,4 +1,4 @@
-"""`printctl lumens`: how open each lumen will be, from the G-code of any slicer."""
+"""`printctl lumens`: predict each lumen's opening from any slicer's G-code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl measure`: what a network is like and how it serves its tissue."""
+"""`printctl measure`: geometry of a network, and its supply of the tissue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl profiles check`: is a profile sound in itself."""
+"""`printctl profiles check`: check that a profile is consistent in itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl status`: how a print stands."""
+"""`printctl status`: show a print's state and the actions it allows."""
 
 from __future__ import annotations
 

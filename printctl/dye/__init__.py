@@ -1,4 +1,4 @@
-"""The front of dye through a network, foreseen, and the files it leaves."""
+"""Predict the dye front through a network, and write its files."""
 
 from printctl.dye.outputs import CURVES, FRONT, PICTURE, Place, write_front
 from printctl.dye.source import Lumens, lumens_of

@@ -1,4 +1,4 @@
-"""A lattice beside a network: how evenly each feeds its vessels at the same flow."""
+"""Compare a lattice's flow distribution with a network's, at equal inlet flow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A job's file at the gate: which of its lines don't pass, and what must be undone behind it."""
+"""Gate a job's file: list refused lines and settings to restore."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Before a start: the firmware's state and place, against what the job and its checks count on."""
+"""Pre-start agreement: reset differing firmware settings, refuse an unexpected tip position."""
 
 from __future__ import annotations
 

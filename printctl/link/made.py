@@ -1,4 +1,4 @@
-"""Count of a job's lines that were certainly carried out.
+"""Count job lines whose motion has certainly ended.
 
 A firmware says ok when it has put a move into its planner. So the last moves taken, as many as
 planner and command queue hold, may still be ahead; once it has answered M400, none is.

@@ -1,4 +1,4 @@
-"""Line of a job in whose middle a printer stood when it dropped its moves.
+"""Find the job line under way when a printer dropped its moves.
 
 Pure: the place that M114 told is looked for on the moves that may have been under way.
 """

@@ -1,4 +1,4 @@
-"""The seam to the wire: `Transport`, and the one that opens what a port's name says.
+"""`Transport` interface, and its factory by port name.
 
 A port is named ``/dev/ttyUSB0`` or ``COM3`` (serial, pseudo-terminals too), or
 ``tcp:HOST:PORT`` or ``socket://HOST:PORT``.

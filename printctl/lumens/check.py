@@ -1,4 +1,4 @@
-"""The whole question: whether the lumens are open, as wide as designed, and tight."""
+"""Check lumens in layered G-code: open, as wide as designed, leak-free."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole question for an embedded print: is each vessel written through, and by itself."""
+"""Check embedded G-code: each vessel written continuously and separate from others."""
 
 from __future__ import annotations
 

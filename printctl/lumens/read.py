@@ -1,4 +1,4 @@
-"""Read what a file writes, whichever head it is for: as the file says, and as motors do it."""
+"""Read a file's written lines or filaments, nominal and after motor steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Choices of a run of a recipe."""
+"""Options of a recipe's run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hold registration against the simulated scanner's truth; registration itself never sees it."""
+"""Pose error of a registration, against the simulated scanner's true pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compare a well's lines in a plate's job with its own job."""
+"""Compare a well's moves in a plate's job with its own job."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A pneumatic head: is the valve shut when it should be, and is the pressure one that all bear."""
+"""Checks of a pneumatic head: valve states, pressure limits, writing speeds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Profiles that contradict themselves are refused here too: not everybody runs `profiles check`."""
+"""Refuse a print whose profiles contradict themselves."""
 
 from __future__ import annotations
 

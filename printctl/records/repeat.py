@@ -1,4 +1,4 @@
-"""Print the same bytes again: whether everything is as it was, and what differs if not.
+"""Plan an exact repeat of a print; list differences from the original.
 
 A job is made ready; nothing is ever started here.
 """

@@ -1,4 +1,4 @@
-"""Is a bundle as it was written, and who signed it? Nothing is unpacked to find out."""
+"""Verify a bundle's contents and signature without unpacking it."""
 
 from __future__ import annotations
 

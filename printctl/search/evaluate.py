@@ -1,4 +1,4 @@
-"""Grow one candidate and measure it: what every worker does, and all that it does.
+"""Grow and measure one candidate of a search: the workers' task.
 
 The stages' own functions are used, as far as the measures; the network goes through
 ``network.csv`` in a scratch folder as in a run, so that a candidate's numbers are those of

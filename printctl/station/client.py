@@ -29,9 +29,9 @@ from printctl.link.reach import alive, gone, stays_alive
 from printctl.link.record import JOURNAL as PRINT_JOURNAL
 from printctl.link.resuming import resumable
 from printctl.station.door_key import ask, messages, open_connection, post
+from printctl.station.order_json import order_to_json
 from printctl.station.record import JOURNAL, LOCK, LOG, journalled_down, load_station
 from printctl.station.status import StationState, StationStatus
-from printctl.station.to_wish import to_wish
 
 if TYPE_CHECKING:  # its package knows meshes, and a kill shouldn't wait for their libraries
     from printctl.printing.find import Order
@@ -207,7 +207,7 @@ class Station:
             )
         if stays_alive(order.folder):
             raise AlreadyPrinting(f"a print is running in {order.folder}; attach to it")
-        ask(self.folder, "print", CHECK_S, **to_wish(order))
+        ask(self.folder, "print", CHECK_S, **order_to_json(order))
         return begun(attach_print(order.folder))
 
     def _wish(self, do: str, patience_s: float, **values: Any) -> StationStatus:

@@ -1,4 +1,4 @@
-"""Commands of a person to a standing printer, judged before they run.
+"""Manual commands to an idle printer, judged before they run.
 
 Each wish takes the values that came through the door and gives what is answered. What it refuses
 moves nothing.
@@ -155,7 +155,7 @@ class Hands:
 
     def _push_limits(self) -> tuple[float, float, str]:
         """µL per mm, fastest flow in µL/s, and what limits that."""
-        printer, kit = self.known.printer, self.known.kit
+        printer, profiles = self.known.printer, self.known.profiles
         if printer.pneumatic is not None:
             raise Refused(f"{printer.name} has a valve and no plunger; only a print opens it")
         if printer.heads:
@@ -163,11 +163,11 @@ class Hands:
                 f"{printer.name} has several heads; a plunger of one can't be moved by hand from "
                 "here yet, only in a print's change of syringe"
             )
-        per_mm = kit.ul_per_mm
+        per_mm = profiles.ul_per_mm
         if per_mm is None:
             raise Refused("nobody said which syringe is mounted; name it (mount) to move in µL")
         machine = printer.max_speed_mm_s.e * per_mm, f"max_speed_mm_s.e of {printer.name}"
-        ink = kit.ink
+        ink = profiles.ink
         own = (
             (ink.plunger_ul_s, f"plunger_ul_s of {ink.name}")
             if ink

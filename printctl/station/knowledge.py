@@ -1,4 +1,4 @@
-"""Knowledge of a printer beyond its firmware's own answers."""
+"""Printer state known from the user or past commands, not the firmware."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from firmware_profiles import Printer
 from printctl.gate import Bounds, Known
 from printctl.link.errors import Refused
 from printctl.printing.syringes import usable_mm
-from printctl.station.kit import Kit, read_kit
+from printctl.station.mounted_profiles import MountedProfiles, read_mounted_profiles
 from printctl.station.status import Mounted, Place
 from printctl.station.temperatures import heat_limits
 
@@ -42,10 +42,10 @@ class Knowledge:
     plunger_mm: float | None = None
     part_in_dish: bool = False
     needle_known: bool = False
-    kit: Kit = field(default_factory=Kit)
+    profiles: MountedProfiles = field(default_factory=MountedProfiles)
 
     def __post_init__(self) -> None:
-        self.kit = read_kit(self.mounted)
+        self.profiles = read_mounted_profiles(self.mounted)
         self.needle_known = bool(self.mounted.needle)
 
     @property
@@ -60,8 +60,8 @@ class Knowledge:
         return Bounds(
             self.printer,
             trusted=self.trusted,
-            needle=self.kit.needle,
-            dish=self.kit.dish,
+            needle=self.profiles.needle,
+            dish=self.profiles.dish,
             centre_mm=told.dish_centre_mm,
             floor_mm=told.floor_mm,
             bath_level_mm=told.bath_level_mm,
@@ -71,22 +71,22 @@ class Knowledge:
     @property
     def limits(self) -> Known:
         """What the gate judges by, but for the moment."""
-        per_mm, ink = self.kit.ul_per_mm, self.kit.ink
+        per_mm, ink = self.profiles.ul_per_mm, self.profiles.ink
         bears = math.inf if ink is None or per_mm is None else ink.plunger_ul_s / per_mm
-        heat = heat_limits(self.kit, self.part_in_dish)
+        heat = heat_limits(self.profiles, self.part_in_dish)
         return Known(self.bounds, heat=heat, plunger_mm_s=bears)
 
     @property
     def plunger_left_mm(self) -> float | None:
         """Travel until the syringe or the drive is at its end."""
-        if self.plunger_mm is None or self.kit.syringe is None:
+        if self.plunger_mm is None or self.profiles.syringe is None:
             return None
-        return max(0.0, usable_mm(self.kit.syringe, self.printer) - self.plunger_mm)
+        return max(0.0, usable_mm(self.profiles.syringe, self.printer) - self.plunger_mm)
 
     @property
     def ul_left(self) -> float | None:
         """Ink until then."""
-        left, per_mm = self.plunger_left_mm, self.kit.ul_per_mm
+        left, per_mm = self.plunger_left_mm, self.profiles.ul_per_mm
         return None if left is None or per_mm is None else left * per_mm
 
     def lose_position(self) -> None:
@@ -99,7 +99,7 @@ class Knowledge:
         told = replace(self.mounted, needle="", floor_mm=None)
         if "z" in axes and not self.homed[2]:
             told = replace(told, bath_level_mm=None)
-        self.mounted, self.kit = told, replace(self.kit, needle=None)
+        self.mounted, self.profiles = told, replace(self.profiles, needle=None)
         self.needle_known = True
         known = [name in axes or old for name, old in zip("xyz", self.homed, strict=True)]
         self.homed = (known[0], known[1], known[2])
@@ -155,7 +155,7 @@ class Knowledge:
             mounted = replace(mounted, floor_mm=None)
         if {"dish", "bath"} & set(told) and "bath_level_mm" not in told:
             mounted = replace(mounted, bath_level_mm=None)
-        self.kit = read_kit(mounted)
+        self.profiles = read_mounted_profiles(mounted)
         if mounted.needle and mounted.needle != self.mounted.needle and self.needle_known:
             self.homed = (self.homed[0], self.homed[1], False)
         self.needle_known = self.needle_known or "needle" in told

@@ -24,7 +24,7 @@ ASIDE_MM: Final = 0.05
 
 
 def read_wish(wish: dict[str, Any], socket: Socket) -> LinkOrder:
-    """Read what `printctl.station.to_wish` made.
+    """Read what `printctl.station.order_json` made.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The one who speaks to a station's printer: a print, or the standby between prints."""
+"""Current owner of the station's printer link: a print or the standby."""
 
 from __future__ import annotations
 

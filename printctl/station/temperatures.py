@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from printctl.gate import Limit
-from printctl.station.kit import Kit
+from printctl.station.mounted_profiles import MountedProfiles
 from printctl.station.status import Temperature
 
 _READING: Final = re.compile(
@@ -43,12 +43,14 @@ def target_command(name: str, celsius: float) -> str:
     return f"{_SETS[kind]}{head} S{celsius:g}"
 
 
-def heat_limits(kit: Kit, part_in_dish: bool) -> dict[str, Limit]:
+def heat_limits(profiles: MountedProfiles, part_in_dish: bool) -> dict[str, Limit]:
     """Hottest targets that what is mounted bears, by heater."""
     found = {}
-    if kit.ink is not None:
-        found["nozzle"] = Limit(kit.ink.temperature_c.high, f"temperature_c of {kit.ink.name}")
-    bath = kit.bath
+    if profiles.ink is not None:
+        found["nozzle"] = Limit(
+            profiles.ink.temperature_c.high, f"temperature_c of {profiles.ink.name}"
+        )
+    bath = profiles.bath
     if bath is None:
         return found
     if part_in_dish and bath.melt_out_c is not None:

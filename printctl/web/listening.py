@@ -1,4 +1,4 @@
-"""Address that the server listens on."""
+"""Bind the server's socket; give the page's address on this machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Profiles that can be chosen: the shipped ones, and the workspace's own."""
+"""Shipped profiles and the workspace's own, by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sides of the part that keep off the design after the fit."""
+"""Sides of the part that deviate from the design after the fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The flow that closed vessels leave: the 0D solution of the design without them."""
+"""0D flow through the design's open vessels, closed ones removed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Move the walls of sections by what their own roughness says of reflections.
+"""Correct section walls for bright reflections, using the wall's roughness.
 
 A reflection no brighter than gel can't be told from a wall that lies a little further out. Smooth
 walls send one back only where they face the light; rough ones have ledges that do, whichever way

@@ -1,4 +1,4 @@
-"""Does the printed part still perfuse? Poiseuille flow through the lumens as they were measured."""
+"""Poiseuille flow through the measured lumens, compared with the design."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Datum features as a scan shows them."""
+"""Least-squares equations of datum features measured in a scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Axis and wall of one vessel as printed, filtered, in the part's frame."""
+"""Filtered axis and wall of one printed vessel, from its cross-sections."""
 
 from __future__ import annotations
 

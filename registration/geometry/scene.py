@@ -1,4 +1,4 @@
-"""What datums and characteristics are looked for in: faces and cut vessels."""
+"""Input of datum and characteristic fits: faces and cut vessels."""
 
 from __future__ import annotations
 

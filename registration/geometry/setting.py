@@ -1,4 +1,4 @@
-"""What all datum features of a scan share: its frame so far, and its errors."""
+"""Shared state of datum fits: current frame and measurement errors."""
 
 from __future__ import annotations
 

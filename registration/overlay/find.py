@@ -1,4 +1,4 @@
-"""The spots of a mask: how many, and where the largest lies."""
+"""Connected patches of a mask above a least area and width."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sizes in headers are held against the file before any memory is taken."""
+"""Check sizes in a file's header before memory is allocated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A section that another room brings to the report's page."""
+"""Extra section that other packages add to the report's page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report of a registration that no run stands behind."""
+"""Write the report of a registration made outside a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Light of a scan before anything is known: from blocks of voxels, in rounds with their classes."""
+"""Initial light model of a scan, fitted alternately with its classes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ways that a shadow explains: what is dark below a bubble or a particle may be gel.
+"""Reject gel paths that a bubble's or particle's shadow explains.
 
 Air in water sends back some thirty decibels more than gel's walls do (Fresnel: 2 % at an index of
 1 against 1.33, 0.001 % at 1.34 against 1.33), and little light passes it. Gel below it looks like

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sim.board.controller import Controller
-from sim.board.happenings import happen
+from sim.board.fault_effects import apply_fault
 from sim.board.lines import Refused
 from sim.board.runner import Runner
 
@@ -42,7 +42,7 @@ class Intake:
         board = self._board
         number = board.lines.last_number
         fault = board.plan.at_line(number) if number != last_number else None
-        if fault is not None and happen(board, fault):
+        if fault is not None and apply_fault(board, fault):
             return
         board.work.queue.append(line)
         code = board.firmware.urgent_code(line)

@@ -11,7 +11,7 @@ import math
 
 from sim.board.alarms import Alarms
 from sim.board.controller import Controller
-from sim.board.happenings import happen
+from sim.board.fault_effects import apply_fault
 from sim.board.intake import Intake
 from sim.board.runner import Runner
 
@@ -97,7 +97,7 @@ class MainLoop:
                 self._intake.act_urgently(wire.urgent.pop(0))
             return True
         if (fault := board.plan.due(machine.now, wire.received)) is not None:
-            happen(board, fault)
+            apply_fault(board, fault)
             return True
         if machine.now >= self._alarms.next_s():
             self._alarms.sound()

@@ -1,4 +1,4 @@
-"""Does the needle's shaft pass through what it has written? Read from the emitted G-code alone.
+"""Check the needle's shaft against written ink, from G-code alone.
 
 Ink is kept as filaments in the order of time, their radius from what the plunger really pushes over
 the length on which it does. For every move of every needle (writes, travels, lifts, changes of

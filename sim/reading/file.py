@@ -1,4 +1,4 @@
-"""A whole file, line by line as it is sent."""
+"""Read a G-code file; collect each line's interpretation and faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words that are well formed, and yet mean different things to firmwares of one family."""
+"""Refuse well-formed lines that firmwares of one family interpret differently."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The steady flow that carries dye: transit of each vessel, and what lies downstream."""
+"""Transit times and downstream order of the steady flow that carries dye."""
 
 from __future__ import annotations
 

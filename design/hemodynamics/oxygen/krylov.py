@@ -1,4 +1,4 @@
-"""BiCGStab: a linear system that is nearly symmetric, and is only known by what it does."""
+"""BiCGStab solver for a nearly symmetric, matrix-free linear system."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Time stepping, and the record kept of a cycle."""
+"""Time-stepping options and the recorded cycle of pulsatile 3D flow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The engine's unknowns as a field of arrays."""
+"""Convert between finite-element unknowns and arrays of velocity and pressure."""
 
 from __future__ import annotations
 

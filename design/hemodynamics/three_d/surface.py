@@ -1,4 +1,4 @@
-"""Even triangles on the wall and the ports of a network's lumens."""
+"""Triangulate the walls and ports of a network's lumens evenly."""
 
 from __future__ import annotations
 

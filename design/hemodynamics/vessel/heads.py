@@ -1,4 +1,4 @@
-"""Vessels cut off at probes."""
+"""Cut vessels at probes and keep the upstream part of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels: what a direction from a junction's middle meets."""
+"""Kernels: rays from a junction's centre through vessels and tube rings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels: where triangles about a junction leave the surface, and are parted."""
+"""Kernels: split junction triangles that deviate from the surface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Account of a planned path: every place at which the shaft comes too near to ink.
+"""Find where the needle's shaft nears ink along a planned path.
 
 The plan orders elements by what the shaft meets at a few places of each. What is then written is
 looked at as a whole here: all moves, travels, lifts and descents too, and all places between, by

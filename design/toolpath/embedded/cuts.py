@@ -1,4 +1,4 @@
-"""The choice of what to write where all stretches wait for each other."""
+"""Choose where to start when all remaining stretches block each other."""
 
 from __future__ import annotations
 

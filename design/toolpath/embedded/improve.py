@@ -1,4 +1,4 @@
-"""Rounds of ordering: what a round couldn't close becomes a rule of the next."""
+"""Reorder passes in rounds; each round adds rules for unclosed joints."""
 
 from __future__ import annotations
 

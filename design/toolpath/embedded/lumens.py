@@ -1,4 +1,4 @@
-"""Strands of one lumen, or of lumens at their joint, are one body: no shaft among them crosses.
+"""Group strands of one lumen, exempt from shaft crossings among themselves.
 
 Of vessels written as one filament each all this changes nothing.
 """

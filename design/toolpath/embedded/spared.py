@@ -1,4 +1,4 @@
-"""Ink that a joint spares, of a planned path: ways along vessels to where they meet."""
+"""Ink near joints, exempt from the shaft check, by distance along vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Elements found by where they lie in the plan."""
+"""Spatial index of elements in squares of the xy plane."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reach of the needle along a vessel before it meets what comes first."""
+"""Write a vessel's elements in sequence until ordering rules or ink bar it."""
 
 from __future__ import annotations
 

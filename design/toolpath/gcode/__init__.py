@@ -1,4 +1,4 @@
-"""G-code: a writer per firmware behind one door."""
+"""G-code writers, one per firmware, behind one interface."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Write a toolpath as G-code for one printer and syringe, as a whole or part by part."""
+"""Write a toolpath as G-code, in one call or streamed in parts."""
 
 from __future__ import annotations
 

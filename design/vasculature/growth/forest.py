@@ -13,7 +13,7 @@ from design.errors import DesignError, GrowthError
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.convert import tree_to_network
-from design.vasculature.growth.grow import ATTEMPTS, ROUNDS, SPREADS, Garden
+from design.vasculature.growth.grow import ATTEMPTS, ROUNDS, SPREADS, TreeGrowth
 from design.vasculature.growth.root import stem
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.growth.territory import part_tissue
@@ -95,9 +95,9 @@ def grow_forest(
     plots = _territories(tissue, roots, options, stems)
     error: DesignError = GrowthError("not tried")
     for attempt in range(ATTEMPTS):
-        gardens = [
+        growths = [
             # Numbers of its own for each tree: the same points would be taken already.
-            Garden.open(
+            TreeGrowth.open(
                 tissue,
                 wish,
                 plot,
@@ -107,38 +107,38 @@ def grow_forest(
             for number, (wish, plot) in enumerate(zip(options, plots, strict=True))
         ]
         try:
-            return _grow_all(gardens, stems)
+            return _grow_all(growths, stems)
         except DesignError as failed:
             error = failed
     raise type(error)(f"{error} (last of {ATTEMPTS} attempts)") from error
 
 
-def _grow_all(gardens: list[Garden], stems: list[_Stem]) -> tuple[VesselTree, ...]:
-    """Let the gardens double in turn, then repair them in turn until all fit."""
+def _grow_all(growths: list[TreeGrowth], stems: list[_Stem]) -> tuple[VesselTree, ...]:
+    """Let the growths double in turn, then repair them in turn until all fit."""
     number = 0
     try:
-        for number, garden in enumerate(gardens):
-            garden.meet(_others(gardens, stems, number))
-            garden.start()
+        for number, growth in enumerate(growths):
+            growth.meet(_others(growths, stems, number))
+            growth.start()
         until = 4
-        while any(garden.terminals < garden.options.terminals for garden in gardens):
-            for number, garden in enumerate(gardens):
-                garden.meet(_others(gardens, stems, number))
-                garden.grow(until)
+        while any(growth.terminals < growth.options.terminals for growth in growths):
+            for number, growth in enumerate(growths):
+                growth.meet(_others(growths, stems, number))
+                growth.grow(until)
             until *= 2
         for _ in range(ROUNDS):
             left = 0
-            for number, garden in enumerate(gardens):
-                garden.meet(_others(gardens, stems, number))
-                bad = garden.audit()
+            for number, growth in enumerate(growths):
+                growth.meet(_others(growths, stems, number))
+                bad = growth.audit()
                 left += bad
                 if bad:
-                    garden.repair()
-                    garden.grow()
+                    growth.repair()
+                    growth.grow()
             if left == 0:
-                return tuple(garden.tree() for garden in gardens)
+                return tuple(growth.tree() for growth in growths)
     except DesignError as error:
-        raise type(error)(f"tree {number} of {len(gardens)}: {error}") from error
+        raise type(error)(f"tree {number} of {len(growths)}: {error}") from error
     raise GrowthError(
         f"{left} vessels of the forest still collide or leave the tissue after {ROUNDS} repairs; "
         "ask for fewer terminals, a smaller smallest radius or clearance"
@@ -266,23 +266,23 @@ def _territories(
     return found
 
 
-def _others(gardens: list[Garden], stems: list[_Stem], own: int) -> Surroundings:
+def _others(growths: list[TreeGrowth], stems: list[_Stem], own: int) -> Surroundings:
     """All other trees as they stand, and the stems of those that haven't begun."""
     start, end, radius = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
-    for number, garden in enumerate(gardens):
+    for number, growth in enumerate(growths):
         if number == own:
             continue
-        if garden.count == 0:
+        if growth.count == 0:
             start.append(stems[number].begin[None])
             end.append(stems[number].end[None])
             radius.append(np.array([STEM_ROOM * stems[number].radius]))
             continue
-        s = garden.segments[: garden.count]
+        s = growth.segments[: growth.count]
         start.append(np.column_stack([s["px"], s["py"], s["pz"]]))
         end.append(np.column_stack([s["dx"], s["dy"], s["dz"]]))
         radius.append(s["radius"])
     return replace(
-        gardens[own].others,
+        growths[own].others,
         start=np.concatenate(start),
         end=np.concatenate(end),
         radius=np.concatenate(radius),

@@ -8,14 +8,14 @@ from design.errors import DesignError, GrowthError, RootError, TissueError
 from design.network import VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.deep_roots import deep_roots
-from design.vasculature.growth.garden import ROUNDS, Garden
 from design.vasculature.growth.root_search import search_root
 from design.vasculature.growth.surroundings import Surroundings
+from design.vasculature.growth.tree_growth import ROUNDS, TreeGrowth
 from design.vasculature.growth.trunk import Trunk, trunk_of
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 
-__all__ = ["ATTEMPTS", "ROUNDS", "SPREADS", "TRIED_AT_MOST", "Garden", "grow_tree"]
+__all__ = ["ATTEMPTS", "ROUNDS", "SPREADS", "TRIED_AT_MOST", "TreeGrowth", "grow_tree"]
 
 SPREADS = (1.7, 1.5, 1.6, 1.4, 1.3)
 """Terminal spreads tried in turn where none is given: wide ones leave the terminals free, narrow
@@ -140,16 +140,16 @@ def grow_from_root(
     best: DesignError = GrowthError("not tried")
     for attempt in range(attempts):
         spread = spreads[attempt % len(spreads)]
-        garden = Garden.open(tissue, options, Surroundings(), spread, attempt, trunk)
+        growth = TreeGrowth.open(tissue, options, Surroundings(), spread, attempt, trunk)
         try:
-            return garden.run()
+            return growth.run()
         except (GrowthError, TissueError) as error:
-            grown = garden.terminals
+            grown = growth.terminals
             if grown > most:
                 most, best = grown, error
         if grown < options.terminals // 2:
             spreads = [s for s in spreads if s < spread] or spreads
-        tried += int(garden.progress["tried"][0])
+        tried += int(growth.progress["tried"][0])
         if attempt > 0 and tried > TRIED_AT_MOST:
             break
     raise type(best)(f"{best} (best of {attempt + 1} attempts)") from best

@@ -1,4 +1,4 @@
-"""Check that vessels sharing a node part: no collision test sees them."""
+"""Check that vessels sharing a node diverge; collision tests skip such pairs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The room that a growing tree has, and the cells in which it is listed."""
+"""Build a growing tree's segment index, and its clearances from the options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The room that vessels have: distances to be kept, and a fork on trial."""
+"""Clearances that vessels must keep, and a trial bifurcation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands that a stock Marlin 2.1 build with one extruder and EEPROM answers to, and their words.
+"""Command and parameter table of a stock Marlin 2.1 build.
 
 After the recorded build (`tests/sim/data/marlin`); what isn't here is an unknown command. A
 stock build knows no inches (G20: INCH_MODE_SUPPORT); the profile of one that does names it

@@ -1,4 +1,4 @@
-"""The print of a plate: that of any job, and the progress names the well."""
+"""Print stage of a plate, with progress by well."""
 
 from __future__ import annotations
 

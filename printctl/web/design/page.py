@@ -17,7 +17,7 @@ from printctl.web.design.pane.recipe_tab import RecipeTab
 from printctl.web.design.pane.recipes_bar import RecipesBar
 from printctl.web.design.service import DesignService
 from printctl.web.shell.frame import frame
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 _TABS = {"recipe": "Recipe", "make": "Make", "look": "Look", "compare": "Compare"}
 
@@ -69,7 +69,7 @@ class _Page:
 
     async def _edit(self, name: str) -> None:
         if name:
-            await told(self._editor.load, name)
+            await run_or_notify(self._editor.load, name)
         else:
             self._editor.name = ""
         self._bar.refresh()

@@ -13,10 +13,10 @@ from printctl.link.history_entry import PrintEntry
 from printctl.link.history_query import PAGE, Found, SortBy
 from printctl.records.table import local_time
 from printctl.web.history.look import STYLE, cell, download, head
+from printctl.web.history.print_filter import PrintFilter
 from printctl.web.history.service import HistoryService
-from printctl.web.history.wished import Wished
 from printctl.web.history.wording import duration, state_words
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 COLUMNS: Final = ("Begun", "File", "End", "Lines", "Took", "Profile", "Operator", "Port", "SHA-256")
 ORDERS: Final = {
@@ -41,12 +41,12 @@ class Listing:
     """
 
     def __init__(self, service: HistoryService, address: Mapping[str, str]) -> None:
-        self._service, self._wished, self._page = service, *Wished.asked(address)
+        self._service, self._filter, self._page = service, *PrintFilter.asked(address)
 
     async def show(self) -> None:
         """Build it."""
         ui.add_css(STYLE)
-        choices = await told(self._service.choices)
+        choices = await run_or_notify(self._service.choices)
         if choices is None:
             return
         with ui.element("section").classes("ph-card").props('aria-label="Search"'):
@@ -54,7 +54,7 @@ class Listing:
         with ui.element("section").classes("ph-card").props('aria-label="Prints"'):
             with ui.element("div").classes("ph-row").style("justify-content:space-between"):
                 self._count = ui.label().props("role=status")
-                self._csv = download("Export as CSV", self._wished.csv())
+                self._csv = download("Export as CSV", self._filter.csv())
             self._table = ui.element("table").classes("ph-table ph-list")
             with ui.element("nav").classes("ph-row").props('aria-label="Pages of the list"'):
                 self._back = self._turner("Earlier page", -1)
@@ -63,27 +63,31 @@ class Listing:
         await self._find()
 
     def _form(self, profiles: list[str], people: list[str], states: list[str]) -> None:
-        wished = self._wished
+        print_filter = self._filter
         with ui.element("div").classes("ph-row"):
             words = ui.input(
-                "Search: words, hash, alarm", value=wished.words, on_change=self._wish("words")
+                "Search: words, hash, alarm",
+                value=print_filter.words,
+                on_change=self._wish("words"),
             )
             words.props(f"{_WAIT} clearable type=search").style("flex:1 1 16em")
             self._select("End", "state", {one: state_words(one) for one in states})
             self._select("Profile", "profile", {one: one for one in profiles})
             self._select("Operator", "who", {one: one for one in people})
             for name, field in (("From day", "since"), ("To day", "until")):
-                day = ui.input(name, value=getattr(wished, field), on_change=self._wish(field))
+                day = ui.input(
+                    name, value=getattr(print_filter, field), on_change=self._wish(field)
+                )
                 day.props("type=date stack-label")
                 day.style("flex:0 1 11em")
             self._select("Order", "sort", {k.value: v for k, v in ORDERS.items()}, every=False)
             last = ui.checkbox(
-                "last first", value=wished.descending, on_change=self._wish("descending")
+                "last first", value=print_filter.descending, on_change=self._wish("descending")
             )
             last.style("min-height:44px")
 
     def _select(self, name: str, field: str, options: dict[str, str], every: bool = True) -> None:
-        value = getattr(self._wished, field)
+        value = getattr(self._filter, field)
         named = {value: value} if value else {}
         first = {"": "all"} if every else {}
         made = ui.select({**first, **named, **options}, label=name, value=value)
@@ -102,28 +106,28 @@ class Listing:
         async def changed(event: Any) -> None:
             value: Any = event.value if event.value is not None else ""
             changes: dict[str, Any] = {field: value}
-            self._wished, self._page = replace(self._wished, **changes), 0
+            self._filter, self._page = replace(self._filter, **changes), 0
             await self._find()
 
         return changed
 
     async def _find(self) -> None:
         try:
-            query = self._wished.query(self._page)
+            query = self._filter.query(self._page)
         except UsageError:  # a day that is half typed
             return
-        found = await told(self._service.find, query)
+        found = await run_or_notify(self._service.find, query)
         if found is not None and self._page > 0 and not found.entries:  # an address of old
             self._page = max(0, -(-found.total // PAGE) - 1)
             await self._find()
         elif found is not None:
             self._fill(found)
-            ui.navigate.history.replace(self._wished.address(self._page))
+            ui.navigate.history.replace(self._filter.address(self._page))
 
     def _fill(self, found: Found) -> None:
         many = "print" if found.total == 1 else "prints"
         self._count.set_text(f"{found.total} {many}" if found.total else "No print fits.")
-        self._csv.props["href"] = self._wished.csv()
+        self._csv.props["href"] = self._filter.csv()
         self._csv.update()
         pages = max(1, -(-found.total // PAGE))
         self._place.set_text(f"page {self._page + 1} of {pages}")

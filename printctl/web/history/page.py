@@ -10,7 +10,7 @@ from printctl.web.history.one_print import show_print
 from printctl.web.history.service import HistoryService
 from printctl.web.history.verifying import verify_card
 from printctl.web.shell.frame import frame
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 WAY = "/history"
 
@@ -33,7 +33,7 @@ def register(service: HistoryService) -> None:
     async def one(print_id: str) -> None:
         with frame(WAY):
             ui.link("← All prints", WAY).classes("pc-way")
-            shown = await told(service.one, print_id)
+            shown = await run_or_notify(service.one, print_id)
             if shown is None:
                 ui.label("There is no such print in the history.")
                 return

@@ -9,7 +9,7 @@ from nicegui import ui
 from printctl.records.repeat import RepeatPlan
 from printctl.web.history.look import card
 from printctl.web.history.service import HistoryService, Shown
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 
 def repeat_card(service: HistoryService, shown: Shown) -> None:
@@ -22,7 +22,7 @@ def repeat_card(service: HistoryService, shown: Shown) -> None:
         place = ui.element("div").props("role=status")
 
         async def look() -> None:
-            plan = await told(service.plan_repeat, shown.entry.id)
+            plan = await run_or_notify(service.plan_repeat, shown.entry.id)
             if plan is not None:
                 place.clear()
                 with place:
@@ -47,7 +47,7 @@ def _tell(service: HistoryService, plan: RepeatPlan) -> None:
     place = ui.element("div")
 
     async def make() -> None:
-        job = await told(service.repeat, plan.entry.id)
+        job = await run_or_notify(service.repeat, plan.entry.id)
         if job is not None:
             button.disable()
             with place:

@@ -10,7 +10,7 @@ from nicegui import ui
 from printctl.records.verify import Verified
 from printctl.web.history.look import card
 from printctl.web.history.service import HistoryService
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 from printctl.web.shell.uploading import upload
 
 _MOST_SHOWN: Final = 50
@@ -30,7 +30,7 @@ def verify_card(service: HistoryService) -> None:
             path = service.incoming(secrets.token_hex(8))
             try:
                 await event.file.save(path)
-                found = await told(service.verify_file, path, (key.value or "").encode())
+                found = await run_or_notify(service.verify_file, path, (key.value or "").encode())
             finally:
                 path.unlink(missing_ok=True)
             said.clear()

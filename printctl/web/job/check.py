@@ -32,7 +32,7 @@ from printctl.printing import with_reloads_of
 from printctl.printing.job_table import JobTable
 from printctl.web.job.question import Question
 from printctl.web.job.tabulating import make_table
-from printctl.web.polite import step_back
+from printctl.web.low_priority import lower_priority
 from registration.report.gcode import GcodeJob
 from sim.dryrun import DryRun, dry_run
 
@@ -131,7 +131,7 @@ def _ink(run: DryRun, mounted: SetUp, reloads: int) -> dict[str, Any]:
 
 def main() -> None:
     """Answer one question."""
-    step_back()
+    lower_priority()
     try:
         answer = looked_at(Question.from_json(sys.stdin.readline()))
     except Exception as exc:

@@ -1,4 +1,4 @@
-"""A job's own declaration of its start."""
+"""Start position that a job's own first lines declare."""
 
 from __future__ import annotations
 

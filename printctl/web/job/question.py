@@ -1,4 +1,4 @@
-"""Question to the process that inspects jobs."""
+"""Request data for the process that inspects jobs."""
 
 from __future__ import annotations
 

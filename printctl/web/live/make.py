@@ -27,7 +27,7 @@ from printctl.web.live.kept import cached_scene
 from printctl.web.live.pack import pack_scene
 from printctl.web.live.scene import make_scene
 from printctl.web.live.source import JobSource
-from printctl.web.polite import BEHIND, behind_a_print
+from printctl.web.low_priority import BEHIND, run_at_low_priority
 
 _MILLION_MOVES_BYTES: Final = 400_000_000
 _SAMPLE: Final = b"G92 X0 Y0 Z0 E0\nG1 X1 E1 F600\nG2 X2 Y1 I1 J0 E2\nG1 Z1\nG1 X3 E3\n"
@@ -80,12 +80,12 @@ def hold_memory() -> None:
 
 def main() -> None:
     """Answer until the input ends."""
-    behind_a_print(warm)
+    run_at_low_priority(warm)
     hold_memory()
     for line in sys.stdin:
         when, _, said = line.partition(" ")
         work = partial(answer, JobSource.from_json(said))
-        print(json.dumps(behind_a_print(work) if when == BEHIND else work()), flush=True)
+        print(json.dumps(run_at_low_priority(work) if when == BEHIND else work()), flush=True)
 
 
 def answer(source: JobSource) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""The server's hold on the process that makes scenes."""
+"""Client of the process that makes live-view scenes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Final
 from printctl.web.live.errors import SceneError
 from printctl.web.live.kept import cached_scene
 from printctl.web.live.source import JobSource
-from printctl.web.polite import BEHIND, NOW
+from printctl.web.low_priority import BEHIND, NOW
 
 _LONGEST_S: Final = 120.0
 """For a job of 50 million moves."""

@@ -1,4 +1,4 @@
-"""The view's scripts and styles as the server hands them out, the shared ones among them.
+"""Static scripts and styles of the live view, with shared modules.
 
 A page of the server may have an import map of its own, so the modules that the report shares name
 each other here by where they lie instead of by bare names.

@@ -15,7 +15,7 @@ from printctl.errors import PrintctlError
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.printer.calibrating_asked import Asked, Prepared, Read
-from printctl.web.printer.desk import Desk
+from printctl.web.printer.printer_access import PrinterAccess
 from printctl.web.printer.wizards import BY_NAME, WIZARDS, Wizard
 from printctl.web.shelf import Shelf
 
@@ -30,12 +30,12 @@ class Calibrating:
 
     Parameters
     ----------
-    desk : Desk
+    access : PrinterAccess
     shelf : Shelf
     """
 
-    def __init__(self, desk: Desk, shelf: Shelf) -> None:
-        self._desk, self._shelf = desk, shelf
+    def __init__(self, access: PrinterAccess, shelf: Shelf) -> None:
+        self._access, self._shelf = access, shelf
 
     @property
     def wizards(self) -> tuple[Wizard, ...]:
@@ -51,7 +51,7 @@ class Calibrating:
         SafetyError
             When preflight refuses it.
         """
-        self._desk.core.controls.require(who)
+        self._access.core.controls.require(who)
         wizard = _on_page(name)
         if not wizard.printed:
             raise ConflictError(f"{wizard.title} has no test to print; enter readings at once")
@@ -63,7 +63,7 @@ class Calibrating:
             )
         syringe = self._shelf.load(Syringe, asked.syringe)
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-        path = self._desk.core.workspace.root / "jobs" / f"calibrate_{name}_{stamp}.gcode"
+        path = self._access.core.workspace.root / "jobs" / f"calibrate_{name}_{stamp}.gcode"
         from printctl.web.printer.calibrating_work import written  # Loads scipy and the kernels.
 
         rows, made = written(name, asked, printer, syringe, path)
@@ -101,7 +101,7 @@ class Calibrating:
             When a shipped profile has the copy's name.
         UsageError
         """
-        self._desk.core.controls.require(who)
+        self._access.core.controls.require(who)
         data = self._readings(BY_NAME["weigh"], read.rows)
         from printctl.web.printer.calibrating_work import copied  # Loads scipy and the kernels.
 
@@ -116,7 +116,7 @@ class Calibrating:
             )
         table = io.StringIO()
         csv.writer(table, lineterminator="\n").writerows([wizard.columns, *rows])
-        folder = self._desk.core.workspace.root / "records" / "calibrations"
+        folder = self._access.core.workspace.root / "records" / "calibrations"
         path = folder / f"{wizard.name}_{datetime.now():%Y%m%d}.csv"
         write_text(path, table.getvalue())
         try:

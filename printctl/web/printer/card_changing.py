@@ -21,7 +21,7 @@ from printctl.web.printer.parts import (
     quiet_button,
 )
 from printctl.web.printer.service import PrinterService
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 
 def add_changing(service: PrinterService, who: Principal) -> Refresh:
@@ -45,7 +45,7 @@ def _raise_step(service: PrinterService, who: Principal, stepper: ui.stepper) ->
         said = live()
 
         async def lift() -> None:
-            status = await told(service.hands.lift_out, who)
+            status = await run_or_notify(service.hands.lift_out, who)
             if status is not None and status.position_mm is not None:
                 said.set_text(f"the tip is at Z {status.position_mm[2]:.2f} mm")
 
@@ -69,7 +69,7 @@ def _syringe(service: PrinterService, who: Principal) -> Callable[[], None]:
 
                 async def put_in() -> None:
                     given = (str(syringe.value), str(ink.value), float(filled.value or 0))
-                    if await told(service.changing.syringe, who, *given) is not None:
+                    if await run_or_notify(service.changing.syringe, who, *given) is not None:
                         stepper.next()
 
                 button("It is in, the plunger touched: zero", put_in)
@@ -81,7 +81,7 @@ def _syringe(service: PrinterService, who: Principal) -> Callable[[], None]:
                 pushed = live()
 
                 async def purge(ul: float) -> None:
-                    await told(service.changing.purge, who, ul)
+                    await run_or_notify(service.changing.purge, who, ul)
                     pushed.set_text(f"{service.changing.purged_ul:g} µL pushed out")
 
                 with ui.row().classes("gap-2"):
@@ -120,7 +120,10 @@ def _needle(service: PrinterService, who: Principal) -> Callable[[], None]:
                 note("Tighten it: one that turns later stands elsewhere.")
 
                 async def put_in() -> None:
-                    if await told(service.changing.needle, who, str(needle.value)) is not None:
+                    if (
+                        await run_or_notify(service.changing.needle, who, str(needle.value))
+                        is not None
+                    ):
                         stepper.next()
 
                 button("It is in and tight", put_in)

@@ -10,7 +10,7 @@ from printctl.web.controls import Principal
 from printctl.web.printer.parts import IN_WORDS, Refresh, button, card, live, note, quiet_button
 from printctl.web.printer.ports import SIMULATED, FoundPort, summary, unmeasured
 from printctl.web.printer.service import PrinterService
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 _BAUDS = {"": "the profile's", "auto": "auto: try each"}
 PLAIN = "generic_marlin"
@@ -34,8 +34,8 @@ def add_connection(service: PrinterService, who: Principal) -> Refresh:
                 choice.classes("w-full")
         with ui.row().classes("gap-2"):
             go = button("Connect", lambda: connect())
-            leave = quiet_button("Disconnect", lambda: told(service.disconnect, who))
-            again = button("Reconnect", lambda: told(service.reconnect, who))
+            leave = quiet_button("Disconnect", lambda: run_or_notify(service.disconnect, who))
+            again = button("Reconnect", lambda: run_or_notify(service.reconnect, who))
 
     async def find() -> None:
         found = await run.io_bound(service.ports) or []
@@ -48,7 +48,7 @@ def add_connection(service: PrinterService, who: Principal) -> Refresh:
         go.disable()
         state.set_text("connecting; a board that resets takes some seconds")
         rate = int(baud.value) if str(baud.value).isdecimal() else baud.value or None
-        await told(service.connect, who, profile.value, port.value, rate)
+        await run_or_notify(service.connect, who, profile.value, port.value, rate)
         go.enable()
 
     def describe() -> None:

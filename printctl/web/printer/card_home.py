@@ -9,7 +9,7 @@ from nicegui import ui
 from printctl.web.controls import Principal
 from printctl.web.printer.parts import button, dialog, live, note, quiet_button
 from printctl.web.printer.service import PrinterService
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 _RULE = (
     "Homing drives an axis to its switch, through whatever is in the way. With a needle above a "
@@ -35,7 +35,7 @@ def home_dialog(service: PrinterService, who: Principal) -> Callable[[], None]:
             going.set_text("choose an axis")
             return
         going.set_text("homing …")
-        done = await told(service.hands.home, who, chosen, needle_off=bool(off.value))
+        done = await run_or_notify(service.hands.home, who, chosen, needle_off=bool(off.value))
         going.set_text("")
         if done is not None:
             opened.close()

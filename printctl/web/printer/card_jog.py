@@ -13,7 +13,7 @@ from printctl.web.printer.card_place import place_dialog
 from printctl.web.printer.hands import STEPS_MM, rim_mm
 from printctl.web.printer.parts import Refresh, card, live, mm, note, quiet_button, tried
 from printctl.web.printer.service import PrinterService
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 KEYS: Final = {
     "ArrowLeft": ("x", -1),
@@ -56,10 +56,10 @@ def add_jog(service: PrinterService, who: Principal) -> Refresh:
         said = live()
         limits, bath = note(), note()
         with ui.row().classes("gap-2"):
-            moves.append(quiet_button("Up, out of the bath", lambda: told(lift)))
+            moves.append(quiet_button("Up, out of the bath", lambda: run_or_notify(lift)))
             moves.append(quiet_button("Home …", home_dialog(service, who)))
             moves.append(quiet_button("Say where the tip is …", place_dialog(service, who)))
-            quiet_button("Stop this move", lambda: told(service.stop_motion))
+            quiet_button("Stop this move", lambda: run_or_notify(service.stop_motion))
 
     def lift() -> None:
         service.hands.lift_out(who)

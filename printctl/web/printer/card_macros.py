@@ -13,7 +13,7 @@ from printctl.web.errors import BadRequestError
 from printctl.web.printer.macros import Macro
 from printctl.web.printer.parts import Refresh, button, card, dialog, note, quiet_button
 from printctl.web.printer.service import PrinterService
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 
 def add_macros(service: PrinterService, who: Principal) -> Refresh:
@@ -36,7 +36,10 @@ def add_macros(service: PrinterService, who: Principal) -> Refresh:
             for macro in macros:
                 with ui.row().classes("gap-1 no-wrap"):
                     runs.append(
-                        button(macro.name, lambda m=macro: told(service.macros.run, who, m.name))
+                        button(
+                            macro.name,
+                            lambda m=macro: run_or_notify(service.macros.run, who, m.name),
+                        )
                     )
                     change = quiet_button("Edit", lambda m=macro: edit(profile, m))
                     change.props(f'aria-label="Edit {_plain(macro.name)}"')
@@ -92,11 +95,11 @@ def _dialog(service: PrinterService, who: Principal) -> Callable[[str, Macro | N
         return True
 
     async def save() -> None:
-        if await told(keep):
+        if await run_or_notify(keep):
             opened.close()
 
     async def drop() -> None:
-        await told(service.macros.remove, who, of["profile"], of["was"])
+        await run_or_notify(service.macros.remove, who, of["profile"], of["was"])
         opened.close()
 
     def show(profile: str, macro: Macro | None) -> None:

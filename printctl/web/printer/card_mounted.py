@@ -20,7 +20,7 @@ from printctl.web.printer.parts import (
     quiet_button,
 )
 from printctl.web.printer.service import PrinterService
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 SORTS: dict[str, type[Facts]] = {
     "needle": Needle,
@@ -90,7 +90,7 @@ def _dialog(service: PrinterService, who: Principal) -> Any:
         return {key: value for key, value in found.items() if value != getattr(now, key)}
 
     async def say() -> None:
-        if await told(lambda: service.hands.mount(who, **said())) is not None:
+        if await run_or_notify(lambda: service.hands.mount(who, **said())) is not None:
             opened.close()
 
     def show() -> None:

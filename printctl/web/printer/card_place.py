@@ -7,7 +7,7 @@ from collections.abc import Callable
 from printctl.web.controls import Principal
 from printctl.web.printer.parts import button, dialog, note, number, quiet_button
 from printctl.web.printer.service import PrinterService
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 _RULE = (
     "Nothing moves. The printer calls the place where its tip stands now by these numbers, and "
@@ -26,7 +26,7 @@ def place_dialog(service: PrinterService, who: Principal) -> Callable[[], None]:
 
     async def say() -> None:
         x, y, z = (None if field.value is None else float(field.value) for field in fields)
-        if await told(service.hands.set_position, who, x, y, z) is not None:
+        if await run_or_notify(service.hands.set_position, who, x, y, z) is not None:
             opened.close()
 
     def show() -> None:

@@ -11,7 +11,7 @@ from printctl.web.controls import Principal
 from printctl.web.printer.parts import Refresh, button, card, note, number, quiet_button
 from printctl.web.printer.plots import KEPT_S
 from printctl.web.printer.service import PrinterService
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 """Okabe and Ito's, told apart by the colour-blind; each line has a symbol of its own besides."""
@@ -41,7 +41,7 @@ def add_plots(service: PrinterService, who: Principal) -> Refresh:
             pressed = ui.echart(_options("")).classes("w-full h-40")
         readings = note()
         rows = ui.column().classes("w-full gap-2")
-        off = quiet_button("All heaters off", lambda: told(service.hands.heaters_off, who))
+        off = quiet_button("All heaters off", lambda: run_or_notify(service.hands.heaters_off, who))
     beside.set_visibility(False)
 
     def draw() -> None:
@@ -78,11 +78,11 @@ class _Heater:
 
             async def put() -> None:
                 if wanted.value is not None:
-                    await told(service.hands.heat, who, name, float(wanted.value))
+                    await run_or_notify(service.hands.heat, who, name, float(wanted.value))
 
             self._parts = [
                 button("Set", put),
-                quiet_button("Off", lambda: told(service.hands.heat, who, name, 0.0)),
+                quiet_button("Off", lambda: run_or_notify(service.hands.heat, who, name, 0.0)),
             ]
             self._parts[0].props(f'aria-label="Set the target of the {name}"')
             self._parts[1].props(f'aria-label="Switch the {name} off"')

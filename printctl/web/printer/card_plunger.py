@@ -10,7 +10,7 @@ from printctl.web.controls import Principal
 from printctl.web.printer.hands import fastest_ul_s
 from printctl.web.printer.parts import Refresh, button, card, note, number, quiet_button
 from printctl.web.printer.service import PrinterService
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 
 def add_plunger(service: PrinterService, who: Principal) -> Refresh:
@@ -33,7 +33,7 @@ def add_plunger(service: PrinterService, who: Principal) -> Refresh:
     async def go(sign: int) -> None:
         if volume.value and rate.value:
             ul, ul_s = sign * float(volume.value), float(rate.value)
-            await told(service.hands.plunger, who, ul, ul_s)
+            await run_or_notify(service.hands.plunger, who, ul, ul_s)
 
     def refresh(status: StationStatus) -> None:
         left.set_text(_left(status))

@@ -9,7 +9,7 @@ from printctl.web.controls import Principal
 from printctl.web.printer import touching as t
 from printctl.web.printer.parts import Refresh, button, card, live, note, number, quiet_button
 from printctl.web.printer.service import PrinterService
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 _HOW = {
     "floor": "Bring the tip down until the foil just begins to drag under it (without foil: until "
@@ -40,18 +40,18 @@ def add_touching(service: PrinterService, who: Principal) -> Refresh:
                     button(f"Down {step:g} mm", lambda step=step: jog(-step))
                     quiet_button(f"Up {step:g} mm", lambda step=step: jog(step))
             with ui.row().classes("gap-2"):
-                button("Touched: take this reading", lambda: told(guide.read, who))
+                button("Touched: take this reading", lambda: run_or_notify(guide.read, who))
                 quiet_button(f"Up {t.LIFT_MM:g} mm", lambda: jog(t.LIFT_MM))
             readings, verdict = note(), live()
             with ui.row().classes("gap-2"):
-                use = button("Use this height", lambda: told(guide.use, who))
-                quiet_button("Give up", lambda: told(guide.give_up, who))
+                use = button("Use this height", lambda: run_or_notify(guide.use, who))
+                quiet_button("Give up", lambda: run_or_notify(guide.give_up, who))
 
     async def start(surface: t.Surface) -> None:
-        await told(guide.start, who, surface, float(foil.value or 0))
+        await run_or_notify(guide.start, who, surface, float(foil.value or 0))
 
     async def jog(mm: float) -> None:
-        await told(service.hands.jog, who, "z", mm)
+        await run_or_notify(service.hands.jog, who, "z", mm)
 
     def refresh(status: StationStatus) -> None:
         now = guide.touching

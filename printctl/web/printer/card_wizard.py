@@ -15,7 +15,7 @@ from printctl.web.printer.parts import button, dialog, live, note, number, quiet
 from printctl.web.printer.service import PrinterService
 from printctl.web.printer.sheet import Sheet
 from printctl.web.printer.wizards import Wizard
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 if TYPE_CHECKING:
     from printctl.calibration.results import Result
@@ -67,7 +67,7 @@ class _Dialog:
         self._dialog.open()
 
     async def _make(self) -> None:
-        made = await told(self._prepare)
+        made = await run_or_notify(self._prepare)
         if made is None:
             return
         start = ", ".join(f"{value:.2f}" for value in made.start_mm)
@@ -93,7 +93,9 @@ class _Dialog:
         return Read(printer=str(self._printer.value), syringe=str(self._syringe.value), **values)
 
     async def _fit(self) -> None:
-        found = await told(lambda: self._service.calibrating.fit(self._wizard.name, self._read()))
+        found = await run_or_notify(
+            lambda: self._service.calibrating.fit(self._wizard.name, self._read())
+        )
         self._result.clear()
         if found is not None:
             with self._result:
@@ -129,7 +131,7 @@ class _Dialog:
         said = live()
 
         async def save() -> None:
-            done = await told(
+            done = await run_or_notify(
                 lambda: self._service.calibrating.save(
                     self._who, self._read(), mend.value, str(name.value)
                 )

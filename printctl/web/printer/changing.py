@@ -10,8 +10,8 @@ from firmware_profiles import Ink, Needle, Syringe
 from printctl.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.printer.desk import Desk
 from printctl.web.printer.hands import fastest_ul_s
+from printctl.web.printer.printer_access import PrinterAccess
 from printctl.web.shelf import Shelf
 
 PURGE_STEP_UL: Final = 5.0
@@ -25,12 +25,12 @@ class Changing:
 
     Parameters
     ----------
-    desk : Desk
+    access : PrinterAccess
     shelf : Shelf
     """
 
-    def __init__(self, desk: Desk, shelf: Shelf) -> None:
-        self._desk, self._shelf = desk, shelf
+    def __init__(self, access: PrinterAccess, shelf: Shelf) -> None:
+        self._access, self._shelf = access, shelf
         self._lock = threading.Lock()
         self._purged_ul = 0.0
 
@@ -47,7 +47,7 @@ class Changing:
         BadRequestError
             For more than it holds, or nothing.
         """
-        station = self._desk.ask(who)
+        station = self._access.ask(who)
         syringe = self._shelf.load(Syringe, name)
         if not 0 < filled_ul <= syringe.volume_ul:
             raise BadRequestError(
@@ -62,7 +62,7 @@ class Changing:
         )
         with self._lock:
             self._purged_ul = 0.0
-        return self._desk.heard(status)
+        return self._access.heard(status)
 
     def purge(self, who: Principal, ul: float, ul_s: float | None = None) -> StationStatus:
         """Push bubbles out of the needle, a little at a time; as fast as a purge may be.
@@ -76,7 +76,7 @@ class Changing:
         """
         if not 0 < ul <= PURGE_STEP_UL:
             raise BadRequestError(f"{ul:g} µL in one purge: above 0, at most {PURGE_STEP_UL:g} µL")
-        with self._desk.moving(who) as station, self._lock:
+        with self._access.moving(who) as station, self._lock:
             fastest = fastest_ul_s(station.status)
             if fastest is None:
                 raise ConflictError("say which syringe is mounted first")
@@ -90,10 +90,10 @@ class Changing:
                 )
             status = station.plunger(ul, ul_s or most)
             self._purged_ul += ul
-        return self._desk.heard(status)
+        return self._access.heard(status)
 
     def needle(self, who: Principal, name: str) -> StationStatus:
         """Say that another needle was put in; the floor must then be touched off anew."""
-        station = self._desk.ask(who)
+        station = self._access.ask(who)
         given = self._shelf.given(Needle, name)
-        return self._desk.heard(station.mount(needle=given, floor_mm=None, bath_level_mm=None))
+        return self._access.heard(station.mount(needle=given, floor_mm=None, bath_level_mm=None))

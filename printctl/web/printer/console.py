@@ -12,7 +12,7 @@ from typing import Any, Final
 from printctl.link.errors import LinkError
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, WebError
-from printctl.web.printer.desk import Desk
+from printctl.web.printer.printer_access import PrinterAccess
 
 KEPT: Final = 500
 LONGEST: Final = 200
@@ -50,13 +50,13 @@ class Console:
 
     Parameters
     ----------
-    desk : Desk
+    access : PrinterAccess
     clock : function
         Seconds since 1970.
     """
 
-    def __init__(self, desk: Desk, clock: Callable[[], float] = time.time) -> None:
-        self._desk, self._clock = desk, clock
+    def __init__(self, access: PrinterAccess, clock: Callable[[], float] = time.time) -> None:
+        self._access, self._clock = access, clock
         self._entries: deque[Entry] = deque(maxlen=KEPT)
         self._count = 0
         self._lock = threading.Lock()
@@ -77,7 +77,7 @@ class Console:
         """
         text = checked_line(typed)
         try:
-            replies = self._desk.ask(who).command(text)
+            replies = self._access.ask(who).command(text)
         except (LinkError, WebError) as exc:
             self._keep(who, text, refused=str(exc))
             raise
@@ -91,7 +91,7 @@ class Console:
             self._count += 1
             entry = Entry(self._count, self._clock(), who.name, text, replies, refused)
             self._entries.append(entry)
-        self._desk.core.events.publish("console", **entry.to_dict())
+        self._access.core.events.publish("console", **entry.to_dict())
 
 
 def checked_line(typed: str) -> str:

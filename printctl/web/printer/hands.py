@@ -11,7 +11,7 @@ from printctl.station import StationStatus
 from printctl.station.hands import UNNAMED_UL_S
 from printctl.web.controls import Principal
 from printctl.web.errors import ConflictError
-from printctl.web.printer.desk import Desk
+from printctl.web.printer.printer_access import PrinterAccess
 
 STEPS_MM: Final = (0.01, 0.1, 1.0, 10.0)
 CLEAR_MM: Final = 5.0
@@ -25,18 +25,18 @@ class Hands:
 
     Parameters
     ----------
-    desk : Desk
+    access : PrinterAccess
     """
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
+    def __init__(self, access: PrinterAccess) -> None:
+        self._access = access
 
     def jog(
         self, who: Principal, axis: str, mm: float, speed_mm_s: float | None = None
     ) -> StationStatus:
         """Move the tip by ``mm`` along ``x``, ``y`` or ``z``."""
-        with self._desk.moving(who) as station:
-            return self._desk.heard(station.jog(axis, mm, speed_mm_s))
+        with self._access.moving(who) as station:
+            return self._access.heard(station.jog(axis, mm, speed_mm_s))
 
     def lift_out(self, who: Principal) -> StationStatus:
         """Move the tip straight up, out of the bath and above the dish's rim.
@@ -46,15 +46,15 @@ class Hands:
         ConflictError
             When it is there already, or the axis ends below.
         """
-        with self._desk.moving(who) as station:
-            return self._desk.heard(station.jog("z", self._way_out(station.status)))
+        with self._access.moving(who) as station:
+            return self._access.heard(station.jog("z", self._way_out(station.status)))
 
     def home(
         self, who: Principal, axes: Sequence[str], *, needle_off: bool = False
     ) -> StationStatus:
         """Home axes; with a dish below only when the needle was taken off."""
-        with self._desk.moving(who) as station:
-            return self._desk.heard(station.home(axes, needle_off=needle_off))
+        with self._access.moving(who) as station:
+            return self._access.heard(station.home(axes, needle_off=needle_off))
 
     def set_position(
         self,
@@ -64,30 +64,30 @@ class Hands:
         z: float | None = None,
     ) -> StationStatus:
         """Say where the tip stands, mm; nothing moves, and the position is trusted from then on."""
-        with self._desk.moving(who) as station:
-            return self._desk.heard(station.set_position(x, y, z))
+        with self._access.moving(who) as station:
+            return self._access.heard(station.set_position(x, y, z))
 
     def heat(self, who: Principal, name: str, celsius: float) -> StationStatus:
         """Set a heater's target; 0 is off."""
-        return self._desk.heard(self._desk.ask(who).heat(name, celsius))
+        return self._access.heard(self._access.ask(who).heat(name, celsius))
 
     def heaters_off(self, who: Principal) -> StationStatus:
         """Set every target to 0."""
-        station = self._desk.ask(who)
+        station = self._access.ask(who)
         status = station.status
         for one in status.temperatures:
             if one.target_c is not None:
                 status = station.heat(one.name, 0.0)
-        return self._desk.heard(status)
+        return self._access.heard(status)
 
     def plunger(self, who: Principal, ul: float, ul_s: float | None = None) -> StationStatus:
         """Push (above 0) or draw back so many µL."""
-        with self._desk.moving(who) as station:
-            return self._desk.heard(station.plunger(ul, ul_s))
+        with self._access.moving(who) as station:
+            return self._access.heard(station.plunger(ul, ul_s))
 
     def mount(self, who: Principal, **said: Any) -> StationStatus:
         """Say what is mounted."""
-        return self._desk.heard(self._desk.ask(who).mount(**said))
+        return self._access.heard(self._access.ask(who).mount(**said))
 
     def _way_out(self, status: StationStatus) -> float:
         if status.position_mm is None:

@@ -16,7 +16,7 @@ from printctl.gate import Refusal, foreseen
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.printer.console import Console, checked_line
-from printctl.web.printer.desk import Desk
+from printctl.web.printer.printer_access import PrinterAccess
 from printctl.web.shelf import Shelf
 
 MOST: Final = 50
@@ -45,13 +45,13 @@ class Macros:
 
     Parameters
     ----------
-    desk : Desk
+    access : PrinterAccess
     shelf : Shelf
     console : Console
     """
 
-    def __init__(self, desk: Desk, shelf: Shelf, console: Console) -> None:
-        self._desk, self._shelf, self._console = desk, shelf, console
+    def __init__(self, access: PrinterAccess, shelf: Shelf, console: Console) -> None:
+        self._access, self._shelf, self._console = access, shelf, console
         self._lock = threading.Lock()
 
     def of(self, profile: str) -> list[Macro]:
@@ -78,7 +78,7 @@ class Macros:
         BadRequestError
             For a command that the console would refuse.
         """
-        self._desk.core.controls.require(who)
+        self._access.core.controls.require(who)
         self._check(profile, macro)
         with self._lock:
             kept = [one for one in self.of(profile) if one.name != macro.name]
@@ -93,7 +93,7 @@ class Macros:
         ------
         NotFoundError
         """
-        self._desk.core.controls.require(who)
+        self._access.core.controls.require(who)
         with self._lock:
             every = self.of(profile)
             kept = [one for one in every if one.name != name]
@@ -110,13 +110,13 @@ class Macros:
         LinkError
             When a command is refused; those after it aren't sent.
         """
-        self._desk.ask(who)
-        profile = self._shelf.name(self._desk.status.profile)
+        self._access.ask(who)
+        profile = self._shelf.name(self._access.status.profile)
         found = [one for one in self.of(profile) if one.name == name]
         if not found:
             raise NotFoundError(f"{profile} has no macro {name!r}")
         self._check(profile, found[0])
-        with self._desk.moving(who):
+        with self._access.moving(who):
             return [reply for text in found[0].commands for reply in self._console.send(who, text)]
 
     def _check(self, profile: str, macro: Macro) -> None:
@@ -134,4 +134,4 @@ class Macros:
 
     def _path(self, profile: str) -> Path:
         self._shelf.given(Printer, profile)
-        return self._desk.core.workspace.private / "macros" / f"{profile}.yaml"
+        return self._access.core.workspace.private / "macros" / f"{profile}.yaml"

@@ -1,4 +1,4 @@
-"""The last ten minutes of temperatures and of what is watched, once for all browsers."""
+"""Ring buffer of ten minutes of readings, shared by all browsers."""
 
 from __future__ import annotations
 

@@ -11,12 +11,12 @@ from printctl.web.errors import ConflictError
 from printctl.web.printer.calibrating import Calibrating
 from printctl.web.printer.changing import Changing
 from printctl.web.printer.console import Console
-from printctl.web.printer.desk import Desk
 from printctl.web.printer.following import Follower
 from printctl.web.printer.hands import Hands
 from printctl.web.printer.macros import Macros
 from printctl.web.printer.plots import Plots
 from printctl.web.printer.ports import FoundPort, ports_with_profiles
+from printctl.web.printer.printer_access import PrinterAccess
 from printctl.web.printer.touching import Guide
 from printctl.web.shelf import Shelf
 
@@ -51,13 +51,13 @@ class PrinterService:
         self.plots = Plots()
         self.shelf = Shelf(core.workspace.root)
         self._follower = Follower(core.workspace.station, self._publish)
-        self._desk = Desk(core, self._follower)
-        self.hands = Hands(self._desk)
-        self.console = Console(self._desk)
-        self.macros = Macros(self._desk, self.shelf, self.console)
-        self.guide = Guide(self._desk)
-        self.changing = Changing(self._desk, self.shelf)
-        self.calibrating = Calibrating(self._desk, self.shelf)
+        self._access = PrinterAccess(core, self._follower)
+        self.hands = Hands(self._access)
+        self.console = Console(self._access)
+        self.macros = Macros(self._access, self.shelf, self.console)
+        self.guide = Guide(self._access)
+        self.changing = Changing(self._access, self.shelf)
+        self.calibrating = Calibrating(self._access, self.shelf)
         self._follower.begin()
 
     def close(self) -> None:
@@ -67,7 +67,7 @@ class PrinterService:
     @property
     def status(self) -> StationStatus:
         """The station as it was heard of last; closed where there is none."""
-        return self._desk.status
+        return self._access.status
 
     def ports(self) -> list[FoundPort]:
         """Serial ports of this machine, and whose profile's USB id each has."""
@@ -113,25 +113,25 @@ class PrinterService:
             start_mm=(x, y, z),
         )
         self._follower.follow(station)
-        return self._desk.heard(station.status)
+        return self._access.heard(station.status)
 
     def disconnect(self, who: Principal) -> StationStatus:
         """Let go of the port; the heaters go off. Refused while printing."""
-        station = self._desk.ask(who)
+        station = self._access.ask(who)
         station.close()
-        return self._desk.heard(station.status)
+        return self._access.heard(station.status)
 
     def reconnect(self, who: Principal) -> StationStatus:
         """Open the port again and check the printer, after a halt or a lost port."""
-        return self._desk.heard(self._desk.ask(who).reconnect())
+        return self._access.heard(self._access.ask(who).reconnect())
 
     def stop_motion(self) -> StationStatus:
         """Stop a move by hand; needs no controls."""
-        return self._desk.heard(self._desk.station().stop_motion())
+        return self._access.heard(self._access.station().stop_motion())
 
     def kill(self) -> None:
         """Halt the firmware at once (M112); needs no controls."""
-        self._desk.station().kill()
+        self._access.station().kill()
 
     def _publish(self, status: StationStatus) -> None:
         self.plots.add(status)

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 from printctl.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.printer.desk import Desk
+from printctl.web.printer.printer_access import PrinterAccess
 
 Surface = Literal["floor", "bath"]
 READINGS: Final = 3
@@ -85,11 +85,11 @@ class Guide:
 
     Parameters
     ----------
-    desk : Desk
+    access : PrinterAccess
     """
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
+    def __init__(self, access: PrinterAccess) -> None:
+        self._access = access
         self._lock = threading.Lock()
         self._now: Touching | None = None
 
@@ -112,7 +112,7 @@ class Guide:
             raise BadRequestError(
                 f"a foil of {foil_mm:g} mm: give 0 to {THICKEST_FOIL_MM:g} mm, 0 for none"
             )
-        station = self._desk.ask(who)
+        station = self._access.ask(who)
         mounted = station.status.mounted
         if not mounted.needle or (surface == "floor" and not mounted.dish):
             raise ConflictError(
@@ -120,7 +120,7 @@ class Guide:
                 "soft limit can be kept"
             )
         forgotten = "floor_mm" if surface == "floor" else "bath_level_mm"
-        self._desk.heard(station.mount(**{forgotten: None}))
+        self._access.heard(station.mount(**{forgotten: None}))
         return self._keep(Touching(surface, foil_mm))
 
     def read(self, who: Principal) -> Touching:
@@ -131,7 +131,7 @@ class Guide:
         ConflictError
             When nothing was started, or the printer doesn't tell where it stands.
         """
-        station = self._desk.ask(who)
+        station = self._access.ask(who)
         with self._lock:
             now = self._started()
             place = station.status.position_mm
@@ -148,7 +148,7 @@ class Guide:
         ConflictError
             When they don't agree.
         """
-        station = self._desk.ask(who)
+        station = self._access.ask(who)
         with self._lock:
             now = self._started()
             if now.height_mm is None:
@@ -158,11 +158,11 @@ class Guide:
             else:
                 status = station.mount(bath_level_mm=round(now.height_mm - now.foil_mm, 4))
             self._now = None
-        return self._desk.heard(status)
+        return self._access.heard(status)
 
     def give_up(self, who: Principal) -> None:
         """Forget the readings."""
-        self._desk.core.controls.require(who)
+        self._access.core.controls.require(who)
         with self._lock:
             self._now = None
 

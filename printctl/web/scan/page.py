@@ -9,8 +9,8 @@ from nicegui import events, ui
 
 from printctl.web.design.making import RunProgress
 from printctl.web.design.page import room_style
-from printctl.web.design.pane.aside import aside
 from printctl.web.design.pane.embed import follow_theme
+from printctl.web.design.pane.in_thread import run_in_thread
 from printctl.web.errors import WebError
 from printctl.web.scan.answers import ScanSaid
 from printctl.web.scan.findings import Findings
@@ -20,7 +20,7 @@ from printctl.web.scan.pane.slices_card import SlicesCard
 from printctl.web.scan.service import ScanService
 from printctl.web.shell.dialogs import dialog_named
 from printctl.web.shell.frame import frame
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 from printctl.web.shell.uploading import upload
 
 
@@ -78,8 +78,8 @@ class _Page:
     # --- which scan -------------------------------------------------------------------------
 
     async def _refresh(self, scan: str = "", run_name: str = "") -> None:
-        scans = [row.scan for row in await aside(self._service.store.rows)]
-        runs = [row.name for row in await aside(self._service.runs.rows)]
+        scans = [row.scan for row in await run_in_thread(self._service.store.rows)]
+        runs = [row.name for row in await run_in_thread(self._service.runs.rows)]
         chosen = scan if scan in scans else self._scan if self._scan in scans else ""
         chosen = chosen or (scans[0] if scans else "")
         own = chosen.removeprefix("run~") if chosen.startswith("run~") else ""
@@ -101,7 +101,7 @@ class _Page:
         self._delete.set_enabled(scan.startswith("file~"))
         self._facts.text = f"{scan} is being read ..."
         try:
-            found = await aside(self._service.opened, scan)
+            found = await run_in_thread(self._service.opened, scan)
         except WebError as exc:
             self._facts.text = f"{scan} can't be shown yet"
             self._form.ask(str(exc))
@@ -118,11 +118,11 @@ class _Page:
         await self._follow()
 
     async def _say(self, said: ScanSaid) -> None:
-        await told(self._service.store.say, self._scan, said.overrides())
+        await run_or_notify(self._service.store.say, self._scan, said.overrides())
         await self._show(self._scan)
 
     async def _throw(self) -> None:
-        await told(self._service.store.delete, self._scan)
+        await run_or_notify(self._service.store.delete, self._scan)
         self._scan = ""
         await self._refresh()
 
@@ -139,7 +139,7 @@ class _Page:
                 with tempfile.TemporaryDirectory(dir=self._service.store.folder) as place:
                     arrived = Path(place) / "arrived"
                     await event.file.save(arrived)
-                    scan = await told(self._service.store.adopt, event.file.name, arrived)
+                    scan = await run_or_notify(self._service.store.adopt, event.file.name, arrived)
                 if scan is not None:
                     await self._refresh(scan)
 
@@ -155,16 +155,16 @@ class _Page:
 
     async def _start(self) -> None:
         work = self._service.register
-        await told(work, self._scan, self._runs.value or "", bool(self._filled.value))
+        await run_or_notify(work, self._scan, self._runs.value or "", bool(self._filled.value))
         await self._follow()
 
     async def _stop(self) -> None:
-        await told(self._service.cancel, self._scan, self._runs.value or "")
+        await run_or_notify(self._service.cancel, self._scan, self._runs.value or "")
         await self._follow()
 
     async def _go_on(self) -> None:
         name = self._runs.value or ""
-        if await told(self._service.runs.go_on, name) is not None:
+        if await run_or_notify(self._service.runs.go_on, name) is not None:
             self._shown = None
 
     def _look(self) -> tuple[RunProgress, Findings | None, str]:
@@ -184,7 +184,7 @@ class _Page:
             self._simulate.set_enabled(False)
             return
         try:
-            now, found, printed = await aside(self._look)
+            now, found, printed = await run_in_thread(self._look)
         except WebError as exc:
             self._state.text = str(exc)
             return

@@ -1,4 +1,4 @@
-"""The doors of the PDF: what needs reportlab is imported behind them."""
+"""PDF entry points that import reportlab only when called."""
 
 from __future__ import annotations
 

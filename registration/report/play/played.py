@@ -1,4 +1,4 @@
-"""Predicted ink of a print, stretch by stretch of its time."""
+"""Data of the print playback: predicted ink per interval of time."""
 
 from __future__ import annotations
 

@@ -11,8 +11,7 @@ from sim.board.controller import Controller, Handlers
 from sim.board.moves import rename_place
 from sim.families.marlin.factors import m220, m221
 from sim.families.marlin.numbering import request_resend
-from sim.families.marlin.settings import SETTINGS_HANDLERS, tell_settings
-from sim.families.marlin.tells import (
+from sim.families.marlin.report_commands import (
     m31,
     m105,
     m110,
@@ -26,6 +25,7 @@ from sim.families.marlin.tells import (
     m155,
     position_report,
 )
+from sim.families.marlin.settings import SETTINGS_HANDLERS, tell_settings
 from sim.families.marlin.texts import SETTINGS
 from sim.families.marlin.waits import (
     g4,

@@ -16,7 +16,7 @@ from sim.families.marlin.commands import HANDLERS
 from sim.families.marlin.halt import WaitForWords
 from sim.families.marlin.numbering import MarlinNumbering, request_resend
 from sim.families.marlin.plain_moves import take_plain_moves
-from sim.families.marlin.tells import ok_words, planned_position, temperatures
+from sim.families.marlin.report_commands import ok_words, planned_position, temperatures
 from sim.families.marlin.texts import BANNER
 from sim.families.marlin.tools import m218, take_tool
 from sim.families.marlin.urgent import EMERGENCY, act_urgently, code_on_entering

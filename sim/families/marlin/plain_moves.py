@@ -1,4 +1,4 @@
-"""The plain next lines of a print, taken without the main loop."""
+"""Fast path for consecutive plain moves, bypassing the simulated main loop."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 
 from sim.board.controller import Controller
+from sim.families.marlin.report_commands import ok_words
 from sim.families.marlin.short_road import NOT_TAKEN, take_numbered_move
-from sim.families.marlin.tells import ok_words
 
 
 def take_plain_moves(board: Controller, data: bytes, alarm: Callable[[], float]) -> bytes:

@@ -1,4 +1,4 @@
-"""Marlin's settings: M92, M201 to M206, M200, M301, and all of them in M503.
+"""Simulated Marlin's settings commands (M92, M200 to M206, M301) and M503 report.
 
 A step count, speed or acceleration of 0 or less is told as it was set, as Marlin tells it, but not
 kept to: what Marlin makes of it isn't modelled.
@@ -12,7 +12,7 @@ from typing import Final
 from sim.board.controller import Controller
 from sim.board.machine import Machine
 from sim.families.marlin.factors import filament_line, m200
-from sim.families.marlin.tells import planned_position
+from sim.families.marlin.report_commands import planned_position
 from sim.gcode import Command
 
 _AXES: Final = "XYZE"

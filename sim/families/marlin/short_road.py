@@ -1,4 +1,4 @@
-"""The straight road of the simulated Marlin: a numbered G0 or G1 line, in one kernel call.
+"""Fast path of the simulated Marlin for one numbered G0 or G1.
 
 It does what the general path (`sim.board.main_loop`) does, for the one case that makes up a print:
 the board waits for a line, the line is whole, numbered as expected, its checksum is good, it is a

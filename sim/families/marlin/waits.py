@@ -11,7 +11,7 @@ from typing import Final
 
 from sim.board.controller import Controller
 from sim.board.waits import Steps, Still, Task, Until, User
-from sim.families.marlin.tells import planned_position, temperatures
+from sim.families.marlin.report_commands import planned_position, temperatures
 from sim.families.marlin.texts import SETTINGS
 from sim.families.marlin.urgent import quickstop
 from sim.gcode import Command

@@ -5,29 +5,29 @@ import pytest
 
 from design.tissue import block, tissue_from_surface
 from design.vasculature import GrowthOptions
-from design.vasculature.growth.garden import Garden
 from design.vasculature.growth.prune import prune
 from design.vasculature.growth.retip import move_tip, tip_near
 from design.vasculature.growth.surroundings import Surroundings
+from design.vasculature.growth.tree_growth import TreeGrowth
 
 TERMINALS = 3000
 
 
 @pytest.fixture
-def garden():
+def growth():
     shape = block((20.0, 16.0, 12.0))
     tissue = tissue_from_surface(shape.vertices, shape.faces)
-    garden = Garden.open(tissue, GrowthOptions(terminals=TERMINALS), Surroundings(), 1.7, 0)
-    garden.start()
-    garden.grow()
-    garden.audit()
-    return garden
+    growth = TreeGrowth.open(tissue, GrowthOptions(terminals=TERMINALS), Surroundings(), 1.7, 0)
+    growth.start()
+    growth.grow()
+    growth.audit()
+    return growth
 
 
-def pruned(garden, smallest):
-    args = garden.segments, garden.count, garden.index, garden.room, garden.options.law
-    garden.progress["count"] = prune(*args, smallest)
-    return garden.segments[: garden.count]
+def pruned(growth, smallest):
+    args = growth.segments, growth.count, growth.index, growth.room, growth.options.law
+    growth.progress["count"] = prune(*args, smallest)
+    return growth.segments[: growth.count]
 
 
 def whole(segments):
@@ -45,44 +45,44 @@ def whole(segments):
 
 
 @pytest.mark.parametrize("smallest", [0.0, np.inf], ids=["tips may move", "tips stay"])
-def test_a_vessel_that_is_too_wide_loses_what_makes_it_thin_enough(garden, smallest):
-    s = garden.segments[: garden.count]
+def test_a_vessel_that_is_too_wide_loses_what_makes_it_thin_enough(growth, smallest):
+    s = growth.segments[: growth.count]
     wide = int(np.argmin(np.abs(s["terminals"] - 800)))
     fed = int(s["terminals"][wide])
     s["allowed"] = np.inf
     s["allowed"][wide] = 0.97 * s["radius"][wide]
-    left = pruned(garden, smallest)
+    left = pruned(growth, smallest)
     assert whole(left)
     lost = TERMINALS - left["terminals"][0]
-    thin_enough = 1.0 - (0.98 * 0.97) ** garden.options.law.gamma
+    thin_enough = 1.0 - (0.98 * 0.97) ** growth.options.law.gamma
     assert thin_enough * fed - 2 <= lost <= thin_enough * fed + 2
 
 
-def test_terminals_in_the_way_cost_few_others(garden):
+def test_terminals_in_the_way_cost_few_others(growth):
     # A vessel is seldom straight enough to do without its branch: those that aren't must not take
     # the branches above with them, up to the root.
-    s = garden.segments[: garden.count]
+    s = growth.segments[: growth.count]
     s["allowed"] = np.inf
     tips = np.flatnonzero(s["left"] < 0)[::10]
     s["allowed"][tips] = 0.9 * s["radius"][tips]
-    left = pruned(garden, 0.0)
+    left = pruned(growth, 0.0)
     assert whole(left)
     assert TERMINALS - left["terminals"][0] <= 1.05 * len(tips)
 
 
-def test_new_tips_are_clear_of_their_neighbours_and_wide_enough(garden):
-    s = garden.segments[: garden.count]
+def test_new_tips_are_clear_of_their_neighbours_and_wide_enough(growth):
+    s = growth.segments[: growth.count]
     tips = np.flatnonzero(s["left"] < 0)[::10]
-    rest = garden.index, garden.room, garden.options.law, 1.0
+    rest = growth.index, growth.room, growth.options.law, 1.0
     least = float(np.median(s["radius"][tips]))
     found = 0
     for i in tips:
-        good, at = tip_near(garden.segments, int(i), *rest, least)
-        assert not tip_near(garden.segments, int(i), *rest, np.inf)[0]
+        good, at = tip_near(growth.segments, int(i), *rest, least)
+        assert not tip_near(growth.segments, int(i), *rest, np.inf)[0]
         if not good:
             continue
         found += 1
-        move_tip(garden.segments, int(i), *rest[:-1], at)
+        move_tip(growth.segments, int(i), *rest[:-1], at)
         assert s["radius"][i] >= least
         parent = s["parent"][i]
         sibling = s["left"][parent] + s["right"][parent] - i
@@ -94,15 +94,15 @@ def test_new_tips_are_clear_of_their_neighbours_and_wide_enough(garden):
     assert found > 0.2 * len(tips)
 
 
-def test_repair_of_what_is_pruned_ends_with_every_terminal(garden):
-    s = garden.segments[: garden.count]
+def test_repair_of_what_is_pruned_ends_with_every_terminal(growth):
+    s = growth.segments[: growth.count]
     rng = np.random.default_rng(5)
-    s["allowed"][rng.choice(np.arange(1, garden.count), 60, replace=False)] = 0.0
-    garden.repair()
+    s["allowed"][rng.choice(np.arange(1, growth.count), 60, replace=False)] = 0.0
+    growth.repair()
     for _ in range(10):
-        garden.grow()
-        if garden.audit() == 0:
+        growth.grow()
+        if growth.audit() == 0:
             break
-        garden.repair()
-    assert garden.terminals == TERMINALS
-    assert garden.audit() == 0
+        growth.repair()
+    assert growth.terminals == TERMINALS
+    assert growth.audit() == 0

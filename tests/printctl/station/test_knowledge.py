@@ -88,10 +88,10 @@ def test_another_dish_holds_no_print(known):
     ],
 )
 def test_nonsense_is_refused_and_changes_nothing(known, said):
-    before = (known.mounted, known.plunger_mm, known.homed, known.kit)
+    before = (known.mounted, known.plunger_mm, known.homed, known.profiles)
     with pytest.raises(Refused):
         known.mount(said)
-    assert (known.mounted, known.plunger_mm, known.homed, known.kit) == before
+    assert (known.mounted, known.plunger_mm, known.homed, known.profiles) == before
 
 
 def test_status_travels_as_json():

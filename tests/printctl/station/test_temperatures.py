@@ -6,16 +6,16 @@ import pytest
 
 from firmware_profiles import Printer, load
 from printctl.gate import Bounds, Known, NotAllowed, check_heat
-from printctl.station.kit import read_kit
+from printctl.station.mounted_profiles import read_mounted_profiles
 from printctl.station.status import Mounted, Temperature
 from printctl.station.temperatures import heat_limits, parse_temperatures, target_command
 
 PRINTER = load(Printer, "generic_marlin")
 
 
-def check_target(known, name, celsius, kit, part_in_dish):
+def check_target(known, name, celsius, profiles, part_in_dish):
     told = tuple(one.name for one in known)
-    limits = heat_limits(kit, part_in_dish)
+    limits = heat_limits(profiles, part_in_dish)
     check_heat(Known(Bounds(PRINTER), heat=limits, heaters=told), name, celsius)
 
 
@@ -44,28 +44,28 @@ def test_reading_and_target():
 
 
 def test_ink_and_bath_limit_what_they_bear():
-    kit = read_kit(Mounted(ink="gelatin_sacrificial", bath="gelatin_support"))
-    ink, bath = kit.ink, kit.bath
+    profiles = read_mounted_profiles(Mounted(ink="gelatin_sacrificial", bath="gelatin_support"))
+    ink, bath = profiles.ink, profiles.bath
     assert ink is not None
     assert bath is not None
     assert bath.melt_out_c is not None
-    check_target(BOTH, "nozzle", ink.temperature_c.high, kit, False)
+    check_target(BOTH, "nozzle", ink.temperature_c.high, profiles, False)
     with pytest.raises(NotAllowed, match=r"temperature_c of"):
-        check_target(BOTH, "nozzle", ink.temperature_c.high + 0.1, kit, False)
+        check_target(BOTH, "nozzle", ink.temperature_c.high + 0.1, profiles, False)
     with pytest.raises(NotAllowed, match=r"max_printing_c of"):
-        check_target(BOTH, "bed", bath.melt_out_c, kit, False)
-    check_target(BOTH, "bed", bath.melt_out_c, kit, True)
+        check_target(BOTH, "bed", bath.melt_out_c, profiles, False)
+    check_target(BOTH, "bed", bath.melt_out_c, profiles, True)
 
 
 @pytest.mark.parametrize("celsius", [45.1, -1.0])
 def test_without_a_name_no_more_than_cells_bear(celsius):
     with pytest.raises(NotAllowed, match="outside 0 to 45"):
-        check_target(BOTH, "nozzle", celsius, read_kit(Mounted()), False)
+        check_target(BOTH, "nozzle", celsius, read_mounted_profiles(Mounted()), False)
 
 
 def test_heater_that_isnt_there_is_named():
     with pytest.raises(NotAllowed, match="no 'chamber', only of nozzle, bed"):
-        check_target(BOTH, "chamber", 30, read_kit(Mounted()), False)
+        check_target(BOTH, "chamber", 30, read_mounted_profiles(Mounted()), False)
 
 
 def test_commands_set_and_dont_wait():
@@ -74,6 +74,6 @@ def test_commands_set_and_dont_wait():
 
 
 def test_off_is_always_right():
-    check_target((), "bed", 0, read_kit(Mounted()), False)
+    check_target((), "bed", 0, read_mounted_profiles(Mounted()), False)
     with pytest.raises(NotAllowed, match="tells of no 'oven'"):
-        check_target((), "oven", 0, read_kit(Mounted()), False)
+        check_target((), "oven", 0, read_mounted_profiles(Mounted()), False)

@@ -1,1 +1,1 @@
-"""A network's step, compiled: what cells do, what nodes do, and both in time."""
+"""Compiled kernels of the 1D solver: cells, nodes, time stepping."""

@@ -1,4 +1,4 @@
-"""The conditions that drive the lumped models, at a mesh's ports."""
+"""Assign a network's boundary conditions to the ports of its 3D mesh."""
 
 from __future__ import annotations
 

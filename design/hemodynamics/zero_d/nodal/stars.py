@@ -1,4 +1,4 @@
-"""Numbers put through a `StarMesh`: its steps folded, sources gathered, values unfolded."""
+"""Kernels that apply a star-mesh elimination to conductances, sources and potentials."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from printctl.pipeline.outlined import run_outlines
 from printctl.run_folder.artefacts import GCODE, OXYGEN
 from printctl.run_folder.manifest import Manifest
 from printctl.web.design.look.views import LUMENS
-from printctl.web.polite import step_back
+from printctl.web.low_priority import lower_priority
 from registration.picture import Quantity, quantities
 from registration.picture.quantity import magnitude, signed
 from registration.report import NetworkPage, ReportSurface, write_network_html
@@ -108,7 +108,7 @@ def _pushing(run: Path) -> Pushing:
 
 def main() -> int:
     """Make one page."""
-    step_back()
+    lower_priority()
     sort, run, page = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
     try:
         {"network": write_network, "gcode": write_gcode}[sort](run, page)

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from nicegui import ui
 
 from printctl.web.design.look.compare import Difference
-from printctl.web.design.pane.aside import aside
 from printctl.web.design.pane.embed import embed
+from printctl.web.design.pane.in_thread import run_in_thread
 from printctl.web.design.service import DesignService
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 
 class CompareTab:
@@ -27,7 +27,7 @@ class CompareTab:
 
     async def refresh(self) -> None:
         """Show the runs that there are."""
-        rows = await aside(self._service.runs.rows)
+        rows = await run_in_thread(self._service.runs.rows)
         names = [row.name for row in rows if row.state != "never"]
         for select, place in ((self._one, 0), (self._other, 1)):
             value = select.value if select.value in names else None
@@ -41,9 +41,9 @@ class CompareTab:
         if not one or not other or one == other:
             self._box.clear()
             return
-        found = await told(self._service.compare, one, other)
+        found = await run_or_notify(self._service.compare, one, other)
         for name in (one, other):
-            await told(self._service.page, name, "network")
+            await run_or_notify(self._service.page, name, "network")
         if found is None or asked != self._asked:  # another pair was chosen meanwhile
             return
         self._box.clear()

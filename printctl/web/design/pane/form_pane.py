@@ -14,7 +14,7 @@ from printctl.web.design.pane.editor import Editor
 from printctl.web.design.pane.leaf import Say, leaf
 from printctl.web.design.pane.words import hint, label
 from printctl.web.design.schema import FormField, Node
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 _LEAVES: Final = ("number", "text", "flag", "one_of", "profile", "file", "free")
 _AXES: Final = ("x", "y", "z")
@@ -229,9 +229,9 @@ class FormPane:
 
     async def _say(self, path: forms.Path, value: Any, rebuild: bool = False) -> None:
         if value is None:
-            await told(self._editor.remove, path)
+            await run_or_notify(self._editor.remove, path)
         else:
-            await told(self._editor.put, path, value)
+            await run_or_notify(self._editor.put, path, value)
         self._editor.tell(False)
         if rebuild:
             self._opened.add(path)

@@ -7,8 +7,8 @@ from typing import Final
 from nicegui import events, ui
 
 from printctl.web.design.look import Figure
-from printctl.web.design.pane.aside import aside
 from printctl.web.design.pane.embed import embed
+from printctl.web.design.pane.in_thread import run_in_thread
 from printctl.web.design.service import DesignService
 from printctl.web.errors import WebError
 
@@ -38,7 +38,7 @@ class LookTab:
 
     async def refresh(self, name: str = "") -> None:
         """Show the runs that there are, and one of them."""
-        rows = await aside(self._service.runs.rows)
+        rows = await run_in_thread(self._service.runs.rows)
         names = [row.name for row in rows if row.state != "never"]
         wanted = name if name in names else self._run if self._run in names else ""
         wanted = wanted or (names[0] if names else "")
@@ -55,8 +55,8 @@ class LookTab:
         """Show a run."""
         self._run = name
         try:
-            figures = await aside(self._service.figures, name)
-            files = await aside(self._service.artefacts, name)
+            figures = await run_in_thread(self._service.figures, name)
+            files = await run_in_thread(self._service.artefacts, name)
         except WebError as exc:
             self._note.text = str(exc)
             return
@@ -74,7 +74,7 @@ class LookTab:
         self._frame.clear()
         self._note.text = "The view is being made ..." if view in ("network", "layers") else ""
         try:
-            await aside(self._service.page, name, view)
+            await run_in_thread(self._service.page, name, view)
         except Exception as exc:
             # Whatever a view can't show is said in its place; the other views still stand.
             self._note.text = str(exc)

@@ -7,10 +7,10 @@ from nicegui import ui
 from printctl.pipeline.names import TOOLPATH_NAMES
 from printctl.web.design.making import RunProgress
 from printctl.web.design.making.runs import LAST_STAGE
-from printctl.web.design.pane.aside import aside
 from printctl.web.design.pane.editor import Editor
+from printctl.web.design.pane.in_thread import run_in_thread
 from printctl.web.design.service import DesignService
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 _WORDS = {
     "never": "not made yet",
@@ -48,22 +48,22 @@ class MakeTab:
         ui.timer(1.0, self._refresh)
 
     async def _start(self) -> None:
-        await told(self._service.runs.start, self._editor.name, self._until.value)
+        await run_or_notify(self._service.runs.start, self._editor.name, self._until.value)
         await self._refresh()
 
     async def _go_on(self) -> None:
-        await told(self._service.runs.go_on, self._editor.name)
+        await run_or_notify(self._service.runs.go_on, self._editor.name)
         await self._refresh()
 
     async def _stop(self) -> None:
-        await told(self._service.runs.cancel, self._editor.name)
+        await run_or_notify(self._service.runs.cancel, self._editor.name)
         await self._refresh()
 
     async def _refresh(self) -> None:
         name = self._editor.name
         if not name:
             return
-        now, printed = await aside(self._look, name)
+        now, printed = await run_in_thread(self._look, name)
         self._make.set_enabled(not now.going_on and not self._editor.problems)
         self._cancel.set_enabled(now.going_on)
         self._continue.set_enabled(not now.going_on and printed == "done")

@@ -10,7 +10,7 @@ from nicegui import events, ui
 from printctl.web.design import form as forms
 from printctl.web.design.pane.editor import Editor
 from printctl.web.design.pane.form_pane import FormPane
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 
 
 class RecipeTab:
@@ -62,7 +62,7 @@ class RecipeTab:
         text = event.value or ""
         if text == self._editor.text or not self._editor.name:
             return
-        await told(self._editor.set_text, text)
+        await run_or_notify(self._editor.set_text, text)
         self._editor.tell(True)
 
     def _found(self, event: events.ValueChangeEventArguments[str | None]) -> None:

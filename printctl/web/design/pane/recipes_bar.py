@@ -10,7 +10,7 @@ from nicegui import events, ui
 from printctl.web.design.pane.editor import Editor
 from printctl.web.design.recipes import SUFFIXES
 from printctl.web.shell.dialogs import dialog_named
-from printctl.web.shell.told import told
+from printctl.web.shell.run_or_notify import run_or_notify
 from printctl.web.shell.uploading import upload
 
 Chosen = Callable[[str], Awaitable[None]]
@@ -105,17 +105,17 @@ class RecipesBar:
         recipes = self._editor.recipes
         if name.lower().endswith((".yaml", ".yml")):
             await self._go(recipes.take_in, name, data)
-        elif (taken := await told(recipes.take_file, name, data)) is not None:
+        elif (taken := await run_or_notify(recipes.take_file, name, data)) is not None:
             ui.notify(f"{taken} can be named in recipes now", type="positive")
             if self._editor.name and self._editor.saved:
-                await told(self._editor.load, self._editor.name)
+                await run_or_notify(self._editor.load, self._editor.name)
                 self._editor.tell(True)
 
     async def _delete(self) -> None:
         name = self._editor.name
         if not name:
             return
-        await told(self._editor.recipes.delete, name)
+        await run_or_notify(self._editor.recipes.delete, name)
         self._thrown = name
         self._back.text, self._back.visible = f"Take back {name}", True
         await self._chosen(next(iter(self._editor.recipes.names()), ""))
@@ -125,6 +125,6 @@ class RecipesBar:
         await self._go(self._editor.recipes.restore, self._thrown)
 
     async def _go(self, work: Callable[..., Any], *args: Any) -> None:
-        made = await told(work, *args)
+        made = await run_or_notify(work, *args)
         if made is not None:
             await self._chosen(made.name)

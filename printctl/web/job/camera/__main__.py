@@ -1,4 +1,4 @@
-"""The process at the camera: told its source on a line, it writes pictures until its input ends."""
+"""Camera process: source on its first input line, pictures on its output."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import threading
 
 from printctl.web.job.camera.capture import Capture
 from printctl.web.job.camera.pipe import write_message
-from printctl.web.polite import step_back
+from printctl.web.low_priority import lower_priority
 
 
 def main() -> None:
     """Look until the server is gone."""
     told = json.loads(sys.stdin.buffer.readline())
     threading.Thread(target=_end_with_the_server, daemon=True).start()
-    step_back()
+    lower_priority()
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what drivers print must not come between the pictures
     import cv2  # what it prints while it is loaded must not come between them either

@@ -14,7 +14,7 @@ from typing import Final
 from PIL import Image
 
 from design.files import replacing
-from printctl.web.polite import step_back
+from printctl.web.low_priority import lower_priority
 
 MOST_FRAMES: Final = 600
 LONGEST_PX: Final = 960
@@ -89,5 +89,5 @@ def _readable(path: Path) -> bool:
 
 
 if __name__ == "__main__":
-    step_back(_BEHIND_THE_PRINT)
+    lower_priority(_BEHIND_THE_PRINT)
     write_film(Path(sys.argv[1]), Path(sys.argv[2]))

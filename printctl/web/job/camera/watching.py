@@ -1,4 +1,4 @@
-"""The job's camera, and the prints' time-lapses."""
+"""Background service: run the camera and record a time-lapse per print."""
 
 from __future__ import annotations
 

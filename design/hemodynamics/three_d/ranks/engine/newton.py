@@ -1,4 +1,4 @@
-"""Newton's method from the lift of what is given, each step told."""
+"""Newton's method, started from the lifted boundary values, with each step logged."""
 
 from __future__ import annotations
 

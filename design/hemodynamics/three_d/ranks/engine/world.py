@@ -1,4 +1,4 @@
-"""The ranks, and the one log that they share."""
+"""MPI communicator, its shared log, and peak memory per rank."""
 
 from __future__ import annotations
 

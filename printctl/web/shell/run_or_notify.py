@@ -1,4 +1,4 @@
-"""Run what a page is asked to do, off the event loop, and tell the user what is refused."""
+"""Run page actions in a thread; show refusals as notifications."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from firmware_profiles import ProfileError
 from printctl.failures import message_and_code
 
 
-async def told(work: Callable[..., Any], *args: Any, **values: Any) -> Any:
+async def run_or_notify(work: Callable[..., Any], *args: Any, **values: Any) -> Any:
     """Call ``work`` in a thread; a refusal becomes a note on the page, and None is given back."""
     try:
         return await run.io_bound(work, *args, **values)

@@ -11,7 +11,7 @@ from printctl.station.status import Mounted
 
 
 @dataclass(frozen=True)
-class Kit:
+class MountedProfiles:
     """Profiles of what is mounted; None for nothing there, or nobody said.
 
     Attributes
@@ -32,7 +32,7 @@ class Kit:
         return math.pi / 4 * self.syringe.inner_mm**2 if self.syringe else None
 
 
-def read_kit(mounted: Mounted) -> Kit:
+def read_mounted_profiles(mounted: Mounted) -> MountedProfiles:
     """Load the profiles of what is mounted.
 
     Raises
@@ -41,7 +41,7 @@ def read_kit(mounted: Mounted) -> Kit:
         When one isn't there or is wrong.
     """
     try:
-        return Kit(
+        return MountedProfiles(
             needle=load(Needle, mounted.needle) if mounted.needle else None,
             syringe=load(Syringe, mounted.syringe) if mounted.syringe else None,
             ink=load(Ink, mounted.ink) if mounted.ink else None,

@@ -1,4 +1,4 @@
-"""Selection of prints: as a form, an address, a query of the index."""
+"""Filter of the print history: form values, URL query, index query."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LONGEST = 200
 
 
 @dataclass(frozen=True)
-class Wished:
+class PrintFilter:
     """What stands in the form."""
 
     words: str = ""
@@ -29,7 +29,7 @@ class Wished:
     descending: bool = True
 
     @classmethod
-    def asked(cls, address: Mapping[str, str]) -> tuple[Wished, int]:
+    def asked(cls, address: Mapping[str, str]) -> tuple[PrintFilter, int]:
         """Read an address's words, and which page of the list, the first being 0.
 
         What makes no sense in it is left out.
@@ -78,5 +78,5 @@ class Wished:
         return f"{API}/history/csv?{urlencode(self._said())}"
 
     def _said(self) -> dict[str, str]:
-        usual = vars(Wished())
+        usual = vars(PrintFilter())
         return {name: str(value) for name, value in vars(self).items() if value != usual[name]}

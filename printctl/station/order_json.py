@@ -1,4 +1,4 @@
-"""An order for a print, as it goes through the door; read by `printctl.station.orders`."""
+"""Serialise a print order as JSON for the station's socket."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:  # its package knows meshes, and a kill shouldn't wait for the
     from printctl.printing.find import Order
 
 
-def to_wish(order: Order) -> dict[str, Any]:
+def order_to_json(order: Order) -> dict[str, Any]:
     """An order as a JSON object."""
     return {
         "job": str(order.job.resolve()),

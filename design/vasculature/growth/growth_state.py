@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.tissue import Tissue
-from design.vasculature.growth.harvest import harvest
+from design.vasculature.growth.final_tree import final_tree
 from design.vasculature.growth.index import CellIndex, empty_index
 from design.vasculature.growth.listing import CELL, listed, room_of
 from design.vasculature.growth.points import GivenPoints, Sampler
@@ -36,7 +36,7 @@ ALL_AROUND = 40
 
 
 @dataclass
-class Bed:
+class GrowthState:
     """The arrays of one growth; same arguments, same growth."""
 
     tissue: Tissue
@@ -66,7 +66,7 @@ class Bed:
         attempt: int,
         trunk: Trunk | None = None,
     ) -> Self:
-        """A garden with nothing in it yet; same arguments, same growth."""
+        """A growth with nothing in it yet; same arguments, same growth."""
         if options.root_candidates:
             raise GrowthError(
                 "a root is searched for a tree alone (grow_tree); give each of several trees its "
@@ -176,4 +176,4 @@ class Bed:
     def tree(self) -> VesselTree:
         """The finished tree, its ratios computed afresh from geometry and topology."""
         s = self.segments[: self.count]
-        return harvest(s, self.tissue, self.options, self.scale, self.trunk)
+        return final_tree(s, self.tissue, self.options, self.scale, self.trunk)

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError, RootError
 from design.vasculature.growth.audit import measure_changed, measure_room
-from design.vasculature.growth.bed import ALL_AROUND, Bed
-from design.vasculature.growth.harvest import final_radii, share_by_demand
+from design.vasculature.growth.final_tree import final_radii, share_by_demand
+from design.vasculature.growth.growth_state import ALL_AROUND, GrowthState
 from design.vasculature.growth.listing import just, room_of
 from design.vasculature.growth.points import GivenPoints, in_the_way
 from design.vasculature.growth.prune import prune
@@ -43,7 +43,7 @@ _WAYS_MADE = 40
 """How often what is in the way of given points is taken away."""
 
 
-class Garden(Bed):
+class TreeGrowth(GrowthState):
     """The loop that has a tree grown, audited and repaired."""
 
     def run(self) -> VesselTree:

@@ -66,7 +66,7 @@ def _radii(segments: Segments, count: int, options: GrowthOptions, scale: Scale)
         spread_down(segments, count, root, 1.0, law)
 
 
-def harvest(
+def final_tree(
     segments: Segments,
     tissue: Tissue,
     options: GrowthOptions,

@@ -1,4 +1,4 @@
-"""Effects of the planned faults on a simulated board."""
+"""Apply planned faults to a simulated board."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sim.board.heat import HeatFault
 from sim.faults import Fault, FaultKind
 
 
-def happen(board: Controller, fault: Fault) -> bool:
+def apply_fault(board: Controller, fault: Fault) -> bool:
     """Let a fault happen; True when the board forgets what it was doing."""
     _HAPPENINGS[fault.fault](board, fault)
     return fault.fault in ("reset", "kill")

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from printctl.web.history.wished import Wished
+from printctl.web.history.print_filter import PrintFilter
 
 WISHED = st.builds(
-    Wished,
+    PrintFilter,
     words=st.text(max_size=20),
     state=st.sampled_from(["", "done", "killed"]),
     who=st.text(max_size=20),
@@ -22,13 +22,13 @@ WISHED = st.builds(
 
 
 @given(WISHED, st.integers(0, 10_000))
-def test_an_address_says_the_same_as_its_form(wished: Wished, page: int) -> None:
-    asked = dict(parse_qsl(urlsplit(wished.address(page)).query, keep_blank_values=True))
-    assert Wished.asked(asked) == (wished, page)
+def test_an_address_says_the_same_as_its_form(print_filter: PrintFilter, page: int) -> None:
+    asked = dict(parse_qsl(urlsplit(print_filter.address(page)).query, keep_blank_values=True))
+    assert PrintFilter.asked(asked) == (print_filter, page)
 
 
 def test_the_usual_list_has_a_plain_address() -> None:
-    assert Wished().address(0) == "/history"
+    assert PrintFilter().address(0) == "/history"
 
 
 @pytest.mark.parametrize(
@@ -44,8 +44,8 @@ def test_the_usual_list_has_a_plain_address() -> None:
     ],
 )
 def test_nonsense_is_left_out(asked: dict[str, str]) -> None:
-    assert Wished.asked(asked) == (Wished(), 0)
+    assert PrintFilter.asked(asked) == (PrintFilter(), 0)
 
 
 def test_a_long_text_is_cut() -> None:
-    assert len(Wished.asked({"words": "x" * 10_000})[0].words) == 200
+    assert len(PrintFilter.asked({"words": "x" * 10_000})[0].words) == 200

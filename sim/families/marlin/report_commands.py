@@ -1,4 +1,4 @@
-"""Commands of Marlin that only tell something, or set how often it is told."""
+"""Marlin's reporting commands (M105, M114, M115, M119) and report intervals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run what may block in a thread, and give what it gives."""
+"""Run a blocking call in a thread and return its result."""
 
 from __future__ import annotations
 
@@ -10,6 +10,6 @@ from nicegui import run
 T = TypeVar("T")
 
 
-async def aside(work: Callable[..., T], *args: Any) -> T:
+async def run_in_thread(work: Callable[..., T], *args: Any) -> T:
     """Call ``work`` in a thread; what it raises is raised here."""
     return cast(T, await run.io_bound(work, *args))

@@ -1,4 +1,4 @@
-"""Work of the pages that a print comes before."""
+"""Run background work at lower scheduling priority than a print."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NOW, BEHIND = "now", "behind"
 """When something is done, as one process tells another."""
 
 
-def step_back(niceness: int = _LATER) -> None:
+def lower_priority(niceness: int = _LATER) -> None:
     """Let what this thread does run behind a print; for good, since only root may step forward.
 
     Outside Linux it is the whole process; on Windows, which has no such thing, nothing happens.
@@ -24,7 +24,7 @@ def step_back(niceness: int = _LATER) -> None:
         os.nice(max(niceness - os.nice(0), 0))
 
 
-def behind_a_print(work: Callable[[], T]) -> T:
+def run_at_low_priority(work: Callable[[], T]) -> T:
     """Do something in a thread of its own that has stepped back; what is done later hasn't."""
-    with ThreadPoolExecutor(1, initializer=step_back) as behind:
+    with ThreadPoolExecutor(1, initializer=lower_priority) as behind:
         return behind.submit(work).result()

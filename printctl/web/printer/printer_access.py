@@ -1,4 +1,4 @@
-"""The way from who asks to the printer: the controls first, then the station."""
+"""Shared access of the printer page: control lock, then the station."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from printctl.web.errors import ConflictError
 from printctl.web.printer.following import Follower
 
 
-class Desk:
+class PrinterAccess:
     """What all parts of the printer's room share.
 
     Parameters
