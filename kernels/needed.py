@@ -14,6 +14,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+from numba.np.numpy_support import as_dtype, from_dtype
+
+types: Any = import_module("numba.core.types")  # its names are unknown to type checkers
+
 LIST: Final = Path(__file__).with_name("needed.jsonl")
 
 
@@ -72,9 +77,6 @@ def types_of(text: str) -> tuple[Any, ...]:
 
 
 def _described(one: Any) -> Any:
-    from numba.core import types
-    from numba.np.numpy_support import as_dtype
-
     if isinstance(one, types.Bytes):
         return {"bytes": one.dtype.name}
     if type(one) is types.Array and one.aligned:  # not an array within a record
@@ -95,8 +97,6 @@ def _described(one: Any) -> Any:
 
 
 def _numba_type(data: Any) -> Any:
-    from numba.core import types
-
     if isinstance(data, str):
         return getattr(types, data)
     ((kind, value),) = data.items()
@@ -123,9 +123,6 @@ def _fields(dtype: Any) -> list[Any]:
 
 
 def _record(data: list[Any]) -> Any:
-    import numpy as np
-    from numba import from_dtype
-
     size, aligned, fields = data
     names, forms, shapes, offsets = zip(*fields, strict=True)
     formats = [(form, tuple(shape)) for form, shape in zip(forms, shapes, strict=True)]
