@@ -2,9 +2,6 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-# The compiled kernels live in the environment, so that removing it removes all.
-export PRINTCTL_CACHE ?= $(abspath $(VENV))/cache
-
 .PHONY: serve demo test test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-search bench-operator bench-firmware docs gallery dist test-dist audit clean
 
 demo: $(VENV)/.ready
@@ -33,37 +30,37 @@ lint: $(VENV)/.ready-test
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(VENV)/.ready
+bench: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.pipeline
 
 # Minutes; with svv beside it where it installs. BENCH="--large" adds a million terminals.
-bench-vasculature: $(VENV)/.ready
+bench-vasculature: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.vasculature $(BENCH)
 
 # Minutes: how exact and fast tissues answer, and a battery of them.
-bench-tissue: $(VENV)/.ready
+bench-tissue: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.tissue
 
 # Minutes: every promise of the printer link, on the simulated printer; BENCH="--quick" for one or two.
-bench-link: $(VENV)/.ready
+bench-link: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.link $(BENCH)
 
 # Minutes, most of them PrusaSlicer's where it is installed; BENCH="--quick" without the large part.
-bench-solids: $(VENV)/.ready
+bench-solids: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.solids $(BENCH)
 
 # Scan to report; BENCH="--quick" for a tenth of the cases. Then scans of two generators that share no code
 # with us, hours in full: SCANS="--count 4 --keep DIR" for fewer. BENCH="--only ..." leaves these out.
-bench-registration: $(VENV)/.ready
+bench-registration: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.registration $(BENCH)
 	@$(if $(findstring --only,$(BENCH)),:,$(BIN)/python -m benchmarks.scan_bench $(if $(findstring --quick,$(BENCH)),--quick) $(SCANS))
 
 # Vessels written into soft matter, judged by a checker of its own; BENCH="--quick" without the 2,000.
-bench-embedded: $(VENV)/.ready
+bench-embedded: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.embedded $(BENCH)
 
 # Lumped flow, steady and pulsatile; BENCH="--quick" without the million vessels.
-bench-flow: $(VENV)/.ready
+bench-flow: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.flow $(BENCH)
 
 # A design search in one process and on two workers; BENCH="--quick" for eight candidates.
@@ -111,7 +108,6 @@ $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
-	$(BIN)/printctl doctor --warm
 	touch $@
 
 # Kernels are compiled when they are first needed: the page is seen sooner.
@@ -123,6 +119,7 @@ $(VENV)/.ready-web: pyproject.toml constraints.txt
 
 $(VENV)/.ready-test: $(VENV)/.ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[test]"
+	$(BIN)/printctl doctor --warm
 	touch $@
 
 $(VENV)/.ready-docs: $(VENV)/.ready

@@ -29,6 +29,8 @@ from kernels.key import Memo, UnkeepableError, kernel_key, signature_text
 
 _MEMO: Memo = {}
 _DIGEST_BYTES: Final = 32
+_SIGNATURE: Final = 3
+"""Place of the signature in what numba's `CompileResult` is kept as."""
 
 # Numba numbers the functions that a process compiles from 1 and puts the number into their
 # symbols. Files of two processes would hold different functions under one symbol, and the second
@@ -50,6 +52,17 @@ def cache_dir() -> Path:
 def _absolute(root: Path) -> Path:
     """Where ``root`` was when it was first asked for: a process may change its folder."""
     return root.absolute()
+
+
+def kernel_of(file: Path) -> str:
+    """Return module and name of the kernel that a file of the store holds."""
+    return file.name.rpartition("-")[0]
+
+
+def signature_in(file: Path) -> Sequence[types.Type] | None:
+    """Return the argument types of the kernel that a file of the store holds; None if damaged."""
+    payload = _read_whole(file)
+    return None if payload is None else payload[_SIGNATURE].args
 
 
 class KernelStore(NullCache):

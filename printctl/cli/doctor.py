@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.doctor import Examined, examine
 
 
@@ -22,10 +22,10 @@ def doctor(
     is opened.
     """
     if warm:
-        from printctl.warm import warm_kernels  # Loads everything; only wanted here.
+        from kernels.needed import needed  # Loads numba; only wanted here.
+        from printctl.cli.kernels_ready import compile_with_bar
 
-        messages().print("compiling kernels (once per version, a minute or two) ...")
-        warm_kernels()
+        compile_with_bar(needed())
     found = examine()
     if as_json:
         print_json(found.as_dict())

@@ -93,6 +93,9 @@ def register(
     steps = Steps(progress_file, out, ("reading", "registration", "writing"))
     # Of matrices so small a second thread would do nothing but spin; numpy reads this once.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from printctl.cli.kernels_ready import have_kernels  # help waits for no compiler
+
+    have_kernels("register")
     with collected_rarely(), SecondProcess(PAGES) as second, steps.whole():
         steps.begin("reading")
         from printctl.cli.register_design import read_design  # help waits for no mesh library

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
     JsonFlag,
     RecipeArg,
@@ -20,9 +21,11 @@ from printctl.cli.options import (
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.process_lines import process_lines
 from printctl.cli.progress_option import ProgressFileOption, message_of
+from printctl.pipeline.names import DESIGN_NAMES
 from printctl.pipeline.run import How, run_recipe
 from printctl.progress_file import ProgressFile
-from printctl.recipe import load_recipe
+from printctl.recipe import Recipe, load_recipe
+from printctl.recipe.growth import ClosedLoop, GrownNetwork
 from printctl.records.verdict import outcome
 from printctl.run_folder.artefacts import HTML, PDF
 
@@ -64,6 +67,7 @@ def run(
     told = None if progress_file is None else ProgressFile(progress_file)
     with nullcontext() if told is None else told.whole(message_of):
         loaded = load_recipe(recipe, tell)
+        have_kernels(*_works(loaded, until), listener=told)
         folder = out if out is not None else Path("runs") / loaded.name
         how = How(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=told)
         data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)
@@ -73,6 +77,16 @@ def run(
         print_lines(*_ended(data, folder, until, pdf))
     if until is None and not data["verdict"]["passed"]:
         raise typer.Exit(1)
+
+
+def _works(recipe: Recipe, until: str | None) -> list[str]:
+    """What of the list of kernels the stages need."""
+    grown = isinstance(recipe.vasculature, GrownNetwork | ClosedLoop)
+    designed = until in DESIGN_NAMES
+    return [
+        *(["design"] if grown or designed else []),
+        *([] if designed else [f"run {recipe.toolpath.method}"]),
+    ]
 
 
 def _ended(data: dict[str, Any], folder: Path, until: str | None, pdf: bool) -> list[str]:

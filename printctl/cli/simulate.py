@@ -9,6 +9,7 @@ import typer
 
 from firmware_profiles import Printer, load
 from printctl.cli import simulate_options as options
+from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
     JsonFlag,
     PrinterOption,
@@ -58,6 +59,7 @@ def simulate(
     With --out, --lag-s or --network it predicts what will lie in the bath, too. Ends with exit
     code 3 when a check fails; the line and the reason are named.
     """
+    have_kernels("simulate")
     profile = load(Printer, printer)
     tip = start_of(file, profile, start)
     given = ProfileNames(needle, bath, dish, dish_centre, bath_depth)

@@ -10,6 +10,7 @@ import typer
 from design.toolpath.fresh import Adaptive, Filling, FreshOptions, Infill
 from design.units import LengthUnit
 from firmware_profiles import Dish, Printer, load
+from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
     JsonFlag,
     PrinterOption,
@@ -121,6 +122,7 @@ def slice_mesh(
     profile = load(Printer, printer)
     filling = Filling(infill, infill_percent * 1e-2)
     chosen = head_of_each(heads, len(models), profile)
+    have_kernels("slice")
     modifiers = [read_modifier(text, profile.head_count) for text in modifier or ()]
     job = SliceJob(
         assemble(models, chosen, modifiers, filling, unit),

@@ -20,13 +20,16 @@ SHARED = ROOT.parent / "shared"
 
 
 def printctl(
-    *args: str | Path, cwd: Path, preexec: Callable[[], None] | None = None
+    *args: str | Path,
+    cwd: Path,
+    preexec: Callable[[], None] | None = None,
+    env: dict[str, str] | None = None,
 ) -> subprocess.CompletedProcess[str]:
-    """Run ``printctl`` with ``args`` in ``cwd``; never longer than twenty minutes."""
+    """Run ``printctl`` with ``args`` in ``cwd`` (and ``env``); never longer than twenty minutes."""
     return subprocess.run(
         [sys.executable, "-m", "printctl", *map(str, args)],
         cwd=cwd,
-        env=None,
+        env=env,
         capture_output=True,
         text=True,
         timeout=1200,

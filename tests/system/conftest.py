@@ -3,19 +3,37 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from kernels import cache_dir
+from kernels.needed import needed
+from tests.kernels.record import row
 from tests.system.cli import ROOT, printctl
 
 
 @pytest.fixture(scope="session")
-def planar_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def listed_kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A store of compiled kernels that holds none but those on the list (`kernels.needed`)."""
+    folder = tmp_path_factory.mktemp("listed")
+    (folder / "kernels").mkdir()
+    listed = {(one.kernel, one.takes) for one in needed()}
+    for file in cache_dir().glob("*.nbc"):
+        if row(file) in listed:
+            shutil.copyfile(file, folder / "kernels" / file.name)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def planar_run(tmp_path_factory: pytest.TempPathFactory, listed_kernels: Path) -> Path:
     """Folder of the shipped planar recipe, run once through the command line."""
     folder = tmp_path_factory.mktemp("planar")
-    done = printctl("run", ROOT / "examples" / "planar_fresh.yaml", "--out", "run", cwd=folder)
+    recipe, env = ROOT / "examples" / "planar_fresh.yaml", {"PRINTCTL_CACHE": str(listed_kernels)}
+    done = printctl("run", recipe, "--out", "run", cwd=folder, env=os.environ | env)
     assert done.returncode == 0, done.stderr
     return folder / "run"
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from printctl.errors import SafetyError
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
-from printctl.warm import LAYERED
+from tests.kernels.record import LAYERED
 
 
 def dry_run(folder: Path, **care: Any) -> dict[str, Any]:

@@ -1,0 +1,136 @@
+"""What is compiled for which work: `needed.jsonl`, one kernel with its argument types a line.
+
+Written by ``python -m tests.kernels.record``, which does the work once without any compiled
+kernel. A kernel that isn't listed is compiled when it is first called, as everywhere in numba;
+the list only lets all cores do it beforehand. Callees stand before their callers.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numba.np.numpy_support import as_dtype, from_dtype
+
+types: Any = import_module("numba.core.types")  # its names are unknown to type checkers
+
+LIST: Final = Path(__file__).with_name("needed.jsonl")
+
+
+@dataclass(frozen=True)
+class Needed:
+    """A kernel and the argument types that it is compiled for.
+
+    Attributes
+    ----------
+    kernel : str
+        Module and function, with a colon between.
+    takes : str
+        Argument types as JSON (`types_text`).
+    by : frozenset of str
+        The kinds of work that need it: ``run fresh``, ``register`` and so on.
+    """
+
+    kernel: str
+    takes: str
+    by: frozenset[str]
+
+
+def needed(*works: str) -> list[Needed]:
+    """Return what ``works`` need; with none given all that is listed. Empty without the list."""
+    if not LIST.is_file():
+        return []
+    return [one for one in _listed() if not works or one.by & set(works)]
+
+
+def _listed() -> Iterator[Needed]:
+    for line in LIST.read_text(encoding="utf-8").splitlines():
+        data = json.loads(line)
+        yield Needed(data["kernel"], json.dumps(data["takes"]), frozenset(data["by"]))
+
+
+def write(rows: Iterable[Needed], path: Path = LIST) -> None:
+    """Write the list anew."""
+    lines = [
+        json.dumps({"kernel": one.kernel, "by": sorted(one.by), "takes": json.loads(one.takes)})
+        for one in rows
+    ]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def types_text(signature: Iterable[Any]) -> str:
+    """Return numba's argument types as JSON; raise `TypeError` for a kind that isn't known."""
+    return json.dumps([_described(one) for one in signature])
+
+
+def types_of(text: str) -> tuple[Any, ...]:
+    """Return numba's argument types of `types_text`.
+
+    Raises `ImportError` or `AttributeError` where a class is no longer there.
+    """
+    return tuple(_numba_type(one) for one in json.loads(text))
+
+
+def _described(one: Any) -> Any:
+    if isinstance(one, types.Bytes):
+        return {"bytes": one.dtype.name}
+    if type(one) is types.Array and one.aligned:  # not an array within a record
+        shape = [one.ndim, one.layout, *([] if one.mutable else ["readonly"])]
+        return {"array": [_described(one.dtype), *shape]}
+    if isinstance(one, types.BaseTuple):
+        items = [_described(item) for item in one]
+        if not isinstance(one, types.BaseNamedTuple):
+            return {"tuple": items}
+        named = one.instance_class
+        return {"named": [f"{named.__module__}:{named.__qualname__}", items]}
+    if isinstance(one, types.Record):
+        return {"record": _fields(as_dtype(one))}
+    plain = isinstance(one, types.Integer | types.Float | types.Boolean | types.NoneType)
+    if plain and not isinstance(one, types.Literal):
+        return {types.boolean: "boolean", types.none: "none"}.get(one, one.name)
+    raise TypeError(f"numba type {one}, which the list of kernels can't hold")
+
+
+def _numba_type(data: Any) -> Any:
+    if isinstance(data, str):
+        return getattr(types, data)
+    ((kind, value),) = data.items()
+    if kind == "bytes":
+        return types.Bytes(getattr(types, value), 1, "C")
+    if kind == "array":
+        dtype, ndim, layout, *flags = value
+        return types.Array(_numba_type(dtype), ndim, layout, readonly="readonly" in flags)
+    if kind == "tuple":
+        return types.BaseTuple.from_types([_numba_type(one) for one in value])
+    if kind == "named":
+        items = [_numba_type(one) for one in value[1]]
+        return types.BaseTuple.from_types(items, found(value[0]))
+    return _record(value)
+
+
+def _fields(dtype: Any) -> list[Any]:
+    """Size and alignment of a record, and of each field name, type, shape and offset."""
+    fields = [
+        [name, field.base.str, list(field.shape), offset]
+        for name, (field, offset) in dtype.fields.items()
+    ]
+    return [dtype.itemsize, dtype.isalignedstruct, fields]
+
+
+def _record(data: list[Any]) -> Any:
+    size, aligned, fields = data
+    names, forms, shapes, offsets = zip(*fields, strict=True)
+    formats = [(form, tuple(shape)) for form, shape in zip(forms, shapes, strict=True)]
+    parts: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": size}
+    return from_dtype(np.dtype(parts, align=aligned))
+
+
+def found(name: str) -> Any:
+    """Return what ``name`` (module, colon, name) stands for."""
+    module, _, attribute = name.partition(":")
+    return getattr(import_module(module), attribute)
