@@ -13,6 +13,7 @@ back       ``done``, ``n``: lines that an ok which wasn't theirs had acknowledge
            the line of number ``n``; control records of what goes again follow
 control    ``n``, ``command``: a line number about to be used for a control command
 alarm      text
+repeated   an alarm came again: ``first``: its first text, ``text``: its last, ``times``
 checkpoint position read back (M114) after ``done`` command lines, ``agrees`` with the job's text?
            ``mark``: what ended there, where it was made at a mark; ``stands``: with the motors at
            rest, so that those lines were made
