@@ -1,15 +1,19 @@
-"""Kernels compiled before a command begins, on all cores, with a bar."""
+"""Kernels compiled before a command begins, on all cores, with a bar.
+
+`kernels` is imported when called: a command that refuses its input, or tells its help, waits for no
+compiler.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-from kernels import cache_dir
-from kernels.in_advance import compile_in_advance, missing, processes
-from kernels.needed import Needed, needed
 from printctl.cli.options import messages
 from printctl.progress import Listener, StageBars
+
+if TYPE_CHECKING:
+    from kernels.needed import Needed
 
 FEWEST: Final = 20
 """Fewer are compiled when they are called: processes of their own take seconds to begin."""
@@ -25,6 +29,9 @@ def have_kernels(*works: str, listener: Listener | None = None) -> None:
     listener : Listener, optional
         Is told of a stage "kernels" if there is anything to compile.
     """
+    from kernels.in_advance import missing
+    from kernels.needed import needed
+
     rows = missing(needed(*works))
     if len(rows) >= FEWEST:
         compile_with_bar(rows, listener)
@@ -32,6 +39,9 @@ def have_kernels(*works: str, listener: Listener | None = None) -> None:
 
 def compile_with_bar(rows: Sequence[Needed], listener: Listener | None = None) -> None:
     """Compile ``rows``, saying how far it is."""
+    from kernels import cache_dir
+    from kernels.in_advance import compile_in_advance, processes
+
     bars = StageBars(messages(), listener)
     if listener is not None:
         listener.begin(("kernels",), "kernels")

@@ -9,6 +9,7 @@ from typing import Any, Final
 import typer
 
 from printctl.ahead import SecondProcess
+from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.progress_option import ProgressFileOption, Steps
@@ -93,7 +94,6 @@ def register(
     steps = Steps(progress_file, out, ("reading", "registration", "writing"))
     # Of matrices so small a second thread would do nothing but spin; numpy reads this once.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from printctl.cli.kernels_ready import have_kernels  # help waits for no compiler
 
     have_kernels("register")
     with collected_rarely(), SecondProcess(PAGES) as second, steps.whole():
