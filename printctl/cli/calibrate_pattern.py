@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
 
 import numpy as np
 import typer
@@ -27,6 +26,7 @@ from printctl.calibration.patterns import (
     sheet_text,
     spiral_pattern,
 )
+from printctl.cli import calibrate_pattern_options as options
 from printctl.cli import set_up_options as mounting
 from printctl.cli.calibrate_options import numbers_of
 from printctl.cli.options import (
@@ -53,66 +53,32 @@ _OWN = {
 
 def pattern(
     context: typer.Context,
-    name: Annotated[
-        Literal["lines", "spiral", "joint", "bridge", "comb"],
-        typer.Argument(help="lines, spiral, joint, bridge or comb.", show_default=False),
-    ],
-    output: Annotated[
-        Path,
-        typer.Option("--output", "-o", help="The G-code; .csv, .json, .svg stand beside it."),
-    ],
-    needle: Annotated[str, typer.Option("--needle", help="Needle profile.", show_default=False)],
-    printer: Annotated[
-        str, typer.Option("--printer", "--profile", help="Printer profile, shipped or a .yaml.")
-    ] = "generic_marlin",
+    name: options.Name,
+    output: options.Output,
+    needle: options.NeedleName,
+    printer: options.PrinterName = "generic_marlin",
     syringe: SyringeOption = "hamilton_1ml",
-    ink: Annotated[str, typer.Option("--ink", help="Ink profile.")] = "collagen_fresh",
+    ink: options.InkName = "collagen_fresh",
     bath: mounting.BathOption = None,
     dish: mounting.DishOption = None,
     dish_centre: mounting.DishCentreOption = None,
     bath_depth: mounting.BathDepthOption = None,
-    at: Annotated[
-        str,
-        typer.Option(
-            "--at", metavar="X,Y,Z", help="Middle of the pattern and height of its lines, mm."
-        ),
-    ] = "100,100,5",
-    width: Annotated[
-        float | None, typer.Option("--width", help="Of the line, mm; the needle's bore if not.")
-    ] = None,
-    layer: Annotated[
-        float | None, typer.Option("--layer", help="Height of a line, mm; half its width if not.")
-    ] = None,
-    round_bead: Annotated[
-        bool | None,
-        typer.Option("--round/--flat", help="A filament, if a bath is named; or on a plate."),
-    ] = None,
-    speeds: Annotated[str, typer.Option("--speeds", help="Of lines, mm/s.")] = "2,5,8",
-    flow_factors: Annotated[
-        str, typer.Option("--flow-factors", help="Of lines: multiples of the cross-section.")
-    ] = "0.8,1,1.2",
-    length: Annotated[float, typer.Option("--length", help="Of a line, mm.", min=1)] = 24.0,
-    repeats: Annotated[int, typer.Option("--repeats", help="Of each line.", min=1)] = 1,
-    steps: Annotated[
-        int, typer.Option("--steps", help="Lines written slow, fast, slow, for the lag.", min=0)
-    ] = 2,
-    speed: Annotated[
-        float, typer.Option("--speed", help="Of all but lines, mm/s.", min=0.01)
-    ] = 5.0,
-    turns: Annotated[float, typer.Option("--turns", help="Of the spiral.", min=1, max=50)] = 5.0,
-    pitch: Annotated[
-        float | None, typer.Option("--pitch", help="Of the spiral, mm; 5 widths if not.")
-    ] = None,
-    gaps: Annotated[
-        str | None, typer.Option("--gaps", help="Of the comb, mm; 0.2 to 2 widths if not.")
-    ] = None,
-    overlaps: Annotated[
-        str, typer.Option("--overlaps", help="Of joints, radii beyond the trunk's surface.")
-    ] = "-1.5,-1,-0.5,0,0.5,1",
-    spans: Annotated[str, typer.Option("--spans", help="Of bridges, mm.")] = "1,2,3,4,6",
-    height: Annotated[
-        float, typer.Option("--height", help="Of the bridges' pillars, mm.", min=0.1)
-    ] = 2.0,
+    at: options.At = "100,100,5",
+    width: options.Width = None,
+    layer: options.Layer = None,
+    round_bead: options.RoundBead = None,
+    speeds: options.Speeds = "2,5,8",
+    flow_factors: options.FlowFactors = "0.8,1,1.2",
+    length: options.Length = 24.0,
+    repeats: options.Repeats = 1,
+    steps: options.Steps = 2,
+    speed: options.Speed = 5.0,
+    turns: options.Turns = 5.0,
+    pitch: options.Pitch = None,
+    gaps: options.Gaps = None,
+    overlaps: options.Overlaps = "-1.5,-1,-0.5,0,0.5,1",
+    spans: options.Spans = "1,2,3,4,6",
+    height: options.Height = 2.0,
 ) -> None:
     """Write a calibration print: G-code, a drawing, a sheet to type widths into.
 

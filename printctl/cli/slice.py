@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
-
-from design.toolpath.fresh import Adaptive, Filling, FreshOptions, Infill
-from design.units import LengthUnit
+from design.toolpath.fresh import Adaptive, Filling, FreshOptions
 from firmware_profiles import Dish, Printer, load
+from printctl.cli import slice_options as options
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
     JsonFlag,
@@ -26,89 +24,24 @@ _LINES_UM = (10.0, 5000.0)
 
 
 def slice_mesh(
-    models: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="MESH...",
-            help="STL, 3MF, PLY, OBJ or OFF; closed. Several, in one frame: each by a head of its "
-            "own; where two overlap the later one counts.",
-            show_default=False,
-        ),
-    ],
-    out: Annotated[Path, typer.Option("--out", help="G-code file to write.", show_default=False)],
-    unit: Annotated[
-        LengthUnit | None, typer.Option("--unit", help="Of the meshes; a 3MF says it itself.")
-    ] = None,
+    models: options.Models,
+    out: options.Out,
+    unit: options.Unit = None,
     printer: PrinterOption = "generic_marlin",
-    heads: Annotated[
-        str | None,
-        typer.Option(
-            "--heads", help="Head of each mesh, counted from 0, like 0,1,1; if not given 0,1,..."
-        ),
-    ] = None,
-    syringe: Annotated[
-        str, typer.Option("--syringe", help="Syringe profile; of several heads: left,right.")
-    ] = "hamilton_1ml",
-    ink: Annotated[
-        str, typer.Option("--ink", help="Ink profile; of several heads: left,right.")
-    ] = "collagen_fresh",
-    needle: Annotated[
-        str,
-        typer.Option(
-            "--needle",
-            help="Needle profile, of several heads: left,right; what a pneumatic head lays needs "
-            "it.",
-        ),
-    ] = "fresh_150um",
-    dish: Annotated[
-        str | None,
-        typer.Option("--dish", help="Dish profile: several heads are changed above its wall."),
-    ] = None,
-    layer_um: Annotated[
-        float, typer.Option("--layer-um", help="Height of a layer, µm.", min=5, max=2000)
-    ] = 60.0,
-    thinnest_um: Annotated[
-        float | None,
-        typer.Option(
-            "--thinnest-layer-um",
-            help="Layers down to this height where walls are slanted, µm; all alike if not given.",
-            min=5,
-            max=2000,
-        ),
-    ] = None,
-    stair_um: Annotated[
-        float,
-        typer.Option(
-            "--stair-um",
-            help="With --thinnest-layer-um: depth of a slanted wall's stair from which on layers "
-            "become thinner, µm.",
-            min=1,
-            max=500,
-        ),
-    ] = 20.0,
-    line_um: Annotated[
-        str, typer.Option("--line-um", help="Width of a line, µm; of several heads: left,right.")
-    ] = "150",
-    walls: Annotated[int, typer.Option("--walls", help="Along every boundary.", min=1, max=50)] = 2,
-    infill: Annotated[
-        Infill, typer.Option("--infill", help="What fills the inside of the walls.")
-    ] = "lines",
-    infill_percent: Annotated[
-        float,
-        typer.Option(
-            "--infill-percent", help="Share of the inside that is filled.", min=0, max=100
-        ),
-    ] = 100.0,
-    modifier: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--modifier",
-            metavar="MESH:SETTING=VALUE,...",
-            help="Inside this mesh the part is filled in another way: infill, infill-percent, "
-            "infill-angles (45/135), or written by another head. Again for each.",
-        ),
-    ] = None,
-    speed: Annotated[float, typer.Option("--speed", help="Writing, mm/s.", min=0.01)] = 20.0,
+    heads: options.Heads = None,
+    syringe: options.SyringeOfEach = "hamilton_1ml",
+    ink: options.InkOfEach = "collagen_fresh",
+    needle: options.NeedleOfEach = "fresh_150um",
+    dish: options.DishName = None,
+    layer_um: options.Layer = 60.0,
+    thinnest_um: options.Thinnest = None,
+    stair_um: options.Stair = 20.0,
+    line_um: options.Line = "150",
+    walls: options.Walls = 2,
+    infill: options.InfillKind = "lines",
+    infill_percent: options.InfillPercent = 100.0,
+    modifier: options.Modifier = None,
+    speed: options.Speed = 20.0,
     as_json: JsonFlag = False,
 ) -> None:
     """Slice meshes into FRESH layers whose lumens keep their size; write G-code and its line map.

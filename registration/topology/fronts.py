@@ -30,6 +30,26 @@ _NONE = np.uint8(255)
 
 
 @jit
+def _begins(label: IntVolume, mean: FloatVolume, known: FloatVolume) -> tuple[IntArray, int]:
+    """Fill ``known`` of `grow` for its begin; its index of each voxel of a wall, and how many."""
+    nz, ny, nx = label.shape
+    found, count = np.empty(1024, dtype=np.int64), 0
+    for z in range(nz):
+        for y in range(ny):
+            for x in range(nx):
+                here = ((z + 1) * (ny + 2) + y + 1) * (nx + 2) + x + 1
+                known[here, 1] = mean[z, y, x]
+                if label[z, y, x] == UNREACHED:
+                    known[here, 0] = np.inf
+                elif label[z, y, x] >= -1 and _beside(label, z, y, x):
+                    known[here, 0] = 0.0
+                    if count == len(found):
+                        found = _longer(found)
+                    found[count], count = here, count + 1
+    return found, count
+
+
+@jit
 def grow(
     label: IntVolume, mean: FloatVolume, step: float, most: float
 ) -> tuple[FloatVolume, FloatVolume, FloatVolume, FloatVolume, IntArray]:
@@ -71,21 +91,9 @@ def grow(
     # No step costs less than a bucket is wide: what lies in one is settled when its turn comes.
     width = 0.99 * step * price(0.0)
     top = np.full(int(most / width) + 2, -1, dtype=np.int64)
-    voxel, below = np.empty(1024, dtype=np.int64), np.empty(1024, dtype=np.int64)
-    offer, count = np.empty(1024, dtype=np.float32), 0
-    for z in range(nz):
-        for y in range(ny):
-            for x in range(nx):
-                here = (z + 1) * along_z + (y + 1) * along_y + x + 1
-                known[here, 1] = mean[z, y, x]
-                if label[z, y, x] == UNREACHED:
-                    known[here, 0] = np.inf
-                elif label[z, y, x] >= -1 and _beside(label, z, y, x):
-                    known[here, 0] = 0.0
-                    if count == len(voxel):
-                        voxel, below, offer = _longer(voxel), _longer(below), _longer(offer)
-                    voxel[count], offer[count], below[count] = here, 0.0, top[0]
-                    top[0], count = count, count + 1
+    voxel, count = _begins(label, mean, known)
+    below, offer = np.arange(-1, len(voxel) - 1), np.zeros(len(voxel), dtype=np.float32)
+    top[0] = count - 1
     order, reached = np.empty(label.size, dtype=np.int64), 0
     for bucket in range(len(top)):
         while top[bucket] >= 0:

@@ -66,6 +66,40 @@ def squares_of(ink: Ink, pitch_mm: float) -> Squares:
 
 
 @jit
+def _middle(start: FloatArray, end: FloatArray) -> tuple[float, float, float]:
+    return 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1]), 0.5 * (start[2] + end[2])
+
+
+@jit
+def _balls_around(ink: Ink) -> tuple[FloatArray, FloatArray, float]:
+    """Middle (n, 3) and radius (n,) of a ball around each piece of ink, the largest radius, mm."""
+    count = len(ink.when)
+    middle, radius, largest = np.empty((count, 3)), np.empty(count), 0.0
+    for j in range(count):
+        middle[j, 0], middle[j, 1], middle[j, 2] = _middle(ink.start[j], ink.end[j])
+        radius[j] = 0.5 * span(ink.start[j], ink.end[j]) + max(ink.radius[j, 0], ink.radius[j, 1])
+        largest = max(largest, radius[j])
+    return middle, radius, largest
+
+
+@jit
+def _hit_of(hits: Records, first: int, used: int, vessel: int) -> int:
+    """Which of a move's hits is that of ``vessel``; -1 for none yet."""
+    for k in range(first, min(used, len(hits))):
+        if hits[k].vessel == vessel:
+            return k
+    return -1
+
+
+@jit
+def _squares_within(at: float, reach: float, squares: Squares, axis: int) -> tuple[int, int]:
+    """First and last column or row of squares within ``reach`` of ``at``, mm."""
+    begin = (at - reach - squares.origin[axis]) / squares.pitch
+    end = (at + reach - squares.origin[axis]) / squares.pitch
+    return max(0, int(np.floor(begin))), min(squares.shape[axis] - 1, int(end))
+
+
+@jit
 def search(
     tips: Tips,
     ink: Ink,
@@ -100,36 +134,23 @@ def search(
     int
         How many hits there are.
     """
-    count = len(ink.when)
-    middle, half, thick = np.empty((count, 3)), np.empty(count), 0.0
-    for j in range(count):
-        for axis in range(3):
-            middle[j, axis] = 0.5 * (ink.start[j, axis] + ink.end[j, axis])
-        half[j] = 0.5 * span(ink.start[j], ink.end[j])
-        half[j] += max(ink.radius[j, 0], ink.radius[j, 1])
-        thick = max(thick, half[j])
+    middle, half, thick = _balls_around(ink)
     stack = np.empty((64, 4))
     used = first = 0
     for i in range(len(tips.move)):
         move, body, now = tips.move[i], bodies[tips.needle[i]], tips.when[i]
         if i > 0 and tips.move[i - 1] != move:
             first = used
-        x = 0.5 * (tips.start[i, 0] + tips.end[i, 0])
-        y = 0.5 * (tips.start[i, 1] + tips.end[i, 1])
-        z = 0.5 * (tips.start[i, 2] + tips.end[i, 2])
+        x, y, z = _middle(tips.start[i], tips.end[i])
         own = 0.5 * span(tips.start[i], tips.end[i])
         reach = max(body[0], body[4]) + thick + own + look
-        x0 = max(0, int(np.floor((x - reach - squares.origin[0]) / squares.pitch)))
-        y0 = max(0, int(np.floor((y - reach - squares.origin[1]) / squares.pitch)))
-        x1 = min(squares.shape[0] - 1, int((x + reach - squares.origin[0]) / squares.pitch))
-        y1 = min(squares.shape[1] - 1, int((y + reach - squares.origin[1]) / squares.pitch))
+        x0, x1 = _squares_within(x, reach, squares, 0)
+        y0, y1 = _squares_within(y, reach, squares, 1)
         for column in range(x0, x1 + 1):
             row = column * squares.shape[1]
             for m in range(squares.begin[row + y0], squares.begin[row + max(y0, y1 + 1)]):
                 j = squares.member[m]
-                if ink.when[j] > now:
-                    continue
-                if ink.when[j] == now and ink.run[j] != tips.run[i]:
+                if ink.when[j] > now or (ink.when[j] == now and ink.run[j] != tips.run[i]):
                     continue
                 # Nothing of the pair is nearer than this.
                 low = shaft_distance(middle[j, 0] - x, middle[j, 1] - y, middle[j, 2] - z, body)
@@ -137,37 +158,35 @@ def search(
                 if low >= look or low >= max(near[move].value, apart[move].value, told):
                     continue
                 joined = related(i, j, tips, ink, joints)
-                w, hit = ink.vessel[j], -1
-                limit = near[move].value
+                w = ink.vessel[j]
+                hit = _hit_of(hits, first, used, w)
+                limit = max(near[move].value, hits[hit].value if hit >= 0 else told)
                 if not joined:
                     limit = max(limit, apart[move].value)
-                for k in range(first, min(used, len(hits))):
-                    if hits[k].vessel == w:
-                        hit = k
-                limit = max(limit, hits[hit].value if hit >= 0 else told)
                 if low >= limit:
                     continue
                 value, s, t = pair_approach(i, j, limit, joined, tips, ink, joints, body, stack)
                 if s < 0.0:
                     continue
-                if value < near[move].value:
-                    _keep(near[move], value, i, j, s, t, move, w)
-                if not joined and value < apart[move].value:
-                    _keep(apart[move], value, i, j, s, t, move, w)
+                _keep_nearer(near[move], value, i, j, s, t, move, w)
+                if not joined:
+                    _keep_nearer(apart[move], value, i, j, s, t, move, w)
                 if value >= told:
                     continue
                 if hit < 0:
                     hit, used = used, used + 1
                     if hit < len(hits):
-                        _keep(hits[hit], value, i, j, s, t, move, w)
-                elif value < hits[hit].value:
-                    _keep(hits[hit], value, i, j, s, t, move, w)
+                        hits[hit].value = np.inf
+                if hit < len(hits):
+                    _keep_nearer(hits[hit], value, i, j, s, t, move, w)
     return used
 
 
 @jit
-def _keep(
+def _keep_nearer(
     row: Record, value: float, piece: int, ink: int, s: float, t: float, move: int, vessel: int
 ) -> None:
-    row.value, row.piece, row.ink, row.s, row.t = value, piece, ink, s, t
-    row.move, row.vessel = move, vessel
+    """Write an approach into ``row`` if it is nearer than the one there."""
+    if value < row.value:
+        row.value, row.piece, row.ink, row.s, row.t = value, piece, ink, s, t
+        row.move, row.vessel = move, vessel

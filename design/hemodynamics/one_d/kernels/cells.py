@@ -36,6 +36,12 @@ def _share(a: float, b: float, small: float) -> float:
 
 
 @jit
+def _push_at_node(flow: float, area: float, base: float, alpha: float, weight: float) -> float:
+    """Momentum flux over density through a vessel's end; ``base`` is the area without pressure."""
+    return alpha * flow * flow / area + weight * (area / base) * np.sqrt(area / base)
+
+
+@jit
 def cell_rates(
     grid: Grid,
     area: FloatArray,
@@ -68,16 +74,14 @@ def cell_rates(
         small_p = grid.small_pressure[vessel] + 1e-300
         small_q = grid.small_flow[vessel] + 1e-300
         # The face before the first cell is the node's.
-        a_node, q_node = node_area[2 * vessel], -node_flow[2 * vessel]
-        face = first + vessel
+        mass_in, face = -node_flow[2 * vessel], first + vessel
         base, stiff = grid.face_area[face], grid.face_stiffness[face]
-        phi_node = stiff * a_node * np.sqrt(a_node / base) * third_density
-        mass_in = q_node
-        push_in = alpha * q_node * q_node / a_node + phi_node
+        weight = stiff * base * third_density
+        push_in = _push_at_node(mass_in, node_area[2 * vessel], base, alpha, weight)
         b_p, b_q = pressure[first + 1] - pressure[first], flow[first + 1] - flow[first]
         left_p, left_q = pressure[first] - 0.5 * b_p, flow[first] - 0.5 * b_q
         y = 1.0 + left_p / stiff
-        phi_in = stiff * base * third_density * y * y * y
+        phi_in = weight * y * y * y
         near_p, near_q = pressure[first] + 0.5 * b_p, flow[first] + 0.5 * b_q
         for i in range(first, last + 1):
             # Here near_… is cell i's own value at its far face, left_… at its near one.
@@ -111,11 +115,8 @@ def cell_rates(
                 push0, push1 = alpha * near_q * u0 + own, alpha * left_q * u1 + far_own
                 push = (fast * push0 - slow * push1 + slow * fast * (left_q - near_q)) * span
             else:
-                end = 2 * vessel + 1
-                mass = node_flow[end]
-                a_node = node_area[end]
-                push = alpha * mass * mass / a_node
-                push += weight * (a_node / base) * np.sqrt(a_node / base)
+                mass = node_flow[2 * vessel + 1]
+                push = _push_at_node(mass, node_area[2 * vessel + 1], base, alpha, weight)
             area_rate[i] = (mass_in - mass) * per_cell
             driven = (push_in - push) + (own - phi_in) - area[i] * per_density * (near_p - left_p)
             flow_rate[i] = driven * per_cell - grid.friction[i] * flow[i] / area[i]
