@@ -17,7 +17,8 @@ from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link import LinkState, Status
 from printctl.link.clock import VirtualClock
 from printctl.link.job import parse_job
-from printctl.link.journal import Journal, read_journal
+from printctl.link.journal import Journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import HostDiedError
 from printctl.link.wiring import Wiring

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from printctl.link.journal import Record, read_records, times_words
+from printctl.link.journal import Record, read_records
+from printctl.link.journalled_print import times_words
 from printctl.link.noted import noted
 from printctl.link.states import LinkState
 

@@ -12,7 +12,7 @@ from printctl.link.connecting import connect
 from printctl.link.errors import LinkError
 from printctl.link.interruption import StopAsked
 from printctl.link.job_start import told_start
-from printctl.link.journal import History
+from printctl.link.journalled_print import JournalledPrint
 from printctl.link.marks import MarkKind
 from printctl.link.print_parts import PrintParts
 from printctl.link.requests import Request
@@ -33,7 +33,7 @@ class PrintLoop:
         self._wiring, self._protocol = parts.channel.wiring, parts.channel.wiring.protocol
         self._job = self._progress.job
 
-    def run(self, history: History | None) -> None:
+    def run(self, history: JournalledPrint | None) -> None:
         """Print, from handshake to end; see `Streamer.run`.
 
         Raises
@@ -46,7 +46,7 @@ class PrintLoop:
         except StopAsked:
             self._parts.ending.stop()
 
-    def _run(self, history: History | None) -> None:
+    def _run(self, history: JournalledPrint | None) -> None:
         parts, logbook = self._parts, self._logbook
         logbook.enter(LinkState.CONNECTING, f"opening {self._wiring.transport.name}")
         if history is None:

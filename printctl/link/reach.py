@@ -13,7 +13,7 @@ from firmware_profiles import Printer, ProfileError, load
 from printctl.link.errors import JournalError, LinkError
 from printctl.link.families import link_facts
 from printctl.link.job import Job, load_job
-from printctl.link.journal import History, read_journal
+from printctl.link.journalled_print import JournalledPrint, read_journal
 from printctl.link.locking import lock
 from printctl.link.made import moves_ahead, surely_moved
 from printctl.link.record import JOURNAL, LOCK, LinkRecord, load_record
@@ -37,7 +37,7 @@ def what_is_known(folder: Path) -> Status:
     try:
         history = read_journal(folder / JOURNAL)
     except JournalError:
-        history = History()
+        history = JournalledPrint()
     counts = {"lines_done": history.done, "lines_total": history.total, **_places(record, history)}
     if history.end is not None:
         return Status.from_dict({**history.end, **counts, "alarms": len(history.alarms)})
@@ -57,7 +57,7 @@ def what_is_known(folder: Path) -> Status:
     )
 
 
-def _still_moving(folder: Path, record: LinkRecord, history: History) -> str:
+def _still_moving(folder: Path, record: LinkRecord, history: JournalledPrint) -> str:
     """Say what a printer whose host is gone may go on doing, by its family."""
     if history.state is LinkState.PAUSED:
         return "it was paused, so its motors stood; heaters stay on"
@@ -80,7 +80,7 @@ def _held(printer: Printer) -> str:
     return f"up to {moves_ahead(printer):.0f} moves"
 
 
-def _places(record: LinkRecord, history: History) -> dict[str, int]:
+def _places(record: LinkRecord, history: JournalledPrint) -> dict[str, int]:
     """Line of the file, and lines surely made; nothing where the file has changed or is gone."""
     try:
         printer = load(Printer, record.profile)
@@ -95,7 +95,7 @@ def _places(record: LinkRecord, history: History) -> dict[str, int]:
     }
 
 
-def _made(job: Job, history: History, printer: Printer) -> int:
+def _made(job: Job, history: JournalledPrint, printer: Printer) -> int:
     """Lines surely made; at an end that dropped moves, those before the place where it stood."""
     sure = max(surely_moved(job.lines, history.done, moves_ahead(printer)), history.made)
     if history.end is None or not history.end.get("position_known"):

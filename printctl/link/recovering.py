@@ -17,7 +17,7 @@ from printctl.link.firmware import modes
 from printctl.link.heads import all_raised, choose, head_at, is_about_heads, lowered
 from printctl.link.job import Job
 from printctl.link.job_frame import JobFrame, frame_at
-from printctl.link.journal import History
+from printctl.link.journalled_print import JournalledPrint
 from printctl.link.modal import HOMING, Modal, places_told
 from printctl.link.recovery_begin import Beginning, beginning
 from printctl.link.recovery_steps import by_hand, what_is_there
@@ -59,7 +59,7 @@ class Recovery:
 def plan_recovery(
     job: Job,
     data: bytes,
-    history: History,
+    history: JournalledPrint,
     printer: Printer,
     retreat: Retreat,
     from_line: int | None = None,
@@ -76,7 +76,7 @@ def plan_recovery(
     job : Job
     data : bytes
         The job's file.
-    history : History
+    history : JournalledPrint
     printer : Printer
     retreat : Retreat
         How the plunger is primed.

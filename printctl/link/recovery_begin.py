@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from firmware_profiles import Printer
 from printctl.link.errors import LinkError
 from printctl.link.job import Job
-from printctl.link.journal import History, Record
+from printctl.link.journal import Record
+from printctl.link.journalled_print import JournalledPrint
 from printctl.link.made import moves_ahead, surely_moved
 from printctl.link.modal import Modal, modal_state, relieved_mm
 
@@ -84,7 +85,9 @@ def _where_it_stood(job: Job, stood: Record) -> Beginning:
     return Beginning(index, "where it was stopped", at, relieved, told)
 
 
-def beginning(job: Job, history: History, printer: Printer, from_line: int | None) -> Beginning:
+def beginning(
+    job: Job, history: JournalledPrint, printer: Printer, from_line: int | None
+) -> Beginning:
     """Find where the rest begins: as asked, where the printer stood, or behind a sure checkpoint.
 
     Raises
@@ -101,7 +104,7 @@ def beginning(job: Job, history: History, printer: Printer, from_line: int | Non
 
 
 def _line_to_begin(
-    job: Job, history: History, printer: Printer, from_line: int | None
+    job: Job, history: JournalledPrint, printer: Printer, from_line: int | None
 ) -> tuple[int, str]:
     if from_line is not None:
         begin = bisect_left(job.file_lines, from_line)
@@ -119,7 +122,7 @@ def _line_to_begin(
     raise _no_checkpoint(job, history, printer, sure)
 
 
-def _no_checkpoint(job: Job, history: History, printer: Printer, sure: int) -> NoCheckpoint:
+def _no_checkpoint(job: Job, history: JournalledPrint, printer: Printer, sure: int) -> NoCheckpoint:
     """Return what tells a person where to begin, or what to look up."""
     made = surely_moved(job.lines, history.done, moves_ahead(printer))
     if not 0 < made < len(job):
@@ -137,7 +140,7 @@ def _no_checkpoint(job: Job, history: History, printer: Printer, sure: int) -> N
     )
 
 
-def _refused(history: History) -> int | None:
+def _refused(history: JournalledPrint) -> int | None:
     """Lines before the one that the printer refused, if all of those were surely made."""
     end = history.end or {}
     refused = end.get("refused")

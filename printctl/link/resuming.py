@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from printctl.link.errors import Refused
-from printctl.link.journal import History, read_journal
+from printctl.link.journalled_print import JournalledPrint, read_journal
 from printctl.link.record import JOURNAL
 from printctl.link.states import LinkState
 
 
-def resumable(folder: Path, sha256: str) -> History:
+def resumable(folder: Path, sha256: str) -> JournalledPrint:
     """Read the journal of a print that was interrupted.
 
     Interrupted is a print whose link process died, whose port went away, or whose printer fell

@@ -10,7 +10,7 @@ from printctl.link.families import link_facts
 from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.frame_check import FrameCheck
 from printctl.link.head_choice import HeadChoice
-from printctl.link.journal import History
+from printctl.link.journalled_print import JournalledPrint
 from printctl.link.modal import Modal
 from printctl.link.pauses import Pauses
 from printctl.link.position_check import PositionCheck
@@ -53,7 +53,7 @@ class Resumption:
     returning: Returning
     requests: PrintRequests
 
-    def find_again(self, history: History) -> None:
+    def find_again(self, history: JournalledPrint) -> None:
         """Ask the printer for its last line; come back to where the job was.
 
         Raises
@@ -88,7 +88,7 @@ class Resumption:
             self._rejoin(at)
         # else it died behind the last line, when settings may be as before the job: no move is left
 
-    def _last_line(self, history: History) -> tuple[int, int]:
+    def _last_line(self, history: JournalledPrint) -> tuple[int, int]:
         """Return the printer's last line, as a line of the job and by its number."""
         wiring, progress = self.channel.wiring, self.channel.logbook.progress
         if not link_facts(wiring.printer).remembers:

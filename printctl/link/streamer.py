@@ -11,7 +11,7 @@ from collections.abc import Callable
 from printctl.link.care import Care, NewSyringe
 from printctl.link.errors import HandshakeError, LinkError, PortLost
 from printctl.link.job import Job
-from printctl.link.journal import History
+from printctl.link.journalled_print import JournalledPrint
 from printctl.link.marks import MarkKind
 from printctl.link.print_loop import PrintLoop
 from printctl.link.print_parts import assemble
@@ -41,12 +41,12 @@ class Streamer:
         self._logbook, self._kill = self.parts.channel.logbook, self.parts.channel.kill
         self._requests = self.parts.requests
 
-    def run(self, history: History | None = None) -> Status:
+    def run(self, history: JournalledPrint | None = None) -> Status:
         """Print, from handshake to end.
 
         Parameters
         ----------
-        history : History, optional
+        history : JournalledPrint, optional
             Journal of the same job, whose link process died: go on from the printer's last line.
 
         Returns

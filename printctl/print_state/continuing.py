@@ -9,7 +9,7 @@ from firmware_profiles import Printer, Syringe, load
 from printctl.errors import PrintctlError, UsageError
 from printctl.link.care import Care, NewSyringe
 from printctl.link.client import PrintClient, attach, resume_print
-from printctl.link.journal import read_journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.states import LinkState, Status

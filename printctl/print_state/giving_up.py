@@ -11,7 +11,8 @@ from printctl.link.errors import JobError, Refused
 from printctl.link.gating import settings_changed_by
 from printctl.link.history import remember_meanwhile
 from printctl.link.job import load_job
-from printctl.link.journal import Journal, read_journal
+from printctl.link.journal import Journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.process import only_one
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.states import LinkState, Status

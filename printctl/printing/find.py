@@ -13,7 +13,7 @@ from printctl.link.care import Care
 from printctl.link.client import PrintClient, attach, resume_print, start_print
 from printctl.link.errors import LinkError, NoLink
 from printctl.link.families import refuse_unsent
-from printctl.link.journal import read_journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.link.journal import read_records, times_words
+from printctl.link.journal import read_records
+from printctl.link.journalled_print import times_words
 from printctl.link.states import LinkState
 
 _AT_WORK: Final = LinkState.PRINTING

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from printctl.link.history_entry import plain_text
-from printctl.link.journal import Record, read_records, times_words
+from printctl.link.journal import Record, read_records
+from printctl.link.journalled_print import times_words
 
 MOST: Final = 2000
 """Events that are told; a print with more has them in its journal."""

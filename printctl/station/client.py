@@ -23,7 +23,7 @@ from printctl.link.client import attach as attach_print
 from printctl.link.detaching import spawn
 from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
 from printctl.link.families import refuse_unsent
-from printctl.link.journal import read_journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.ports import SIMULATED
 from printctl.link.reach import alive, gone, stays_alive
 from printctl.link.record import JOURNAL as PRINT_JOURNAL

@@ -13,7 +13,7 @@ from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.job import Job
-from printctl.link.journal import History
+from printctl.link.journalled_print import JournalledPrint
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
@@ -97,7 +97,7 @@ def played(
     script: Script,
     care: Care | None = None,
     retreat: Retreat | None = None,
-    history: History | None = None,
+    history: JournalledPrint | None = None,
     protocol: LinkProtocol | None = None,
     printer: Printer = PRINTER,
 ) -> Status:

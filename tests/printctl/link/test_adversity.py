@@ -11,7 +11,8 @@ from printctl.link import kill
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortLost, Refused
-from printctl.link.journal import Journal, encode, read_journal
+from printctl.link.journal import Journal, encode
+from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL
 from printctl.link.resuming import resumable
 from printctl.link.states import LinkState, Status

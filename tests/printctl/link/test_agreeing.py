@@ -10,7 +10,7 @@ from printctl.gate.firmware import differences, told_settings
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import HandshakeError
-from printctl.link.journal import read_journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.states import LinkState
 from sim.families.klipper.printer import KlipperPrinter
 from sim.families.marlin.printer import MarlinPrinter

@@ -6,7 +6,8 @@ from contextlib import closing
 
 from printctl.link.clock import VirtualClock
 from printctl.link.history_entry import entry_of
-from printctl.link.journal import Journal, read_journal
+from printctl.link.journal import Journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.states import LinkState
 from printctl.printing.journalled import journalled
 from sim.families.marlin.printer import MarlinPrinter

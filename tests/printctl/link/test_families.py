@@ -13,7 +13,8 @@ from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.families import protocol_for
 from printctl.link.firmware import parse_firmware
-from printctl.link.journal import Journal, read_journal
+from printctl.link.journal import Journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport

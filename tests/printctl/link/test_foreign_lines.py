@@ -16,7 +16,8 @@ from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
 from printctl.link.answer_count import EVERY_S
 from printctl.link.clock import VirtualClock
-from printctl.link.journal import History, Journal, read_journal
+from printctl.link.journal import Journal
+from printctl.link.journalled_print import JournalledPrint, read_journal
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
@@ -60,7 +61,7 @@ def printed(
     each_s: float = 0.001,
     count: int = LINES,
     on_status: Callable[[Status], None] = lambda status: None,
-) -> tuple[Status, History, SharedTransport]:
+) -> tuple[Status, JournalledPrint, SharedTransport]:
     transport = SharedTransport(FakeMarlin(), VirtualClock(), at, writes)
     transport.each_s = each_s
     streamer = streamer_of(

@@ -10,7 +10,8 @@ import pytest
 
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import Refused
-from printctl.link.journal import RESERVE, Journal, read_journal
+from printctl.link.journal import RESERVE, Journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.recovery_begin import beginning
 from printctl.link.resuming import resumable
 from printctl.link.states import LinkState, Status

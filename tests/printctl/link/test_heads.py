@@ -18,7 +18,7 @@ from printctl.link.heads import (
     keep_raised,
     lowered,
 )
-from printctl.link.journal import read_journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.modal import relieved_mm
 from printctl.link.recovering import plan_recovery

@@ -9,7 +9,7 @@ import pytest
 
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.clock import VirtualClock
-from printctl.link.journal import read_journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport_simulated import HostDiedError

@@ -9,7 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from printctl.link.errors import JournalError
-from printctl.link.journal import Journal, decode, encode, read_journal
+from printctl.link.journal import Journal, decode, encode
+from printctl.link.journalled_print import read_journal
 from printctl.link.states import LinkState
 
 

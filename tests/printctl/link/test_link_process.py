@@ -15,7 +15,7 @@ import yaml
 from firmware_profiles import Printer, load
 from printctl.link import LinkError, LinkState, attach, reach, resume_print, start_print
 from printctl.link.errors import AlreadyPrinting, JobError, NoLink, PortInUse, PortMissing
-from printctl.link.journal import read_journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.reach import alive
 from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, write_job
 

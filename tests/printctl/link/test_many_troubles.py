@@ -7,7 +7,7 @@ import pytest
 
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
-from printctl.link.journal import read_journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer

@@ -11,7 +11,8 @@ from printctl.cli.status import watched
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.gauges import Gauge
-from printctl.link.journal import read_journal, read_records
+from printctl.link.journal import read_records
+from printctl.link.journalled_print import read_journal
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.link.transport_simulated import HostDiedError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from printctl.link.clock import VirtualClock
-from printctl.link.journal import read_journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from sim.executed import ExecutedMotion

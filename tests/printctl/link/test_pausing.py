@@ -13,7 +13,7 @@ from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import LinkError
-from printctl.link.journal import read_journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState

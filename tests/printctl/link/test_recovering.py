@@ -9,7 +9,7 @@ from firmware_profiles import Printer, load
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import LinkError
-from printctl.link.journal import History, read_journal
+from printctl.link.journalled_print import JournalledPrint, read_journal
 from printctl.link.made import moves_ahead, surely_moved
 from printctl.link.marks import MarkKind
 from printctl.link.recovering import Recovery, plan_recovery
@@ -31,6 +31,7 @@ DATA = layered(5, 20)
 JOB = parse_job(DATA, "test.gcode")
 FORESEEN = dry_run(DATA, PRINTER, START, cold_extrusion=True).executed
 RETREAT = Retreat(relief_mm=0.3)
+NOTHING_KNOWN = JournalledPrint()
 
 
 def rows(motion: ExecutedMotion, keep: np.ndarray) -> np.ndarray:
@@ -94,7 +95,7 @@ def assert_checks_take_the_place(plan):
 @pytest.mark.parametrize("begin", range(7, len(JOB) - 1, 9))
 def test_rest_from_any_line_is_moved_as_the_job_foresaw(begin):
     plan = plan_recovery(
-        JOB, DATA, History(done=len(JOB)), PRINTER, RETREAT, from_line=JOB.file_lines[begin]
+        JOB, DATA, JournalledPrint(done=len(JOB)), PRINTER, RETREAT, from_line=JOB.file_lines[begin]
     )
     assert plan.begin == begin
     assert_rest_is_the_jobs(plan)
@@ -112,7 +113,7 @@ def test_plunger_counted_anew_in_the_job_is_taken_over():
     job = parse_job(data, "a")
     begin = job.marks.of(MarkKind.LAYER)[2].index
     plan = plan_recovery(
-        job, data, History(done=0), PRINTER, RETREAT, from_line=job.file_lines[begin]
+        job, data, JournalledPrint(done=0), PRINTER, RETREAT, from_line=job.file_lines[begin]
     )
     rest = parse_job(plan.gcode, "rest")
     before = len(rest) - (len(job) - begin)
@@ -133,7 +134,9 @@ def test_settings_are_carried_over_as_they_stood():
     data = DATA.replace(b";LAYER_END:1\n", b"M104 S37\nM140 S4\nM104 S20\n;LAYER_END:1\n")
     job = parse_job(data, "a")
     begin = job.marks.of(MarkKind.LAYER)[2].index
-    plan = plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=job.file_lines[begin])
+    plan = plan_recovery(
+        job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=job.file_lines[begin]
+    )
     lines = parse_job(plan.gcode, "a").lines
     assert {b"G21", b"G90", b"M82", b"M85 S600", b"M302 P1", b"M140 S4"} <= set(lines[:10])
     assert b"M104 S20" in lines[:10]
@@ -143,18 +146,18 @@ def test_settings_are_carried_over_as_they_stood():
 def test_checkpoint_whose_moves_may_still_have_been_queued_is_not_believed():
     marks = [mark.index for mark in JOB.marks.of(MarkKind.LAYER)]
     made = [{"done": index, "mark": f"end of layer {k}"} for k, index in enumerate(marks)]
-    just_after = History(done=marks[2] + 5, checkpoints=made[:3])
+    just_after = JournalledPrint(done=marks[2] + 5, checkpoints=made[:3])
     assert plan_recovery(JOB, DATA, just_after, PRINTER, RETREAT).begin == marks[1]
-    long_after = History(done=marks[3] - 1, checkpoints=made[:3])
+    long_after = JournalledPrint(done=marks[3] - 1, checkpoints=made[:3])
     assert plan_recovery(JOB, DATA, long_after, PRINTER, RETREAT).begin == marks[2]
     with pytest.raises(LinkError, match="no checkpoint before line"):
-        plan_recovery(JOB, DATA, History(done=30, checkpoints=made[:1]), PRINTER, RETREAT)
+        plan_recovery(JOB, DATA, JournalledPrint(done=30, checkpoints=made[:1]), PRINTER, RETREAT)
 
 
 def test_later_beginnings_are_offered():
     marks = JOB.marks.of(MarkKind.LAYER)
     made = [{"done": marks[0].index, "mark": "end of layer 0"}]
-    history = History(done=marks[1].index + 3, checkpoints=made)
+    history = JournalledPrint(done=marks[1].index + 3, checkpoints=made)
     steps = " ".join(plan_recovery(JOB, DATA, history, PRINTER, RETREAT).steps)
     line = JOB.file_lines[marks[2].index]
     assert f"--from-line, such as {line} (after the end of layer 2)" in steps
@@ -166,7 +169,7 @@ def test_homed_machine_is_told_to_home_clear_of_the_part():
     data = DATA.replace(b"G92 X50 Y50 Z10 E0", b"G92 E0")
     job = parse_job(data, "a")
     line = job.file_lines[job.marks.of(MarkKind.LAYER)[1].index]
-    plan = plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line)
+    plan = plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
     assert plan.start is None
     assert any("Don't home Z with the needle mounted" in text for text in plan.steps)
     assert b"G92 X" not in plan.gcode
@@ -200,7 +203,9 @@ def test_a_rest_is_placed_where_a_line_of_the_job_has_renamed_its_place(begin, b
     data = renamed(1, by)
     job = parse_job(data, "a")
     line = job.file_lines[begin]
-    plan = plan_recovery(job, data, History(done=len(job)), PRINTER, RETREAT, from_line=line)
+    plan = plan_recovery(
+        job, data, JournalledPrint(done=len(job)), PRINTER, RETREAT, from_line=line
+    )
     rest = parse_job(plan.gcode, "rest")
     before = len(rest) - (len(job) - plan.begin)
     motion = dry_run(plan.gcode, PRINTER, START, cold_extrusion=False).executed
@@ -219,14 +224,14 @@ def test_a_place_that_is_told_behind_the_first_move_keeps_the_rest_from_being_pl
     job = parse_job(data, "a")
     line = job.file_lines[job.marks.of(MarkKind.LAYER)[1].index]
     with pytest.raises(LinkError, match=r"line \d+ \(G92 X0\) calls a place otherwise"):
-        plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line)
+        plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
 
 
 def test_a_homed_machines_job_may_name_the_place_it_is_at():
     data = renamed(1, {"Z": 0.0}).replace(b"G92 X50 Y50 Z10 E0", b"G92 E0")
     job = parse_job(data, "a")
     line = job.file_lines[job.marks.of(MarkKind.LAYER)[3].index]
-    assert plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line).start is None
+    assert plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line).start is None
 
 
 @pytest.mark.parametrize(
@@ -244,7 +249,7 @@ def test_a_job_that_tells_a_part_of_its_place_is_gone_on_with_from_where_it_was_
     data = data.replace(b";LAYER_END:0\n", b";LAYER_END:0\n" + late.encode())
     job = parse_job(data, "test.gcode")
     line = job.file_lines[job.marks.of(MarkKind.LAYER)[2].index]
-    plan = plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line, start_mm=START)
+    plan = plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line, start_mm=START)
     assert plan.start == START
     whole = dry_run(data, PRINTER, START, cold_extrusion=True).executed
     rest = dry_run(plan.gcode, PRINTER, START, cold_extrusion=False).executed
@@ -253,7 +258,7 @@ def test_a_job_that_tells_a_part_of_its_place_is_gone_on_with_from_where_it_was_
     np.testing.assert_allclose(ours, foreseen, atol=1e-4)
     assert_checks_take_the_place(plan)
     with pytest.raises(LinkError, match="nobody can tell after a loss of position"):
-        plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line)
+        plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
 
 
 @pytest.mark.parametrize("told", ["G92 Z10 E0", "G92 X50 Y50 E0", "G92 E0"])
@@ -261,14 +266,14 @@ def test_an_axis_that_no_line_has_told_yet_is_where_the_checks_took_the_tip_to_s
     data = DATA.replace(b"G92 X50 Y50 Z10 E0", told.encode())
     job = parse_job(data, "test.gcode")
     line = job.file_lines[12]  # of the first layer, before any Z
-    plan = plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line, start_mm=START)
+    plan = plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line, start_mm=START)
     run = dry_run(plan.gcode, PRINTER, START, cold_extrusion=False).executed
     before = len(parse_job(plan.gcode, "rest")) - (len(job) - plan.begin)
     whole = dry_run(data, PRINTER, START, cold_extrusion=True).executed
     ours, foreseen = rows(run, run.line >= before), rows(whole, whole.line >= plan.begin)
     np.testing.assert_allclose(ours, foreseen, atol=1e-4)
     with pytest.raises(LinkError, match=r"doesn't say where the needle|nobody can tell"):
-        plan_recovery(job, data, History(), PRINTER, RETREAT, from_line=line)
+        plan_recovery(job, data, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
 
 
 ARCS = b"""M302 P1
@@ -290,7 +295,7 @@ M400
 
 def test_arcs_comments_and_later_places_of_a_rest_are_counted_from_the_touch_off():
     job = parse_job(ARCS, "test.gcode")
-    plan = plan_recovery(job, ARCS, History(), PRINTER, RETREAT, from_line=6, start_mm=START)
+    plan = plan_recovery(job, ARCS, NOTHING_KNOWN, PRINTER, RETREAT, from_line=6, start_mm=START)
     rest = plan.gcode.splitlines()
     assert rest[rest.index(b"G1 X51 E0.1 F600; one") + 1 :] == [
         b"G2 X53 Y50 I1 J0 E0.2;two",
@@ -310,7 +315,7 @@ def test_a_rest_in_the_middle_of_a_line_is_counted_from_the_touch_off():
     stood = {"line": 10, "certain": True, "dropped": True}
     stood["begin_at"] = {"x": 4.0, "y": 50.0, "z": 0.5, "e": 0.15, "f": 600.0}
     job = parse_job(ARCS, "test.gcode")
-    plan = plan_recovery(job, ARCS, History(stood=stood), PRINTER, RETREAT, start_mm=START)
+    plan = plan_recovery(job, ARCS, JournalledPrint(stood=stood), PRINTER, RETREAT, start_mm=START)
     run = dry_run(plan.gcode, PRINTER, START, cold_extrusion=False).executed
     np.testing.assert_allclose(run.start[-2], [57, 50, 10.5])
     np.testing.assert_allclose(run.end[-2:], [[58, 50, 11], [58, 60, 11]])
@@ -322,7 +327,7 @@ def test_klipper_is_told_the_place_in_its_own_words():
     data = "\n".join([*lines, "SET_KINEMATIC_POSITION X=38", "M400", ""]).encode()
     klipper = load(Printer, "klipper_bioprinter")
     job, start = parse_job(data, "a", klipper), (100.0, 100.0, 20.0)
-    plan = plan_recovery(job, data, History(), klipper, RETREAT, from_line=9, start_mm=start)
+    plan = plan_recovery(job, data, NOTHING_KNOWN, klipper, RETREAT, from_line=9, start_mm=start)
     assert b"SET_KINEMATIC_POSITION X=100.00000 Y=100.00000 Z=20.00000\n" in plan.gcode
     assert plan.gcode.endswith(b"G1 X108 Y100 Z20 E0.8 F600\nSET_KINEMATIC_POSITION X=108\nM400\n")
     again = [one.check for one in gcode_checks(dry_run(plan.gcode, klipper, start), klipper)]
@@ -332,7 +337,7 @@ def test_klipper_is_told_the_place_in_its_own_words():
 @pytest.mark.parametrize("line", [1, 10_000])
 def test_line_outside_the_job_is_refused(line):
     with pytest.raises(LinkError, match="isn't between"):
-        plan_recovery(JOB, DATA, History(), PRINTER, RETREAT, from_line=line)
+        plan_recovery(JOB, DATA, NOTHING_KNOWN, PRINTER, RETREAT, from_line=line)
 
 
 def test_a_rest_is_planned_where_klipper_alone_was_told_the_height():
@@ -342,7 +347,7 @@ def test_a_rest_is_planned_where_klipper_alone_was_told_the_height():
     klipper = load(Printer, "klipper_bioprinter")
     job = parse_job(data, "a", klipper)
     for line in (7, 10):
-        plan = plan_recovery(job, data, History(), klipper, RETREAT, from_line=line)
+        plan = plan_recovery(job, data, NOTHING_KNOWN, klipper, RETREAT, from_line=line)
         assert plan.start == (100, 100, 20)
         assert b"Z20" in plan.gcode
 
@@ -366,18 +371,18 @@ def test_the_rest_says_its_first_layer_s_height(tmp_path):
 def test_without_a_checkpoint_the_first_line_that_may_not_be_made_is_named():
     """Command 60 was taken, 20 moves may be ahead: begin with the line of command 41."""
     with pytest.raises(NoCheckpoint) as refused:
-        plan_recovery(JOB, DATA, History(done=60), PRINTER, RETREAT)
+        plan_recovery(JOB, DATA, JournalledPrint(done=60), PRINTER, RETREAT)
     made = surely_moved(JOB.lines, 60, moves_ahead(PRINTER))
     assert refused.value.line == JOB.file_lines[made] > 0
     assert f"line {refused.value.line} is the first" in str(refused.value)
-    assert plan_recovery(JOB, DATA, History(done=60), PRINTER, RETREAT, refused.value.line)
+    assert plan_recovery(JOB, DATA, JournalledPrint(done=60), PRINTER, RETREAT, refused.value.line)
 
 
 def test_where_no_move_was_surely_made_it_is_told_what_to_look_up():
     klipper = PRINTER.model_copy(update={"firmware": "klipper"})
     for printer, done in ((PRINTER, 12), (klipper, 60)):
         with pytest.raises(NoCheckpoint, match="the first line that isn't on the part") as refused:
-            plan_recovery(JOB, DATA, History(done=done), printer, RETREAT)
+            plan_recovery(JOB, DATA, JournalledPrint(done=done), printer, RETREAT)
         assert refused.value.line == 0
 
 

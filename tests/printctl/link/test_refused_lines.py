@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from printctl.link.journal import read_journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.recovering import plan_recovery
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import LinkError
-from printctl.link.journal import read_journal, read_records
+from printctl.link.journal import read_records
+from printctl.link.journalled_print import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.reloading import plan_reloads, plunger_travel
 from printctl.link.requests import Request

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from printctl.link.clock import VirtualClock
-from printctl.link.journal import read_journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.slips import SOONEST_LINES
 from printctl.link.states import LinkState
 from sim.families.marlin.printer import MarlinPrinter

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from printctl.link.errors import LinkError
-from printctl.link.journal import History, read_journal
+from printctl.link.journalled_print import JournalledPrint, read_journal
 from printctl.link.modal import Modal
 from printctl.link.recovering import plan_recovery
 from printctl.link.stood import Stood, find_stood
@@ -123,7 +123,7 @@ def test_a_stop_in_a_pause_goes_on_with_the_next_line(tmp_path):
 def test_nothing_is_left_of_a_job_whose_lines_were_all_made():
     job = parse_job(JOB.encode(), "a")
     stood = {"line": len(job), "begin_at": None, "certain": True, "dropped": False}
-    history = History(done=len(job), stood=stood)
+    history = JournalledPrint(done=len(job), stood=stood)
     with pytest.raises(LinkError, match="every line"):
         plan_recovery(job, JOB.encode(), history, MARLIN, RETREAT)
 
@@ -173,7 +173,7 @@ def test_a_rest_begins_where_it_stood_though_each_line_counts_anew(tmp_path, aft
 def test_an_uncertain_beginning_says_how_much_is_written_twice():
     job = HEADER + "G1 X60 E0.5 F600\nG3 X60 Y60 I0 J5 E1\nG1 Z20\nG1 X50 E1.5\n"
     stood = {"line": 6, "begin_at": None, "certain": False, "dropped": True}
-    history = History(done=9, stood=stood)
+    history = JournalledPrint(done=9, stood=stood)
     read = parse_job(job.encode(), "a")
     plan = plan_recovery(read, job.encode(), history, MARLIN, RETREAT, ul_per_mm=10.0)
     told = "at most 25.7 mm of path and 10.00 µL (1.000 mm of plunger), lines 7 to 9."

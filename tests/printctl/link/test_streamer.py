@@ -15,7 +15,8 @@ from printctl.link import kill
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import JournalError, PortLost
 from printctl.link.job import Job
-from printctl.link.journal import Journal, read_journal
+from printctl.link.journal import Journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.transport_scripted import ScriptedTransport

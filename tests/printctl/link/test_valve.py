@@ -9,7 +9,7 @@ from firmware_profiles.families.marlin.guarding import guarded
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.firmware import modes
-from printctl.link.journal import History, read_journal
+from printctl.link.journalled_print import JournalledPrint, read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal
 from printctl.link.recovering import plan_recovery
@@ -326,7 +326,7 @@ def test_a_host_that_died_in_a_change_of_syringe_told_or_not(tmp_path):
 @pytest.mark.parametrize("begin", range(7, len(JOB) - 2, 5))
 def test_rest_of_a_job_opens_the_valve_only_where_the_tip_is_back(begin):
     plan = plan_recovery(
-        JOB, DATA, History(done=len(JOB)), AIR, Retreat(prime_mm=1.0), JOB.file_lines[begin]
+        JOB, DATA, JournalledPrint(done=len(JOB)), AIR, Retreat(prime_mm=1.0), JOB.file_lines[begin]
     )
     rest = parse_job(plan.gcode, "rest")
     before = len(rest) - (len(JOB) - begin)

@@ -20,7 +20,7 @@ from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode
 from design.toolpath.moves import MoveBuilder
 from firmware_profiles import Printer, Syringe, load
 from printctl.errors import SafetyError
-from printctl.link.journal import read_journal
+from printctl.link.journalled_print import read_journal
 from printctl.pipeline.run import toolpath_recipe
 from printctl.pipeline.stages import toolpath as stage
 from printctl.preflight import written_arrays

@@ -15,7 +15,7 @@ from printctl.cli.main import app
 from printctl.link import LinkState
 from printctl.link.errors import Refused
 from printctl.link.history_query import HistoryQuery
-from printctl.link.journal import read_journal
+from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL, load_record
 from printctl.print_state.actions import PrintAction
 from printctl.station import Station, connect

@@ -1,0 +1,232 @@
+"""A print as its journal tells it, read from what `printctl.link.journal` writes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from printctl.link.errors import JournalError
+from printctl.link.journal import RESERVE, Record, bytes_in, read_records
+from printctl.link.states import LinkState
+
+
+@dataclass
+class JournalledPrint:
+    """What a journal says about its print.
+
+    Attributes
+    ----------
+    job : dict
+        The job record; empty when even that is lost.
+    state : LinkState
+        Last one recorded.
+    begun : bool
+        Whether the handshake was through and job lines may have been sent.
+    message : str
+    done : int
+        Command lines known to be taken: at least so many, perhaps `slack` more.
+    controls : dict of int to str
+        Line numbers used for control commands.
+    alarms : list of str
+    checkpoint : dict or None
+        The last one.
+    checkpoints : list of dict
+        Those at marks that agreed with the job, in order.
+    made : int
+        Command lines that were made for certain when the motors last stood.
+    left : dict of str to float
+        The job's place that the needle last left for a pause, by `Modal`'s names; empty for none.
+    wanted : dict or None
+        A mark at which somebody wants the print held, which it wasn't yet.
+    reload, syringe : dict or None
+        Records of a change of syringe after which the print hasn't gone on.
+    reloaded : int
+        Command lines after which the last change was made; -1 for none.
+    reload_at : tuple of int or None
+        Where the next changes are due, since the last one.
+    reload_heads : tuple of int
+        Of several heads, whose.
+    stood : dict or None
+        Where in the job the printer stood after a stop; None in journals of before, and where
+        nobody knows.
+    end : dict or None
+        The end record; None when the link process died first.
+    damaged : int
+        Lines with a wrong checksum, a torn last one included.
+    gaps : int
+        Those of them after which the same link process wrote on: no torn ends, but records that
+        are missing, so that lines can't be counted.
+    cut_short : bool
+        Whether the disk was full, and the print's end isn't there.
+    stopping : bool
+        Whether it had begun to end the print: needle up, heaters perhaps off.
+    settings : dict of str to str
+        Settings of the firmware before the job's first line, by code: commands that set them.
+    frame : dict of str to dict
+        What `FrameCheck.begin` noted before the job's first line; empty where it couldn't.
+    """
+
+    job: Record = field(default_factory=dict)
+    state: LinkState = LinkState.CONNECTING
+    begun: bool = False
+    message: str = ""
+    done: int = 0
+    controls: dict[int, str] = field(default_factory=dict)
+    alarms: list[str] = field(default_factory=list)
+    _first_alarms: list[str] = field(default_factory=list, repr=False)
+    checkpoint: Record | None = None
+    checkpoints: list[Record] = field(default_factory=list)
+    made: int = 0
+    left: dict[str, float] = field(default_factory=dict)
+    wanted: Record | None = None
+    reload: Record | None = None
+    syringe: Record | None = None
+    reloaded: int = -1
+    reload_at: tuple[int, ...] | None = None
+    reload_heads: tuple[int, ...] = ()
+    stood: Record | None = None
+    end: Record | None = None
+    damaged: int = 0
+    gaps: int = 0
+    cut_short: bool = False
+    stopping: bool = False
+    settings: dict[str, str] = field(default_factory=dict)
+    frame: Record = field(default_factory=dict)
+    _torn: bool = False
+
+    @property
+    def total(self) -> int:
+        """Command lines in the job."""
+        return int(self.job.get("lines", 0))
+
+    def job_line(self, number: int) -> int:
+        """Job lines taken when the printer's last line number is ``number``."""
+        return number - sum(1 for control in self.controls if control <= number)
+
+    def changing(self, number: int) -> bool:
+        """Whether a change of syringe is open: begun, and the plunger not yet counted anew.
+
+        Parameters
+        ----------
+        number : int
+            The printer's last line: a line with a number above it was written down, not taken.
+        """
+        if self.reload is None:
+            return False
+        counted = self.syringe
+        if counted is None or counted["n"] > number:
+            return True
+        return self.controls.get(counted["n"]) != counted["command"]
+
+
+def read_journal(path: Path) -> JournalledPrint:
+    """Read a journal up to its last intact record.
+
+    Raises
+    ------
+    JournalError
+        When there is no such file.
+    """
+    history = JournalledPrint()
+    try:
+        for record in read_records(path):
+            _apply(history, record)
+    except OSError as exc:
+        raise JournalError(f"journal {path} can't be read: {exc.strerror}") from exc
+    reserve = path.with_name(RESERVE)
+    history.cut_short = history.end is None and reserve.exists() and not bytes_in(reserve)
+    return history
+
+
+def _apply(history: JournalledPrint, record: Record | None) -> None:
+    sort = record["t"] if record and "t" in record else None
+    if record is None or sort is None:
+        history.damaged, history._torn = history.damaged + 1, True
+        return
+    if history._torn:  # a process that begins, or whose disk was full for a while, may go on there
+        history._torn, begins = False, record.get("state") == LinkState.CONNECTING
+        history.gaps += not (sort in ("job", "end") or begins)
+    if sort == "job":
+        history.job, history.end, history.stood = record, None, None
+    elif sort == "state":
+        history.state = LinkState(record["state"])
+        history.stopping |= history.state is LinkState.STOPPING
+        if history.state is LinkState.PAUSED:
+            history.wanted = None
+        if history.state is LinkState.PRINTING:
+            _printing(history)
+        history.message = record.get("message", "")
+    elif sort == "ack":
+        history.done = record["done"]
+    elif sort == "back":
+        _back(history, record)
+    elif sort == "control":
+        _control(history, record)
+    elif sort == "alarm":
+        history.alarms.append(record["text"])
+        history._first_alarms.append(record["text"])
+    elif sort == "repeated":
+        _repeated(history, record)
+    elif sort == "checkpoint":
+        history.checkpoint = record
+        if record["agrees"] and record.get("mark"):
+            history.checkpoints.append(record)
+            history.made = record["done"] if record.get("stands") else history.made
+    elif sort == "left":
+        history.left = dict(record["place"])
+    elif sort == "settings":
+        history.settings = history.settings or dict(record["told"])
+    elif sort == "frame":
+        history.frame = {"told": record["told"], "offset": record["offset"]}
+    elif sort == "wanted":
+        history.wanted = record if record["after"] else None
+    elif sort == "reload":
+        history.reload, history.syringe, history.wanted = record, None, None
+    elif sort == "syringe":
+        history.syringe, history.reload_at = record, tuple(record["reload_at"])
+        history.reload_heads = tuple(record.get("reload_heads", ()))
+    elif sort == "stood":
+        history.stood = record
+    elif sort == "end":
+        history.end = record
+        history.state, history.done = LinkState(record["state"]), record["done"]
+        history.message = record.get("message", "")
+
+
+def _repeated(history: JournalledPrint, record: Record) -> None:
+    """An alarm came again: it says how often, and its last words."""
+    first = history._first_alarms
+    if record["first"] in first:
+        index = len(first) - 1 - first[::-1].index(record["first"])
+        history.alarms[index] = times_words(record)
+
+
+def times_words(record: Record) -> str:
+    """Return the last words of an alarm that came again, and how often it did."""
+    return f"{record.get('text', '')} ({record.get('times', '?')} times)"
+
+
+def _back(history: JournalledPrint, record: Record) -> None:
+    """Lines above ``n`` weren't taken: what was in them goes again, perhaps under other numbers."""
+    history.done = record["done"]
+    history.made = min(history.made, history.done)
+    last = record.get("n", math.inf)
+    history.controls = {n: text for n, text in history.controls.items() if n <= last}
+
+
+def _control(history: JournalledPrint, record: Record) -> None:
+    """A control command has a number; the count of a new syringe may have got another one."""
+    number, command = record["n"], record["command"]
+    history.controls[number] = command
+    counted = history.syringe
+    if counted and counted["command"] == command and counted["n"] not in history.controls:
+        history.syringe = {**counted, "n": number}
+
+
+def _printing(history: JournalledPrint) -> None:
+    """The print goes on: whatever change of syringe there was is made."""
+    history.begun = True
+    if history.reload is not None:
+        history.reloaded = history.reload["done"]
+    history.reload = history.syringe = None
