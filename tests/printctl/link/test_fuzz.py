@@ -121,7 +121,10 @@ def frames(family: str) -> set[bytes]:
     return whole | ({line[:-1] for line in whole} if family == "withheld" else set())
 
 
-_QUESTIONS = re.compile(rb"N99999999 M105\*23$|N\d+ (M400|M114|M105)\*\d{5}$|M105$|STATUS$")
+_QUESTIONS = re.compile(
+    rb"N99999999 M105\*23$|N\d+ (M400|M114|M105)\*\d{5}$|N\d+ M115\*\d{1,3}$|M105$|STATUS$"
+)
+"""What asks, of each family: the fourth is Smoothieware's token."""
 
 
 @pytest.mark.parametrize("family", FAKES)
