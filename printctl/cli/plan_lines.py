@@ -1,4 +1,4 @@
-"""What an embedded plan leaves undone, for people."""
+"""Lines that tell people what an embedded plan leaves undone."""
 
 from __future__ import annotations
 

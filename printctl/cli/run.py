@@ -22,7 +22,7 @@ from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.process_lines import process_lines
 from printctl.cli.progress_option import ProgressFileOption, message_of
 from printctl.pipeline.names import DESIGN_NAMES
-from printctl.pipeline.run import How, run_recipe
+from printctl.pipeline.run import RunOptions, run_recipe
 from printctl.progress_file import ProgressFile
 from printctl.recipe import Recipe, load_recipe
 from printctl.recipe.growth import ClosedLoop, GrownNetwork
@@ -69,7 +69,7 @@ def run(
         loaded = load_recipe(recipe, tell)
         have_kernels(*_works(loaded, until), listener=told)
         folder = out if out is not None else Path("runs") / loaded.name
-        how = How(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=told)
+        how = RunOptions(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=told)
         data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)
     if as_json:
         print_json(data)

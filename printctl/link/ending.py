@@ -15,7 +15,7 @@ from printctl.link.modal import Modal
 from printctl.link.position_check import PositionCheck, Standstill
 from printctl.link.retreat import count_from, heaters_off
 from printctl.link.states import LinkState, PrintEnded
-from printctl.link.stood import Stood
+from printctl.link.stop_place import StopPlace
 from printctl.link.valve import shut
 from printctl.link.valve_switch import ValveSwitch
 
@@ -115,7 +115,7 @@ class Ending:
         """Write down with which line of the job it can be gone on, and from where."""
         progress = self._logbook.progress
         all_made = self._excursion.going_on or stop.place == Modal()
-        found = Stood(progress.done, None, True) if all_made else progress.stood(stop.place)
+        found = StopPlace(progress.done, None, True) if all_made else progress.stood(stop.place)
         progress.stopped_at(found)
         self._logbook.record(
             "stood",

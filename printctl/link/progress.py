@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Final
 
+from printctl.link.completed_moves import CompletedMoves
 from printctl.link.heads import head_at
 from printctl.link.job import Job
-from printctl.link.made import Made
 from printctl.link.modal import Modal, ModalTrail, modal_state, relieved_mm
 from printctl.link.planned_moves import planned_moves
 from printctl.link.run_on import Answers, RunOn, longest_run_on
-from printctl.link.stood import Stood, find_stood
+from printctl.link.stop_place import StopPlace, find_stood
 from printctl.link.wiring import Wiring
 
 _BEFORE: Final = 4
@@ -42,7 +42,7 @@ class JobProgress:
         self.job = job
         self._protocol, self._printer = wiring.protocol, wiring.printer
         self._trail = ModalTrail(job.lines)
-        self._made = Made(job.lines, wiring.printer)
+        self._made = CompletedMoves(job.lines, wiring.printer)
         self.unverified, self.foreign, self.meddled = False, 0, False
         self._answers = Answers(0, 0.0, 0, 0.0)
         self._refused: int | None = None
@@ -93,12 +93,12 @@ class JobProgress:
         first = max(self.executed(done), done - _MOST_AHEAD)
         return [modal_state(lines, k).place() for k in range(first, done + 1)]
 
-    def stood(self, place: Modal) -> Stood:
+    def stood(self, place: Modal) -> StopPlace:
         """Return with which line it can be gone on after the moves ahead were dropped."""
         done = self.done
         return find_stood(self.job.lines, self.executed(done), done, place)
 
-    def stopped_at(self, found: Stood) -> None:
+    def stopped_at(self, found: StopPlace) -> None:
         """Take notice of where the printer stood: the lines before a certain place were made."""
         if found.certain:
             self._made.stood(found.line)

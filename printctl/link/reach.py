@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Final
 
 from firmware_profiles import Printer, ProfileError, load
+from printctl.link.completed_moves import moves_ahead, surely_moved
 from printctl.link.errors import JournalError, LinkError
 from printctl.link.families import link_facts
 from printctl.link.job import Job, load_job
 from printctl.link.journalled_print import JournalledPrint, read_journal
 from printctl.link.locking import lock
-from printctl.link.made import moves_ahead, surely_moved
 from printctl.link.record import JOURNAL, LOCK, LinkRecord, load_record
 from printctl.link.states import LinkState, Status
 

@@ -6,11 +6,11 @@ from bisect import bisect_left
 from dataclasses import dataclass
 
 from firmware_profiles import Printer
+from printctl.link.completed_moves import moves_ahead, surely_moved
 from printctl.link.errors import LinkError
 from printctl.link.job import Job
 from printctl.link.journal import Record
 from printctl.link.journalled_print import JournalledPrint
-from printctl.link.made import moves_ahead, surely_moved
 from printctl.link.modal import Modal, modal_state, relieved_mm
 
 

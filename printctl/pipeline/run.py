@@ -7,7 +7,6 @@ from typing import Any, Final
 
 from rich.console import Console
 
-from printctl.pipeline.how import How
 from printctl.pipeline.names import (
     DESIGN_NAMES,
     JOB_NAMES,
@@ -16,11 +15,12 @@ from printctl.pipeline.names import (
     names_until,
 )
 from printctl.pipeline.refusals import refuse_before
+from printctl.pipeline.run_options import RunOptions
 from printctl.recipe import Recipe
 
-__all__ = ["How", "design_recipe", "run_recipe", "toolpath_recipe"]
+__all__ = ["RunOptions", "design_recipe", "run_recipe", "toolpath_recipe"]
 
-_ALL: Final = How()
+_ALL: Final = RunOptions()
 
 
 def run_recipe(
@@ -28,7 +28,7 @@ def run_recipe(
     recipe_folder: Path,
     folder: Path,
     console: Console,
-    how: How = _ALL,
+    how: RunOptions = _ALL,
 ) -> dict[str, Any]:
     """Run the stages in ``folder`` and write the report; return report.json's content.
 
@@ -56,11 +56,11 @@ def design_recipe(
     recipe: Recipe, recipe_folder: Path, folder: Path, console: Console
 ) -> dict[str, Any]:
     """Run the design stages; return their summaries."""
-    return run_recipe(recipe, recipe_folder, folder, console, How(until=DESIGN_NAMES[-1]))
+    return run_recipe(recipe, recipe_folder, folder, console, RunOptions(until=DESIGN_NAMES[-1]))
 
 
 def toolpath_recipe(
     recipe: Recipe, recipe_folder: Path, folder: Path, console: Console
 ) -> dict[str, Any]:
     """Run the stages up to the dry run; return their summaries."""
-    return run_recipe(recipe, recipe_folder, folder, console, How(until=TOOLPATH_NAMES[-1]))
+    return run_recipe(recipe, recipe_folder, folder, console, RunOptions(until=TOOLPATH_NAMES[-1]))

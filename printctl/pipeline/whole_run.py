@@ -11,9 +11,9 @@ from rich.console import Console
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import run_facts
-from printctl.pipeline.how import How
 from printctl.pipeline.lock import run_lock
 from printctl.pipeline.plate.run import design_plate, run_plate, toolpath_plate
+from printctl.pipeline.run_options import RunOptions
 from printctl.pipeline.sequences import DESIGN, TOOLPATH, WHOLE, in_order, until
 from printctl.pipeline.stage import Stage, run_stages
 from printctl.pipeline.stages import report
@@ -24,7 +24,7 @@ from printctl.run_folder.manifest import Manifest
 
 
 def run_wanted(
-    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console, how: How
+    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console, how: RunOptions
 ) -> dict[str, Any]:
     """Run the stages as `printctl.pipeline.run.run_recipe` says."""
     stages = in_order(WHOLE if how.until is None else until(how.until), recipe)
@@ -39,7 +39,7 @@ def run_wanted(
         return report.write_report(context, how.pdf) if how.until is None else collect(context)
 
 
-def _plate(context: RunContext, how: How, stages: Sequence[Stage]) -> dict[str, Any]:
+def _plate(context: RunContext, how: RunOptions, stages: Sequence[Stage]) -> dict[str, Any]:
     if how.printed:
         raise UsageError("--printed takes the print of one part; leave it out with a plate")
     if how.until is None:
@@ -60,7 +60,7 @@ def _run(context: RunContext, stages: Sequence[Stage]) -> None:
 
 
 def _context(
-    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console, how: How
+    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console, how: RunOptions
 ) -> RunContext:
     return RunContext(
         recipe,

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from printctl.preflight.alone import same_as_alone
     from printctl.preflight.dish import (
         dish_checks,
         floor_check,
@@ -43,6 +42,7 @@ if TYPE_CHECKING:
         viability_checks,
         viability_facts,
     )
+    from printctl.preflight.well_comparison import same_as_alone
     from printctl.preflight.well_map import read_wells, well_arrays
     from printctl.preflight.wells import Wells, well_checks
     from printctl.set_up import (

@@ -8,7 +8,7 @@ from printctl.link.families import protocol_for
 from printctl.link.journal import Journal
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.wiring import Wiring
-from printctl.station.hands import AXES, Hands
+from printctl.station.idle_commands import AXES, IdleCommands
 from printctl.station.knowledge import Knowledge
 from printctl.station.port import StationPort
 from printctl.station.report import StationReport, refusal
@@ -42,10 +42,10 @@ class PrinterConnection:
     ) -> None:
         self._port, self._known, self._journal = port, known, journal
         self._report, self._requests, self._speaker = report, requests, speaker
-        self._hands: Hands | None = None
+        self._hands: IdleCommands | None = None
 
     @property
-    def hands(self) -> Hands:
+    def hands(self) -> IdleCommands:
         """What a person may ask the standing printer to do.
 
         Raises
@@ -101,7 +101,7 @@ class PrinterConnection:
         standby = Standby(wiring, self._port.socket.pace, self._report.tell_live)
         self._speaker.stand_by(standby)
         standby.begin()
-        self._hands = Hands(standby, self._known)
+        self._hands = IdleCommands(standby, self._known)
 
     def reconnect(self) -> None:
         """Connect once more.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from printctl.link.errors import Refused
-from printctl.station.hands import MOTIONS
+from printctl.station.idle_commands import MOTIONS
 from printctl.station.report import DOWN, StationReport, refusal
 from printctl.station.speaker import Speaker
 from printctl.station.status import StationState

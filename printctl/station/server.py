@@ -1,6 +1,6 @@
 """The door of a station; what every door knows is in `printctl.link.door`.
 
-Further wishes are those of `printctl.station.hands`, ``mount``, ``reconnect``, ``print``,
+Further wishes are those of `printctl.station.idle_commands`, ``mount``, ``reconnect``, ``print``,
 ``close`` and ``stop_motion``. Each is answered by ``{"event": "reply", "do": ..., "status": ...}``
 once it is done, or by ``refused``.
 """

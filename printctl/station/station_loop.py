@@ -10,7 +10,7 @@ from typing import Any, Final
 from printctl.link.errors import LinkError, PortLost, Refused
 from printctl.link.journal import Journal
 from printctl.link.states import PrintEnded
-from printctl.station.hands import MOTIONS
+from printctl.station.idle_commands import MOTIONS
 from printctl.station.knowledge import Knowledge
 from printctl.station.port import StationPort
 from printctl.station.print_session import PrintSession

@@ -14,7 +14,7 @@ from registration.alignment.doubts import LEAST_SEEN, pose_doubts
 from registration.alignment.fit import RIGID, Fit, Freedom, refine
 from registration.alignment.freedoms import loose_freedoms
 from registration.alignment.intervals import Uncertainty, fit_errors, uncertainty
-from registration.alignment.landing import misfits
+from registration.alignment.misfits import misfits
 from registration.alignment.motion import lay_words
 from registration.alignment.options import AlignmentOptions
 from registration.alignment.rivals import Rival

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from registration.alignment.contest import contest, off_where_told, residuals
 from registration.alignment.fit import Fit, Freedom, refine
-from registration.alignment.landing import OFF_MM
+from registration.alignment.misfits import OFF_MM
 from registration.alignment.rivals import MIRROR, Rival, describe, own_symmetries
 from registration.alignment.search import Search
 

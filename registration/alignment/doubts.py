@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from registration.alignment.freedoms import UNKNOWN_MM, LooseFreedom
-from registration.alignment.landing import OFF_MM, Misfit
+from registration.alignment.misfits import OFF_MM, Misfit
 from registration.alignment.rivals import Rival
 
 

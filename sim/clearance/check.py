@@ -37,9 +37,9 @@ from sim.clearance.needle import NeedleBody
 from sim.clearance.network import WrittenNetwork
 from sim.clearance.pieces import Pieces
 from sim.clearance.result import Clearance
+from sim.clearance.findings import Found, SearchInput
 from sim.clearance.search_kernels import FOUND, search, squares_of
 from sim.clearance.tips import tips_of
-from sim.clearance.told import Found, Looked
 from sim.errors import ClearanceError
 
 LOOK_MM = 1.0
@@ -80,7 +80,7 @@ def check_clearance(
     clearance = max(needle.clearance_mm for needle in needles)
     joints, overlaps = joints_of(network, tip, overlap_radii)
     found = _searched(tips, ink, joints, needles, look_mm, clearance, len(row))
-    return Looked(motion, heads, pieces, tips, ink, row, head).clearance(
+    return SearchInput(motion, heads, pieces, tips, ink, row, head).clearance(
         *found, overlaps, clearance
     )
 

@@ -6,8 +6,8 @@ from typing import Any
 
 from design.geometry import point_segment
 from design.vasculature.growth.bifurcation import distance
+from design.vasculature.growth.joint_limits import fork_within_limits, joint_within_limits
 from design.vasculature.growth.room import Fork, Room, kept_apart, neighbours_of
-from design.vasculature.growth.within import fork_within_limits, joint_within_limits
 from kernels import jit
 
 GOES = -1.0

@@ -9,10 +9,10 @@ import numpy as np
 from design.geometry import point_segment
 from design.vasculature.growth.bifurcation import distance
 from design.vasculature.growth.fit import in_tissue
+from design.vasculature.growth.joint_limits import angles_fit, shares_fit
 from design.vasculature.growth.room import Room, kept_apart
 from design.vasculature.growth.sample import Samples
 from design.vasculature.growth.state import place, refresh
-from design.vasculature.growth.within import angles_fit, shares_fit
 from design.vasculature.options import Law
 from kernels import jit
 

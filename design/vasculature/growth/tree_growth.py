@@ -9,7 +9,7 @@ from design.errors import GrowthError, RootError
 from design.vasculature.growth.audit import measure_changed, measure_room
 from design.vasculature.growth.final_tree import final_radii, share_by_demand
 from design.vasculature.growth.growth_state import ALL_AROUND, GrowthState
-from design.vasculature.growth.listing import just, room_of
+from design.vasculature.growth.make_index import just, room_of
 from design.vasculature.growth.points import GivenPoints, in_the_way
 from design.vasculature.growth.prune import prune
 from design.vasculature.growth.refusals import no_room

@@ -8,9 +8,9 @@ import numpy as np
 
 from design.vasculature.growth.fit import seven
 from design.vasculature.growth.index import CellIndex
+from design.vasculature.growth.joint_limits import end_fits, losing_fits, start_fits
 from design.vasculature.growth.joints import joint_fits
 from design.vasculature.growth.room import Fork, Room, neighbours_of
-from design.vasculature.growth.within import end_fits, losing_fits, start_fits
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import (
     capsule_fits,

@@ -26,7 +26,7 @@ from printctl.web.design import form as forms
 from printctl.web.design.schema import recipe_form
 from printctl.web.design.yaml_text import read_text
 from printctl.web.errors import BadRequestError
-from printctl.web.shelf import Shelf
+from printctl.web.profile_store import ProfileStore
 
 PROFILES: Final[dict[str, type[Facts]]] = {
     "printers": Printer,
@@ -77,7 +77,7 @@ class Checked:
     problems: tuple[Problem, ...]
 
 
-def check_text(text: str, folder: Path, shelf: Shelf) -> Checked:
+def check_text(text: str, folder: Path, store: ProfileStore) -> Checked:
     """Read and check a recipe.
 
     Parameters
@@ -85,19 +85,19 @@ def check_text(text: str, folder: Path, shelf: Shelf) -> Checked:
     text : str
     folder : Path
         That the recipe's paths are relative to, and stay in.
-    shelf : Shelf
+    store : ProfileStore
         Profiles that it may name.
     """
     try:
         data = read_text(text)
     except BadRequestError as exc:
         return Checked(None, None, (Problem((), str(exc)),))
-    return check_data(data, folder, shelf)
+    return check_data(data, folder, store)
 
 
-def check_data(data: dict[str, Any], folder: Path, shelf: Shelf) -> Checked:
+def check_data(data: dict[str, Any], folder: Path, store: ProfileStore) -> Checked:
     """As `check_text`, of data."""
-    named = tuple(_named(data, folder, shelf))
+    named = tuple(_named(data, folder, store))
     try:
         recipe = Recipe.model_validate(data)
     except ValidationError as exc:
@@ -111,7 +111,7 @@ def _problem(raw: dict[str, Any], data: dict[str, Any]) -> Problem:
     return Problem(path, sentence(raw, path).strip())
 
 
-def _named(data: dict[str, Any], folder: Path, shelf: Shelf) -> list[Problem]:
+def _named(data: dict[str, Any], folder: Path, store: ProfileStore) -> list[Problem]:
     """Profiles that aren't there, and files that aren't or lie outside the recipe's folder."""
     found = []
     # Unknown keys are refused by the schema itself.
@@ -121,7 +121,7 @@ def _named(data: dict[str, Any], folder: Path, shelf: Shelf) -> list[Problem]:
             continue
         message = ""
         if field.node.sort == "profile":
-            message = _profile(PROFILES[field.node.profile], value, shelf)
+            message = _profile(PROFILES[field.node.profile], value, store)
         elif field.node.sort == "file":
             message = _file(value, folder)
         if message:
@@ -129,10 +129,10 @@ def _named(data: dict[str, Any], folder: Path, shelf: Shelf) -> list[Problem]:
     return found
 
 
-def _profile(model: type[Facts], name: str, shelf: Shelf) -> str:
-    if name.endswith((".yaml", ".yml")) and name not in shelf.choices(model):
+def _profile(model: type[Facts], name: str, store: ProfileStore) -> str:
+    if name.endswith((".yaml", ".yml")) and name not in store.choices(model):
         return (
-            f"on the page a shipped profile is named, or one of your own in {shelf.folder(model)}; "
+            f"on the page a shipped profile is named, or one of your own in {store.folder(model)}; "
             "any other file is used from a terminal"
         )
     try:

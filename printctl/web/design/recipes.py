@@ -15,7 +15,7 @@ from printctl.recipe.starter import STARTER
 from printctl.web.design.checking import Checked, check_text
 from printctl.web.design.yaml_text import read_text, rewritten
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
-from printctl.web.shelf import Shelf
+from printctl.web.profile_store import ProfileStore
 from printctl.web.workspace import Workspace, checked_name, is_name
 
 EXAMPLES: Final = Path(__file__).resolve().parents[3] / "examples"
@@ -71,12 +71,12 @@ class Recipes:
 
     Attributes
     ----------
-    shelf : Shelf
+    store : ProfileStore
         Profiles that a recipe may name.
     """
 
     def __init__(self, workspace: Workspace) -> None:
-        self._workspace, self.shelf = workspace, Shelf(workspace.root)
+        self._workspace, self.store = workspace, ProfileStore(workspace.root)
         self._lock = threading.Lock()
 
     @property
@@ -110,7 +110,7 @@ class Recipes:
 
     def check(self, text: str) -> Checked:
         """Read a recipe's text and hold it against the schema."""
-        return check_text(text, self.folder, self.shelf)
+        return check_text(text, self.folder, self.store)
 
     def read(self, name: str) -> RecipeText:
         """A recipe's text.

@@ -30,7 +30,7 @@ def add_preflight(
     with folds.card("Set-up and preflight"):
         if machine is None:
             small("No printer is connected; the job can be checked, but not started.")
-        form = SetUpForm(service.shelf, first, service.declared(job))
+        form = SetUpForm(service.store, first, service.declared(job))
         if machine is not None:
             # A check while the tip moves would find it away from the start.
             add_tip(service, who, job, machine, form.start, lambda on: check.set_enabled(not on))

@@ -16,13 +16,13 @@ from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError
 from printctl.web.job.aftercare import Aftercare
-from printctl.web.job.camera.watching import Watching
+from printctl.web.job.camera.camera_service import CameraService
 from printctl.web.job.declared import declared_of
 from printctl.web.job.following import Heard
-from printctl.web.job.hands import PrintHands
 from printctl.web.job.jobs import JobEntry, add_job, entry_of, list_jobs
 from printctl.web.job.machine import Machine, Printing, mounted_checks, set_up_of
 from printctl.web.job.preflight import Preflight, Preflights, refuse, row
+from printctl.web.job.print_commands import PrintCommands
 from printctl.web.job.prints import Prints
 from printctl.web.job.record import PrintRecord, Records
 from printctl.web.job.set_up import JobSetUp, refuse_foreign_files
@@ -33,7 +33,7 @@ from printctl.web.job.to_start import Place
 from printctl.web.job.viability import Viability, viability
 from printctl.web.live import JobSource
 from printctl.web.live.maker import SceneMaker
-from printctl.web.shelf import Shelf
+from printctl.web.profile_store import ProfileStore
 
 
 class JobService:
@@ -50,31 +50,31 @@ class JobService:
     Attributes
     ----------
     core : Core
-    shelf : Shelf
+    store : ProfileStore
         Profiles that a set-up can name.
     records : Records
-    hands : PrintHands
+    hands : PrintCommands
         Pause, resume, change of syringe, cancel.
     scenes : SceneMaker
         Of the live view.
     after : Aftercare
         Steps, notes, photos, warming, flushing.
-    watching : Watching
+    watching : CameraService
         The camera, the time-lapses.
     """
 
     def __init__(self, core: Core, printing: Printing | None = None) -> None:
         self.core = core
-        self.shelf = Shelf(core.workspace.root)
+        self.store = ProfileStore(core.workspace.root)
         self.printing: Printing = printing or StationPrinting(core.workspace.station)
         self._facts = core.workspace.private / "jobs"
         self._preflights = Preflights(core.workspace.private / "preflight")
         self._set_ups = SetUps(core.workspace)
         self.records = Records(core.workspace.root / "records")
-        self.hands = PrintHands(core)
+        self.hands = PrintCommands(core)
         self.after = Aftercare(core, self.records, self.printing, self.set_up)
         self.scenes = SceneMaker()
-        self.watching = Watching(core)
+        self.watching = CameraService(core)
         self._prints = Prints(
             core.workspace, self._preflights, self._set_ups, self.records, self._tell
         )

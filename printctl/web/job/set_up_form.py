@@ -11,7 +11,7 @@ from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, Syringe
 from printctl.web.job.parts import small
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.to_start import Place
-from printctl.web.shelf import Shelf
+from printctl.web.profile_store import ProfileStore
 
 Said = Callable[[], JobSetUp]
 _THINGS: Final[tuple[tuple[str, str, type[Facts]], ...]] = (
@@ -29,7 +29,7 @@ class SetUpForm:
 
     Parameters
     ----------
-    shelf : Shelf
+    store : ProfileStore
         Profiles that can be chosen.
     first : JobSetUp
         What the form says at first.
@@ -37,11 +37,11 @@ class SetUpForm:
         Where the job itself says that it starts, which the form can't change.
     """
 
-    def __init__(self, shelf: Shelf, first: JobSetUp, declared: Place | None) -> None:
+    def __init__(self, store: ProfileStore, first: JobSetUp, declared: Place | None) -> None:
         self._first = first
         with ui.element("div").classes("job-form"):
             self._profiles = {
-                key: _choice(shelf, name, kind, getattr(first, key)) for key, name, kind in _THINGS
+                key: _choice(store, name, kind, getattr(first, key)) for key, name, kind in _THINGS
             }
             self._depth = _number("Bath depth", first.bath_depth_mm, "mm", least=0.1)
             self._start = [
@@ -105,10 +105,10 @@ class SetUpForm:
         )
 
 
-def _choice(shelf: Shelf, name: str, kind: type[Facts], value: str) -> ui.select:
-    options = shelf.choices(kind)
+def _choice(store: ProfileStore, name: str, kind: type[Facts], value: str) -> ui.select:
+    options = store.choices(kind)
     if value and value not in options:
-        options[value] = shelf.name(value)
+        options[value] = store.name(value)
     options[""] = "none named"
     return ui.select(options, label=name, value=value, with_input=False).props("outlined")
 

@@ -17,7 +17,7 @@ from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.printer.calibrating_asked import Asked, Prepared, Read
 from printctl.web.printer.printer_access import PrinterAccess
 from printctl.web.printer.wizards import BY_NAME, WIZARDS, Wizard
-from printctl.web.shelf import Shelf
+from printctl.web.profile_store import ProfileStore
 
 if TYPE_CHECKING:
     from printctl.calibration.results import Result
@@ -31,11 +31,11 @@ class Calibrating:
     Parameters
     ----------
     access : PrinterAccess
-    shelf : Shelf
+    store : ProfileStore
     """
 
-    def __init__(self, access: PrinterAccess, shelf: Shelf) -> None:
-        self._access, self._shelf = access, shelf
+    def __init__(self, access: PrinterAccess, store: ProfileStore) -> None:
+        self._access, self._store = access, store
 
     @property
     def wizards(self) -> tuple[Wizard, ...]:
@@ -55,13 +55,13 @@ class Calibrating:
         wizard = _on_page(name)
         if not wizard.printed:
             raise ConflictError(f"{wizard.title} has no test to print; enter readings at once")
-        printer = self._shelf.load(Printer, asked.printer)
+        printer = self._store.load(Printer, asked.printer)
         if printer.pneumatic:
             raise ConflictError(
                 f"{printer.name} has a pneumatic head; weigh its flow by the command line: "
                 "printctl calibrate weigh"
             )
-        syringe = self._shelf.load(Syringe, asked.syringe)
+        syringe = self._store.load(Syringe, asked.syringe)
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
         path = self._access.core.workspace.root / "jobs" / f"calibrate_{name}_{stamp}.gcode"
         from printctl.web.printer.calibrating_work import written  # Loads scipy and the kernels.
@@ -88,7 +88,7 @@ class Calibrating:
         data = self._readings(wizard, read.rows)
         from printctl.web.printer.calibrating_work import fitted  # Loads scipy and the kernels.
 
-        return fitted(name, data, read, self._shelf)
+        return fitted(name, data, read, self._store)
 
     def save(
         self, who: Principal, read: Read, mend: Literal["printer", "syringe"], copy: str
@@ -105,7 +105,7 @@ class Calibrating:
         data = self._readings(BY_NAME["weigh"], read.rows)
         from printctl.web.printer.calibrating_work import copied  # Loads scipy and the kernels.
 
-        return copied(data, read, mend, copy, self._shelf)
+        return copied(data, read, mend, copy, self._store)
 
     def _readings(self, wizard: Wizard, rows: Sequence[Sequence[str]]) -> Readings:
         """Readings by way of a file like the command line's; it stays as a record."""

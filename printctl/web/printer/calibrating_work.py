@@ -20,7 +20,7 @@ from printctl.calibration.results import (
 from printctl.calibration.writing import Job, Made, make_test, measured_key, save_measured
 from printctl.web.printer.calibrating_asked import Asked, Read
 from printctl.web.printer.wizards import BY_NAME
-from printctl.web.shelf import Shelf
+from printctl.web.profile_store import ProfileStore
 
 
 def written(
@@ -47,26 +47,30 @@ def written(
     return rows, make_test(job, columns, rows, {})
 
 
-def fitted(name: str, data: Readings, read: Read, shelf: Shelf) -> Result:
+def fitted(name: str, data: Readings, read: Read, store: ProfileStore) -> Result:
     """What the readings of a calibration say."""
     if name == "weigh":
         found = weighing_of(data, read.density_g_cm3, read.density_error)
-        printer = shelf.load(Printer, read.printer)
-        return weighing_result(found, printer, shelf.load(Syringe, read.syringe))
+        printer = store.load(Printer, read.printer)
+        return weighing_result(found, printer, store.load(Syringe, read.syringe))
     if name == "level":
         return level_result(data, *read.part_mm)
     return offset_result(data) if name == "offset" else backlash_result(data)
 
 
 def copied(
-    data: Readings, read: Read, mend: Literal["printer", "syringe"], copy: str, shelf: Shelf
+    data: Readings,
+    read: Read,
+    mend: Literal["printer", "syringe"],
+    copy: str,
+    store: ProfileStore,
 ) -> str:
     """Write what was weighed into a copy of a profile; say what changed."""
     found = weighing_of(data, read.density_g_cm3, read.density_error)
-    printer = shelf.load(Printer, read.printer)
-    syringe = shelf.load(Syringe, read.syringe)
+    printer = store.load(Printer, read.printer)
+    syringe = store.load(Syringe, read.syringe)
     if mend == "printer":
         measured = measured_key(printer, "steps_per_mm.e", found.steps_per_mm(printer, syringe))
-        return save_measured(shelf.new_file(Printer, copy), printer, measured)
+        return save_measured(store.new_file(Printer, copy), printer, measured)
     measured = measured_key(syringe, "inner_mm", found.bore_mm())
-    return save_measured(shelf.new_file(Syringe, copy), syringe, measured)
+    return save_measured(store.new_file(Syringe, copy), syringe, measured)

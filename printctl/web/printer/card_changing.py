@@ -55,14 +55,14 @@ def _raise_step(service: PrinterService, who: Principal, stepper: ui.stepper) ->
 
 
 def _syringe(service: PrinterService, who: Principal) -> Callable[[], None]:
-    shelf = service.shelf
+    store = service.store
     with dialog("Change of syringe") as opened:
         with ui.stepper().props("vertical flat header-nav=false").classes("w-full p-0") as stepper:
             _raise_step(service, who, stepper)
             with ui.step("Put the syringe in"):
-                names = shelf.names(Syringe)
+                names = store.names(Syringe)
                 syringe = ui.select(names, label="Syringe", value=names[0]).classes("w-full")
-                inks = {"": "not named", **{n: n for n in shelf.names(Ink)}}
+                inks = {"": "not named", **{n: n for n in store.names(Ink)}}
                 ink = ui.select(inks, label="Ink", value="").classes("w-full")
                 filled = number("Filled with", 1000.0, 0.1, 100_000, 10, "µL")
                 note("Bring the plunger drive down until it touches the syringe's plunger.")
@@ -98,9 +98,9 @@ def _syringe(service: PrinterService, who: Principal) -> Callable[[], None]:
     def show() -> None:
         mounted = service.status.mounted
         if mounted.syringe:
-            syringe.set_value(shelf.name(mounted.syringe))
-        ink.set_value(shelf.name(mounted.ink) if mounted.ink else "")
-        filled.set_value(shelf.load(Syringe, str(syringe.value)).volume_ul)
+            syringe.set_value(store.name(mounted.syringe))
+        ink.set_value(store.name(mounted.ink) if mounted.ink else "")
+        filled.set_value(store.load(Syringe, str(syringe.value)).volume_ul)
         pushed.set_text("")
         wiped.set_value(False)
         stepper.set_value("Raise the needle")
@@ -110,12 +110,12 @@ def _syringe(service: PrinterService, who: Principal) -> Callable[[], None]:
 
 
 def _needle(service: PrinterService, who: Principal) -> Callable[[], None]:
-    shelf = service.shelf
+    store = service.store
     with dialog("Change of needle") as opened:
         with ui.stepper().props("vertical flat").classes("w-full p-0") as stepper:
             _raise_step(service, who, stepper)
             with ui.step("Put the needle in"):
-                names = shelf.names(Needle)
+                names = store.names(Needle)
                 needle = ui.select(names, label="Needle", value=names[0]).classes("w-full")
                 note("Tighten it: one that turns later stands elsewhere.")
 
@@ -139,7 +139,7 @@ def _needle(service: PrinterService, who: Principal) -> Callable[[], None]:
     def show() -> None:
         mounted = service.status.mounted
         if mounted.needle:
-            needle.set_value(shelf.name(mounted.needle))
+            needle.set_value(store.name(mounted.needle))
         stepper.set_value("Raise the needle")
         opened.open()
 

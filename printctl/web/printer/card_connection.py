@@ -23,7 +23,7 @@ def add_connection(service: PrinterService, who: Principal) -> Refresh:
         state = live().classes("font-medium")
         detail = note()
         with ui.column().classes("w-full gap-3") as choices:
-            names = service.shelf.printers()
+            names = service.store.printers()
             profile = ui.select(names, label="Printer profile", value=_first(names))
             about, doubt = note(), note()
             with ui.row().classes("w-full items-center no-wrap gap-2"):
@@ -52,7 +52,7 @@ def add_connection(service: PrinterService, who: Principal) -> Refresh:
         go.enable()
 
     def describe() -> None:
-        printer = service.shelf.load(Printer, profile.value)
+        printer = service.store.load(Printer, profile.value)
         about.set_text(summary(printer))
         doubt.set_text(unmeasured(printer))
         rates = {str(rate): f"{rate} Bd" for rate in (printer.baud, *printer.bauds)}
@@ -92,7 +92,7 @@ def _ports(found: list[FoundPort]) -> dict[str, str]:
 def _detail(service: PrinterService, status: StationStatus) -> str:
     told = []
     if status.open:
-        told.append(f"{service.shelf.name(status.profile)} at {status.port}")
+        told.append(f"{service.store.name(status.profile)} at {status.port}")
         told.append(status.firmware)
     errors = service.core.events.latest.get("print", {}).get("line_errors")
     if status.state is StationState.PRINTING and errors is not None:

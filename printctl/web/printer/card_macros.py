@@ -24,7 +24,7 @@ def add_macros(service: PrinterService, who: Principal) -> Refresh:
         about = note()
         buttons = ui.row().classes("gap-2")
         edit = _dialog(service, who)
-        new = quiet_button("New macro …", lambda: edit(service.shelf.name(_profile()), None))
+        new = quiet_button("New macro …", lambda: edit(service.store.name(_profile()), None))
 
     def _profile() -> str:
         return service.status.profile
@@ -46,7 +46,7 @@ def add_macros(service: PrinterService, who: Principal) -> Refresh:
 
     def refresh(status: StationStatus) -> None:
         new.set_enabled(status.open)
-        profile = service.shelf.name(status.profile) if status.profile else ""
+        profile = service.store.name(status.profile) if status.profile else ""
         macros = service.macros.of(profile) if status.open else []
         if shown[0] != (profile, macros):
             shown[0] = (profile, macros)

@@ -49,7 +49,7 @@ def add_mounted(service: PrinterService, who: Principal) -> Refresh:
         change.set_enabled(status.open)
         for sort in SORTS:
             given = str(getattr(status.mounted, sort))
-            shown[sort].set_text(service.shelf.name(given) if given else "not said")
+            shown[sort].set_text(service.store.name(given) if given else "not said")
         centre = status.mounted.dish_centre_mm
         shown["dish's middle"].set_text(
             "not said" if centre is None else f"X {mm(centre[0])}, Y {mm(centre[1])} mm"
@@ -62,7 +62,10 @@ def _dialog(service: PrinterService, who: Principal) -> Any:
     choices: dict[str, ui.select] = {}
     with dialog("What is mounted") as opened:
         for sort, model in SORTS.items():
-            names = {"": "nothing, or not known", **{n: n for n in service.shelf.names(model)}}
+            names = {
+                "": "nothing, or not known",
+                **{n: n for n in service.store.names(model)},
+            }
             choice = ui.select(names, label=sort.capitalize(), value="").classes("w-full")
             choices[sort] = choice
         with ui.row().classes("gap-2 items-center"):
@@ -83,7 +86,7 @@ def _dialog(service: PrinterService, who: Principal) -> Any:
         found: dict[str, Any] = {}
         for sort, model in SORTS.items():
             name = str(choices[sort].value)
-            found[sort] = service.shelf.given(model, name) if name else ""
+            found[sort] = service.store.given(model, name) if name else ""
         if x.value is not None and y.value is not None:
             found["dish_centre_mm"] = (float(x.value), float(y.value))
         now = service.status.mounted
@@ -97,7 +100,7 @@ def _dialog(service: PrinterService, who: Principal) -> Any:
         mounted = service.status.mounted
         for sort, choice in choices.items():
             given = str(getattr(mounted, sort))
-            choice.set_value(service.shelf.name(given) if given else "")
+            choice.set_value(service.store.name(given) if given else "")
         if mounted.dish_centre_mm is not None:
             x.set_value(mounted.dish_centre_mm[0])
             y.set_value(mounted.dish_centre_mm[1])

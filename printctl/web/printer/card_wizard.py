@@ -40,9 +40,9 @@ class _Dialog:
         self._service, self._who, self._wizard = service, who, wizard
         with dialog(wizard.title, wide=True, beside=wizard.placed) as self._dialog:
             note(f"Needs {wizard.needs}.")
-            shelf = service.shelf
-            self._printer = ui.select(shelf.printers(), label="Printer profile")
-            self._syringe = ui.select(shelf.names(Syringe), label="Syringe")
+            store = service.store
+            self._printer = ui.select(store.printers(), label="Printer profile")
+            self._syringe = ui.select(store.names(Syringe), label="Syringe")
             for one in (self._printer, self._syringe):
                 one.classes("w-full").set_visibility(wizard.printed)
             if wizard.printed:
@@ -59,9 +59,9 @@ class _Dialog:
 
     def show(self) -> None:
         """Open it, with what is connected chosen."""
-        shelf, status = self._service.shelf, self._service.status
-        profile = shelf.name(status.profile) if status.profile else "generic_marlin"
-        syringe = shelf.name(status.mounted.syringe) if status.mounted.syringe else ""
+        store, status = self._service.store, self._service.status
+        profile = store.name(status.profile) if status.profile else "generic_marlin"
+        syringe = store.name(status.mounted.syringe) if status.mounted.syringe else ""
         self._printer.set_value(profile)
         self._syringe.set_value(syringe or "hamilton_1ml")
         self._dialog.open()

@@ -10,9 +10,9 @@ from firmware_profiles import Ink, Needle, Syringe
 from printctl.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.printer.hands import fastest_ul_s
 from printctl.web.printer.printer_access import PrinterAccess
-from printctl.web.shelf import Shelf
+from printctl.web.printer.printer_commands import fastest_ul_s
+from printctl.web.profile_store import ProfileStore
 
 PURGE_STEP_UL: Final = 5.0
 PURGE_UL: Final = 50.0
@@ -26,11 +26,11 @@ class Changing:
     Parameters
     ----------
     access : PrinterAccess
-    shelf : Shelf
+    store : ProfileStore
     """
 
-    def __init__(self, access: PrinterAccess, shelf: Shelf) -> None:
-        self._access, self._shelf = access, shelf
+    def __init__(self, access: PrinterAccess, store: ProfileStore) -> None:
+        self._access, self._store = access, store
         self._lock = threading.Lock()
         self._purged_ul = 0.0
 
@@ -48,7 +48,7 @@ class Changing:
             For more than it holds, or nothing.
         """
         station = self._access.ask(who)
-        syringe = self._shelf.load(Syringe, name)
+        syringe = self._store.load(Syringe, name)
         if not 0 < filled_ul <= syringe.volume_ul:
             raise BadRequestError(
                 f"{filled_ul:g} µL in {syringe.name}: give above 0 and at most "
@@ -56,8 +56,8 @@ class Changing:
             )
         area = math.pi / 4 * syringe.inner_mm**2
         status = station.mount(
-            syringe=self._shelf.given(Syringe, name),
-            ink=self._shelf.given(Ink, ink) if ink else "",
+            syringe=self._store.given(Syringe, name),
+            ink=self._store.given(Ink, ink) if ink else "",
             plunger_mm=(syringe.volume_ul - filled_ul) / area,
         )
         with self._lock:
@@ -95,5 +95,5 @@ class Changing:
     def needle(self, who: Principal, name: str) -> StationStatus:
         """Say that another needle was put in; the floor must then be touched off anew."""
         station = self._access.ask(who)
-        given = self._shelf.given(Needle, name)
+        given = self._store.given(Needle, name)
         return self._access.heard(station.mount(needle=given, floor_mm=None, bath_level_mm=None))

@@ -17,7 +17,7 @@ from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.printer.console import Console, checked_line
 from printctl.web.printer.printer_access import PrinterAccess
-from printctl.web.shelf import Shelf
+from printctl.web.profile_store import ProfileStore
 
 MOST: Final = 50
 
@@ -46,12 +46,12 @@ class Macros:
     Parameters
     ----------
     access : PrinterAccess
-    shelf : Shelf
+    store : ProfileStore
     console : Console
     """
 
-    def __init__(self, access: PrinterAccess, shelf: Shelf, console: Console) -> None:
-        self._access, self._shelf, self._console = access, shelf, console
+    def __init__(self, access: PrinterAccess, store: ProfileStore, console: Console) -> None:
+        self._access, self._store, self._console = access, store, console
         self._lock = threading.Lock()
 
     def of(self, profile: str) -> list[Macro]:
@@ -111,7 +111,7 @@ class Macros:
             When a command is refused; those after it aren't sent.
         """
         self._access.ask(who)
-        profile = self._shelf.name(self._access.status.profile)
+        profile = self._store.name(self._access.status.profile)
         found = [one for one in self.of(profile) if one.name == name]
         if not found:
             raise NotFoundError(f"{profile} has no macro {name!r}")
@@ -120,7 +120,7 @@ class Macros:
             return [reply for text in found[0].commands for reply in self._console.send(who, text)]
 
     def _check(self, profile: str, macro: Macro) -> None:
-        printer = load(Printer, self._shelf.given(Printer, profile))
+        printer = load(Printer, self._store.given(Printer, profile))
         for number, text in enumerate(macro.commands, 1):
             verdict = foreseen(checked_line(text), printer)
             if isinstance(verdict, Refusal):
@@ -133,5 +133,5 @@ class Macros:
         write_text(self._path(profile), yaml.safe_dump(data, sort_keys=False, allow_unicode=True))
 
     def _path(self, profile: str) -> Path:
-        self._shelf.given(Printer, profile)
+        self._store.given(Printer, profile)
         return self._access.core.workspace.private / "macros" / f"{profile}.yaml"

@@ -8,7 +8,7 @@ from typing import Final
 from firmware_profiles import Printer
 from printctl.link.finding import matches
 from printctl.link.ports import PortInfo, list_ports
-from printctl.web.shelf import Shelf
+from printctl.web.profile_store import ProfileStore
 
 SIMULATED: Final = "simulated"
 
@@ -24,9 +24,11 @@ class FoundPort:
     profiles: tuple[str, ...]
 
 
-def ports_with_profiles(shelf: Shelf, ports: list[PortInfo] | None = None) -> list[FoundPort]:
+def ports_with_profiles(
+    store: ProfileStore, ports: list[PortInfo] | None = None
+) -> list[FoundPort]:
     """List this machine's serial ports; nothing is opened."""
-    printers = {name: shelf.load(Printer, name) for name in shelf.printers()}
+    printers = {name: store.load(Printer, name) for name in store.printers()}
     return [
         FoundPort(
             port.device,

@@ -64,8 +64,8 @@ def _add_connection(routes: APIRouter, service: PrinterService) -> None:
     @routes.get("/profiles", summary="Printer profiles that can be connected")
     def profiles() -> list[m.Profile]:
         found = []
-        for name in service.shelf.printers():
-            printer = service.shelf.load(Printer, name)
+        for name in service.store.printers():
+            printer = service.store.load(Printer, name)
             one = m.Profile(
                 name=name, summary=summary(printer), starting_values=printer.starting_values
             )
@@ -129,5 +129,5 @@ def _add_hands(routes: APIRouter, service: PrinterService) -> None:
         said = body.model_dump(exclude_unset=True)
         for key, model in _SORTS.items():
             if said.get(key):
-                said[key] = service.shelf.given(model, said[key])
+                said[key] = service.store.given(model, said[key])
         return status_of(hands.mount(who(request), **said))

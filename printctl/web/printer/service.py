@@ -12,13 +12,13 @@ from printctl.web.printer.calibrating import Calibrating
 from printctl.web.printer.changing import Changing
 from printctl.web.printer.console import Console
 from printctl.web.printer.following import Follower
-from printctl.web.printer.hands import Hands
 from printctl.web.printer.macros import Macros
 from printctl.web.printer.plots import Plots
 from printctl.web.printer.ports import FoundPort, ports_with_profiles
 from printctl.web.printer.printer_access import PrinterAccess
+from printctl.web.printer.printer_commands import PrinterCommands
 from printctl.web.printer.touching import Guide
-from printctl.web.shelf import Shelf
+from printctl.web.profile_store import ProfileStore
 
 
 class PrinterService:
@@ -32,7 +32,7 @@ class PrinterService:
 
     Attributes
     ----------
-    hands : Hands
+    hands : PrinterCommands
         Moves, heaters, plunger, what is mounted.
     console : Console
     macros : Macros
@@ -41,7 +41,7 @@ class PrinterService:
     changing : Changing
         Another syringe or needle.
     calibrating : Calibrating
-    shelf : Shelf
+    store : ProfileStore
         Profiles to choose from.
     plots : Plots
     """
@@ -49,15 +49,15 @@ class PrinterService:
     def __init__(self, core: Core) -> None:
         self.core = core
         self.plots = Plots()
-        self.shelf = Shelf(core.workspace.root)
+        self.store = ProfileStore(core.workspace.root)
         self._follower = Follower(core.workspace.station, self._publish)
         self._access = PrinterAccess(core, self._follower)
-        self.hands = Hands(self._access)
+        self.hands = PrinterCommands(self._access)
         self.console = Console(self._access)
-        self.macros = Macros(self._access, self.shelf, self.console)
+        self.macros = Macros(self._access, self.store, self.console)
         self.guide = Guide(self._access)
-        self.changing = Changing(self._access, self.shelf)
-        self.calibrating = Calibrating(self._access, self.shelf)
+        self.changing = Changing(self._access, self.store)
+        self.calibrating = Calibrating(self._access, self.store)
         self._follower.begin()
 
     def close(self) -> None:
@@ -71,7 +71,7 @@ class PrinterService:
 
     def ports(self) -> list[FoundPort]:
         """Serial ports of this machine, and whose profile's USB id each has."""
-        return ports_with_profiles(self.shelf)
+        return ports_with_profiles(self.store)
 
     def connect(
         self, who: Principal, profile: str, port: str = AUTO, baud: int | str | None = None
@@ -82,7 +82,7 @@ class PrinterService:
         ----------
         who : Principal
         profile : str
-            Name on the shelf.
+            Name on the store.
         port : str
             A device, a TCP address, ``auto`` or ``simulated``.
         baud : int, ``auto`` or None
@@ -99,9 +99,9 @@ class PrinterService:
             raise ConflictError(
                 f"{self.status.profile} is connected at {self.status.port}; disconnect it first"
             )
-        given = self.shelf.given(Printer, profile)
+        given = self.store.given(Printer, profile)
         # The simulated printer stands clear of its ends, so that every axis can be jogged.
-        printer = self.shelf.load(Printer, profile)
+        printer = self.store.load(Printer, profile)
         spans = (printer.x_mm, printer.y_mm, printer.z_mm)
         x, y, z = (span.low + min(30.0, (span.high - span.low) / 2) for span in spans)
         station = connect(

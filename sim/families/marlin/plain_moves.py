@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 
 from sim.board.controller import Controller
+from sim.families.marlin.fast_path import NOT_TAKEN, take_numbered_move
 from sim.families.marlin.report_commands import ok_words
-from sim.families.marlin.short_road import NOT_TAKEN, take_numbered_move
 
 
 def take_plain_moves(board: Controller, data: bytes, alarm: Callable[[], float]) -> bytes:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from kernels.needed import needed
+from kernels import needed as listing
 from printctl.cli import kernels_ready
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.main import app
@@ -18,7 +18,8 @@ from printctl.web.design.making.progress import read_progress
 @pytest.fixture(autouse=True)
 def _empty_store(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PRINTCTL_CACHE", str(tmp_path))
-    monkeypatch.setattr(kernels_ready, "needed", lambda *works: needed(*works)[:2])
+    everything = listing.needed
+    monkeypatch.setattr(listing, "needed", lambda *works: everything(*works)[:2])
 
 
 def test_few_are_left_to_their_first_call(capsys, tmp_path) -> None:
@@ -40,8 +41,7 @@ def test_many_are_compiled_and_told_once(monkeypatch, capsys, tmp_path) -> None:
     assert capsys.readouterr().err == ""
 
 
-def test_doctor_compiles_the_list(monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr("kernels.needed.needed", lambda *works: needed(*works)[:2])
+def test_doctor_compiles_the_list(tmp_path) -> None:
     done = CliRunner().invoke(app, ["doctor", "--warm"])
     assert "2 compiled" in done.output
     assert len(list(tmp_path.rglob("*.nbc"))) >= 2

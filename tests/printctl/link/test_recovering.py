@@ -8,9 +8,9 @@ import pytest
 from firmware_profiles import Printer, load
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
+from printctl.link.completed_moves import moves_ahead, surely_moved
 from printctl.link.errors import LinkError
 from printctl.link.journalled_print import JournalledPrint, read_journal
-from printctl.link.made import moves_ahead, surely_moved
 from printctl.link.marks import MarkKind
 from printctl.link.recovering import Recovery, plan_recovery
 from printctl.link.recovery_begin import NoCheckpoint

@@ -11,7 +11,7 @@ from printctl.gate.firmware import differences
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import HandshakeError
 from printctl.link.states import LinkState
-from printctl.station.hands import Hands
+from printctl.station.idle_commands import IdleCommands
 from printctl.station.knowledge import Knowledge
 from sim.board.hardware import Board
 from sim.families.marlin.printer import MarlinPrinter
@@ -22,7 +22,7 @@ SLOPE = 0.01
 
 
 class Standing:
-    """A standing printer that is told commands, as far as `Hands` needs one."""
+    """A standing printer that is told commands, as far as `IdleCommands` needs one."""
 
     position, temperatures = START, ()
 
@@ -44,7 +44,7 @@ class Standing:
 def homed(board: Board) -> tuple[dict[str, Any], Standing]:
     """Home X and Y of a printer by hand; return the answer, and it."""
     standing = Standing(MarlinPrinter(PRINTER, START, board))
-    hands = Hands(standing, Knowledge(PRINTER))  # type: ignore[arg-type]
+    hands = IdleCommands(standing, Knowledge(PRINTER))  # type: ignore[arg-type]
     return hands.wishes["home"]({"axes": "xy"}), standing
 
 

@@ -87,7 +87,7 @@ def _values(node: Node, recipes: Recipes) -> list[tuple[Any, str]]:
         return [(one, _YES_NO[one] if isinstance(one, bool) else str(one)) for one in plain]
     if node.sort == "file":
         return [(one, one) for one in recipes.files()]
-    return list(recipes.shelf.choices(PROFILES[node.profile]).items())
+    return list(recipes.store.choices(PROFILES[node.profile]).items())
 
 
 def _key(value: Any) -> str:

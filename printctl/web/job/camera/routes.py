@@ -9,7 +9,7 @@ from fastapi import APIRouter, Header, Path, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
-from printctl.web.job.camera.watching import Watching
+from printctl.web.job.camera.camera_service import CameraService
 from printctl.web.job.following import Heard
 
 Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
@@ -35,12 +35,14 @@ class TimeLapseTold(BaseModel):
     message: str = Field(description="Why no more are kept, or why there is no film; else empty.")
 
 
-def add_routes(routes: APIRouter, watching: Watching, heard: Callable[[str], Heard | None]) -> None:
+def add_routes(
+    routes: APIRouter, service: CameraService, heard: Callable[[str], Heard | None]
+) -> None:
     """Add them to the job's room."""
 
     @routes.get("/camera", tags=["camera"], summary="The camera as it stands")
     def camera() -> CameraTold:
-        seen = watching.seen()
+        seen = service.seen()
         number, at = (seen.still.number, seen.still.at) if seen.still else (0, None)
         return CameraTold(state=seen.state, message=seen.message, number=number, at=at)
 
@@ -52,7 +54,7 @@ def add_routes(routes: APIRouter, watching: Watching, heard: Callable[[str], Hea
         responses={200: {"content": {"image/jpeg": {}}}, 304: {"description": "None newer."}},
     )
     def still(if_none_match: Annotated[str, Header()] = "") -> Response:
-        found = watching.still()
+        found = service.still()
         headers = {**_FRESH, "ETag": f'"{found.at:.3f}"'}
         if if_none_match == headers["ETag"]:
             return Response(status_code=304, headers=headers)
@@ -60,7 +62,7 @@ def add_routes(routes: APIRouter, watching: Watching, heard: Callable[[str], Hea
 
     @routes.get("/prints/{job}/timelapse", tags=["camera"], summary="The last print's time-lapse")
     def timelapse(job: Job) -> TimeLapseTold:
-        return TimeLapseTold.model_validate(watching.timelapse(job, heard(job)).to_dict())
+        return TimeLapseTold.model_validate(service.timelapse(job, heard(job)).to_dict())
 
     @routes.get(
         "/prints/{job}/timelapse/film",
@@ -70,5 +72,5 @@ def add_routes(routes: APIRouter, watching: Watching, heard: Callable[[str], Hea
         responses={200: {"content": {"image/webp": {}}}},
     )
     def film(job: Job) -> FileResponse:
-        path = watching.film(job, heard(job))
+        path = service.film(job, heard(job))
         return FileResponse(path, media_type="image/webp", headers=_FRESH)

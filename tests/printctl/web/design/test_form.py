@@ -18,7 +18,7 @@ from printctl.web.design.recipes import EXAMPLES
 from printctl.web.design.schema import recipe_form
 from printctl.web.design.yaml_text import read_text, rewritten
 from printctl.web.errors import BadRequestError
-from printctl.web.shelf import Shelf
+from printctl.web.profile_store import ProfileStore
 
 SHIPPED = [STARTER, *sorted(EXAMPLES.glob("*.yaml"))]
 FORM = recipe_form()
@@ -54,7 +54,10 @@ def test_a_shipped_recipe_goes_through_the_form_unchanged(path: Path) -> None:
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_a_shipped_recipe_has_nothing_to_mend(path: Path) -> None:
     assert (
-        check_text(path.read_text(encoding="utf-8"), path.parent, Shelf(path.parent)).problems == ()
+        check_text(
+            path.read_text(encoding="utf-8"), path.parent, ProfileStore(path.parent)
+        ).problems
+        == ()
     )
 
 
@@ -133,15 +136,15 @@ def test_an_optional_section_stays_when_it_is_empty() -> None:
 def test_a_problem_stands_at_its_field(
     more: dict[str, Any], place: str, words: str, tmp_path: Path
 ) -> None:
-    problems = check_data({**PLANAR, **more}, tmp_path, Shelf(tmp_path)).problems
+    problems = check_data({**PLANAR, **more}, tmp_path, ProfileStore(tmp_path)).problems
     found = [problem for problem in problems if problem.place == place]
     assert found, [problem.message for problem in problems]
     assert words in found[0].message
 
 
-def test_own_profiles_are_those_on_the_shelf(tmp_path: Path) -> None:
-    shelf = Shelf(tmp_path)
-    own = shelf.folder(Ink) / "measured.yaml"
+def test_own_profiles_are_those_in_the_store(tmp_path: Path) -> None:
+    store = ProfileStore(tmp_path)
+    own = store.folder(Ink) / "measured.yaml"
     own.parent.mkdir(parents=True)
     own.write_text(yaml.safe_dump(load(Ink, "collagen_fresh").model_dump(mode="json")))
     (own.parent / "no name.yaml").write_text("{}")
@@ -150,14 +153,14 @@ def test_own_profiles_are_those_on_the_shelf(tmp_path: Path) -> None:
 
     def problems(name: str) -> list[str]:
         data = {**PLANAR, "printer": {"ink": name}}
-        return [one.message for one in check_data(data, tmp_path, shelf).problems]
+        return [one.message for one in check_data(data, tmp_path, store).problems]
 
-    assert problems(shelf.given(Ink, "measured")) == []
+    assert problems(store.given(Ink, "measured")) == []
     assert "of your own in" in problems(str(elsewhere))[0]
     assert "of your own in" in problems("../profiles/inks/measured.yaml")[0]
     own.write_text("viscosity: x")
-    assert problems(shelf.given(Ink, "measured")) != []
-    assert shelf.names(Ink)[0] == "measured"
+    assert problems(store.given(Ink, "measured")) != []
+    assert store.names(Ink)[0] == "measured"
 
 
 def test_a_changed_value_leaves_the_comments(tmp_path: Path) -> None:
@@ -220,4 +223,4 @@ def test_hostile_text_is_refused(text: str, words: str) -> None:
     ],
 )
 def test_nonsense_is_told_and_never_a_fault(text: str, tmp_path: Path) -> None:
-    assert check_text(text, tmp_path, Shelf(tmp_path)).problems
+    assert check_text(text, tmp_path, ProfileStore(tmp_path)).problems

@@ -54,12 +54,12 @@ def test_weighing_finds_the_steps_and_writes_a_copy_that_can_be_connected(
     steps = load(Printer, "generic_marlin").steps_per_mm.e
     assert found.holds(steps / 0.9)
     idle.calibrating.save(ME, read, "printer", "bench_1")
-    assert "bench_1" in idle.shelf.printers()
-    copy = idle.shelf.load(Printer, "bench_1")
+    assert "bench_1" in idle.store.printers()
+    copy = idle.store.load(Printer, "bench_1")
     assert copy.steps_per_mm.e == pytest.approx(steps / 0.9, rel=0.01)
     assert "measured by printctl calibrate" in copy.source
     idle.calibrating.save(ME, read, "syringe", "syringe_1")
-    bore = idle.shelf.load(Syringe, "syringe_1").inner_mm
+    bore = idle.store.load(Syringe, "syringe_1").inner_mm
     assert bore == pytest.approx(load(Syringe, "hamilton_1ml").inner_mm * math.sqrt(0.9), rel=0.01)
 
 
@@ -118,7 +118,7 @@ def test_readings_that_say_nothing_are_refused(idle: PrinterService) -> None:
 
 
 def test_a_profile_of_the_workspace_that_is_broken_is_not_offered(idle: PrinterService) -> None:
-    folder = idle.shelf.folder(Printer)
+    folder = idle.store.folder(Printer)
     folder.mkdir(parents=True)
     (folder / "broken.yaml").write_text(yaml.safe_dump({"name": "x"}))
-    assert "broken" not in idle.shelf.printers()
+    assert "broken" not in idle.store.printers()

@@ -6,7 +6,7 @@ from firmware_profiles import Dish, load
 from printctl.link.errors import Refused
 from printctl.station import StationState
 from printctl.web.errors import ConflictError, NotFoundError, NotInControlError
-from printctl.web.printer.hands import BLIND_LIFT_MM, CLEAR_MM
+from printctl.web.printer.printer_commands import BLIND_LIFT_MM, CLEAR_MM
 from printctl.web.printer.service import PrinterService
 from tests.printctl.web.printer.conftest import ME, OTHER, make_service, wait_for
 

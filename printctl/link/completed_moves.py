@@ -48,7 +48,7 @@ def moves_ahead(printer: Printer) -> float:
     return printer.planner_blocks + printer.command_queue
 
 
-class Made:
+class CompletedMoves:
     """Counts them as a job goes on; never more than is true.
 
     Parameters

@@ -9,7 +9,7 @@ from printctl.link.errors import LinkError
 from printctl.link.journalled_print import JournalledPrint, read_journal
 from printctl.link.modal import Modal
 from printctl.link.recovering import plan_recovery
-from printctl.link.stood import Stood, find_stood
+from printctl.link.stop_place import StopPlace, find_stood
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
 from tests.printctl.link.jobs import parse_job
@@ -30,7 +30,7 @@ JOB = HEADER + "".join(
 
 def test_the_middle_of_a_move():
     found = find_stood(PLACED, 1, 6, Modal(10.0, 4.0, 1.0, 1.4))
-    assert found == Stood(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
+    assert found == StopPlace(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
 
 
 def test_a_corner_belongs_to_the_next_line():
@@ -56,12 +56,12 @@ def test_of_two_lines_that_fit_the_earlier_one_is_taken():
 
 @pytest.mark.parametrize("place", [Modal(5.0, 5.0, 1.0, 2.5), Modal(10.0, 4.0, 1.0, 3.0)])
 def test_a_place_beside_all_lines_offers_the_first_that_may_be_open(place):
-    assert find_stood(PLACED, 1, 6, place) == Stood(1, None, False)
+    assert find_stood(PLACED, 1, 6, place) == StopPlace(1, None, False)
 
 
 def test_an_arc_offers_the_first_that_may_be_open():
     arc = [*PLACED[:3], b"G2 X20 Y10 I5 J0 E3"]
-    assert find_stood(arc, 1, 4, Modal(10.0, 4.0, 1.0, 1.4)) == Stood(1, None, False)
+    assert find_stood(arc, 1, 4, Modal(10.0, 4.0, 1.0, 1.4)) == StopPlace(1, None, False)
 
 
 @pytest.mark.parametrize("e", [1.4, -0.6], ids=["the move's count", "the last count"])
@@ -69,7 +69,7 @@ def test_a_plunger_counted_anew_behind_a_move_hinders_no_search(e):
     """A firmware may set the count when it reads the line, or among the moves."""
     anew = [*PLACED[:3], b"G92 E0"]
     found = find_stood(anew, 1, 4, Modal(10.0, 4.0, 1.0, e))
-    assert found == Stood(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
+    assert found == StopPlace(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
 
 
 def test_the_same_way_in_two_counts_is_uncertain():
@@ -81,9 +81,9 @@ def test_the_same_way_in_two_counts_is_uncertain():
 def test_a_line_that_names_the_place_it_is_at_hinders_no_search():
     same = [*PLACED[:3], b"G92 Z1", *PLACED[3:]]
     found = find_stood(same, 1, 7, Modal(10.0, 4.0, 1.0, 1.4))
-    assert found == Stood(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
+    assert found == StopPlace(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
     moved = [*PLACED[:3], b"G92 Z2", *PLACED[3:]]
-    assert find_stood(moved, 1, 7, Modal(10.0, 4.0, 1.0, 1.4)) == Stood(1, None, False)
+    assert find_stood(moved, 1, 7, Modal(10.0, 4.0, 1.0, 1.4)) == StopPlace(1, None, False)
 
 
 def written(motion: ExecutedMotion) -> tuple[np.ndarray, float]:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from firmware_profiles import Dish, Ink, Printer, Syringe, load
 from printctl.station import StationStatus
-from printctl.station.hands import UNNAMED_UL_S
+from printctl.station.idle_commands import UNNAMED_UL_S
 from printctl.web.controls import Principal
 from printctl.web.errors import ConflictError
 from printctl.web.printer.printer_access import PrinterAccess
@@ -20,7 +20,7 @@ BLIND_LIFT_MM: Final = 20.0
 """How far up where nobody knows where the rim is; a controlled stop lifts as far."""
 
 
-class Hands:
+class PrinterCommands:
     """Each does one thing and gives the status after it; what the station refuses is raised.
 
     Parameters

@@ -12,7 +12,7 @@ from printctl.web.job.camera.timelapse import TimeLapse, Told
 from printctl.web.job.following import Heard
 
 
-class Watching:
+class CameraService:
     """The camera, if there is one, and the time-lapses.
 
     Parameters

@@ -42,7 +42,7 @@ _TINY: Final = 1e-9
 Answer = dict[str, Any]
 
 
-class Hands:
+class IdleCommands:
     """Grants wishes one at a time, in the thread that speaks to the printer.
 
     Parameters

@@ -1,4 +1,4 @@
-"""From what the kernels have found to what people ask."""
+"""Results of the clearance search, by line of the job and by vessel."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ Found = NDArray[Any]
 
 
 @dataclass(frozen=True)
-class Looked:
-    """What was looked at, and as which moves: ``row`` and ``head`` (moves,)."""
+class SearchInput:
+    """What the search looks at, and as which moves: ``row`` and ``head`` (moves,)."""
 
     motion: Motion
     heads: list[Head]

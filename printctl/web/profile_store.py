@@ -12,7 +12,7 @@ from printctl.web.workspace import checked_name, is_name
 
 
 @dataclass(frozen=True)
-class Shelf:
+class ProfileStore:
     """Profiles by name; the workspace's own are files in ``profiles/SORT/NAME.yaml``.
 
     Attributes
@@ -54,7 +54,7 @@ class Shelf:
         return {self.given(model, name): name for name in self.names(model)}
 
     def load(self, model: type[Profile], name: str) -> Profile:
-        """Load a profile by its name on the shelf.
+        """Load a profile by its name.
 
         Raises
         ------
@@ -63,7 +63,7 @@ class Shelf:
         return load(model, self.given(model, name))
 
     def name(self, given: str) -> str:
-        """The name on the shelf of what `given` gave."""
+        """The name of what `given` gave."""
         return Path(given).stem if given.endswith((".yaml", ".yml")) else given
 
     def new_file(self, model: type[Facts], name: str) -> Path:

@@ -23,7 +23,7 @@ _HELD: Final = (LinkState.PAUSED, LinkState.PAUSING)
 _GOING: Final = (LinkState.PRINTING, LinkState.RESUMING)
 
 
-class PrintHands:
+class PrintCommands:
     """Pause, resume, change of syringe, confirm alive, cancel; go on, recover, give up.
 
     Parameters

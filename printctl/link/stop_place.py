@@ -23,7 +23,7 @@ _ARCS: Final = (b"G2", b"G3")
 
 
 @dataclass(frozen=True)
-class Stood:
+class StopPlace:
     """Where in a job a printer stood.
 
     Attributes
@@ -50,7 +50,7 @@ class _On:
     e: float | None
 
 
-def find_stood(lines: Sequence[bytes], sure: int, done: int, place: Modal) -> Stood:
+def find_stood(lines: Sequence[bytes], sure: int, done: int, place: Modal) -> StopPlace:
     """Find the line that a printer was at.
 
     Parameters
@@ -65,12 +65,12 @@ def find_stood(lines: Sequence[bytes], sure: int, done: int, place: Modal) -> St
     sure = next((k for k in range(sure, done) if is_motion(lines[k])), done)
     window = range(sure, done)
     if any(_moves_frame(lines, k) or code_of(lines[k]) in _ARCS for k in window):
-        return Stood(sure, None, False)
+        return StopPlace(sure, None, False)
     if not window:
-        return Stood(done, None, True)
+        return StopPlace(done, None, True)
     spots = _spots(_found(lines, done, window, place), lines)
     if not spots:
-        return Stood(sure, None, False)
+        return StopPlace(sure, None, False)
     on = spots[0]
     whole = on.share > 1 - _ENDS
     line = on.line + 1 if whole else on.line
@@ -78,7 +78,7 @@ def find_stood(lines: Sequence[bytes], sure: int, done: int, place: Modal) -> St
     if not whole:
         e = at.e if on.e is None else on.e
         at = Modal(place.x, place.y, place.z, e, at.f)
-    return Stood(line, at, len(spots) == 1)
+    return StopPlace(line, at, len(spots) == 1)
 
 
 def _moves_frame(lines: Sequence[bytes], index: int) -> bool:

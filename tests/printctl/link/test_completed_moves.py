@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
-from printctl.link.made import Made
+from printctl.link.completed_moves import CompletedMoves
 
 MARLIN = load(Printer, "generic_marlin")
 AHEAD = MARLIN.planner_blocks + MARLIN.command_queue
@@ -16,7 +16,7 @@ lines = st.lists(st.sampled_from([b"G1 X1", b"G0 Z2", b"M105", b"G4 P10"]), max_
 
 @given(lines, st.data())
 def test_as_many_moves_as_planner_and_queue_hold_may_be_ahead(job, data):
-    made, last = Made(job, MARLIN), 0
+    made, last = CompletedMoves(job, MARLIN), 0
     for taken in sorted(data.draw(st.lists(st.integers(0, len(job)), max_size=6))):
         found = made.after(taken)
         ahead = sum(line[:1] == b"G" and line[:2] != b"G4" for line in job[found:taken])
@@ -26,7 +26,7 @@ def test_as_many_moves_as_planner_and_queue_hold_may_be_ahead(job, data):
 
 
 def test_all_are_made_once_the_printer_stands_still():
-    made = Made([b"G1 X1"] * 50, MARLIN)
+    made = CompletedMoves([b"G1 X1"] * 50, MARLIN)
     assert made.after(30) == 30 - AHEAD
     made.waited(30)
     assert made.after(30) == 30
@@ -36,7 +36,7 @@ def test_all_are_made_once_the_printer_stands_still():
 
 
 def test_lines_taken_back_are_no_longer_made():
-    made = Made([b"G1 X1"] * 50, MARLIN)
+    made = CompletedMoves([b"G1 X1"] * 50, MARLIN)
     made.waited(30)
     made.back(25)
     assert made.after(30) == 25
@@ -45,7 +45,7 @@ def test_lines_taken_back_are_no_longer_made():
 @pytest.mark.parametrize("taken", [1, 40])
 def test_of_a_planner_by_time_only_a_standstill_counts(taken):
     klipper = MARLIN.model_copy(update={"firmware": "klipper"})
-    made = Made([b"G1 X1"] * 50, klipper)
+    made = CompletedMoves([b"G1 X1"] * 50, klipper)
     assert made.after(taken) == 0
     made.waited(taken)
     assert made.after(taken) == taken

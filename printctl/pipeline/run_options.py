@@ -8,8 +8,8 @@ from printctl.progress import Listener
 
 
 @dataclass(frozen=True)
-class How:
-    """How a recipe is run.
+class RunOptions:
+    """RunOptions a recipe is run.
 
     Attributes
     ----------
