@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.clearance.bodies import Ink, Joints, Tips
+from sim.clearance.findings import Found, SearchInput
 from sim.clearance.heads import heads_of
 from sim.clearance.ink import ink_of
 from sim.clearance.joints import joints_of
@@ -37,7 +38,6 @@ from sim.clearance.needle import NeedleBody
 from sim.clearance.network import WrittenNetwork
 from sim.clearance.pieces import Pieces
 from sim.clearance.result import Clearance
-from sim.clearance.findings import Found, SearchInput
 from sim.clearance.search_kernels import FOUND, search, squares_of
 from sim.clearance.tips import tips_of
 from sim.errors import ClearanceError
