@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 FloatArray = NDArray[np.float64]
 
@@ -35,6 +37,8 @@ class Axis:
     @staticmethod
     def of(points: FloatArray, arc: FloatArray) -> Axis:
         """Of a polyline (p, 3) with arcs (p,), mm."""
+        from scipy.spatial import cKDTree  # loads for 0.3 s; few jobs come here
+
         count = np.maximum(np.ceil(np.diff(arc) / _SPACING_MM), 1).astype(np.int64)
         at = np.repeat(np.arange(len(count)), count)
         share = (np.arange(len(at)) - np.repeat(np.cumsum(count) - count, count)) / count[at]

@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from sim.clearance.network import WrittenNetwork
 
@@ -100,6 +99,8 @@ def _spots(network: WrittenNetwork) -> _Spots:
 
 def _near(spots: _Spots) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs that may overlap, and the gaps: looked for by octaves of the radius."""
+    from scipy.spatial import cKDTree  # loads for 0.3 s; few jobs come here
+
     octave = np.floor(np.log2(np.maximum(spots.radius, 1e-9))).astype(np.int64)
     rows = {k: np.flatnonzero(octave == k) for k in np.unique(octave).tolist()}
     trees = {k: cKDTree(spots.place[own]) for k, own in rows.items()}
