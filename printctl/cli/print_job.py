@@ -112,6 +112,9 @@ def print_job(
 
     The print runs in a process of its own and goes on when this command ends. Ctrl-C asks: detach,
     stop or kill.
+
+    Exit code 1 when all lines were taken but it isn't proved that all was made: another program
+    wrote to the printer.
     """
     profile = load(Printer, printer)
     refuse_unsent(profile, str(file))
@@ -134,7 +137,10 @@ def print_job(
         set_for = set_up(profile, syringe, ink, tip, mounted)
         care = _check(file, set_for, tip, Chosen(care, usable, reload, accept_crossings))
         order = replace(order, care=care)
-    _tell(_print(order, profile, tip, yes), place, as_json)
+    outcome = _print(order, profile, tip, yes)
+    _tell(outcome, place, as_json)
+    if not outcome.proved:
+        raise typer.Exit(1)
 
 
 @dataclass(frozen=True)
@@ -195,7 +201,8 @@ def _print(
 
 def _tell(outcome: PrintOutcome, folder: Path, as_json: bool) -> None:
     if as_json:
-        state, lines = outcome.state.value, outcome.lines_done
-        print_json({"state": state, "lines": lines, "folder": str(folder)})
+        state, lines, message = outcome.state.value, outcome.lines_done, outcome.message
+        told = {"state": state, "proved": outcome.proved, "lines": lines, "message": message}
+        print_json({**told, "folder": str(folder)})
     else:
         print_lines(f"{outcome.state.value}: {outcome.message}", str(folder))

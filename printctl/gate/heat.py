@@ -71,7 +71,7 @@ def wait_for(line: GcodeLine, known: Known) -> Allowed:
     heater = _heater(line, known)
     for celsius in targets:
         check_heat(known, heater, celsius or 0.0)
-    return Allowed(line.text.decode("ascii"))
+    return Allowed(line.text.decode("ascii"), heater=heater, celsius=targets[0] or 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,10 @@ class NamedTarget:
             raise NotAllowed(f"{' to '.join(f'{one:g}' for one in targets)} °C is no range")
         for celsius in targets:
             check_heat(known, heater, celsius)
-        return Allowed(line.text.decode("ascii"))
+        text = line.text.decode("ascii")
+        if len(facts.targets) > 1:  # a range, which is waited for and not set
+            return Allowed(text)
+        return Allowed(text, heater=heater, celsius=targets[0])
 
     @property
     def _form(self) -> str:

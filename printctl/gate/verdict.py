@@ -39,7 +39,7 @@ class Allowed:
     axes : tuple of str
         To home.
     heater : str
-        ``nozzle``, ``nozzle 1``, ``bed``, ``chamber``.
+        ``nozzle``, ``nozzle 1``, ``bed``, ``chamber``, where the line sets a target; else empty.
     celsius : float, °C
     undo : tuple of str
         Settings (codes) that must be as before once the job has ended.

@@ -25,8 +25,9 @@ syringe    ``n``, ``command``: the line about to call the new plunger's place th
            put in; ``reload_at``, ``reload_heads``: where the next changes are due
 left       the job's ``place`` that the needle leaves for a pause: after the host's death it tells
            what the job's own lines haven't
-stood      after a stop: ``line``, ``begin_at``, ``certain`` as in `Stood`; ``done`` lines taken;
-           ``dropped``: whether moves of theirs weren't made; ``place`` that the printer told
+heat       ``targets``, °C by heater, as this print has set them after ``line`` lines of the job
+stood      after a stop: ``line``, ``begin_at``, ``certain`` as in `StopPlace`; ``done`` lines were
+           taken; ``dropped``: whether moves weren't made; ``place`` that the printer told
 end        state, message, done, error, position_known: last; where the printer refused a line of
            the job: ``refused``, the lines before it, and ``made``, those of them surely made
 ========== =====================================================================================

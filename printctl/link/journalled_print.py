@@ -63,6 +63,8 @@ class JournalledPrint:
         Whether it had begun to end the print: needle up, heaters perhaps off.
     settings : dict of str to str
         Settings of the firmware before the job's first line, by code: commands that set them.
+    heat : Record
+        Heaters' targets as the print had set them after so many lines; empty for none.
     frame : dict of str to dict
         What `FrameCheck.begin` noted before the job's first line; empty where it couldn't.
     """
@@ -92,6 +94,7 @@ class JournalledPrint:
     cut_short: bool = False
     stopping: bool = False
     settings: dict[str, str] = field(default_factory=dict)
+    heat: Record = field(default_factory=dict)
     frame: Record = field(default_factory=dict)
     _torn: bool = False
 
@@ -177,6 +180,8 @@ def _apply(history: JournalledPrint, record: Record | None) -> None:
         history.left = dict(record["place"])
     elif sort == "settings":
         history.settings = history.settings or dict(record["told"])
+    elif sort == "heat":
+        history.heat = record
     elif sort == "frame":
         history.frame = {"told": record["told"], "offset": record["offset"]}
     elif sort == "wanted":

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from printctl.gate import Known, Refusal
 from printctl.link.channel import Channel
 from printctl.link.gating import Manual, judge_typed
+from printctl.link.heat_check import HeatCheck
 from printctl.link.interruption import StopAsked
 from printctl.link.requests import RequestQueue
 
@@ -18,11 +19,13 @@ class ManualCommands:
     ----------
     channel : Channel
     requests : RequestQueue
+    heat : HeatCheck
+        Told of the targets that are set.
     """
 
-    def __init__(self, channel: Channel, requests: RequestQueue) -> None:
+    def __init__(self, channel: Channel, requests: RequestQueue, heat: HeatCheck) -> None:
         self._channel, self._logbook = channel, channel.logbook
-        self._requests = requests
+        self._requests, self._heat = requests, heat
 
     def send_all(self, known: Callable[[], Known]) -> None:
         """Send what waits; ``known`` is what the gate is told of the moment."""
@@ -49,5 +52,7 @@ class ManualCommands:
             manual.refused("the print is being stopped")
             raise
         complaint = self._logbook.excuse(before)
+        if not complaint:
+            self._heat.set_by_hand(verdict)
         said = (complaint.encode("ascii", "replace"),) if complaint else ()
         manual.done((*lines, *said))

@@ -8,6 +8,7 @@ from printctl.link.channel import Channel
 from printctl.link.errors import HandshakeError
 from printctl.link.families import link_facts
 from printctl.link.firmware_check import FirmwareCheck
+from printctl.link.heat_check import HeatCheck
 from printctl.link.position_check import PositionCheck
 
 
@@ -23,31 +24,45 @@ class Meddling:
     channel : Channel
     firmware : FirmwareCheck
     position : PositionCheck
+    heat : HeatCheck
     """
 
     channel: Channel
     firmware: FirmwareCheck
     position: PositionCheck
+    heat: HeatCheck
 
     def take_back(self) -> None:
-        """Set modes, factors, limits and feed rate anew where lines weren't ours; none in flight.
+        """`set_anew` where lines weren't ours.
 
         Raises
         ------
         PrintEnded
             For what no command takes back.
         """
-        progress, printer = self.channel.logbook.progress, self.channel.wiring.printer
+        progress = self.channel.logbook.progress
         if not progress.meddled:
             return
         progress.taken_back()
-        self.firmware.set_modes(journalled=True)
         try:
-            if link_facts(printer).tells_steps:
-                self.firmware.check_steps(journalled=True)
-            self.firmware.agree_settings(journalled=True)
+            self.set_anew()
         except HandshakeError as exc:
             self.position.end_astray(str(exc))
+
+    def set_anew(self) -> None:
+        """Set modes, factors, limits, heaters and feed rate as the job has them; none in flight.
+
+        Raises
+        ------
+        HandshakeError
+            For what no command takes back.
+        """
+        progress, printer = self.channel.logbook.progress, self.channel.wiring.printer
+        self.firmware.set_modes(journalled=True)
+        if link_facts(printer).tells_steps:
+            self.firmware.check_steps(journalled=True)
+        self.firmware.agree_settings(journalled=True)
+        self.heat.take_back()
         feed = progress.modal().f
         if feed is not None:
             self.channel.command(b"G1 F%b" % f"{feed:g}".encode())

@@ -74,6 +74,7 @@ class PrintLoop:
         self._logbook.enter(LinkState.CHECKING, "asking the firmware what it is")
         self._parts.firmware.check()
         self._agree_start()
+        self._parts.heat.begin()
         self._parts.frame.begin()
         self._parts.pauses.motors.hold()
         number = self._channel.agree(self._protocol.renumber)
@@ -210,5 +211,6 @@ class PrintLoop:
             self._progress.verified()
             self._parts.position.verify(self._progress.modal())
         self._parts.position.refuse_renamed(waited=True)
+        self._parts.heat.take_back()
         number = self._protocol.number
         return self._channel.agree(self._protocol.ask) == number

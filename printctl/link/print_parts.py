@@ -13,6 +13,7 @@ from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.frame_check import FrameCheck
 from printctl.link.gauges import Gauge, Gauges
 from printctl.link.head_choice import HeadChoice
+from printctl.link.heat_check import HeatCheck
 from printctl.link.idle_motors import IdleMotors
 from printctl.link.interruption import Interruption
 from printctl.link.job import Job
@@ -52,6 +53,7 @@ class PrintParts:
     firmware : FirmwareCheck
     position : PositionCheck
     meddling : Meddling
+    heat : HeatCheck
     valve : ValveSwitch
     ending : Ending
     pauses : Pauses
@@ -71,6 +73,7 @@ class PrintParts:
     frame: FrameCheck
     position: PositionCheck
     meddling: Meddling
+    heat: HeatCheck
     valve: ValveSwitch
     ending: Ending
     pauses: Pauses
@@ -88,12 +91,13 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
     logbook = Logbook(wiring, progress, details.add, details.next_due)
     channel, interruption = print_channel(wiring, logbook, queue)
     requests = PrintRequests(wiring, logbook, queue, watch, change)
-    commands, gauges = ManualCommands(channel, queue), Gauges(channel, watched)
+    heat = HeatCheck(channel)
+    commands, gauges = ManualCommands(channel, queue, heat), Gauges(channel, watched)
     firmware, heads = FirmwareCheck(channel, gauges), HeadChoice(channel)
     valve = ValveSwitch(channel)
     frame = FrameCheck(channel)
     position = PositionCheck(channel, valve, frame)
-    meddling, excursion = Meddling(channel, firmware, position), Excursion()
+    meddling, excursion = Meddling(channel, firmware, position, heat), Excursion()
     returning = Returning(channel, heads, position, excursion)
     ending = Ending(channel, firmware, heads, position, valve, excursion, interruption)
     pauses = Pauses(
@@ -125,6 +129,7 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         frame=frame,
         position=position,
         meddling=meddling,
+        heat=heat,
         valve=valve,
         ending=ending,
         pauses=pauses,
@@ -133,6 +138,8 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
             channel,
             firmware,
             frame,
+            heat,
+            meddling,
             heads,
             position,
             valve,

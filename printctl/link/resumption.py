@@ -10,7 +10,9 @@ from printctl.link.families import link_facts
 from printctl.link.firmware_check import FirmwareCheck
 from printctl.link.frame_check import FrameCheck
 from printctl.link.head_choice import HeadChoice
+from printctl.link.heat_check import HeatCheck
 from printctl.link.journalled_print import JournalledPrint
+from printctl.link.meddling import Meddling
 from printctl.link.modal import Modal
 from printctl.link.pauses import Pauses
 from printctl.link.position_check import PositionCheck
@@ -31,6 +33,8 @@ class Resumption:
     channel : Channel
     firmware : FirmwareCheck
     frame : FrameCheck
+    heat : HeatCheck
+    meddling : Meddling
     heads : HeadChoice
     position : PositionCheck
     valve : ValveSwitch
@@ -44,6 +48,8 @@ class Resumption:
     channel: Channel
     firmware: FirmwareCheck
     frame: FrameCheck
+    heat: HeatCheck
+    meddling: Meddling
     heads: HeadChoice
     position: PositionCheck
     valve: ValveSwitch
@@ -63,14 +69,18 @@ class Resumption:
         """
         channel, logbook = self.channel, self.channel.logbook
         logbook.go_on()
+        logbook.enter(LinkState.CHECKING, "asking the printer for the last line that it took")
         done, number = self._last_line(history)
         channel.wiring.protocol.load(logbook.progress.job.lines, done, number)
         logbook.record("ack", done=done)
         self._shut_valve(done)
         self.firmware.check_keepalive(journalled=True)
+        logbook.enter(LinkState.CHECKING, "waiting until the printer has made what it took")
         channel.command(b"M400")
         self.firmware.restore_settings(history.settings)
-        self.firmware.agree_settings(journalled=True)
+        if history.heat:
+            self.heat.restore(history.heat["targets"], history.heat["line"])
+        self.meddling.set_anew()
         if history.frame:
             self.frame.restore(**history.frame)
             self.position.refuse_renamed(waited=True)

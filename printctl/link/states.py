@@ -134,6 +134,11 @@ class PrintOutcome:
     error: str = ""
     position_known: bool = True
 
+    @property
+    def proved(self) -> bool:
+        """Whether it is done, and no other program's commands came between its lines."""
+        return self.state is LinkState.DONE and self.position_known
+
     @staticmethod
     def of(status: Status) -> PrintOutcome:
         """Read from the last status of a print."""

@@ -81,6 +81,8 @@ def follow(client: PrintClient, report: Report, bars: StageBars) -> PrintOutcome
             f"({outcome.lines_done} of {outcome.lines_total} lines taken by the printer; `printctl "
             f"status` tells how many are made; journal: {client.folder})"
         )
+    if not outcome.proved:
+        bars.remark("print", outcome.message)
     return outcome
 
 

@@ -27,10 +27,10 @@ from printctl.gate import (
 from printctl.gate.firmware import LISTED, levelling_is_on, questions
 from printctl.link.errors import LinkError, Refused
 from printctl.link.gating import let_through
+from printctl.link.temperatures import target_command
 from printctl.station.knowledge import Knowledge
 from printctl.station.standby import Standby
 from printctl.station.status import Place
-from printctl.station.temperatures import target_command
 
 AXES: Final = "xyz"
 UNNAMED_UL_S: Final = 1.0

@@ -10,9 +10,9 @@ from firmware_profiles import Printer
 from printctl.gate import Bounds, Known
 from printctl.link.errors import Refused
 from printctl.printing.syringes import usable_mm
+from printctl.station.heat_limits import heat_limits
 from printctl.station.mounted_profiles import MountedProfiles, read_mounted_profiles
 from printctl.station.status import Mounted, Place
-from printctl.station.temperatures import heat_limits
 
 _NAMES: Final = ("needle", "syringe", "ink", "dish", "bath")
 _UNKNOWN: Final = (False, False, False)

@@ -10,10 +10,10 @@ from typing import Any, Final
 from printctl.gate import Bounds, reach
 from printctl.link.errors import JournalError, LinkError
 from printctl.link.journal import Journal
+from printctl.link.temperatures import parse_temperatures
 from printctl.station.knowledge import Knowledge
 from printctl.station.speaker import Speaker
 from printctl.station.status import Place, StationState, StationStatus
-from printctl.station.temperatures import parse_temperatures
 from printctl.station.wire import Socket
 
 DOWN: Final = frozenset({StationState.HALTED, StationState.LOST})

@@ -25,11 +25,11 @@ from printctl.link.progress import JobProgress
 from printctl.link.requests import RequestQueue
 from printctl.link.retreat import heaters_off
 from printctl.link.states import LinkState
+from printctl.link.temperatures import Temperature, parse_temperatures
 from printctl.link.wiring import Wiring
 from printctl.station.motion import Motion, send
 from printctl.station.standby_events import StandbyEvents
-from printctl.station.status import Place, Temperature
-from printctl.station.temperatures import parse_temperatures
+from printctl.station.status import Place
 from printctl.station.tip import Tip
 
 POLL_S: Final = 1.0

@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any, Final
 
+from printctl.link.temperatures import Temperature
+
 Place = tuple[float, float, float]
 
 
@@ -26,24 +28,6 @@ NO_PRINTER: Final = "no printer is connected; connect one first (page Printer)"
 """Told wherever something is asked of a station that isn't there."""
 OPEN: Final = frozenset({StationState.READY, StationState.BUSY, StationState.PRINTING})
 """States in which the printer answers."""
-
-
-@dataclass(frozen=True)
-class Temperature:
-    """One heater or sensor.
-
-    Attributes
-    ----------
-    name : str
-        ``nozzle`` (the ink's), ``nozzle 1`` and so on of several heads, ``bed``, ``chamber``.
-    now_c : float, °C
-    target_c : float or None, °C
-        None where the firmware tells none; 0 is off.
-    """
-
-    name: str
-    now_c: float
-    target_c: float | None = None
 
 
 @dataclass(frozen=True)

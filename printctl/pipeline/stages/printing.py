@@ -8,7 +8,7 @@ from typing import Any
 
 from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
-from printctl.link import Care
+from printctl.link import Care, PrintOutcome
 from printctl.link.families import refuse_unsent
 from printctl.link.finding import named_port
 from printctl.link.retreat import Retreat
@@ -133,6 +133,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         "printer": context.printer.name,
         "port": part.port,
         "state": outcome.state.value,
+        "proved": outcome.proved,
         "lines": outcome.lines_done,
     }
     if part.port != SIMULATED:
@@ -160,6 +161,7 @@ def taken(context: RunContext) -> tuple[dict[str, Any], Sequence[str]]:
         "printer": context.printer.name,
         "port": part.port,
         "state": client.status.state.value,
+        "proved": PrintOutcome.of(client.status).proved,
         "lines": client.status.lines_done,
     }
     if not isinstance(context.scan_part, SimulatedScan):

@@ -75,6 +75,7 @@ def test_move_that_another_program_writes_is_told_at_the_end(tmp_path):
     status, history, _ = printed(tmp_path, b"G1 X150 F6000\n")
     assert status.state is LinkState.DONE
     assert OTHERS in status.message
+    assert not status.position_known
     assert status.alarms == 1
     assert OTHERS in history.alarms[0]
 

@@ -116,3 +116,20 @@ def test_place_renamed_while_the_host_was_dead_is_position_unknown(tmp_path, pla
     assert status.state is LinkState.POSITION_UNKNOWN
     assert f"{place[:1].decode()} is called" in status.message
     assert printer.machine.motion.planner["position"][0].tolist() == before
+
+
+@pytest.mark.parametrize("other", [b"G91\n", b"M83\n", b"M221 S50\n", b"M140 S60\n"])
+def test_what_another_program_set_while_the_host_was_dead_is_taken_back(tmp_path, other):
+    data, printer, clock = gcode(60), MarlinPrinter(PRINTER, START), VirtualClock()
+    with pytest.raises(HostDiedError):
+        printed(data, tmp_path, doomed(printer, clock, 60, 1.0))
+    printer.receive(other)
+    printer.settle()
+    printer.take_output()
+    status = resumed(data, tmp_path, SimTransport(printer, clock))
+    assert status.state is LinkState.DONE, status
+    motion = printer.executed()
+    foreseen = dry_run(data, PRINTER, START, cold_extrusion=True).executed
+    assert np.array_equal(motion.end[-1], foreseen.end[-1])
+    assert motion.plunger_end[-1] == pytest.approx(foreseen.plunger_end[-1])
+    assert printer.machine.heat.bed.target_c == 0

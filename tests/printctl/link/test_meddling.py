@@ -114,3 +114,30 @@ def test_a_stop_ends_a_wait_for_a_person_at_the_printers_button(tmp_path):
     assert status.state is LinkState.STOPPED
     alarms = " ".join(read_journal(tmp_path / "journal.log").alarms)
     assert "waits for somebody to press its own button" in alarms
+
+
+def test_heater_that_another_program_switches_on_is_set_back(tmp_path):
+    wire = SharedWire(b"M140 S60\n", b" E0.07000 ")
+    status, _ = printed(gcode(MOVES), tmp_path, wire)
+    assert status.state is LinkState.DONE
+    assert wire.printer.machine.heat.bed.target_c == 0
+    alarms = " ".join(read_journal(tmp_path / "journal.log").alarms)
+    assert "the bed is set to 60 °C, and this print had set 0 °C" in alarms
+
+
+def test_heater_that_the_job_sets_stays(tmp_path):
+    wire = SharedWire(b"M105\n", b" E0.07000 ")
+    status, _ = printed(b"M140 S30\n" + gcode(MOVES), tmp_path, wire)
+    assert status.state is LinkState.DONE
+    assert wire.printer.machine.heat.bed.target_c == 30
+    assert "is set to" not in " ".join(read_journal(tmp_path / "journal.log").alarms)
+
+
+@pytest.mark.parametrize(("celsius", "told"), [(37, False), (110, True)])
+def test_heater_that_is_too_hot_before_the_first_line_is_told(tmp_path, celsius, told):
+    wire = SharedWire(b"", b" E0.07000 ")
+    wire.printer.receive(b"M140 S%d\n" % celsius)
+    status, _ = printed(gcode(MOVES), tmp_path, wire)
+    assert status.state is LinkState.DONE
+    alarms = " ".join(read_journal(tmp_path / "journal.log").alarms)
+    assert (f"the bed is set to {celsius} °C before the job's first line" in alarms) == told

@@ -6,8 +6,9 @@ import pytest
 
 from firmware_profiles import Printer, load
 from printctl.link.errors import Refused
+from printctl.link.temperatures import Temperature
 from printctl.station.knowledge import Knowledge
-from printctl.station.status import Mounted, StationState, StationStatus, Temperature
+from printctl.station.status import Mounted, StationState, StationStatus
 
 PRINTER = load(Printer, "generic_marlin")
 

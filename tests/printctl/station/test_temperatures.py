@@ -6,9 +6,10 @@ import pytest
 
 from firmware_profiles import Printer, load
 from printctl.gate import Bounds, Known, NotAllowed, check_heat
+from printctl.link.temperatures import Temperature, parse_temperatures, target_command
+from printctl.station.heat_limits import heat_limits
 from printctl.station.mounted_profiles import read_mounted_profiles
-from printctl.station.status import Mounted, Temperature
-from printctl.station.temperatures import heat_limits, parse_temperatures, target_command
+from printctl.station.status import Mounted
 
 PRINTER = load(Printer, "generic_marlin")
 

@@ -1,0 +1,98 @@
+"""Comparison of the heaters' targets with what this print has set."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from printctl.gate import Allowed, Door, Known, judge
+from printctl.link.channel import Channel
+from printctl.link.temperatures import parse_temperatures, target_command
+
+WITHIN_C: Final = 0.6
+"""Between a target that was set and the one that is told: some firmwares round it."""
+
+
+class HeatCheck:
+    """Finds targets that neither the job nor its operator has set.
+
+    Of several nozzles none is looked at: a command without a number sets the one in use.
+
+    Parameters
+    ----------
+    channel : Channel
+    """
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel, self._logbook = channel, channel.logbook
+        self._targets: dict[str, float] = {}
+        self._read = 0
+
+    def begin(self) -> None:
+        """Take the targets as they are before the job's first line; tell those that are too hot."""
+        before = self._logbook.fault
+        self._targets = self._told(journalled=False)
+        self._logbook.excuse(before)  # a firmware without heaters may not know the question
+        known = self._channel.wiring.limits()
+        for heater, celsius in self._targets.items():
+            limit = known.hottest(heater)
+            if celsius > limit.celsius:
+                self._logbook.alarm(
+                    f"the {heater} is set to {celsius:g} °C before the job's first line, above "
+                    f"{limit.celsius:g} °C ({limit.why})"
+                )
+        self._record()
+
+    def restore(self, targets: Mapping[str, float], read: int) -> None:
+        """Take the targets that this print had set after ``read`` lines, from its journal."""
+        self._targets, self._read = dict(targets), read
+
+    def set_by_hand(self, allowed: Allowed) -> None:
+        """Take notice of a target that a person has set in the print."""
+        if allowed.heater and self._targets:
+            self._read_job()
+            self._targets[allowed.heater] = allowed.celsius
+            self._record()
+
+    def take_back(self) -> None:
+        """Set anew what others have set; tell of it, and of heaters that went off."""
+        if not self._targets:
+            return
+        self._read_job()
+        for heater, celsius in self._told(journalled=True).items():
+            wanted = self._targets.get(heater, 0.0)
+            if abs(celsius - wanted) <= WITHIN_C:
+                continue
+            self._targets[heater] = min(celsius, wanted)
+            if celsius < wanted:
+                self._logbook.alarm(
+                    f"the {heater} is set to {celsius:g} °C, and this print had set {wanted:g} °C: "
+                    "the firmware or another program did it; it stays so"
+                )
+                continue
+            command = target_command(heater, wanted)
+            self._logbook.alarm(
+                f"the {heater} is set to {celsius:g} °C, and this print had set {wanted:g} °C: "
+                f"another program did it; taken back ({command})"
+            )
+            self._channel.command(command.encode("ascii"))
+
+    def _told(self, journalled: bool) -> dict[str, float]:
+        """Targets by heater, °C; empty where the firmware tells none."""
+        readings = parse_temperatures(self._channel.command(b"M105", journalled))
+        found = {one.name: one.target_c for one in readings if one.target_c is not None}
+        several = len(self._channel.wiring.printer.heads) > 1
+        return {k: v for k, v in found.items() if not (several and k.startswith("nozzle"))}
+
+    def _record(self) -> None:
+        self._logbook.record("heat", targets=self._targets, line=self._read)
+
+    def _read_job(self) -> None:
+        """Take notice of what the job's own lines have set since they were last read."""
+        taken, known = self._logbook.progress.taken, Known.of_job(self._channel.wiring.printer)
+        for line in taken[self._read :]:
+            if not line.startswith((b"G0", b"G1")):
+                verdict = judge(line.decode("ascii", "replace"), Door.JOB, known)
+                if isinstance(verdict, Allowed) and verdict.heater:
+                    self._targets[verdict.heater] = verdict.celsius
+        self._read = len(taken)
