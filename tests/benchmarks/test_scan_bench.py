@@ -16,6 +16,7 @@ from benchmarks.scan_bench.pose import draw
 from benchmarks.scan_bench.runs import present, shared_designs
 from benchmarks.scan_bench.symmetry import symmetries
 from benchmarks.scan_bench.truth import sections
+from tests.slower import first_of
 
 STILL = [
     "--yaw",
@@ -53,6 +54,7 @@ def scan(design, options):
     return image(design, plant(design, given), pose, given, rng), pose
 
 
+@pytest.mark.slow
 def test_speckle_of_one_look_of_many_scatterers_is_fully_developed():
     design = Design(block(2.0, 2.0, 1.0))
     design.add(design.node(0, 0.2, 0.5), design.node(0.3, 0.2, 0.5), (0.2,))
@@ -62,6 +64,7 @@ def test_speckle_of_one_look_of_many_scatterers_is_fully_developed():
     assert gel.std() / gel.mean() == pytest.approx(1.0, abs=0.04)
 
 
+@pytest.mark.slow
 def test_many_looks_show_each_wall_where_the_truth_says():
     """A level face by half power along depth, a channel's section by the sum of its gel missing."""
     design = Design(block(1.6, 1.6, 1.2))
@@ -126,7 +129,7 @@ def test_true_rough_diameters_are_those_of_the_field_that_is_scanned():
     assert np.std(np.subtract(row["rough_diameter_um"], row["diameter_um"])[4:-4]) > 5
 
 
-@pytest.mark.parametrize("design", ["drum", "curved"])
+@pytest.mark.parametrize("design", first_of(["drum", "curved"]))
 def test_a_short_plug_closes_a_vessel_of_many_pieces(design):
     given = asked(design, "--plug=1,0.5744,0.1865", "--shrink", "1,1,1")
     made = DESIGNS[design]()
@@ -196,7 +199,7 @@ def bridge(vessels, one, other, place):
     return start + np.linspace(0, 1, 200)[:, None] * (end - start)
 
 
-@pytest.mark.parametrize("name", sorted(BRIDGES))
+@pytest.mark.parametrize("name", first_of(sorted(BRIDGES)))
 def test_no_bridge_runs_through_a_third_vessel_or_outside(name, tmp_path):
     if name in SHARED:
         if not present("shared"):

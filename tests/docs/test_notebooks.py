@@ -9,6 +9,8 @@ from pathlib import Path
 import nbformat
 import pytest
 
+from tests.slower import first_of
+
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
 # A pipe between kernel and client, since any user of the machine could read a port.
@@ -30,7 +32,7 @@ def test_notebook_is_stored_without_outputs(path: Path):
     assert all(not cell.outputs and cell.execution_count is None for cell in cells(path))
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", first_of(NOTEBOOKS, 2), ids=lambda path: path.stem)
 def test_notebook_runs_and_draws(path: Path, tmp_path: Path):
     copy = tmp_path / path.name
     shutil.copy(path, copy)

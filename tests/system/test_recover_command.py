@@ -39,9 +39,15 @@ def called(told: str, **by: float) -> bytes:
     [
         pytest.param(DATA, id="tells its place"),
         pytest.param(called("G92 X30 E0", X=-20), id="X alone, elsewhere"),
-        pytest.param(called("G92 Z0 E0", Z=-10), id="Z alone, from 0"),
-        pytest.param(called("G92 X0 Y0 E0", X=-50, Y=-50), id="X and Y from 0"),
-        pytest.param(called("G92 Y12.34567 E0", Y=-37.65433), id="Y alone, between two steps"),
+        pytest.param(called("G92 Z0 E0", Z=-10), id="Z alone, from 0", marks=pytest.mark.slow),
+        pytest.param(
+            called("G92 X0 Y0 E0", X=-50, Y=-50), id="X and Y from 0", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            called("G92 Y12.34567 E0", Y=-37.65433),
+            id="Y alone, between two steps",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_rest_of_a_print_that_was_reset_is_printed_by_its_own_command(

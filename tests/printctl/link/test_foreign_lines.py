@@ -23,6 +23,7 @@ from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
 from tests.printctl.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.link.test_streamer import job_of, streamer_of
+from tests.slower import first_of
 
 LINES = 60
 OTHERS = "another program or noise wrote to this printer: 1 answer more than lines"
@@ -168,7 +169,7 @@ def test_clean_print_of_minutes_tells_of_nobody(tmp_path):
     assert history.alarms == []
 
 
-@pytest.mark.parametrize("noise", [0.0004, 0.001])
+@pytest.mark.parametrize("noise", first_of([0.001, 0.0004]))
 def test_noise_is_not_taken_for_another_program(tmp_path, noise):
     printer, rng = FakeMarlin(np.random.default_rng(2)), np.random.default_rng(1)
     transport = FakeTransport(printer, VirtualClock(), rng, noise=noise, drop_ok=0.002)
