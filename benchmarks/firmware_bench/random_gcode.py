@@ -1,4 +1,4 @@
-"""Random but lawful G-code: modes, arcs, units, shifted origins, odd spelling."""
+"""Random G-code that a job may hold: moves, arcs, the plunger counted anew, odd spelling."""
 
 from __future__ import annotations
 
@@ -17,23 +17,17 @@ class RandomJob:
     ----------
     odd : bool
         Blanks inside words or none at all, indented lines, comments.
-    inches : bool
-        G20 as well: a stock Marlin doesn't know it (INCH_MODE_SUPPORT is off).
     """
 
-    def __init__(self, seed: int, odd: bool, inches: bool = False) -> None:
+    def __init__(self, seed: int, odd: bool) -> None:
         self.rng = np.random.default_rng(seed)
         self.odd = odd
-        self.inches = inches
-        self.inch = self.relative = self.relative_e = False
-        self.shift = dict.fromkeys("XYE", 0.0)  # native minus logical, mm
-        self.at = dict.fromkeys("XYZE", 0.0)  # native, mm
+        self.at = dict.fromkeys("XYE", 0.0)  # mm
         self.lines = list(FIRST)
 
     def number(self, mm: float) -> str:
-        """Return a length in the unit in force, in one of several spellings."""
-        value = mm / 25.4 if self.inch else mm
-        text = f"{value:.{6 if self.inch else 4}f}"
+        """Return a length in one of several spellings."""
+        text = f"{mm:.4f}"
         if self.rng.random() < 0.2:
             text = text.rstrip("0").rstrip(".")
         if self.rng.random() < 0.1 and not text.startswith("-"):
@@ -41,11 +35,9 @@ class RandomJob:
         return text.replace("0.", ".", 1) if text.startswith("0.") and self.odd else text
 
     def word(self, axis: str, to: float) -> str:
-        """Return the word that leads to a native place, and remember it."""
-        relative = self.relative_e if axis == "E" else self.relative
-        value = to - self.at[axis] if relative else to - self.shift.get(axis, 0.0)
+        """Return the word that leads to a place, and remember it."""
         self.at[axis] = to
-        return f"{axis}{self.number(value)}"
+        return f"{axis}{self.number(to)}"
 
     def feed(self) -> str:
         """Return a feed rate, 10 to 60 mm/s."""
@@ -80,26 +72,12 @@ class RandomJob:
         self.lines.append(("G3 " if turn > 0 else "G2 ") + " ".join(words))
         return None
 
-    def mode(self) -> None:
-        """Change unit, mode or origin."""
-        what = self.rng.integers(0 if self.inches else 1, 5)
-        if what == 0:
-            self.inch = not self.inch
-            self.lines.append("G20" if self.inch else "G21")
-        elif what == 1:
-            self.relative = self.relative_e = not self.relative
-            self.lines.append("G91" if self.relative else "G90")
-        elif what == 2:
-            self.relative_e = not self.relative_e
-            self.lines.append("M83" if self.relative_e else "M82")
+    def between(self) -> None:
+        """Count the plunger anew, or wait."""
+        if self.rng.random() < 0.7:
+            self.lines.append("G92 " + self.word("E", round(float(self.rng.uniform(0, 20)), 2)))
         else:
-            axis = "XYE"[self.rng.integers(0, 3)]
-            logical = round(float(self.rng.uniform(0, 20)), 2)
-            self.lines.append(f"G92 {axis}{self.number(logical)}")
-            if axis == "E":
-                self.at["E"], self.shift["E"] = logical, 0.0
-            else:
-                self.shift[axis] = self.at[axis] - logical
+            self.lines.append(f"G4 P{self.rng.integers(1, 60)}")
 
     def spell(self, line: str) -> str:
         """Write a line otherwise, with the same meaning to the firmware."""
@@ -125,7 +103,7 @@ class RandomJob:
             elif what < 0.8:
                 self.arc()
             else:
-                self.mode()
+                self.between()
         self.lines.append("G1 " + self.word("X", 50.0) + " " + self.word("Y", 45.0) + " " +
                           self.word("E", self.at["E"] + 0.2))  # fmt: skip
         if self.odd:
