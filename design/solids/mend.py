@@ -96,8 +96,8 @@ def _fans_apart(
     return points, len(touching) > 0
 
 
-def _surface(vertices: FloatArray, faces: FaceArray, tree: TriangleTree) -> Surface:
-    return Surface(
+def _surface(vertices: FloatArray, faces: FaceArray, tree: TriangleTree) -> MendedSurface:
+    return MendedSurface(
         points=np.array(vertices),
         faces=np.array(faces),
         twin=twins_of(faces),
@@ -112,7 +112,7 @@ def _surface(vertices: FloatArray, faces: FaceArray, tree: TriangleTree) -> Surf
     )
 
 
-class Surface(NamedTuple):
+class MendedSurface(NamedTuple):
     """A surface while it is mended.
 
     Attributes

@@ -17,7 +17,7 @@ from printctl.run_folder.artefacts import SURFACE
 from registration.picture import (
     PictureOptions,
     Quantity,
-    Surface,
+    ShadedMesh,
     View,
     draw_picture,
     quantities,
@@ -94,7 +94,7 @@ def _chosen(known: list[Quantity], colour: str, source: Path) -> Quantity:
     raise UsageError(f"--colour {colour}: nothing is known of it in {source}{why}; known: {there}")
 
 
-def _tissue(path: Path | None, unit: LengthUnit | None, loaded: Source) -> Surface | None:
+def _tissue(path: Path | None, unit: LengthUnit | None, loaded: Source) -> ShadedMesh | None:
     if path is None:
         return loaded.surface
     if path.is_dir():
@@ -106,5 +106,5 @@ def _tissue(path: Path | None, unit: LengthUnit | None, loaded: Source) -> Surfa
     return read_surface(path, unit)
 
 
-def _shown(surface: Surface | None) -> list[ReportSurface]:
+def _shown(surface: ShadedMesh | None) -> list[ReportSurface]:
     return [ReportSurface("Tissue", surface.vertices, surface.faces)] if surface else []

@@ -36,7 +36,7 @@ class RunOn(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Motion:
+class MoveTimeline:
     """Motion of moves one behind the other, as straight pieces between knots.
 
     Attributes
@@ -131,7 +131,7 @@ def unknown_run_on(printer: Printer) -> float:
 
 
 def _place_s(
-    motion: Motion, moves: Sequence[PlannedMove], answers: Answers, now: float
+    motion: MoveTimeline, moves: Sequence[PlannedMove], answers: Answers, now: float
 ) -> float | None:
     """Return when in the moves' time the motors are at ``now``, s; None where nobody knows."""
     last, before = (
@@ -147,7 +147,7 @@ def _place_s(
     return place_s if agrees and place_s < latest_s else None
 
 
-def motion_of(moves: Sequence[PlannedMove], printer: Printer) -> Motion:
+def motion_of(moves: Sequence[PlannedMove], printer: Printer) -> MoveTimeline:
     """Plan moves one behind the other, from a standstill to a standstill.
 
     Corners as `corner_mm_s`, each trapezoid as a planner with lookahead makes it.
@@ -167,7 +167,7 @@ def motion_of(moves: Sequence[PlannedMove], printer: Printer) -> Motion:
     wait = accumulate((s - STEP_S * min(n, MOST_STEPS * s) for s, n, _ in pieces), initial=0.0)
     path = list(accumulate((mm for *_, mm in pieces), initial=0.0))
     starts = [time[count] for count in counts]
-    return Motion(time, list(wait), path, starts, printer.planner_blocks - 1)
+    return MoveTimeline(time, list(wait), path, starts, printer.planner_blocks - 1)
 
 
 def _reachable(mm_s: float, move: PlannedMove) -> float:

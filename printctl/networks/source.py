@@ -21,7 +21,7 @@ from printctl.errors import UsageError
 from printctl.flow import TABLE
 from printctl.networks.formats import read_noted
 from printctl.run_folder.artefacts import NETWORK, NUMBERS, SURFACE
-from registration.picture import FLOW, GAUGED, Known, Surface
+from registration.picture import FLOW, GAUGED, Known, ShadedMesh
 from registration.report.network_view import columns
 
 _FLOW: Final = ("flow_ul_s", *FLOW)
@@ -51,7 +51,7 @@ class Source:
     name : str
     network : VesselNetwork
     known : Known
-    surface : Surface or None
+    surface : ShadedMesh or None
         The tissue's.
     notes : tuple of str
         Sentences for the user: where the flow comes from, what couldn't be read.
@@ -60,7 +60,7 @@ class Source:
     name: str
     network: VesselNetwork
     known: Known
-    surface: Surface | None
+    surface: ShadedMesh | None
     notes: tuple[str, ...]
 
 
@@ -109,10 +109,10 @@ def _run(folder: Path, drive: Drive) -> Source:
     return source if flow else with_flow(source, drive)
 
 
-def read_surface(path: Path, unit: LengthUnit) -> Surface:
+def read_surface(path: Path, unit: LengthUnit) -> ShadedMesh:
     """A closed mesh to be shown around a network, in mm."""
     solid = read_solid(path, unit=unit)
-    return Surface(solid.vertices, solid.faces.astype(np.int64))
+    return ShadedMesh(solid.vertices, solid.faces.astype(np.int64))
 
 
 def _flow(folder: Path, count: int) -> dict[str, FloatArray] | None:

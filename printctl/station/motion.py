@@ -45,7 +45,7 @@ def raise_fault(channel: Channel, what: str) -> None:
 
 
 @dataclass(frozen=True)
-class Motion:
+class Mover:
     """Moves one printer.
 
     Attributes

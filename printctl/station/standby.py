@@ -27,7 +27,7 @@ from printctl.link.retreat import heaters_off
 from printctl.link.states import LinkState
 from printctl.link.temperatures import Temperature, parse_temperatures
 from printctl.link.wiring import Wiring
-from printctl.station.motion import Motion, send
+from printctl.station.motion import Mover, send
 from printctl.station.standby_events import StandbyEvents
 from printctl.station.status import Place
 from printctl.station.tip import Tip
@@ -72,9 +72,7 @@ class Standby:
         self._gauges = Gauges(self._channel, [Gauge(one) for one in wiring.printer.watch])
         self._firmware = FirmwareCheck(self._channel, self._gauges)
         self._tip = Tip(self._channel)
-        self._motion = Motion(
-            self._channel, self._tip, self._events, self._halt, pace, self._attend
-        )
+        self._motion = Mover(self._channel, self._tip, self._events, self._halt, pace, self._attend)
         self._poll_due = self._sign_due = 0.0
         self.temperatures: tuple[Temperature, ...] = ()
 

@@ -6,7 +6,7 @@ from registration.optics.fit import GridFit, fit_grid, with_step
 from registration.optics.grid_target import GridView, find_grid
 from registration.optics.refraction import refract, refraction_bound
 from registration.optics.step import Step, measure_step
-from registration.optics.surface import Surface, find_surface, fit_surface
+from registration.optics.surface import SampleSurface, find_surface, fit_surface
 from registration.optics.undistort import relaid, undistort
 
 __all__ = [
@@ -14,8 +14,8 @@ __all__ = [
     "GridFit",
     "GridView",
     "OctCalibration",
+    "SampleSurface",
     "Step",
-    "Surface",
     "find_grid",
     "find_surface",
     "fit_grid",

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from registration.errors import RegistrationError
 from registration.optics.refraction import refract
-from registration.optics.surface import Surface
+from registration.optics.surface import SampleSurface
 from registration.scan import Scan
 
 FloatArray = NDArray[np.float64]
@@ -87,17 +87,17 @@ class Beam:
         Middle of the field in the scan's frame.
     index : float
         Group index of the sample.
-    surface : Surface or None
+    surface : SampleSurface or None
         Where the sample begins under air; None where its medium fills the view.
     """
 
     calibration: OctCalibration
     middle_mm: FloatArray
     index: float
-    surface: Surface | None = None
+    surface: SampleSurface | None = None
 
     @staticmethod
-    def of(scan: Scan, calibration: OctCalibration, surface: Surface | None = None) -> Beam:
+    def of(scan: Scan, calibration: OctCalibration, surface: SampleSurface | None = None) -> Beam:
         """The beam of a scan whose field is centred on the optical axis."""
         _, ny, nx = scan.volume.shape
         _, dy, dx = scan.voxel_mm
@@ -179,7 +179,7 @@ class Beam:
         x, y = u.T
         return np.asarray(self.calibration.depth_scale * z + xx * x * x + xy * x * y + yy * y * y)
 
-    def _normals(self, places: FloatArray, surface: Surface) -> FloatArray:
+    def _normals(self, places: FloatArray, surface: SampleSurface) -> FloatArray:
         """Unit normals of the true surface, towards the air, from its entry points."""
         here, along_x, along_y = (
             self._entry(places + np.array(step), surface)
@@ -194,7 +194,7 @@ class Beam:
             )
         return normal
 
-    def _entry(self, places: FloatArray, surface: Surface) -> FloatArray:
+    def _entry(self, places: FloatArray, surface: SampleSurface) -> FloatArray:
         u = places - self.middle_mm
         start, direction = self._launch(u)
         path = self._path(u, surface.depth_mm(places[:, 0], places[:, 1]))

@@ -21,7 +21,7 @@ _ROUNDS = 8
 
 
 @dataclass(frozen=True)
-class Surface:
+class SampleSurface:
     """Optical depth of the surface: c₀ + c₁x + c₂y + c₃x² + c₄xy + c₅y², about a centre.
 
     Attributes
@@ -48,7 +48,7 @@ class Surface:
         return float(np.degrees(np.arctan(np.hypot(*self.coefficients[1:3]))))
 
 
-def fit_surface(x: FloatArray, y: FloatArray, depth: FloatArray) -> Surface:
+def fit_surface(x: FloatArray, y: FloatArray, depth: FloatArray) -> SampleSurface:
     """Fit a surface to points (n,), leaving out what lies more than three deviations off.
 
     Raises
@@ -71,10 +71,10 @@ def fit_surface(x: FloatArray, y: FloatArray, depth: FloatArray) -> Surface:
         off = np.abs(depth - basis @ coefficients)
         scatter = 1.4826 * float(np.median(off))
         keep = off <= max(3 * scatter, 1e-6)
-    return Surface(centre, coefficients, scatter)
+    return SampleSurface(centre, coefficients, scatter)
 
 
-def find_surface(scan: Scan) -> Surface:
+def find_surface(scan: Scan) -> SampleSurface:
     """The surface of a sample that is scanned from above through air.
 
     Depth by depth from above: a column's surface is where its smoothed brightness first climbs

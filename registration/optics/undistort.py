@@ -12,7 +12,7 @@ from registration.errors import RegistrationError
 from registration.optics.beam import Beam, OctCalibration
 from registration.optics.columns import path_per_depth
 from registration.optics.refraction import refraction_bound
-from registration.optics.surface import Surface
+from registration.optics.surface import SampleSurface
 from registration.optics.warp_kernels import warp
 from registration.readers.storage import empty
 from registration.scan import Scan
@@ -36,7 +36,9 @@ class _Grid:
     shape: tuple[int, int, int]
 
 
-def undistort(scan: Scan, calibration: OctCalibration, surface: Surface | None = None) -> Scan:
+def undistort(
+    scan: Scan, calibration: OctCalibration, surface: SampleSurface | None = None
+) -> Scan:
     """The scan on a straight geometric grid.
 
     Parameters
@@ -45,7 +47,7 @@ def undistort(scan: Scan, calibration: OctCalibration, surface: Surface | None =
         An OCT scan, depth downwards.
     calibration : OctCalibration
         Of the device; its refractive index, where it has one, replaces the scan's.
-    surface : Surface or None
+    surface : SampleSurface or None
         The sample's surface where air lies above it (`find_surface`); None where liquid fills
         the view.
 

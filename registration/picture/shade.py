@@ -28,7 +28,7 @@ _CREASE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class ShadedMesh:
     """A triangle mesh, such as the tissue's.
 
     Attributes
@@ -42,7 +42,11 @@ class Surface:
 
 
 def shade(
-    network: VesselNetwork, quantity: Quantity, surface: Surface | None, camera: Camera, finer: int
+    network: VesselNetwork,
+    quantity: Quantity,
+    surface: ShadedMesh | None,
+    camera: Camera,
+    finer: int,
 ) -> tuple[NDArray[np.uint8], FloatArray]:
     """Draw a scene.
 
@@ -51,7 +55,7 @@ def shade(
     network : VesselNetwork
     quantity : Quantity
         What the vessels are coloured by.
-    surface : Surface or None
+    surface : ShadedMesh or None
         Shown as a translucent shell.
     camera : Camera
         Its width and height are multiples of ``finer``.
@@ -130,7 +134,7 @@ def _remoteness(depth: FloatArray, hit: Any) -> FloatArray:
     return (seen.max() - seen) / max(float(np.ptp(seen)), 1e-9)
 
 
-def corner_normals(surface: Surface) -> FloatArray:
+def corner_normals(surface: ShadedMesh) -> FloatArray:
     """Unit normal at each corner of each face, (m, 3, 3): smooth, but across creases.
 
     The sum over the faces around the vertex that are turned little from the corner's own, by area.

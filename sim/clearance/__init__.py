@@ -4,7 +4,7 @@ from sim.clearance.check import check_clearance
 from sim.clearance.contact import ShaftContact
 from sim.clearance.heads import KINDS
 from sim.clearance.joints import OwnOverlap
-from sim.clearance.motion import LineSources, Motion, motion_of
+from sim.clearance.motion import LineSources, NeedleMotion, motion_of
 from sim.clearance.needle import NeedleBody
 from sim.clearance.network import WrittenNetwork
 from sim.clearance.result import Clearance
@@ -15,8 +15,8 @@ __all__ = [
     "Clearance",
     "ClearanceError",
     "LineSources",
-    "Motion",
     "NeedleBody",
+    "NeedleMotion",
     "OwnOverlap",
     "ShaftContact",
     "WrittenNetwork",

@@ -33,7 +33,7 @@ from sim.clearance.findings import Found, SearchInput
 from sim.clearance.heads import heads_of
 from sim.clearance.ink import ink_of
 from sim.clearance.joints import joints_of
-from sim.clearance.motion import Motion
+from sim.clearance.motion import NeedleMotion
 from sim.clearance.needle import NeedleBody
 from sim.clearance.network import WrittenNetwork
 from sim.clearance.pieces import Pieces
@@ -47,7 +47,7 @@ LOOK_MM = 1.0
 
 
 def check_clearance(
-    motion: Motion,
+    motion: NeedleMotion,
     network: WrittenNetwork,
     needles: Sequence[NeedleBody],
     overlap_radii: float = 0.0,
@@ -57,7 +57,7 @@ def check_clearance(
 
     Parameters
     ----------
-    motion : Motion
+    motion : NeedleMotion
     network : WrittenNetwork
         What is written, in the motion's frame.
     needles : sequence of NeedleBody
@@ -116,7 +116,7 @@ def _pitch(needles: Sequence[NeedleBody], ink: Ink, look_mm: float) -> float:
 
 
 def _check(
-    motion: Motion,
+    motion: NeedleMotion,
     network: WrittenNetwork,
     needles: Sequence[NeedleBody],
     overlap_radii: float,

@@ -12,7 +12,7 @@ from sim.clearance.bodies import Ink, Tips
 from sim.clearance.contact import ShaftContact
 from sim.clearance.heads import KINDS, LIFT, Head, kinds_of
 from sim.clearance.joints import OwnOverlap
-from sim.clearance.motion import NONE, Motion
+from sim.clearance.motion import NONE, NeedleMotion
 from sim.clearance.pieces import Pieces
 from sim.clearance.result import Clearance
 
@@ -25,7 +25,7 @@ Found = NDArray[Any]
 class SearchInput:
     """What the search looks at, and as which moves: ``row`` and ``head`` (moves,)."""
 
-    motion: Motion
+    motion: NeedleMotion
     heads: list[Head]
     pieces: Pieces
     tips: Tips

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.clearance.motion import Motion
+from sim.clearance.motion import NeedleMotion
 from sim.clearance.network import WrittenNetwork
 from sim.clearance.passes import Passes, passes_of
 
@@ -36,7 +36,7 @@ class Head:
     along: FloatArray
 
 
-def heads_of(motion: Motion, network: WrittenNetwork) -> list[Head]:
+def heads_of(motion: NeedleMotion, network: WrittenNetwork) -> list[Head]:
     """Passes of every head, and where along its vessel each written row lies."""
     found = []
     for k, tips in enumerate(motion.tips):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim.clearance.bodies import Ink
 from sim.clearance.heads import Head
-from sim.clearance.motion import Motion
+from sim.clearance.motion import NeedleMotion
 from sim.clearance.network import WrittenNetwork
 from sim.clearance.pieces import Pieces
 
@@ -22,7 +22,7 @@ move."""
 
 
 def ink_of(
-    motion: Motion, network: WrittenNetwork, heads: list[Head], pieces: Pieces
+    motion: NeedleMotion, network: WrittenNetwork, heads: list[Head], pieces: Pieces
 ) -> tuple[Ink, FloatArray]:
     """What is written, as filaments, and the radius that each row writes, (n,), mm.
 
@@ -46,7 +46,7 @@ def ink_of(
 
 
 def _written(
-    motion: Motion, heads: list[Head], part: Pieces
+    motion: NeedleMotion, heads: list[Head], part: Pieces
 ) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
     """Ends of written pieces, the passes that they are of, and the way written in them before."""
     row = part.row
@@ -64,7 +64,7 @@ def _written(
 
 
 def _share(
-    motion: Motion, part: Pieces, run: IntArray, vessel: IntArray, design: FloatArray
+    motion: NeedleMotion, part: Pieces, run: IntArray, vessel: IntArray, design: FloatArray
 ) -> FloatArray:
     """What is pushed, by what the network has there, (k,), over a window that stays in its pass."""
     length = (part.high - part.low) * motion.length_mm[part.row]

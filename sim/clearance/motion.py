@@ -33,7 +33,7 @@ class LineSources:
 
 
 @dataclass(frozen=True)
-class Motion:
+class NeedleMotion:
     """Rows in the order of time, in the printer's frame.
 
     Attributes
@@ -66,7 +66,7 @@ class Motion:
         return np.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
 
 
-def motion_of(run: DryRun, sources: LineSources, volume_ul: FloatArray) -> Motion:
+def motion_of(run: DryRun, sources: LineSources, volume_ul: FloatArray) -> NeedleMotion:
     """What a file's needles do, as the simulator's reader executes it.
 
     Places are those of the text; a printer's lie within half a motor step of them. A line for
@@ -98,4 +98,6 @@ def motion_of(run: DryRun, sources: LineSources, volume_ul: FloatArray) -> Motio
     if sources.writes is not None:
         writes = moved & (sources.writes[program.line - 1] | flows)
     vessel = sources.vessel[program.line - 1].astype(np.int64)
-    return Motion(tips, program.tool, program.line, np.where(moved, volume_ul, 0.0), writes, vessel)
+    return NeedleMotion(
+        tips, program.tool, program.line, np.where(moved, volume_ul, 0.0), writes, vessel
+    )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sim.clearance.bodies import Tips
 from sim.clearance.heads import Head
-from sim.clearance.motion import NONE, Motion
+from sim.clearance.motion import NONE, NeedleMotion
 from sim.clearance.pieces import Pieces
 
 FloatArray = NDArray[np.float64]
@@ -17,7 +17,7 @@ IntArray = NDArray[np.int64]
 
 
 def tips_of(
-    motion: Motion, heads: list[Head], pieces: Pieces, radius: FloatArray
+    motion: NeedleMotion, heads: list[Head], pieces: Pieces, radius: FloatArray
 ) -> tuple[Tips, IntArray, IntArray]:
     """Every head's motion, with the rows and heads that its moves are of.
 
@@ -45,7 +45,7 @@ def tips_of(
 
 
 def _fields(
-    motion: Motion, k: int, head: Head, part: Pieces, radius: FloatArray
+    motion: NeedleMotion, k: int, head: Head, part: Pieces, radius: FloatArray
 ) -> dict[str, NDArray[Any]]:
     """Of `Tips`, what one head alone says."""
     row, found = part.row, head.passes
@@ -76,7 +76,7 @@ def _kept(tips: FloatArray) -> NDArray[np.bool_]:
 
 
 def _roles(
-    motion: Motion, head: Head, radius: FloatArray
+    motion: NeedleMotion, head: Head, radius: FloatArray
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Vessel, filament's radius and place along it, (n, 2) each: left (or written), and gone to."""
     last, following = head.passes.last, head.passes.next

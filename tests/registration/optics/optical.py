@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration import Scan
-from registration.optics import Beam, OctCalibration, Surface
+from registration.optics import Beam, OctCalibration, SampleSurface
 
 FloatArray = NDArray[np.float64]
 
@@ -69,5 +69,5 @@ def dots(pitch: float, turn: float) -> Callable[[FloatArray, FloatArray], FloatA
     return bright
 
 
-def tilted(middle: float, slope_x: float, slope_y: float) -> Surface:
-    return Surface(np.zeros(2), np.array([middle, slope_x, slope_y, 0.0, 0.0, 0.0]), 0.0)
+def tilted(middle: float, slope_x: float, slope_y: float) -> SampleSurface:
+    return SampleSurface(np.zeros(2), np.array([middle, slope_x, slope_y, 0.0, 0.0, 0.0]), 0.0)

@@ -9,7 +9,7 @@ from registration.picture import (
     DIRECTIONS,
     PictureOptions,
     Quantity,
-    Surface,
+    ShadedMesh,
     View,
     draw_picture,
     fitted_camera,
@@ -21,7 +21,7 @@ from registration.picture.flow_marks import port_reach
 from ..report.sample import block_surface, planar_network
 
 NETWORK = planar_network()
-BLOCK = Surface(block_surface().vertices, block_surface().faces)
+BLOCK = ShadedMesh(block_surface().vertices, block_surface().faces)
 
 
 def quantity(key: str) -> Quantity:

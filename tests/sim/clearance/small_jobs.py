@@ -10,8 +10,8 @@ from firmware_profiles import Printer, load
 from sim.clearance import (
     Clearance,
     LineSources,
-    Motion,
     NeedleBody,
+    NeedleMotion,
     WrittenNetwork,
     check_clearance,
     motion_of,
@@ -79,7 +79,7 @@ class Job:
         self.writes.append(writes)
         return len(self.text)
 
-    def motion(self) -> Motion:
+    def motion(self) -> NeedleMotion:
         data = ("\n".join(self.text) + "\n").encode()
         run = dry_run(data, load(Printer, "generic_marlin"), START)
         sources = LineSources(np.array(self.vessel), np.array(self.writes))

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from sim.clearance import Motion, NeedleBody, check_clearance
+from sim.clearance import NeedleBody, NeedleMotion, check_clearance
 from tests.sim.clearance.small_jobs import (
     HIGH,
     NEEDLE,
@@ -97,7 +97,7 @@ def test_a_dive_into_its_own_filament_is_flagged():
     assert (found.line, found.vessel, found.crossed) == (line, 0, 0)
 
 
-def heads(raised_mm: float) -> Motion:
+def heads(raised_mm: float) -> NeedleMotion:
     """Two heads 2 mm apart; the first writes a bar, whose middle the second stands above after."""
     places = [(95, 100, 7), (105, 100, 7), (105, 100, HIGH), (98, 100, HIGH), (98, 100, 5)]
     ends = np.array([*places, places[-1], places[-1]], dtype=float)
@@ -106,7 +106,7 @@ def heads(raised_mm: float) -> Motion:
     second[-1] = first[-1] + [2.0, 0.0, raised_mm]
     count = len(first)
     area = np.pi * RADIUS**2
-    return Motion(
+    return NeedleMotion(
         tips=np.stack([first, second]),
         tool=np.append(np.zeros(count - 1, np.int64), 1),
         line=np.arange(1, count + 1),
