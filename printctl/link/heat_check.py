@@ -31,7 +31,7 @@ class HeatCheck:
     def begin(self) -> None:
         """Take the targets as they are before the job's first line; tell those that are too hot."""
         before = self._logbook.fault
-        self._targets = self._told(journalled=False)
+        self._targets = self._told_alike(journalled=False)
         self._logbook.excuse(before)  # a firmware without heaters may not know the question
         known = self._channel.wiring.limits()
         for heater, celsius in self._targets.items():
@@ -59,9 +59,9 @@ class HeatCheck:
         if not self._targets:
             return
         self._read_job()
-        for heater, celsius in self._told(journalled=True).items():
-            wanted = self._targets.get(heater, 0.0)
-            if abs(celsius - wanted) <= WITHIN_C:
+        for heater, celsius in self._told_alike(journalled=True).items():
+            wanted = self._targets.get(heater)
+            if wanted is None or abs(celsius - wanted) <= WITHIN_C:
                 continue
             self._targets[heater] = min(celsius, wanted)
             if celsius < wanted:
@@ -76,6 +76,12 @@ class HeatCheck:
                 f"another program did it; taken back ({command})"
             )
             self._channel.command(command.encode("ascii"))
+
+    def _told_alike(self, journalled: bool) -> dict[str, float]:
+        """Targets that two answers running agree on: no checksum guards them."""
+        before = self._told(journalled)
+        now = self._told(journalled) if before else {}
+        return {heater: celsius for heater, celsius in now.items() if before.get(heater) == celsius}
 
     def _told(self, journalled: bool) -> dict[str, float]:
         """Targets by heater, °C; empty where the firmware tells none."""

@@ -141,3 +141,25 @@ def test_heater_that_is_too_hot_before_the_first_line_is_told(tmp_path, celsius,
     assert status.state is LinkState.DONE
     alarms = " ".join(read_journal(tmp_path / "journal.log").alarms)
     assert (f"the bed is set to {celsius} °C before the job's first line" in alarms) == told
+
+
+def test_garbled_target_is_not_believed(tmp_path):
+    class Garbled(SharedWire):
+        """One answer in two tells another target of the bed."""
+
+        times = 0
+
+        def read(self, timeout: float) -> bytes:
+            data = super().read(timeout)
+            if b"B:" in data and b" /30.00" in data:
+                self.times += 1
+                if self.times % 2:
+                    return data.replace(b" /30.00", b" /70.00")
+            return data
+
+    wire = Garbled(b"M105\n", b" E0.07000 ")
+    status, _ = printed(b"M140 S30\n" + gcode(MOVES), tmp_path, wire)
+    assert status.state is LinkState.DONE
+    assert wire.times > 1
+    assert wire.printer.machine.heat.bed.target_c == 30
+    assert "is set to" not in " ".join(read_journal(tmp_path / "journal.log").alarms)
