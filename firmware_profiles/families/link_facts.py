@@ -65,6 +65,12 @@ class LinkFacts:
         Whether it plans ahead by time, so that nobody knows how many moves are under way.
     complains_to_all : bool
         Whether it tells every client what is wrong with any client's command.
+    place_question : bytes
+        Question that is answered with places and what they are shifted by, of a family in whose
+        answers other clients' commands leave no trace; empty for others.
+    rest_question : bytes
+        Question that the board itself answers once its motors rest, where another computer answers
+        M400, which may not know yet that the board is gone. Empty for none.
     run_on_s : float, s
         Longest time for which its motors go on after it has halted; 0 where nobody knows.
     quickstop : bytes
@@ -87,6 +93,8 @@ class LinkFacts:
     m84_sets_timeout: bool = False
     plans_by_time: bool = False
     complains_to_all: bool = False
+    place_question: bytes = b""
+    rest_question: bytes = b""
     run_on_s: float = 0.0
     quickstop: bytes = b""
     ends_waits: bytes = b""

@@ -1,4 +1,4 @@
-"""Reply to M114, in every family's wording."""
+"""Replies to M114, in every family's wording, and to Klipper's GET_POSITION."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from collections.abc import Sequence
 from typing import Final
 
 _POSITION: Final = re.compile(rb"([XYZE]):(-?\d+\.\d+)")
+_COMMANDED: Final = b"gcode: "
+_SHIFT: Final = b"gcode base: "
+_MOTOR: Final = re.compile(rb"stepper_([xyz]):(-?\d+(?:\.\d+)?)")
 _COUNT: Final = re.compile(rb" Count X: ?(-?\d+) Y: ?(-?\d+) Z: ?(-?\d+)$")
 
 
@@ -23,3 +26,42 @@ def parse_counts(replies: Sequence[bytes]) -> dict[str, int]:
     """Read Marlin's counts of steps from the reply to M114; empty where it tells none."""
     found = next((match for text in replies if (match := _COUNT.search(text))), None)
     return dict(zip("XYZ", map(int, found.groups()), strict=True)) if found else {}
+
+
+def parse_shifted(replies: Sequence[bytes]) -> tuple[dict[str, float], dict[str, float]]:
+    """Read Klipper's reply to GET_POSITION (``gcode_move.py``), mm, by axis letter.
+
+    Returns
+    -------
+    place : dict
+        Of the last command, as the job counts it; of E what was pushed (M221 counts).
+    shift : dict
+        What G92 and SET_GCODE_OFFSET add to places of the job. Both are empty where one is missing.
+    """
+    at, shift = _words_behind(_COMMANDED, replies), _words_behind(_SHIFT, replies)
+    if not set("XYZE") <= set(at) & set(shift):
+        return {}, {}
+    return {axis: at[axis] - shift[axis] for axis in "XYZE"}, shift
+
+
+def parse_motors(replies: Sequence[bytes]) -> dict[str, tuple[float, float]]:
+    """Read motors from Klipper's reply to GET_POSITION: steps, and the place they stand for, mm.
+
+    Both are of the same moment, though not of the present one: steps made ahead count.
+    """
+    steps, places = _motors(b"mcu: ", replies), _motors(b"stepper: ", replies)
+    return {axis: (steps[axis], places[axis]) for axis in sorted(set(steps) & set(places))}
+
+
+def _motors(start: bytes, replies: Sequence[bytes]) -> dict[str, float]:
+    text = next((text for text in map(_bare, replies) if text.startswith(start)), b"")
+    return {axis.decode().upper(): float(value) for axis, value in _MOTOR.findall(text)}
+
+
+def _bare(text: bytes) -> bytes:
+    return text.removeprefix(b"// ")
+
+
+def _words_behind(start: bytes, replies: Sequence[bytes]) -> dict[str, float]:
+    text = next((text for text in map(_bare, replies) if text.startswith(start)), b"")
+    return {axis.decode(): float(value) for axis, value in _POSITION.findall(text)}

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from firmware_profiles.families import link_protocol as said
+from printctl.link.families import link_facts
 from printctl.link.kill import Kill
 from printctl.link.logbook import Logbook
 from printctl.link.wiring import Wiring
@@ -148,9 +149,20 @@ class Channel:
             self.pump()
         if text == b"M400":
             self.agree(protocol.confirm)
+            self._ask_board(journalled)
             self.logbook.progress.stands_still()
         self._handler.between_commands()
         return self._replies[0].lines
+
+    def _ask_board(self, journalled: bool) -> None:
+        """Have the board itself say that it has come to rest, where M400 doesn't reach it."""
+        question = link_facts(self.wiring.printer).rest_question
+        if question:
+            before, replies = self.logbook.fault, list(self._replies)
+            self.command(question, journalled)
+            self._replies[:] = replies
+            if question.decode() in self.logbook.fault:  # a build without endstops doesn't know it
+                self.logbook.excuse(before)
 
     def commands(self, texts: Sequence[bytes]) -> None:
         """Send several, one after the other."""

@@ -73,6 +73,7 @@ class Ending:
         PrintEnded
             Always, in ``state``.
         """
+        facts = link_facts(self._printer)
         self._interruption.disarm()
         self._channel.commands(shut(self._printer))
         self._logbook.enter(LinkState.STOPPING, message)
@@ -84,6 +85,8 @@ class Ending:
         message += OTHERS if others else ""
         message += stop.words()
         self._valve.shut()
+        if facts.place_question or self._logbook.progress.meddled:
+            self._firmware.set_modes(journalled=True)  # others may have left them otherwise
         self._channel.commands(self._way_out(stop))
         self._heaters_off()
         self._channel.command(b"M400")

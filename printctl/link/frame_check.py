@@ -4,6 +4,9 @@ Marlin counts steps from where it was switched on, whatever a place is called si
 between the count and the place's name changes by the job's own renamings alone. The motors must
 stand: the name is that of the last command's place, the count that of the motors' own.
 
+Klipper tells by how much places and the plunger's count are shifted, and nothing stands still for
+it; and its motors' steps beside the place they stand for, which SET_KINEMATIC_POSITION changes.
+
 Not told: the plunger's, whose steps M114 doesn't count; builds without workspace offsets, whose
 count follows the name.
 """
@@ -12,17 +15,23 @@ from __future__ import annotations
 
 from typing import Final
 
-from firmware_profiles.families.position_reply import parse_counts, parse_position
+from firmware_profiles.families.position_reply import (
+    parse_counts,
+    parse_motors,
+    parse_position,
+    parse_shifted,
+)
 from printctl.link.channel import Channel
+from printctl.link.families import link_facts
 from printctl.link.job_frame import Renaming, renamings
-from printctl.link.modal import HOMING
-from sim.reading import code_of
+from printctl.link.modal import HOMING, modal_state, places_told
+from sim.reading import code_of, read_sent
 
 RETRIES: Final = 8
 """So often a question is asked whose answer may be garbled."""
 _AXES: Final = "XYZ"
 _WITHIN_MM: Final = 0.02
-"""Of two decimals, twice; a step comes on top."""
+"""Of two decimals, twice; steps come on top."""
 
 Place = dict[str, float]
 
@@ -40,21 +49,45 @@ class FrameCheck:
         self._told: Place = {}
         self._offset: Place = {}
         self._named: list[Renaming] | None = None
+        self._plunger: tuple[int, float] | None = None
+        self._motors: Place = {}
+        self._declared: tuple[int, Place] = 0, {}
+        self._question = link_facts(channel.wiring.printer).place_question
 
     def begin(self) -> None:
         """Note both before the job's first line, with the motors standing."""
+        logbook = self._channel.logbook
+        fault = logbook.fault
+        found = self._asked_twice()
+        logbook.excuse(fault)  # a question that this build doesn't know
+        if found is not None:
+            self._told, self._offset = found
+            self._declared = 0, self._motors
+            logbook.record("frame", told=found[0], offset=found[1])
+
+    def _asked_twice(self) -> tuple[Place, Place] | None:
         before: tuple[Place, Place] | None = None
         for _ in range(RETRIES):
             now = self._asked(journalled=False)
             if now == before:
-                self._told, self._offset = now
-                self._channel.logbook.record("frame", told=now[0], offset=now[1])
-                return
+                return now
             before = now
+        return None
+
+    @property
+    def tells_shifts(self) -> bool:
+        """Whether the printer answers by how much places are shifted, without standing still."""
+        return bool(self._question and self._offset)
 
     def restore(self, told: Place, offset: Place) -> None:
         """Take both as they were before the job's first line, from its journal."""
         self._told, self._offset = told, offset
+
+    def note_plunger(self) -> None:
+        """Take the plunger's shift as it is: the link has counted it anew (pause, new syringe)."""
+        if self._question and self._offset:
+            _, offset = self._asked(journalled=True)
+            self._plunger = (self._channel.logbook.progress.done, offset["E"]) if offset else None
 
     def renamed(self, *, waited: bool = False) -> str:
         """Return which axes are called otherwise than by the job, or ''; waits for the motors.
@@ -66,22 +99,26 @@ class FrameCheck:
         """
         if not self._applies():
             return ""
-        if not waited:
+        if not waited and not self._question:
             self._channel.command(b"M400")
         expected, wrong = self._expected(), ""
         for _ in range(RETRIES):  # a reply may be garbled
             _, offset = self._asked(journalled=True)
             if not offset:
                 continue
-            wrong = self._difference(expected, offset)
+            wrong = (
+                self._difference(expected, offset)
+                or self._plunger_difference(offset)
+                or self._declared_difference()
+            )
             if not wrong or not self._difference(self._offset, offset):
                 return ""
         return wrong
 
     def doubtful(self) -> bool:
         """Whether the motors are where the moves that they may be making don't lead; no waiting."""
-        if not self._applies():
-            return False
+        if not self._applies() or self._question:
+            return bool(self._question)
         told, offset = self._asked(journalled=True)
         if not offset:
             return False
@@ -102,6 +139,14 @@ class FrameCheck:
 
     def _asked(self, *, journalled: bool) -> tuple[Place, Place]:
         """Return the place as the printer calls it, and the steps' place less that, mm."""
+        if self._question:
+            replies = self._channel.command(self._question, journalled)
+            per_mm = self._channel.wiring.printer.steps_per_mm
+            self._motors = {
+                axis: steps / getattr(per_mm, axis.lower()) - mm
+                for axis, (steps, mm) in parse_motors(replies).items()
+            }
+            return parse_shifted(replies)
         replies = self._channel.command(b"M114", journalled)
         told, counts = parse_position(replies), parse_counts(replies)
         if not set(_AXES) <= set(told) & set(counts):
@@ -116,6 +161,8 @@ class FrameCheck:
         for one in self._renamings():
             if one.index >= progress.done:
                 break
+            if self._question and code_of(one.line) != b"G92":
+                continue  # it shifts nothing: the machine's own place is another
             for axis, mm in one.moved.items():
                 offset[axis] -= mm
             for axis, mm in one.declared.items():
@@ -136,6 +183,43 @@ class FrameCheck:
             if abs(mm) > self._within(axis)
         )
 
+    def _plunger_difference(self, offset: Place) -> str:
+        if "E" not in offset or len(self._channel.wiring.printer.heads) > 1:
+            return ""
+        progress = self._channel.logbook.progress
+        index, shift = self._plunger or (0, self._offset["E"])
+        for k in range(index, progress.done):
+            line = progress.job.lines[k]
+            e = read_sent(line).number("E") if code_of(line) == b"G92" else None
+            if e is not None:
+                before = modal_state(progress.job.lines, k).e
+                shift += (self._told["E"] if before is None else before) - e
+        self._plunger = progress.done, shift
+        aside = shift - offset["E"]
+        if abs(aside) <= self._within("E"):
+            return ""
+        return f"the plunger is called {aside:+.2f} mm otherwise than by the job"
+
+    def _declared_difference(self) -> str:
+        """Return which axes' places were declared anew, but by the job; or ''."""
+        progress = self._channel.logbook.progress
+        done, before = self._declared
+        ours = any(
+            places_told(line) and code_of(line) != b"G92"
+            for line in progress.job.lines[done : progress.done]
+        )
+        self._declared = progress.done, self._motors if ours or not before else before
+        aside = {axis: mm - before.get(axis, mm) for axis, mm in self._motors.items()}
+        return ", ".join(
+            f"the place of {axis} was declared {-mm:+.2f} mm aside by another client, or the "
+            f"profile's steps_per_mm aren't this Klipper's"
+            for axis, mm in aside.items()
+            if not ours and abs(mm) > self._within(axis)
+        )
+
     def _within(self, axis: str) -> float:
-        per_mm: float = getattr(self._channel.wiring.printer.steps_per_mm, axis.lower())
-        return _WITHIN_MM + 1.0 / per_mm
+        printer = self._channel.wiring.printer
+        per_mm: float = getattr(printer.steps_per_mm, axis.lower())
+        # Marlin adds a shorter move to the one after it: behind the last one it is never made
+        steps = 1 if self._question else printer.min_steps_per_segment
+        return _WITHIN_MM + steps / per_mm

@@ -49,6 +49,11 @@ class Meddling:
         except HandshakeError as exc:
             self.position.end_astray(str(exc))
 
+    def own_modes(self) -> None:
+        """Set modes before moves of the link's own, where another client's leave no trace."""
+        if link_facts(self.channel.wiring.printer).place_question:
+            self.firmware.set_modes(journalled=True)
+
     def set_anew(self) -> None:
         """Set modes, factors, limits, heaters and feed rate as the job has them; none in flight.
 

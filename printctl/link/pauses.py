@@ -13,6 +13,7 @@ from printctl.link.channel import Channel
 from printctl.link.ending import Ending
 from printctl.link.errors import LinkError
 from printctl.link.excursion import Excursion
+from printctl.link.families import link_facts
 from printctl.link.gating import PausedTip
 from printctl.link.head_choice import HeadChoice
 from printctl.link.idle_motors import IdleMotors
@@ -90,8 +91,15 @@ class Pauses:
         elif due is Due.DEADMAN:
             self._nobody_there()
         elif due is Due.CHECKPOINT:
-            self.position.verify(progress.modal(), mark=where)
+            self._checkpoint(where)
             watch.checked(clock.now(), done)
+
+    def _checkpoint(self, where: str) -> None:
+        """Compare the position; stand still for it where nobody else can tell what was made."""
+        stands = link_facts(self.channel.wiring.printer).plans_by_time
+        if stands:
+            self.channel.command(b"M400")
+        self.position.verify(self.channel.logbook.progress.modal(), mark=where, stands=stands)
 
     def _nobody_there(self) -> None:
         care = self.watch.care
@@ -117,6 +125,7 @@ class Pauses:
         at = self.position.expected()
         self.position.verify(at, mark="pause", stands=True)
         logbook.record("left", place=at.place())
+        self.meddling.own_modes()
         retreat, relieved = self.heads.retreat, logbook.progress.relieved_mm
         self.excursion.begin(at, relieved, self._top(at, changing))
         channel.commands(retreat.leave(at, channel.wiring.printer, relieved))
@@ -151,9 +160,11 @@ class Pauses:
         if new or (self.change.going_on and self.change.idle_head is not None):
             self.changer.count(at, new or NewSyringe())
         self.meddling.take_back()
+        self.meddling.own_modes()
         self.heads.take()
         self.returning.come_back(at, self.heads.retreat.prime_mm)
         self.change.end()
+        self.position.note_plunger()
         self.requests.alive()
         logbook.enter(LinkState.PRINTING, "printing")
         self.valve.reopen()

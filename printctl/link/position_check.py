@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, NoReturn
 
-from firmware_profiles.families.position_reply import parse_position
+from firmware_profiles.families.position_reply import parse_position, parse_shifted
 from printctl.link.channel import Channel
 from printctl.link.families import link_facts
 from printctl.link.frame_check import FrameCheck
@@ -102,6 +102,7 @@ class PositionCheck:
         if self._was_of_others(position):
             return self._progress.modal()
         self._logbook.alarm(wrong)
+        self._progress.moves_dropped()  # nobody knows which lines led to where the job says
         z = position.get("Z") if at.z is None else max(at.z, position.get("Z", at.z))
         return replace(at, z=z, e=position.get("E", at.e))
 
@@ -171,11 +172,35 @@ class PositionCheck:
         wrong = "its position can't be read (M114)"
         position: dict[str, float] = {}
         for _ in range(RETRIES):  # a reply may be garbled, where a line can't be
-            position = parse_position(self._channel.command(b"M114")) or position
+            position = self._last_place() or position
             wrong = disagreement(at, position) if position else wrong
             if position and not wrong:
                 break
         return wrong, position
+
+    def _last_place(self) -> dict[str, float]:
+        """Return where the last command leads, mm, by axis; of E what was pushed, where told."""
+        if not self._frame.tells_shifts:
+            return parse_position(self._channel.command(b"M114"))
+        question = link_facts(self._channel.wiring.printer).place_question
+        return parse_shifted(self._channel.command(question))[0]
+
+    def note_plunger(self) -> None:
+        """Take the plunger's count as the link has set it; see `FrameCheck.note_plunger`."""
+        self._frame.note_plunger()
+
+    def refuse_astray(self) -> None:
+        """Compare place and name of the place with the job's; nothing stands still for it.
+
+        Raises
+        ------
+        PrintEnded
+            Where they disagree.
+        """
+        wrong, _ = self.compare(self._progress.modal())
+        wrong = wrong or self._frame.renamed()
+        if wrong:
+            self.end_astray(f"{wrong} (another client of this printer wrote to it)")
 
     def verify(self, at: Modal, mark: str = "", stands: bool = False) -> None:
         """Compare the printer's position with the job's text; write both down.

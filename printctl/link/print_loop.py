@@ -55,6 +55,7 @@ class PrintLoop:
             parts.resumption.find_again(history)
         parts.watch.begin(self._wiring.clock.now())
         parts.answers.begin(self._wiring.clock.now())
+        parts.clients.begin(self._wiring.clock.now())
         logbook.enter(LinkState.PRINTING, f"printing {self._job.name}")
         parts.valve.reopen()
         if history is not None and self._progress.done < len(self._job):
@@ -104,6 +105,7 @@ class PrintLoop:
         killed = channel.kill.asked.is_set
         self._measure(now_s())
         self._parts.answers.look(now_s())
+        self._parts.clients.look(now_s())
         self._parts.ending.end_on_fault()
         if progress.foreign and progress.unverified:
             self._verify()  # before a slip is looked for: that waits for moves that lead astray
@@ -162,7 +164,8 @@ class PrintLoop:
         """Return command lines after which to look at what is due."""
         parts, done = self._parts, self._progress.done
         stop = parts.watch.next_stop(now, done, self._protocol.idle, len(self._job))
-        if parts.slips.due or now >= min(parts.gauges.next_due, parts.answers.next_due):
+        due_s = min(parts.gauges.next_due, parts.answers.next_due, parts.clients.next_due)
+        if parts.slips.due or now >= due_s:
             return done
         return parts.slips.next_stop(stop)
 
@@ -211,6 +214,7 @@ class PrintLoop:
             self._progress.verified()
             self._parts.position.verify(self._progress.modal())
         self._parts.position.refuse_renamed(waited=True)
+        self._parts.clients.compare()
         self._parts.heat.take_back()
         number = self._protocol.number
         return self._channel.agree(self._protocol.ask) == number

@@ -20,6 +20,7 @@ from printctl.link.job import Job
 from printctl.link.logbook import Logbook
 from printctl.link.manual_commands import ManualCommands
 from printctl.link.meddling import Meddling
+from printctl.link.other_clients import OtherClients
 from printctl.link.pauses import Pauses
 from printctl.link.position_check import PositionCheck
 from printctl.link.print_details import PrintDetails
@@ -50,6 +51,7 @@ class PrintParts:
     watch : Watch
     gauges : Gauges
     answers : AnswerCount
+    clients : OtherClients
     firmware : FirmwareCheck
     position : PositionCheck
     meddling : Meddling
@@ -69,6 +71,7 @@ class PrintParts:
     watch: Watch
     gauges: Gauges
     answers: AnswerCount
+    clients: OtherClients
     firmware: FirmwareCheck
     frame: FrameCheck
     position: PositionCheck
@@ -125,6 +128,7 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         watch=watch,
         gauges=gauges,
         answers=AnswerCount(channel),
+        clients=OtherClients(channel, position, heat),
         firmware=firmware,
         frame=frame,
         position=position,

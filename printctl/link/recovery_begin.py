@@ -114,8 +114,7 @@ def _line_to_begin(
     refused = _refused(history)
     if refused is not None:
         return refused, "the printer refused it"
-    queued = printer.planner_blocks + printer.command_queue
-    sure = max(surely_moved(job.lines, history.done, queued), history.made)
+    sure = max(surely_moved(job.lines, history.done, moves_ahead(printer)), history.made)
     for record in reversed(history.checkpoints):
         if record["done"] <= sure and record["done"] < len(job):
             return record["done"], f"checkpoint, {record['mark']}"

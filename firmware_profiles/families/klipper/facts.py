@@ -9,6 +9,9 @@ Sources: ``idle_timeout.py``, ``force_move.py``, ``gcode_move.py``, ``kinematics
   where the tip is. SET_GCODE_OFFSET adds to every place until it is set to 0. M200 isn't known.
 - ACTIVATE_EXTRUDER has no offset; a macro named T0 may have.
 - M109 and M190 wait until a heater under PID control has settled (``heaters.py``): cooling, too.
+- M400 is answered by the host's clock: for up to 5 s also where the micro-controller is dead. M119
+  waits for the last move, and for the micro-controller's own answer (``query_endstops.py``).
+- GET_POSITION tells places and what they are shifted by without waiting for the motors.
 - What M220 and M221 have set it doesn't tell, so it is reset.
 - SET_VELOCITY_LIMIT, SET_IDLE_TIMEOUT and SET_PRESSURE_ADVANCE without words answer their present
   values; its steps, limits and min_extrude_temp it doesn't tell on its terminal.
@@ -71,7 +74,12 @@ def _confirms(number: int) -> tuple[bytes, ...]:
 
 FAMILY: Final = Family(
     link=LinkFacts(
-        says="klipper", make_protocol=_make_protocol, plans_by_time=True, complains_to_all=True
+        says="klipper",
+        make_protocol=_make_protocol,
+        plans_by_time=True,
+        complains_to_all=True,
+        place_question=b"GET_POSITION",
+        rest_question=b"M119",
     ),
     grammar=Grammar(
         codes=CODES, names=NAMES, words=WORDS, named=True, parentheses=False, e_rule="either"

@@ -45,8 +45,20 @@ class Offsets:
         """Say where the head is, and what a job's places are shifted by (GET_POSITION)."""
         modal = self._motion.modal[0]
         head = modal["position"][:3] + self._own
-        told = {"toolhead": head, "gcode": head, "gcode base": self._own - modal["shift"]}
-        return "\n".join(
-            f"// {name}: X:{x:.6f} Y:{y:.6f} Z:{z:.6f}"
-            for name, (x, y, z) in ((name, mm.tolist()) for name, mm in told.items())
+        e, pushed = float(modal["position"][3]), 0.01 * float(modal["flow_percent"])
+        plunger = e + float(modal["plunger_shift"])
+        told = {
+            "toolhead": (head, plunger),
+            "gcode": (head, plunger),
+            "gcode base": (self._own - modal["shift"], plunger - pushed * e),
+        }
+        per_mm = self._motion.state["steps_per_mm"][:3]
+        motors = zip("xyz", modal["position"][:3], head, per_mm, strict=True)
+        steps, places = "", ""
+        for axis, mm, at_mm, per_mm in motors:
+            steps += f" stepper_{axis}:{round(mm * per_mm)}"
+            places += f" stepper_{axis}:{at_mm:.6f}"
+        return f"// mcu:{steps}\n// stepper:{places}\n" + "\n".join(
+            f"// {name}: X:{x:.6f} Y:{y:.6f} Z:{z:.6f} E:{at:.6f}"
+            for name, (x, y, z), at in ((name, mm.tolist(), at) for name, (mm, at) in told.items())
         )

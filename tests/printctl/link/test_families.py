@@ -81,7 +81,26 @@ def test_command_that_the_firmware_refuses_ends_in_a_controlled_stop(firmware, t
     status = streamer_of(firmware, fake, tmp_path, [*JOB[:10], b"G999", *JOB[10:]]).run()
     assert status.state is LinkState.FAILED
     assert "G999" in status.message
-    assert fake.executed[-2:] == ["M400", "M114"]  # the position proves that M400 was answered
+    # the position proves that M400 was answered; Klipper's board is asked as well
+    assert [one for one in fake.executed if one != "M119"][-2:] == ["M400", "M114"]
+
+
+class GoneBoard(FakeKlipper):
+    """Its micro-controller is gone: the host program notices where it must be asked."""
+
+    def take(self, line: bytes) -> str:
+        if line.strip() == b"M119" and any(text.startswith("G1 X41") for text in self.executed):
+            return "// Klipper state: Shutdown\n!! Lost communication with MCU 'mcu'\nok\n"
+        return super().take(line)
+
+
+def test_klipper_isnt_done_before_its_board_has_answered(tmp_path):
+    fake = GoneBoard()
+    status = streamer_of("klipper", fake, tmp_path).run()
+    assert status.lines_done == len(JOB)
+    assert status.state is LinkState.KILLED
+    assert not status.position_known
+    assert status.lines_executed == 0
 
 
 def test_klipper_move_out_of_range_is_a_fault(tmp_path):

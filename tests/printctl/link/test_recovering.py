@@ -411,3 +411,17 @@ def test_rest_after_a_power_cut_in_a_pause_begins_where_it_was_held(tmp_path):
         RETREAT,
     )
     assert plan.begin == status.lines_done == status.lines_executed > 40
+
+
+def checkpoint(done: int, **more: bool) -> dict[str, object]:
+    return {"t": "checkpoint", "done": done, "mark": "end of layer 1", "agrees": True, **more}
+
+
+def test_checkpoint_of_a_firmware_that_plans_by_time_counts_where_its_motors_stood():
+    """Hundreds of short moves may be ahead: 308 lines were left out on a real Klipper."""
+    klipper = load(Printer, "klipper_bioprinter")
+    history = JournalledPrint(done=100, checkpoints=[checkpoint(60)])
+    with pytest.raises(NoCheckpoint):
+        plan_recovery(JOB, DATA, history, klipper, RETREAT)
+    stood = JournalledPrint(done=100, made=60, checkpoints=[checkpoint(60, stands=True)])
+    assert plan_recovery(JOB, DATA, stood, klipper, RETREAT).begin == 60
