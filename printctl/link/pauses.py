@@ -161,6 +161,7 @@ class Pauses:
             self.changer.count(at, new or NewSyringe())
         self.meddling.take_back()
         self.meddling.own_modes()
+        self.position.refuse_renamed(waited=True)  # before the needle is lowered by that name
         self.heads.take()
         self.returning.come_back(at, self.heads.retreat.prime_mm)
         self.change.end()

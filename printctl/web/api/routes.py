@@ -13,10 +13,13 @@ from pydantic import BaseModel, Field
 from printctl.web.api.answers import API, REFUSALS, our_version
 from printctl.web.controls import Principal
 from printctl.web.core import Core
-from printctl.web.stop_door.wires import Wires
+from printctl.web.stop_door.wires import UNHEARD, Wires
 
 BEAT_S: Final = 3.0
 """So often a listener hears that the server lives, even without news."""
+
+_PATIENCE_S: Final = 2.5
+"""As the stop door waits for the word that a printer has halted."""
 
 
 class Health(BaseModel):
@@ -99,8 +102,9 @@ def router(core: Core, wires: Wires) -> APIRouter:
         sent = list(wires.kill(time.monotonic()))
         machines = len({one.process or one.folder for one in sent})
         said = (
-            f"M112 to {machines} printer{'s' if machines > 1 else ''}; each status "
-            "tells whether it has halted; positions are unknown now"
+            f"M112 to {machines} printer{'s' if machines > 1 else ''}; "
+            + (f"{UNHEARD}; " if wires.unheard(sent, _PATIENCE_S) else "")
+            + "each status tells whether it has halted; positions are unknown now"
             if sent
             else "nothing is connected to a printer here: nothing to stop; if something moves, "
             "cut its power"

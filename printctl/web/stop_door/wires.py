@@ -13,7 +13,7 @@ import json
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -132,6 +132,15 @@ class Wires:
                 time.sleep(_SHORTLY_S)  # its socket has closed, its last word isn't written yet
         state = said.get("state", "unknown")
         return {"state": state, "message": said.get("message", "") if state in OVER else UNHEARD}
+
+    def unheard(self, sent: Sequence[Sent], patience_s: float) -> bool:
+        """Whether one of them hasn't said within ``patience_s`` that it has halted."""
+        limit = self.clock() + patience_s
+        words = (
+            self.outcome(one.folder, max(limit - self.clock(), _SHORTLY_S))["message"]
+            for one in sent
+        )
+        return any(word == UNHEARD for word in words)
 
     # --- within --------------------------------------------------------------------------
 

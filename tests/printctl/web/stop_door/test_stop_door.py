@@ -86,6 +86,19 @@ def test_a_halt_that_nobody_confirms_says_to_cut_the_power(served: tuple[Process
         assert ended_by_kill(print_)
 
 
+def test_rest_says_it_too(served: tuple[Process, Path]) -> None:
+    server, workspace = served
+    with under_way(workspace, "asleep") as print_:
+        process = json.loads((print_.folder / "link.json").read_text())["pid"]
+        os.kill(process, signal.SIGSTOP)
+        try:
+            _, said, _ = ask(f"{server.url}/api/v1/stop", **by_token(server))
+        finally:
+            os.kill(process, signal.SIGCONT)
+        assert "CUT ITS POWER" in said[0]["message"]
+        assert ended_by_kill(print_)
+
+
 def test_the_server_stops_too_and_finds_a_print_that_just_began(
     served: tuple[Process, Path],
 ) -> None:
@@ -94,6 +107,7 @@ def test_the_server_stops_too_and_finds_a_print_that_just_began(
         status, said, _ = ask(f"{server.url}/api/v1/stop", **by_token(server))
         assert status == 200
         assert len(said[0]["sent"]) == 1
+        assert "CUT" not in said[0]["message"]
         assert ended_by_kill(print_)
 
 
