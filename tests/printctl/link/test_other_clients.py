@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -56,18 +57,27 @@ class SharedWire(SimTransport):
         return data
 
 
-def printed(folder: Path, text: bytes, data: bytes | None = None) -> tuple[Status, ExecutedMotion]:
-    folder.mkdir(exist_ok=True)
-    wire = SharedWire(text)
+def streamer_on(
+    wire: SharedWire,
+    folder: Path,
+    data: bytes,
+    on_status: Callable[[Status], None] = lambda status: None,
+) -> Streamer:
     wiring = Wiring(
         transport=wire,
         protocol=KlipperProtocol(),
         clock=wire.clock,
         journal=journal_in(folder),
         printer=PRINTER,
-        on_status=lambda status: None,
+        on_status=on_status,
     )
-    status = Streamer(wiring, parse_job(data or job(), "test.gcode", PRINTER)).run()
+    return Streamer(wiring, parse_job(data, "test.gcode", PRINTER))
+
+
+def printed(folder: Path, text: bytes, data: bytes | None = None) -> tuple[Status, ExecutedMotion]:
+    folder.mkdir(exist_ok=True)
+    wire = SharedWire(text)
+    status = streamer_on(wire, folder, data or job()).run()
     return status, wire.printer.executed()
 
 
@@ -98,6 +108,29 @@ def test_speed_and_heaters_of_another_client_are_taken_back(tmp_path):
     assert np.allclose(made.end[-1], alone.end[-1])
     alarms = read_journal(tmp_path / "other" / "journal.log").alarms
     assert any("bed is set to 60" in text for text in alarms)
+
+
+@pytest.mark.parametrize(
+    "text", ["SET_KINEMATIC_POSITION Z=60", "G92 Z60", "G92 E5", "SET_GCODE_OFFSET Z=-2"]
+)
+def test_place_renamed_in_a_pause_is_found_before_the_needle_is_lowered(tmp_path, text):
+    """With Z called 38 mm higher the needle was driven 38 mm through the dish, and `done` said."""
+    wire = SharedWire(b"")
+    states: list[LinkState] = []
+
+    def on_status(status: Status) -> None:
+        if status.state is LinkState.PAUSED and LinkState.PAUSED not in states:
+            wire._swallow = 1
+            SimTransport.write(wire, text.encode() + b"\n")
+            streamer.resume()
+        states.append(status.state)
+
+    streamer = streamer_on(wire, tmp_path, job(), on_status)
+    streamer.pause()
+    status = streamer.run()
+    assert LinkState.PAUSED in states
+    assert status.state is LinkState.POSITION_UNKNOWN
+    assert wire.printer.executed().end[:, 2].min() >= START[2] - 1e-6
 
 
 def test_a_reply_to_get_position_is_read():
