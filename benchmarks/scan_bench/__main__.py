@@ -18,6 +18,7 @@ from typing import Any
 
 from benchmarks.machine import commit, machine
 from benchmarks.scan_bench.cases import FAMILIES, Case
+from benchmarks.scan_bench.count import count
 from benchmarks.scan_bench.rows import rows_of
 from benchmarks.scan_bench.runs import SHARED, again, measure, name_of, present, shared_designs
 
@@ -30,8 +31,10 @@ COUNTS = {
     "faces": 20,
     "formats": 10,
     "time": 1,
+    "count": 100,
 }
 QUICK = 2
+ASKED = FAMILIES | {"count": count}
 
 
 def parse(argv: list[str] | None) -> argparse.Namespace:
@@ -40,7 +43,7 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     ap.add_argument("--generator", choices=("shared", "spectral", "both"), default="both")
-    ap.add_argument("--only", choices=sorted(FAMILIES), action="append", help="may be given again")
+    ap.add_argument("--only", choices=sorted(ASKED), action="append", help="may be given again")
     ap.add_argument(
         "--count", type=int, help="scans of each family and generator; default by family"
     )
@@ -69,7 +72,7 @@ def cases(asked: argparse.Namespace) -> list[tuple[str, Case]]:
     for k in range(max(counts.values())):
         for family in asked.only or FAMILIES:
             if k < counts[family]:
-                out += [(family, FAMILIES[family](g, asked.first_seed + k)) for g in generators]
+                out += [(family, ASKED[family](g, asked.first_seed + k)) for g in generators]
     return out
 
 
