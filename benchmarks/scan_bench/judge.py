@@ -15,6 +15,7 @@ from benchmarks.scan_bench.judge_defects import judge_defects, judge_verdict
 from benchmarks.scan_bench.judge_faces import judge_faces
 from benchmarks.scan_bench.judge_intervals import judge_intervals
 from benchmarks.scan_bench.judge_pose import best_equivalent, judge_pose
+from benchmarks.scan_bench.judge_vessels import judge_vessels
 
 
 def judge(folder: Path, truth: dict[str, Any], tolerance: float = 10.0) -> dict[str, Any]:
@@ -27,6 +28,7 @@ def judge(folder: Path, truth: dict[str, Any], tolerance: float = 10.0) -> dict[
     out["defects"] = judge_defects(report, truth, turn, tolerance)
     placed = pose["tre_rms_um"] < 300
     out["quantities"] = judge_intervals(report, truth, pose["turned"]) if placed else []
+    out["vessels"] = judge_vessels(report, truth, tolerance) if placed and not pose["turned"] else []
     out["faces"] = judge_faces(folder / "deviation.ply", report, truth) if placed else []
     return out
 

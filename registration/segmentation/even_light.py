@@ -34,6 +34,9 @@ ROUNDS = 20
 REACH_MM = (0.25, 0.4, 0.4)
 """The level's neighbourhood (standard deviations), z, y, x."""
 COARSE_MM = 0.09
+SPECKLE = 0.6
+"""Blocks, standard deviation of the average over which gel is told from liquid. They hold a dozen
+voxels and more: a wider average takes hazy liquid in a lumen of three blocks for gel."""
 SURE = 0.97
 """Share of gel around, for a voxel to tell the gel's level."""
 LEAST = 0.2
@@ -152,7 +155,7 @@ def evened(signal: FloatVolume, light: FloatVolume, working: Working) -> FloatVo
     level, known = np.ones_like(back), -1
     for _ in range(ROUNDS):
         share = back / (sent * level)
-        gel = share_of_gel(share, 1.0) > SURE
+        gel = share_of_gel(share, 1.0, SPECKLE) > SURE
         if np.count_nonzero(gel) == known:
             break
         known = int(np.count_nonzero(gel))

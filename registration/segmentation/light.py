@@ -91,12 +91,14 @@ def _first_beyond(down: FloatVolume, step_mm: float, floor: float, sigma: FloatA
     return np.asarray(np.maximum(entering - back, floor))  # at least as if μ were 1/mm there
 
 
-def share_of_gel(ratio: FloatVolume, typical: float) -> FloatVolume:
-    """How much of what is around each voxel is gel: 0.5 at walls, 1 two voxels from any."""
-    around = gaussian_weights(1.2)
+def share_of_gel(ratio: FloatVolume, typical: float, speckle: float = 1.2) -> FloatVolume:
+    """How much of what is around each voxel is gel: 0.5 at walls, 1 two voxels from any.
+
+    Speckle is smoothed over `speckle` voxels (standard deviation) before anything is decided.
+    """
+    around, near = gaussian_weights(1.2), gaussian_weights(speckle)
     soft, share = np.empty_like(ratio), np.empty_like(ratio)
-    # Speckle is smoothed before anything is decided.
-    smooth(np.clip(ratio, 0, 2 * typical), soft, (around, around, around), 0.0)
+    smooth(np.clip(ratio, 0, 2 * typical), soft, (near, near, near), 0.0)
     smooth(soft > 0.5 * typical, share, (around, around, around), 0.0)
     return share
 

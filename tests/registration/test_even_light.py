@@ -53,6 +53,18 @@ def test_liquid_stays_liquid() -> None:
     assert share[90:].mean() < 0.06
 
 
+def test_hazy_liquid_in_a_thin_lumen_is_no_dim_gel() -> None:
+    """The level of gel beside it came down to the liquid's: half of that is too narrow a lumen."""
+    size = np.array([0.036, 0.06, 0.06])
+    z, y = np.meshgrid(*(s * np.arange(60) for s in size[:2]), indexing="ij")
+    off = np.hypot(z - 1.08, y - 1.8)[:, :, None] * np.ones(60)
+    rng = np.random.default_rng(4)
+    signal = np.where(off < 0.2, 0.3, 1.0) * rng.gamma(3.0, 1 / 3, off.shape)
+    grid = Working((1, 1, 1), np.ones(3), size[::-1].copy(), np.zeros(3), 0.05)
+    light = evened(signal.astype(np.float32), np.ones(off.shape, np.float32), grid)
+    assert light[off < 0.35].mean() == pytest.approx(1.0, abs=0.05)
+
+
 def test_a_bright_line_of_a_face_is_cut_off_and_gel_beside_it_is_not() -> None:
     signal = speckle(np.ones((100, 70, 70), dtype=np.float32))
     signal[15:17, 10:60, 10:60] *= 10
