@@ -40,7 +40,7 @@ def count(generator: str, seed: int) -> Case:
     if kind == "clean" and rng.random() < 0.5:
         design, made = special(generator, design, rng)
     else:
-        made = (*planted(generator, design, kind, rng), *turned(generator, rng))
+        made = (*planted(generator, design, kind, rng), *turned(generator, design, rng))
     voxels = "--voxel-um=" + joined(PITCH_UM, PITCH_UM, float(rng.choice(DEPTHS_UM)))
     return Case(generator, design, seed, (*made, *light(bool(seed // 10 % 2), rng), voxels))
 
@@ -71,12 +71,15 @@ def broken(design: str, vessel: int, place: float, rng: np.random.Generator) -> 
     return ("--missing", str(vessel))
 
 
-def turned(generator: str, rng: np.random.Generator) -> tuple[str, ...]:
-    """Return a pose: half of them upright, half turned by any right angle or turned over."""
+def turned(generator: str, design: str, rng: np.random.Generator) -> tuple[str, ...]:
+    """Return a pose: half of them upright, half turned by any right angle or turned over.
+
+    Only a part no deeper than light goes stands on any side.
+    """
     if rng.random() < 0.5:
         return ()
     yaw = "--yaw=" + joined(rng.choice([0, 90, 180, 270]) + rng.uniform(-12, 12))
-    if generator == "spectral" and rng.random() < 0.5:
+    if design == "compact" and rng.random() < 0.5:
         return ("--orientation", str(int(rng.integers(24))), yaw)
     return (yaw, *(("--turned-over",) if rng.random() < 0.6 else ()))
 
@@ -88,7 +91,8 @@ def special(generator: str, design: str, rng: np.random.Generator) -> tuple[str,
         return design, ("--mirror", str(rng.choice(list("xyz"))))
     if draw < 0.7:
         return design, ("--half-field",)
-    return str(rng.choice(SYMMETRIC[generator])), turned(generator, rng)
+    symmetric = str(rng.choice(SYMMETRIC[generator]))
+    return symmetric, turned(generator, symmetric, rng)
 
 
 def light(usual: bool, rng: np.random.Generator) -> tuple[str, ...]:

@@ -28,7 +28,9 @@ def judge(folder: Path, truth: dict[str, Any], tolerance: float = 10.0) -> dict[
     out["defects"] = judge_defects(report, truth, turn, tolerance)
     placed = pose["tre_rms_um"] < 300
     out["quantities"] = judge_intervals(report, truth, pose["turned"]) if placed else []
-    out["vessels"] = judge_vessels(report, truth, tolerance) if placed and not pose["turned"] else []
+    out["vessels"] = (
+        judge_vessels(report, truth, tolerance) if placed and not pose["turned"] else []
+    )
     out["faces"] = judge_faces(folder / "deviation.ply", report, truth) if placed else []
     return out
 
