@@ -20,6 +20,7 @@ from benchmarks.machine import commit, machine
 from benchmarks.scan_bench.cases import FAMILIES, Case
 from benchmarks.scan_bench.count import count
 from benchmarks.scan_bench.rows import rows_of
+from benchmarks.scan_bench.rows_count import rows_of_count
 from benchmarks.scan_bench.runs import SHARED, again, measure, name_of, present, shared_designs
 
 COUNTS = {
@@ -114,7 +115,9 @@ def main(argv: list[str] | None = None) -> int:
 
     with ThreadPoolExecutor(asked.jobs) as pool:
         lines = [x for x in pool.map(one, todo) if x]
-    rows = [r for family in asked.only or FAMILIES for r in rows_of(family, lines)]
+    families = asked.only or FAMILIES
+    rows = [r for family in families if family != "count" for r in rows_of(family, lines)]
+    rows += rows_of_count(lines) if "count" in families else []
     print(
         json.dumps(
             {

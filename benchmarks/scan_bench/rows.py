@@ -157,7 +157,7 @@ def diameters(lines: list[Line]) -> Iterator[Row]:
             float(error.mean()),
             "um",
             "<= 5, or inside U",
-            abs(error.mean()) <= 5 or inside,
+            bool(abs(error.mean()) <= 5) or inside,
         )
         yield row("diameter rms error of sections", float(np.sqrt((error**2).mean())), "um")
         yield row(
