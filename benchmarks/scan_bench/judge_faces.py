@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from scipy.spatial import cKDTree
 
 from benchmarks.scan_bench.judge_pose import apply
 
@@ -15,6 +16,8 @@ PATCH_MM = 0.8
 FEWEST = 25
 LEVEL = 0.85
 FAR_UM = 50.0
+STEPS_MM = np.arange(0.15, 0.61, 0.15)
+RIM_MM = 0.1
 NO_CYLINDER = (0.0, 0.0, 1e6)
 
 
@@ -34,8 +37,8 @@ def judge_faces(path: Path, report: dict[str, Any], truth: dict[str, Any]) -> li
     deviation.ply is carried back into the scan by the report's own pose and into the part by the
     true one, so that the pose's error doesn't count. `worst_um` is the largest median of a patch
     of 0.8 mm, `beyond_percent` the share of points beyond 50 um. Points that the report gives no
-    deviation (NaN: not seen), that lie within 0.5 mm of an edge, near a leak, or whose normal isn't
-    the face's (a vessel's mouth) are left out.
+    deviation (NaN: not seen), that lie within 0.5 mm of an edge, near a leak, on a lumen's wall, or
+    whose normal isn't the face's (a vessel's mouth) are left out.
     Swelling isn't taken off.
     """
     if not path.exists():
@@ -55,6 +58,7 @@ def judge_faces(path: Path, report: dict[str, Any], truth: dict[str, Any]) -> li
             & (np.abs(gaps[:, k]) < NEAR_MM)
             & (others < -NEAR_MM).all(axis=1)
             & away(points, truth)
+            & off_lumens(points, report)
             & (np.abs(normals @ plane[:3]) > LEVEL)
         )
         if near.sum() < FEWEST:
@@ -83,6 +87,26 @@ def away(points: np.ndarray, truth: dict[str, Any]) -> np.ndarray:
         if planted["kind"] in ("leak", "bridge"):
             keep &= np.linalg.norm(points - planted["center_mm"], axis=1) > 1.5
     return keep
+
+
+def off_lumens(points: np.ndarray, report: dict[str, Any]) -> np.ndarray:
+    """Whether points are off lumens' walls: some of one that leaves aslant face as the face does."""
+    keep = np.ones(len(points), bool)
+    for row in report["vessels"]:
+        axis = np.array(row.get("place_mm") or [], float).reshape(-1, 3)
+        if len(axis) < 2:
+            continue
+        out = [axis[k] - axis[j] for k, j in ((0, 1), (-1, -2))]
+        beyond = [axis[k] + np.outer(STEPS_MM, unit(v)) for k, v in zip((0, -1), out, strict=True)]
+        line = np.vstack([axis, *beyond])
+        wide = 1.2 * max(row["designed_along_um"]) / 2e3 + RIM_MM
+        keep &= cKDTree(line).query(points, distance_upper_bound=wide)[0] > wide
+    return keep
+
+
+def unit(vector: np.ndarray) -> np.ndarray:
+    """Return a vector's direction."""
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
 
 
 def patches(points: np.ndarray, normal: np.ndarray, error: np.ndarray) -> float:

@@ -9,6 +9,7 @@ from benchmarks.scan_bench.cases import BRIDGED_AT, BRIDGES, SHARED, WIDEST_MM
 from benchmarks.scan_bench.defects import plant
 from benchmarks.scan_bench.designs import DESIGNS, Design
 from benchmarks.scan_bench.geometry import bscan
+from benchmarks.scan_bench.judge_faces import off_lumens
 from benchmarks.scan_bench.make import image, piece_boxes
 from benchmarks.scan_bench.options import parser
 from benchmarks.scan_bench.part_files import write_design
@@ -218,3 +219,10 @@ def test_no_bridge_runs_through_a_third_vessel_or_outside(name, tmp_path):
         for third in set(vessels) - {one, other}:
             gap = min((away(way, a, b) - r).min() for a, b, r in vessels[third])
             assert gap > WIDEST_MM / 2, (place, third)
+
+
+def test_wall_of_a_lumen_that_leaves_aslant_is_no_point_of_the_face():
+    along = np.linspace(0, 1, 11)[:, None]
+    row = {"place_mm": (along * [1.0, 0.3, 0.0]).tolist(), "designed_along_um": [400.0] * 11}
+    wall, face = [1.2, 0.2, 0.0], [1.2, 0.8, 0.0]
+    assert off_lumens(np.array([wall, face]), {"vessels": [row]}).tolist() == [False, True]
