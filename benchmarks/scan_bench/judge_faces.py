@@ -90,7 +90,7 @@ def away(points: np.ndarray, truth: dict[str, Any]) -> np.ndarray:
 
 
 def off_lumens(points: np.ndarray, report: dict[str, Any]) -> np.ndarray:
-    """Whether points are off lumens' walls: some of one that leaves aslant face as the face does."""
+    """Whether points are off lumens' walls: one that leaves aslant faces as the face does."""
     keep = np.ones(len(points), bool)
     for row in report["vessels"]:
         axis = np.array(row.get("place_mm") or [], float).reshape(-1, 3)
