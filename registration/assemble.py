@@ -106,8 +106,8 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
         model_seen_fraction=len(scaled.back_mm) / found.spread,
         vertices=alignment.rigid.apply(segmentation.vertices),
         faces=segmentation.faces,
-        deviation_um=np.where(seen, 1e3 * rigid.all_mm, np.nan),
-        scaled_deviation_um=np.where(seen, 1e3 * scaled.all_mm, np.nan),
+        deviation_um=stated_um(rigid.all_mm, seen, found.errors),
+        scaled_deviation_um=stated_um(scaled.all_mm, seen, found.errors),
         seen=seen,
         histogram_edges_um=HISTOGRAM_EDGES_UM,
         histogram_counts=histogram(scaled.there_mm),
@@ -135,6 +135,12 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
             *wall_notes(options.walls, findings.vessels),
         ),
     )
+
+
+def stated_um(deviation_mm: FloatArray, seen: NDArray[np.bool_], errors: ScanErrors) -> FloatArray:
+    """Return deviations (n,), µm, NaN where not seen; all NaN where walls' errors aren't known."""
+    known = seen & np.isfinite(errors.outer_mm)
+    return np.where(known, 1e3 * deviation_mm, np.nan)
 
 
 def _all_open(vessels: tuple[VesselGauge, ...]) -> bool:

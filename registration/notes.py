@@ -102,7 +102,8 @@ def step_notes(strength: Strength | None) -> list[str]:
     return [
         f"Gel is {1 / strength.dark:.1f} times as bright as the liquid (needed: "
         f"{1 / (1 - LEAST_STEP):g}), noise and haze included: errors of walls aren't known, so no "
-        "diameter has an interval and none is proven. A liquid that scatters less tells more."
+        "diameter has an interval, none is proven, and no place of the surface is given a "
+        "deviation. A liquid that scatters less tells more."
     ]
 
 

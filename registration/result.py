@@ -75,7 +75,8 @@ class RegistrationReport:
     faces : (m, 3) int32
         Facing out of the gel.
     deviation_um, scaled_deviation_um : (n,) float64, µm
-        At each vertex after the rigid and the scaled fit; NaN where it wasn't seen.
+        At each vertex after the rigid and the scaled fit; NaN where it wasn't seen, and everywhere
+        if liquid is so bright that errors of walls aren't known.
     seen : (n,) bool
         Vertices that count.
     histogram_edges_um, histogram_counts, histogram_counts_rigid : arrays

@@ -39,12 +39,12 @@ def design_facts(network: Path) -> dict[str, str]:
 
 def surface_facts(found: RegistrationReport, network: VesselNetwork) -> dict[str, Any]:
     """Deviations of lumens and of outer faces apart."""
-    seen = found.seen
+    known = np.isfinite(found.scaled_deviation_um)
     return apart(
-        scaled_vertices(found)[seen],
+        scaled_vertices(found)[known],
         network,
-        found.deviation_um[seen],
-        found.scaled_deviation_um[seen],
+        found.deviation_um[known],
+        found.scaled_deviation_um[known],
     )
 
 

@@ -85,7 +85,7 @@ def near_lumen(points: FloatArray, network: VesselNetwork) -> NDArray[np.bool_]:
     )
     # Of neighbours that are farther, the distance is infinite and the number none of these.
     near: NDArray[np.bool_] = distance <= np.append(reach, 0.0)[index]
-    return np.asarray(near.reshape(len(points), -1).any(axis=1))
+    return np.asarray(near.reshape(len(points), near.size // max(len(points), 1)).any(axis=1))
 
 
 def _samples(network: VesselNetwork) -> tuple[FloatArray, FloatArray]:

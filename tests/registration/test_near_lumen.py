@@ -30,6 +30,12 @@ def test_a_scan_of_lumens_alone_has_no_outer_faces() -> None:
     assert len(surface_rows({"by_surface": found})) > 0
 
 
+def test_a_surface_without_any_stated_deviation_has_neither() -> None:
+    none = np.zeros(0)
+    found = apart(np.zeros((0, 3)), planar_network(), none, none)
+    assert found == {"lumens": None, "outer_faces": None}
+
+
 def test_histogram_and_shares_are_shown_of_each_and_not_of_the_mixture() -> None:
     wall = np.array([[8.0, 3.2, 1.75], [8.0, 5.0, 1.8]])
     face = np.array([[8.0, 4.0, 3.0], [0.0, 7.5, 0.2]])

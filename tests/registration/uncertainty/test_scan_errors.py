@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from registration.assemble import stated_um
 from registration.notes import step_notes
 from registration.scan import Scan
 from registration.segmentation import Segmentation
@@ -53,6 +54,13 @@ def test_a_note_tells_the_contrast_and_the_one_needed():
 
 def test_without_contrast_no_wall_has_an_interval():
     assert math.isnan(shared(0.8).level_mm)
+
+
+def test_without_contrast_no_place_of_the_surface_has_a_deviation():
+    """Faces called seen lay up to 570 um off there."""
+    seen = np.array([True, False])
+    assert np.isnan(stated_um(np.ones(2), seen, shared(0.8))).all()
+    np.testing.assert_array_equal(stated_um(np.ones(2), seen, shared(0.3)), [1000.0, np.nan])
 
 
 def test_the_index_counts_unless_a_depth_standard_was_scanned():
