@@ -76,6 +76,10 @@ def changes(lines: list[Line]) -> Iterator[Row]:
         "0",
         not any(passes),
     )
+    good = [x["judged"]["verdict"] for x in lines if not x["judged"]["defects"]["planted"]]
+    fine = [v["verdict"] == "passed" for v in good if v["truth"] == "good"]
+    share = percent(sum(fine), len(fine))
+    yield row(f"clean prints that pass at ± {TOLERANCE_PERCENT:g} % ({counted(fine)})", share, "%")
     found, near = [], []
     for x in lines:
         half = {v["vessel"]: v["u_percent"] for v in x["judged"]["vessels"]}
