@@ -113,7 +113,7 @@ def by_layer(found: RegistrationReport, job: Job) -> list[dict[str, Any]]:
     again = found.scaled_scan_to_part @ np.linalg.inv(found.transform_scan_to_part)
     z = found.vertices @ again[2, :3] + again[2, 3]
     count, tops = len(job.first_line), _layer_tops(job)
-    known = np.isfinite(found.scaled_deviation_um)
+    known = found.seen & np.isfinite(found.scaled_deviation_um)
     layer = np.minimum(np.searchsorted(tops, z[known], side="right"), count - 1)
     deviation = found.scaled_deviation_um[known]
     points = np.bincount(layer, minlength=count)

@@ -39,7 +39,7 @@ def design_facts(network: Path) -> dict[str, str]:
 
 def surface_facts(found: RegistrationReport, network: VesselNetwork) -> dict[str, Any]:
     """Deviations of lumens and of outer faces apart."""
-    known = np.isfinite(found.scaled_deviation_um)
+    known = found.seen & np.isfinite(found.scaled_deviation_um)
     return apart(
         scaled_vertices(found)[known],
         network,
