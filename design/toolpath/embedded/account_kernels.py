@@ -1,10 +1,11 @@
 """Kernel of the account: how near a moving shaft comes to ink outside of joints.
 
 With the tip at b(s) on a straight way and the filament's axis at a(t), radius r(t), all linear, the
-approach is g(s, t) = d(a(t) - b(s)) - r(t), d the signed distance to the shaft, which no step in
-place changes by more than its length. How far ink lies inside a joint changes no faster than the
-ways along the vessels. So of a rectangle of s and t the value in the middle bounds all others, and
-rectangles are halved until they hold no nearer approach, lie in a joint, or are `FINE_MM` small.
+approach is g(s, t) = d(a(t) - b(s)) - r(t), d the signed distance to the shaft. The shaft is
+convex, so g is: it lies above its tangent plane in the middle of a rectangle of s and t (Boyd and
+Vandenberghe 2004, Convex Optimization, eq. 3.2), which so bounds the whole rectangle. How far ink
+lies inside a joint changes no faster than the ways along the vessels. Rectangles are halved until
+they hold no nearer approach, lie in a joint, or are `FINE_MM` small.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from design.toolpath.embedded.needle import Needle, off_shaft
+from design.toolpath.embedded.needle import Needle, off_shaft_slopes
 from design.toolpath.embedded.spared import (
     Spared,
     inside_joint,
@@ -25,7 +26,7 @@ from design.toolpath.embedded.spared import (
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
-FINE_MM: Final = 0.0005
+FINE_MM: Final = 0.001
 """An approach found lies above the least one by no more."""
 DEPTH: Final = 96
 FOUND: Final = np.dtype([("piece", np.int64), ("vessel", np.int64), ("value", np.float64)])
@@ -154,13 +155,21 @@ def _far(
 
 
 @jit
-def _approach(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, needle: Needle) -> float:
+def _approach(
+    i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, needle: Needle
+) -> tuple[float, float, float]:
+    """g(s, t), mm, and how it changes with s and t there (a subgradient)."""
     x = _at(ink.start[j, 0], ink.end[j, 0], t) - _at(tips.start[i, 0], tips.end[i, 0], s)
     y = _at(ink.start[j, 1], ink.end[j, 1], t) - _at(tips.start[i, 1], tips.end[i, 1], s)
     z = _at(ink.start[j, 2], ink.end[j, 2], t) - _at(tips.start[i, 2], tips.end[i, 2], s)
-    return off_shaft(math.sqrt(x * x + y * y), z, needle) - _at(
-        ink.radius[j, 0], ink.radius[j, 1], t
-    )
+    across = math.sqrt(x * x + y * y)
+    off, outward, up = off_shaft_slopes(across, z, needle)
+    flat = outward / across if across > 0.0 else 0.0
+    by_s, by_t = 0.0, ink.radius[j, 0] - ink.radius[j, 1]
+    for axis, slope in enumerate((flat * x, flat * y, up)):
+        by_s -= slope * (tips.end[i, axis] - tips.start[i, axis])
+        by_t += slope * (ink.end[j, axis] - ink.start[j, axis])
+    return off - _at(ink.radius[j, 0], ink.radius[j, 1], t), by_s, by_t
 
 
 @jit
@@ -243,8 +252,8 @@ def _nearest(i: int, j: int, limit: float, tips: Tips, ink: Ink, spared: Spared,
         count -= 1
         s0, s1, t0, t1 = stack[count, 0], stack[count, 1], stack[count, 2], stack[count, 3]
         s, t, half_s, half_t = 0.5 * (s0 + s1), 0.5 * (t0 + t1), 0.5 * (s1 - s0), 0.5 * (t1 - t0)
-        value = _approach(i, j, s, t, tips, ink, needle)
-        if value - half_s * way - half_t * axis >= best - FINE_MM:
+        value, slope_s, slope_t = _approach(i, j, s, t, tips, ink, needle)
+        if value - half_s * abs(slope_s) - half_t * abs(slope_t) >= best - FINE_MM:
             continue
         spread = half_s * by_s + half_t * by_t
         inside = -1.0
@@ -256,13 +265,16 @@ def _nearest(i: int, j: int, limit: float, tips: Tips, ink: Ink, spared: Spared,
             best = min(best, value)
         if spread <= 0.25 * FINE_MM:
             continue
+        near, far = (
+            stack[count + 1],
+            stack[count],
+        )  # the half on top of the stack is looked at first
+        near[:], far[:] = (s0, s1, t0, t1), (s0, s1, t0, t1)
         if half_s * by_s >= half_t * by_t:
-            stack[count, 0], stack[count, 1], stack[count, 2], stack[count, 3] = s0, s, t0, t1
-            count += 1
-            stack[count, 0], stack[count, 1], stack[count, 2], stack[count, 3] = s, s1, t0, t1
+            low, high = (near, far) if slope_s > 0.0 else (far, near)
+            low[1], high[0] = s, s
         else:
-            stack[count, 0], stack[count, 1], stack[count, 2], stack[count, 3] = s0, s1, t0, t
-            count += 1
-            stack[count, 0], stack[count, 1], stack[count, 2], stack[count, 3] = s0, s1, t, t1
-        count += 1
+            low, high = (near, far) if slope_t > 0.0 else (far, near)
+            low[3], high[2] = t, t
+        count += 2
     return best

@@ -17,9 +17,9 @@ from design.toolpath.embedded.walk import Leg
 from design.toolpath.toolpath import IntArray
 from kernels import jit
 
-TRIES, PATIENCE = 6, 3
+TRIES, PATIENCE = 16, 3
 """Times that passes are split and made one in another order; at most so many in vain in a row."""
-AT_NODES, WITHIN = 0.5, 0.1
+AT_NODES, WITHIN = 0.25, 0.05
 """Of a pass's nodes, and of its legs, the share at which it is split."""
 
 
@@ -88,7 +88,8 @@ def _split(passes: list[Pass], random: np.random.Generator) -> list[Pass]:
 def _pairs(ends: list[tuple[int, int]], tool: list[int], turns: NDArray[np.bool_]) -> IntArray:
     """Passes of which one can end where the other begins, those nearest in the order first.
 
-    (k, 4): the earlier, which of its ends (0, 1), the later, and which of its.
+    (k, 4): the one to be written first, which of its ends (0, 1), the next, and which of its. That
+    is the later one first where neither can be turned so that the earlier leads on to it.
     """
     at: dict[int, list[tuple[int, int]]] = {}
     for number, pair in enumerate(ends):
@@ -98,10 +99,13 @@ def _pairs(ends: list[tuple[int, int]], tool: list[int], turns: NDArray[np.bool_
     for meet in at.values():
         for k, (one, side) in enumerate(meet):
             for other, there in meet[k + 1 :]:
-                fits = (side == 1 or turns[one]) and (there == 0 or turns[other])
-                if one != other and tool[one] == tool[other] and fits:
+                if one == other or tool[one] != tool[other]:
+                    continue
+                if (side == 1 or turns[one]) and (there == 0 or turns[other]):
                     found.append((one, side, other, there))
-    found.sort(key=lambda p: (p[2] - p[0], p))
+                elif (there == 1 or turns[other]) and (side == 0 or turns[one]):
+                    found.append((other, there, one, side))
+    found.sort(key=lambda p: (abs(p[2] - p[0]), p))
     return np.array(found, dtype=np.int64).reshape(-1, 4)
 
 
@@ -145,11 +149,11 @@ def _merge(count: int, pairs: IntArray, graph: PassRules) -> tuple[IntArray, Int
         one, other = pairs[k, 0], pairs[k, 2]
         if used[one] or used[other]:
             continue
-        if place[one] > place[other]:
+        swaps = place[one] > place[other]
+        early, late = (other, one) if swaps else (one, other)
+        if not _free_between(early, late, swaps, order, place, mark, partner, k, graph):
             continue
-        if not _free_between(one, other, order, place, mark, partner, k, graph):
-            continue
-        _move_together(one, other, order, place, mark, k)
+        _move_together(early, late, swaps, order, place, mark, k)
         used[one] = used[other] = True
         partner[one], partner[other] = other, one
         chosen.append(k)
@@ -157,11 +161,13 @@ def _merge(count: int, pairs: IntArray, graph: PassRules) -> tuple[IntArray, Int
 
 
 @jit
-def _free_between(one: int, other: int, order: IntArray, place: IntArray, mark: IntArray,
-                  partner: IntArray, tag: int, graph: PassRules) -> bool:  # fmt: skip
+def _free_between(one: int, other: int, swaps: bool, order: IntArray, place: IntArray,
+                  mark: IntArray, partner: IntArray, tag: int,
+                  graph: PassRules) -> bool:  # fmt: skip
     """Whether no chain of rules leads from a pass through others to another; marks the chain.
 
-    Passes already made one share their rules.
+    Nor one straight from pass to pass, where they are to swap. Passes already made one share their
+    rules.
     """
     mark[one] = tag
     for k in range(place[one], place[other]):
@@ -178,7 +184,7 @@ def _free_between(one: int, other: int, order: IntArray, place: IntArray, mark: 
                 continue
             for m in range(graph.after_begin[row], graph.after_begin[row + 1]):
                 after = graph.after[m]
-                if after == other and here != one:
+                if after == other and (swaps or here != one):
                     return False
                 if after != other:
                     mark[after] = tag
@@ -187,7 +193,7 @@ def _free_between(one: int, other: int, order: IntArray, place: IntArray, mark: 
 
 @jit
 def _move_together(
-    one: int, other: int, order: IntArray, place: IntArray, mark: IntArray, tag: int
+    one: int, other: int, swaps: bool, order: IntArray, place: IntArray, mark: IntArray, tag: int
 ) -> None:
     """Put both next to each other: after what the first doesn't bar, before what it does."""
     low, high = place[one], place[other]
@@ -203,7 +209,7 @@ def _move_together(
     for here in kept:
         order[at], place[here] = here, at
         at += 1
-    for here in (one, other):
+    for here in (other, one) if swaps else (one, other):
         order[at], place[here] = here, at
         at += 1
     for here in later:

@@ -93,6 +93,29 @@ def off_shaft(across: float, height: float, needle: Needle) -> float:
 
 
 @jit
+def off_shaft_slopes(across: float, height: float, needle: Needle) -> tuple[float, float, float]:
+    """`off_shaft` (mm), and how it changes with either: its gradient, or at an edge one side's."""
+    off = off_shaft(across, height, needle)
+    out, more, cone = across - needle.tip_mm, needle.shaft_mm - needle.tip_mm, needle.cone_mm
+    if off <= 0.0:
+        if off == -height:
+            return off, 0.0, -1.0
+        if cone <= 0.0 or off == across - needle.shaft_mm:
+            return off, 1.0, 0.0
+        slant = math.sqrt(more * more + cone * cone)
+        return off, cone / slant, -more / slant
+    if cone <= 0.0:
+        height = min(height, 0.0)
+    if cone <= 0.0 or off == math.hypot(max(out, 0.0), height):
+        return off, max(out, 0.0) / off, height / off
+    over = min(height - cone, 0.0)
+    if off == math.hypot(across - needle.shaft_mm, over):
+        return off, (across - needle.shaft_mm) / off, over / off
+    share = min(max((out * more + height * cone) / (more * more + cone * cone), 0.0), 1.0)
+    return off, (out - share * more) / off, (height - share * cone) / off
+
+
+@jit
 def without_clearance(needle: Needle) -> Needle:
     """As `Needle.bare`, for kernels."""
     shaft = needle.shaft_mm - needle.tip_mm + needle.bare_mm

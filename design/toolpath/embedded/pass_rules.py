@@ -12,6 +12,7 @@ from design.toolpath.embedded.rules import Rules, owners
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.walk import Leg
 from design.toolpath.toolpath import IntArray
+from kernels import jit
 
 
 class PassRules(NamedTuple):
@@ -45,12 +46,42 @@ def pass_rules(passes: list[Pass], elements: Elements, rules: Rules) -> PassRule
     )
 
 
+@jit
 def _grouped(one: IntArray, other: IntArray, count: int) -> tuple[IntArray, IntArray]:
-    """Of each `one` where its `other` begin, and those of all in a row; without repeats."""
-    key = np.sort((one * count + other)[one != other])
-    key = key[np.diff(key, prepend=-1) > 0]
-    begin = np.searchsorted(key, np.arange(count + 1) * count)
-    return begin, key % count
+    """Of each `one` where its `other` begin, and those of all in a row; without repeats.
+
+    Two sorts by counting: by `other`, then by `one`.
+    """
+    rows = _counted(one, other, np.arange(len(one)), count)
+    rows = _counted(other, one, rows, count)
+    begin, found, total = np.zeros(count + 1, dtype=np.int64), np.empty_like(rows), 0
+    last = -1
+    for row in rows:
+        key = one[row] * count + other[row]
+        if key != last:
+            found[total] = other[row]
+            total += 1
+            begin[one[row] + 1] += 1
+        last = key
+    return np.cumsum(begin), found[:total].copy()
+
+
+@jit
+def _counted(one: IntArray, other: IntArray, rows: IntArray, count: int) -> IntArray:
+    """Rows sorted by `other`, in their order where it is the same; none of one pass alone."""
+    place = np.zeros(count + 1, dtype=np.int64)
+    kept = 0
+    for row in rows:
+        if one[row] != other[row]:
+            place[other[row] + 1] += 1
+            kept += 1
+    place = np.cumsum(place)
+    found = np.empty(kept, dtype=np.int64)
+    for row in rows:
+        if one[row] != other[row]:
+            found[place[other[row]]] = row
+            place[other[row]] += 1
+    return found
 
 
 def pass_ends(one: Pass, elements: Elements) -> tuple[int, int]:
