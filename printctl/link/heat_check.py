@@ -31,7 +31,10 @@ class HeatCheck:
     def begin(self) -> None:
         """Take the targets as they are before the job's first line; tell those that are too hot."""
         before = self._logbook.fault
-        self._targets = self._told_alike(journalled=False)
+        first = self._told(journalled=False)
+        on = {heater: celsius for heater, celsius in first.items() if celsius > 0}
+        off = {heater: celsius for heater, celsius in first.items() if celsius == 0}
+        self._targets = off | self._told_twice(on, journalled=False)
         self._logbook.excuse(before)  # a firmware without heaters may not know the question
         known = self._channel.wiring.limits()
         for heater, celsius in self._targets.items():
@@ -59,10 +62,14 @@ class HeatCheck:
         if not self._targets:
             return
         self._read_job()
-        for heater, celsius in self._told_alike(journalled=True).items():
-            wanted = self._targets.get(heater)
-            if wanted is None or abs(celsius - wanted) <= WITHIN_C:
-                continue
+        told = self._told(journalled=True)
+        others = {
+            heater: celsius
+            for heater, celsius in told.items()
+            if abs(celsius - self._targets.get(heater, celsius)) > WITHIN_C
+        }
+        for heater, celsius in self._told_twice(others, journalled=True).items():
+            wanted = self._targets[heater]
             self._targets[heater] = min(celsius, wanted)
             if celsius < wanted:
                 self._logbook.alarm(
@@ -77,11 +84,14 @@ class HeatCheck:
             )
             self._channel.command(command.encode("ascii"))
 
-    def _told_alike(self, journalled: bool) -> dict[str, float]:
-        """Targets that two answers running agree on: no checksum guards them."""
-        before = self._told(journalled)
-        now = self._told(journalled) if before else {}
-        return {heater: celsius for heater, celsius in now.items() if before.get(heater) == celsius}
+    def _told_twice(self, heaters: Mapping[str, float], journalled: bool) -> dict[str, float]:
+        """Those of ``heaters`` that a second answer agrees on: no checksum guards the first."""
+        if not heaters:
+            return {}
+        again = self._told(journalled)
+        return {
+            heater: celsius for heater, celsius in heaters.items() if again.get(heater) == celsius
+        }
 
     def _told(self, journalled: bool) -> dict[str, float]:
         """Targets by heater, °C; empty where the firmware tells none."""
