@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 _COMMAND = re.compile(rb"[GMT]\d")
 _WHERE = re.compile(rb"M0*114(?!\d)")
 _NUMBERED = re.compile(rb" *N(-?\d+) *")
+_STATED_AGAIN = (b"G21", b"G90", b"M82")
+"""Modes that a file begins with; taken again they change nothing, and who goes on states them."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,9 @@ def judge(file: Sequence[bytes], taken: Sequence[Taken]) -> Order:
         if number is None or one.meant is None:
             strays += 1
             continue
-        if one.meant in place:
+        if one.meant in _STATED_AGAIN and place.get(one.meant) in order:
+            beside += text.strip() != one.meant
+        elif one.meant in place:
             order.append(place[one.meant])
             times.append(one.time_s)
             slipped += text.strip() != one.meant

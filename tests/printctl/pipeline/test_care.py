@@ -37,7 +37,7 @@ def ordered(
 ) -> Order:
     """The order that the print stage gives for a recipe, without printing it."""
     orders: list[Order] = []
-    done = SimpleNamespace(state=SimpleNamespace(value="done"), lines_done=1)
+    done = SimpleNamespace(state=SimpleNamespace(value="done"), lines_done=1, proved=True)
     monkeypatch.setattr(printing, "find_or_start", lambda order, port: orders.append(order))
     monkeypatch.setattr(printing, "follow", lambda client, report, bars: done)
     context: Any = SimpleNamespace(
