@@ -1,4 +1,4 @@
-"""How hot what is mounted may get, by heater."""
+"""Hottest targets of heaters that ink and bath bear."""
 
 from __future__ import annotations
 

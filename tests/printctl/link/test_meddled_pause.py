@@ -1,4 +1,4 @@
-"""What another program changes while a print is paused, on the simulated Marlin; then `resume`."""
+"""Commands of another program while a print on the simulated Marlin is paused, then `resume`."""
 
 from __future__ import annotations
 

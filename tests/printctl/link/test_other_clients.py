@@ -1,4 +1,4 @@
-"""What another client of a Klipper changes in mid-print, which answers nothing to this one."""
+"""Commands of another client of a Klipper in mid-print, whose answers this one never hears."""
 
 from __future__ import annotations
 
