@@ -2,16 +2,20 @@
 
 from design.geometry.bvh import (
     TriangleTree,
+    boxes_of,
     build_triangle_tree,
     gather_within,
     nearest_distance,
     nearest_distances,
 )
+from design.geometry.hierarchy import build_hierarchy
 from design.geometry.segments import point_segment, segment_segment
 from design.geometry.triangles import point_triangle_squared
 
 __all__ = [
     "TriangleTree",
+    "boxes_of",
+    "build_hierarchy",
     "build_triangle_tree",
     "gather_within",
     "nearest_distance",

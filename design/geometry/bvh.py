@@ -1,7 +1,8 @@
-"""A bounding-volume tree over triangles: exact nearest distance and what lies within a radius."""
+"""A bounding volume hierarchy over triangles: nearest distance and what lies within a radius."""
 
 from __future__ import annotations
 
+from functools import reduce
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -9,16 +10,11 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from design.geometry.hierarchy import DEPTH, build_hierarchy
 from design.geometry.triangles import point_triangle_squared
 from kernels import jit, pjit
 
 FloatArray = NDArray[np.float64]
-
-LEAF = 4
-"""Triangles in a leaf: a cache line or two each, cheaper to test than to part further."""
-
-DEPTH = 64
-"""Places on the stack of a walk; median splits of 2**31 triangles need 31."""
 
 
 class TriangleTree(NamedTuple):
@@ -54,81 +50,27 @@ class TriangleTree(NamedTuple):
 
 
 def build_triangle_tree(vertices: FloatArray, faces: NDArray[np.int32]) -> TriangleTree:
-    """Build the tree over ``faces`` (f, 3) of ``vertices`` (n, 3), mm, by median splits."""
-    corners = np.ascontiguousarray(vertices[faces].reshape(len(faces), 9))
-    centre = corners.reshape(-1, 3, 3).mean(axis=1)
-    order, right, first, count = _split(centre)
-    triangles = np.ascontiguousarray(corners[order])
-    low, high = _boxes(triangles, right, first, count)
-    centre = np.ascontiguousarray(centre[order])
-    reach = np.linalg.norm(triangles.reshape(-1, 3, 3) - centre[:, None], axis=2).max(axis=1)
-    face = order.astype(np.int32)
-    return TriangleTree(triangles, face, centre, reach, low, high, right, first, count)
+    """Build the tree over ``faces`` (f, 3) of ``vertices`` (n, 3), mm (`hierarchy`)."""
+    corners = np.ascontiguousarray(vertices[faces])
+    boxes, nodes, order = build_hierarchy(boxes_of(corners))
+    inner = nodes[:, 0] > 0
+    first = np.where(inner, 0, -1 - nodes[:, 0]).astype(np.int32)
+    right = np.where(inner, nodes[:, 1], -1).astype(np.int32)
+    size = np.where(inner, 0, nodes[:, 1] - first).astype(np.int32)
+    triangles = np.ascontiguousarray(corners[order].reshape(len(faces), 9))
+    centre = np.ascontiguousarray(corners[order].mean(axis=1))
+    reach = np.linalg.norm(corners[order] - centre[:, None], axis=2).max(axis=1)
+    low, high = (np.ascontiguousarray(boxes[:, side]) for side in (slice(3), slice(3, 6)))
+    return TriangleTree(
+        triangles, order.astype(np.int32), centre, reach, low, high, right, first, size
+    )
 
 
-@jit
-def _split(centre: Any) -> Any:
-    size = len(centre)
-    order = np.arange(size)
-    room = 2 * (2 * size // LEAF + 2)
-    right = np.full(room, -1, np.int32)
-    first = np.zeros(room, np.int32)
-    count = np.zeros(room, np.int32)
-    stack = np.zeros((DEPTH, 3), np.int64)
-    stack[0, 1] = size
-    stack[0, 2] = -1
-    top = 1
-    nodes = 0
-    while top > 0:
-        top -= 1
-        begin, end, father = stack[top]
-        node = nodes
-        nodes += 1
-        if father >= 0:
-            right[father] = node
-        if end - begin <= LEAF:
-            first[node] = begin
-            count[node] = end - begin
-            continue
-        axis = _longest_axis(centre, order, begin, end)
-        part = order[begin:end].copy()
-        order[begin:end] = part[np.argsort(centre[part, axis], kind="mergesort")]
-        middle = (begin + end) // 2
-        stack[top] = (middle, end, node)
-        stack[top + 1] = (begin, middle, -1)
-        top += 2
-    return order, right[:nodes].copy(), first[:nodes].copy(), count[:nodes].copy()
-
-
-@jit
-def _longest_axis(centre: Any, order: Any, begin: int, end: int) -> int:
-    low = centre[order[begin]].copy()
-    high = low.copy()
-    for k in range(begin, end):
-        for axis in range(3):
-            value = centre[order[k], axis]
-            low[axis] = min(low[axis], value)
-            high[axis] = max(high[axis], value)
-    return int(np.argmax(high - low))
-
-
-@jit
-def _boxes(triangles: Any, right: Any, first: Any, count: Any) -> Any:
-    nodes = len(right)
-    low = np.full((nodes, 3), np.inf)
-    high = np.full((nodes, 3), -np.inf)
-    # Children come after their parent, so backwards is from the leaves up.
-    for node in range(nodes - 1, -1, -1):
-        for axis in range(3):
-            if right[node] >= 0:
-                low[node, axis] = min(low[node + 1, axis], low[right[node], axis])
-                high[node, axis] = max(high[node + 1, axis], high[right[node], axis])
-            for k in range(first[node], first[node] + count[node]):
-                for corner in range(3):
-                    value = triangles[k, 3 * corner + axis]
-                    low[node, axis] = min(low[node, axis], value)
-                    high[node, axis] = max(high[node, axis], value)
-    return low, high
+def boxes_of(corners: FloatArray) -> FloatArray:
+    """Lowest and highest corner of each of ``corners`` (m, k, 3), (m, 6)."""
+    each = corners.swapaxes(0, 1)
+    # Ten times faster than min(axis=1) over so short an axis.
+    return np.concatenate([reduce(np.minimum, each), reduce(np.maximum, each)], axis=1)
 
 
 @jit

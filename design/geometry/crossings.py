@@ -15,8 +15,9 @@ from numba import prange
 from numpy.typing import NDArray
 
 from design.geometry.boxes import apart, corners_box, next_leaf
-from design.geometry.bvh import DEPTH, TriangleTree, build_triangle_tree
+from design.geometry.bvh import TriangleTree, build_triangle_tree
 from design.geometry.exact_meeting import triangles_meet
+from design.geometry.hierarchy import DEPTH
 from kernels import jit, pjit
 
 IntArray = NDArray[np.int64]

@@ -8,7 +8,8 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from design.geometry.bvh import DEPTH, TriangleTree, box_squared
+from design.geometry.bvh import TriangleTree, box_squared
+from design.geometry.hierarchy import DEPTH
 from design.geometry.triangles import point_triangle_squared
 from kernels import jit, pjit
 

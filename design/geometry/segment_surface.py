@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from design.geometry.bvh import DEPTH
+from design.geometry.hierarchy import DEPTH
 from design.geometry.segments import segment_segment
 from design.geometry.triangles import SLIVER, point_triangle_squared
 from kernels import jit

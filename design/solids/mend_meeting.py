@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from design.geometry.boxes import apart, corners_box, next_leaf
-from design.geometry.bvh import DEPTH
 from design.geometry.crossings import APART, meet
+from design.geometry.hierarchy import DEPTH
 from kernels import jit
 
 

@@ -14,6 +14,7 @@ from design.tissue.heart import biventricle
 from design.tissue.images import VolumeImage, read_image
 from design.tissue.labels import label_surface, load_label_surface
 from design.tissue.load import load_surface, load_tissue
+from design.tissue.parts import check_supplied
 from design.tissue.points import load_point_surface, point_surface
 from design.tissue.repair import repair_surface
 from design.tissue.shapes import Surface, annulus, block, cylinder, folded_cortex
@@ -52,6 +53,7 @@ __all__ = [
     "biventricle",
     "block",
     "carve",
+    "check_supplied",
     "cylinder",
     "depth_demand",
     "folded_cortex",

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from design.geometry.bvh import DEPTH
+from design.geometry.hierarchy import DEPTH
 from design.geometry.segment_surface import segment_distance
 from design.tissue.arrays import BAND_CELLS, BRICK, GridArrays
 from design.tissue.columns import crossing, crossing_place

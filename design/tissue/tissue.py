@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from design.tissue.demand import UNIFORM, Demand
 from design.tissue.grid import SignedDistanceGrid
 
+_FLAT = 1e-12
+"""Sine of a corner below which its face has no area: the direction of its normal is rounding."""
+
 
 @dataclass(frozen=True)
 class Tissue:
@@ -59,7 +62,8 @@ class Tissue:
         """The vertex of largest z and its inward unit normal, (3,) each.
 
         Of several at the same height, the one nearest the middle of the bounds. The normal is
-        the mean of the adjoining faces' weighted by their angle at the vertex.
+        the mean of the adjoining faces' weighted by their angle at the vertex; faces without
+        area have no say.
         """
         height = self.vertices[:, 2]
         top = np.flatnonzero(height >= height.max() - 1e-9 * np.ptp(height))
@@ -75,6 +79,8 @@ class Tissue:
         across = np.cross(one, two)
         sine = np.linalg.norm(across, axis=1)
         angle = np.arctan2(sine, np.einsum("ij,ij->i", one, two))
-        normal = (across * (angle / sine)[:, None]).sum(axis=0)
+        flat = sine <= _FLAT * np.linalg.norm(one, axis=1) * np.linalg.norm(two, axis=1)
+        weight = np.where(flat, 0.0, angle / np.where(flat, 1.0, sine))
+        normal = (across * weight[:, None]).sum(axis=0)
         unit: NDArray[np.float64] = normal / np.linalg.norm(normal)
         return unit

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from design.hemodynamics import FlowConditions, balance
 from design.network import VesselKind
-from design.tissue import Tissue
+from design.tissue import Tissue, check_supplied
 from design.vasculature import (
     ClosedLoops,
     GrowthOptions,
@@ -30,9 +30,11 @@ def grown_tree(context: RunContext, part: GrownNetwork) -> VesselTree:
     seed, folder = context.recipe.seed, context.recipe_folder
     options = growth_options(part, seed, folder)
     if part.printable:
-        return printable_tree(context, part, options)
-    tree = grow_tree(context.tissue, options, trunk=read_trunk(part, folder))
-    if not part.polish:
+        tree = printable_tree(context, part, options)
+    else:
+        tree = grow_tree(context.tissue, options, trunk=read_trunk(part, folder))
+    check_supplied(context.tissue, tree.distal)
+    if part.printable or not part.polish:
         return tree
     polished = polish(context.tissue, tree, polish_options(part, seed)).tree
     return replace(polished, notes=tree.notes)
@@ -64,6 +66,8 @@ def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> ClosedLoops:
     vein = replace(artery, root_point_mm=part.vein_root_mm, root_direction=part.vein_root_direction)
     roots = [RootSpec(artery, VesselKind.ARTERY), RootSpec(vein, VesselKind.VEIN)]
     arterial, venous = grow_forest(tissue, roots)
+    for tree in (arterial, venous):
+        check_supplied(tissue, tree.distal)
     thinnest = part.smallest_diameter_mm / 2 if part.smallest_diameter_mm else None
     joined = LoopOptions(seed=seed, clearance_mm=part.clearance_mm, smallest_radius_mm=thinnest)
     closed = close_loops(tissue, arterial, venous, joined)

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.solids.solid import Solid
-from registration.distance.bvh import hierarchy
 from registration.distance.closest import UNKNOWN, nearest
 from registration.distance.curvature import Edges, face_curvature, rim_samples
+from registration.distance.pieces import hierarchy
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -54,7 +54,7 @@ class ModelSurface:
     rims : (r, 3) float64, mm
         Points on its sharp edges.
     boxes, nodes, order : arrays
-        See `registration.distance.bvh.hierarchy`.
+        See `registration.distance.pieces.hierarchy`.
     """
 
     triangles: FloatArray

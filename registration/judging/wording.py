@@ -40,7 +40,9 @@ def _rms(feature: Record) -> str:
     value, u = feature.get("value_um"), feature.get("u_um")
     if value is None:
         return "not known"
-    return f"{value:.1f} µm" if u is None else f"{value:.1f} ± {u:.1f} µm"
+    if u is None:
+        return f"{value:.1f} µm"
+    return f"{value:.1f} µm ({max(value - u, 0.0):.1f} to {value + u:.1f} µm, 95 %)"
 
 
 def _way(feature: Record) -> str:

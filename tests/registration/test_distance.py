@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from design.geometry import boxes_of, build_hierarchy
 from registration.distance import ModelSurface, distance_grid
-from registration.distance.bvh import build
 from tests.registration.parts import planar_construct, planar_distance, solid
 
 FloatArray = NDArray[np.float64]
@@ -89,7 +89,7 @@ def test_grid_grows_coarser_instead_of_too_large() -> None:
 def test_tree_of_triangles_that_double_in_size_is_no_deeper_than_a_search_holds() -> None:
     size = 2.0 ** np.arange(-400, 400)
     triangles = size[:, None, None] * (np.eye(3) + 1.0)
-    boxes, nodes, order = build(triangles)
+    boxes, nodes, order = build_hierarchy(boxes_of(triangles))
     depth = np.zeros(len(nodes), dtype=np.int64)
     for node in range(len(nodes)):
         first, last = nodes[node]

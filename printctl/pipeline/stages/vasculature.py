@@ -11,6 +11,7 @@ from design.hemodynamics import scaled_network
 from design.lattices import build_lattice
 from design.network import VesselKind, VesselNetwork
 from design.network_csv import write_network_csv
+from design.tissue import check_supplied
 from design.vasculature import (
     check_network,
     collisions,
@@ -76,6 +77,7 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
                 return network, {"notes": list(notes)}
         case LatticeNetwork():
             network, clearance = build_lattice(context.tissue, part.options()), 0.0
+            check_supplied(context.tissue, network.nodes)
         case GrownNetwork():
             tree = grown_tree(context, part)
             return tree_to_network(tree, VesselKind.ARTERY), {"notes": list(tree.notes)}

@@ -17,6 +17,7 @@ from registration.judging import (
     VesselLimits,
     judge,
     judge_plain,
+    reason,
 )
 from tests.registration.judging.registered import change, registration, vessel
 
@@ -142,6 +143,16 @@ def test_the_rms_is_judged_with_its_interval_and_not_without(
     found = judge_plain(numbers | {"rms_interval_95_um": u}, 100.0, 10.0)
     (feature,) = (f for f in found["judging"]["features"] if f["name"] == "rms")
     assert feature["decision"] == decision
+
+
+@pytest.mark.parametrize(
+    ("u", "said"), [(10, "17.2 µm (7.2 to 27.2 µm, 95 %)"), (40, "17.2 µm (0.0 to 57.2 µm, 95 %)")]
+)
+def test_the_interval_of_an_rms_never_goes_below_nothing(u: float, said: str) -> None:
+    numbers = registration(vessel(0, np.zeros(20), u_um=SURE), scaled={"rms_um": 17.2})
+    found = judge_plain(numbers | {"rms_interval_95_um": u}, 100.0, 10.0)
+    (feature,) = (f for f in found["judging"]["features"] if f["name"] == "rms")
+    assert said in reason(feature)
 
 
 def test_a_leak_fails_where_none_is_allowed() -> None:

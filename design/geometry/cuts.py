@@ -15,17 +15,6 @@ BINS = 16
 
 
 @jit
-def own_boxes(triangles: FloatArray) -> FloatArray:
-    """Lowest and highest corner of each triangle, (m, 6)."""
-    out = np.empty((len(triangles), 6))
-    for t in range(len(triangles)):
-        for c in range(3):
-            a, b, d = triangles[t, 0, c], triangles[t, 1, c], triangles[t, 2, c]
-            out[t, c], out[t, 3 + c] = min(a, b, d), max(a, b, d)
-    return out
-
-
-@jit
 def _take_in(box: FloatArray, other: FloatArray) -> None:
     """Widen a box to hold another."""
     for c in range(3):
@@ -43,7 +32,7 @@ def _empty(count: int) -> FloatArray:
 
 @jit
 def around(own: FloatArray, chosen: IntArray) -> FloatArray:
-    """Box around the boxes of chosen triangles, (6,)."""
+    """Box around the boxes of chosen members, (6,)."""
     out = _empty(1)[0]
     for t in chosen:
         _take_in(out, own[t])
@@ -59,7 +48,7 @@ def _faces(box: FloatArray) -> float:
 
 @jit
 def parted(own: FloatArray, chosen: IntArray, cheapest: bool) -> int:
-    """Put triangles of the first child before those of the second; return how many it has.
+    """Put members of the first child before those of the second; return how many it has.
 
     Cut where it is cheapest, else in the middle of the order they are in.
     """
@@ -86,7 +75,7 @@ def _cheapest_cut(own: FloatArray, chosen: IntArray) -> tuple[int, int]:
 
 @jit
 def _bins(own: FloatArray, chosen: IntArray, axis: int) -> IntArray:
-    """Number of the bin that the middle of each triangle lies in; all 0 where they don't differ."""
+    """Number of the bin that the middle of each member lies in; all 0 where they don't differ."""
     out = np.zeros(len(chosen), dtype=np.int64)
     middle = np.empty(len(chosen))
     for k in range(len(chosen)):
@@ -101,7 +90,7 @@ def _bins(own: FloatArray, chosen: IntArray, axis: int) -> IntArray:
 
 @jit
 def _costs(own: FloatArray, chosen: IntArray, bins: IntArray) -> FloatArray:
-    """Cost of a cut above each bin but the last: triangles of both sides times their faces."""
+    """Cost of a cut above each bin but the last: members of both sides times their faces."""
     count, box = np.zeros(BINS, dtype=np.int64), _empty(BINS)
     for k in range(len(chosen)):
         count[bins[k]] += 1

@@ -1,0 +1,87 @@
+"""Tissues of several parts, and faces without area."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from manifold3d import Manifold
+
+from design.errors import TissueError
+from design.tissue import block, check_supplied, tissue_from_surface
+from design.tissue.parts import part_numbers, parts_of
+from design.vasculature import GrowthOptions, grow_tree
+from tests.design.tissue import surfaces
+
+
+def _joined(*solids):
+    found = [surfaces.surface(solid) for solid in solids]
+    first = np.cumsum([0, *(len(one.vertices) for one in found)])
+    return (
+        np.concatenate([one.vertices for one in found]),
+        np.concatenate([one.faces + k for one, k in zip(found, first, strict=False)]),
+    )
+
+
+def _tissue(*solids):
+    return tissue_from_surface(*_joined(*solids))
+
+
+SMALL = Manifold.cube((6.0, 6.0, 6.0))
+LARGE = Manifold.cube((10.0, 10.0, 10.0))
+BESIDE = {
+    "apart": SMALL.translate((20.0, 0.0, 0.0)),
+    "at a corner": SMALL.translate((10.0, 10.0, 10.0)),
+    "at an edge": SMALL.translate((10.0, 10.0, 0.0)),
+}
+
+
+@pytest.mark.parametrize("place", BESIDE)
+def test_parts_are_told_apart_even_where_they_touch(place):
+    tissue = _tissue(LARGE, BESIDE[place])
+    parts = parts_of(tissue)
+    assert [round(part.volume_mm3) for part in parts] == [1000, 216]
+    middles = np.array([part.middle_mm for part in parts])
+    assert part_numbers(tissue, parts, middles).tolist() == [0, 1]
+
+
+def test_a_cavity_is_no_part_and_what_lies_in_it_is_one():
+    shells = surfaces.nested_shells()
+    tissue = tissue_from_surface(shells.vertices, shells.faces)
+    outer, inner = parts_of(tissue)
+    assert outer.volume_mm3 + inner.volume_mm3 == pytest.approx(tissue.volume_mm3)
+    at = np.array([[9.0, 0, 0], [7.0, 0, 0], [4.5, 0, 0], [0, 0, 0.0]])
+    assert part_numbers(tissue, (outer, inner), at).tolist() == [0, 0, 1, 1]
+
+
+def test_a_part_that_no_vessel_ends_in_is_refused_by_size_and_place():
+    tissue = _tissue(LARGE, BESIDE["apart"])
+    inside = np.array([[5.0, 5.0, 5.0]])
+    with pytest.raises(TissueError, match=r"the part of 216 mm³ around \(23, 3, 3\) mm"):
+        check_supplied(tissue, inside)
+    check_supplied(tissue, np.array([[5.0, 5.0, 5.0], [23.0, 3.0, 3.0]]))
+
+
+def test_faces_without_area_leave_the_root_its_direction():
+    """Growth in such a block ended the process: the direction wasn't a number."""
+    whole = block((10.0, 10.0, 10.0))
+    points, faces = _with_flat_faces(whole.vertices, whole.faces)
+    tissue = tissue_from_surface(points, faces)
+    _, direction = tissue.top_vertex()
+    assert np.linalg.norm(direction) == pytest.approx(1.0)
+    assert grow_tree(tissue, GrowthOptions(terminals=20)).terminals.max() == 20
+
+
+def _with_flat_faces(points, faces):
+    """The same surface with a vertex and a face without area at each long edge's middle."""
+    points, faces = points.tolist(), faces.tolist()
+    for k in range(len(faces)):
+        for side in range(3):
+            a, b, c = (faces[k][(side + n) % 3] for n in range(3))
+            long = np.subtract(points[a], points[b])
+            if np.count_nonzero(np.abs(long) > 1e-9) > 1 and a < b:
+                points.append(np.mean([points[a], points[b]], axis=0).tolist())
+                middle = len(points) - 1
+                faces[k] = [a, middle, c]
+                faces += [[middle, b, c], [a, b, middle]]
+                break
+    return np.array(points), np.array(faces)
