@@ -112,7 +112,20 @@ def _proven(registration: Record, features: Sequence[Record]) -> list[Finding]:
     ):  # in doubt none is listed
         out.append(("pass", "No leak, and no bridge between vessels, was found"))
     rms = [f for f in features if f["name"] == "rms" and f["decision"] == "pass"]
-    return [*out, *(("pass", reason(f)) for f in rms)]
+    return [*out, *(("pass", reason(f)) for f in rms), *_outer_faces(registration)]
+
+
+def _outer_faces(registration: Record) -> list[Finding]:
+    """Say how far outer faces are off where the RMS alone judges them."""
+    found = registration.get("by_surface", {}).get("outer_faces", {}).get("scaled", {})
+    limited = "face_profile_um" in registration["judging"]["tolerances"]
+    if limited or not found.get("max_um"):
+        return []
+    text = (
+        f"Outer faces are judged by the RMS alone (no face_profile_um is given): 95 % of them lie "
+        f"within {found['p95_um']:.0f} µm, the farthest place is {found['max_um']:.0f} µm off"
+    )
+    return [("pass", text)]
 
 
 def _flow(registration: Record) -> list[Finding]:

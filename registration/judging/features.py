@@ -54,7 +54,8 @@ class Feature:
         Of ``leak``: the vessel that a bridge leads into; None: out of the part.
     doubt : str
         ``shade``: of ``leak``, where gel in a shadow would look alike; undecided. ``pose``: a fail
-        if the pose, which is in doubt, is right; undecided.
+        if the pose, which is in doubt, is right; undecided. ``no limit``: of ``offset``, far aside
+        where nobody has said what is allowed; undecided.
     words, of : str
         Of a zone: which characteristic, of which feature.
     interval_um : (low, high), µm
@@ -74,7 +75,7 @@ class Feature:
     limit: str = ""
     unseen_mm: Sequence[Sequence[float]] = ()
     other: int | None = None
-    doubt: Literal["", "shade", "pose"] = ""
+    doubt: Literal["", "shade", "pose", "no limit"] = ""
     words: str = ""
     of: str = ""
     interval_um: Sequence[float] = ()
@@ -211,9 +212,13 @@ def _mean_half(series: Series) -> float:
 
 
 def offset_feature(row: Record, limits: VesselLimits) -> list[Feature]:
-    """Judge the lumen's mean distance from the designed axis, where a limit is given."""
+    """Judge the lumen's mean distance from the designed axis, where a limit is given.
+
+    Where none is, a lumen that lies farther aside than half its radius is undecided: nobody has
+    said that this is allowed.
+    """
     if math.isinf(limits.offset_um):
-        return []
+        return _far_aside(row) if math.isinf(limits.position_um) else []
     value, half = row.get("offset_um"), row.get("offset_interval_95_um")
     # Without a stated interval nothing is proven of an offset.
     u = math.nan if half is None else float(np.max(half))
@@ -226,6 +231,30 @@ def offset_feature(row: Record, limits: VesselLimits) -> list[Feature]:
             u_um=u,
             upper_um=limits.offset_um,
             limit=_upto(limits.offset_um),
+        )
+    ]
+
+
+def _far_aside(row: Record) -> list[Feature]:
+    """The section farthest from the designed axis, if beyond half its radius and U."""
+    aside = np.array(row.get("offset_along_um") or [], dtype=np.float64)
+    if not np.isfinite(aside).any():
+        return []
+    allowed = np.array(row["designed_along_um"]) / 4
+    worst = int(np.nanargmax(aside - allowed))
+    u = float(np.max(row.get("offset_interval_95_um") or 0.0))
+    if not aside[worst] - u > allowed[worst]:
+        return []
+    return [
+        Feature(
+            name="offset",
+            decision="undecided",
+            vessel=int(row["vessel"]),
+            at_mm=float(row["along_mm"][worst]),
+            value_um=float(aside[worst]),
+            u_um=u,
+            limit="no limit given",
+            doubt="no limit",
         )
     ]
 

@@ -23,6 +23,11 @@ def reason(feature: Record) -> str:
         return f"{reason({**feature, 'decision': 'fail', 'doubt': ''})}, if the pose is right"
     if name in _NAMES:
         return _diameter(feature)
+    if name == "offset" and feature.get("doubt") == "no limit":
+        return (
+            f"{_place(feature)}: the lumen lies {_measured(feature)} beside its designed axis, more "
+            "than half its radius, and no limit is given; say what is allowed (offset_um)"
+        )
     if name == "offset":
         return f"{_place(feature)}: axis off by {_measured(feature)} of {feature['limit']}" + _end(
             feature

@@ -155,6 +155,38 @@ def test_the_interval_of_an_rms_never_goes_below_nothing(u: float, said: str) ->
     assert said in reason(feature)
 
 
+@pytest.mark.parametrize(
+    ("aside", "limits", "decision"),
+    [
+        (120.0, {}, "pass"),  # less than half the radius of 250 µm
+        (140.0, {}, "pass"),  # not beyond it by more than U
+        (245.0, {}, "undecided"),
+        (245.0, {"offset_um": 60.0}, "pass"),  # of the mean, which the user limits
+        (245.0, {"position_um": 600.0}, "pass"),
+    ],
+)
+def test_a_lumen_far_beside_its_axis_never_passes_without_a_limit(
+    aside: float, limits: dict[str, float], decision: str
+) -> None:
+    offsets = np.full(40, 5.0)
+    offsets[20:26] = aside
+    row = vessel(
+        0,
+        np.zeros(40),
+        u_um=SURE,
+        offset_along_um=[None, *offsets[1:].tolist()],
+        offset_interval_95_um=20.0,
+    )
+    found = judge(registration(row), Tolerances(VesselLimits(**limits)))
+    assert found["vessels"][0]["decision"] == decision
+    told = [reason(f) for f in found["judging"]["features"] if f["name"] == "offset"]
+    if decision == "undecided":
+        assert told == [
+            "Vessel 0, 2.5 mm along: the lumen lies 245 ± 20 µm beside its designed axis, more than "
+            "half its radius, and no limit is given; say what is allowed (offset_um)"
+        ]
+
+
 def test_a_leak_fails_where_none_is_allowed() -> None:
     leak = change(0, 1.0, 1.2) | {"kind": "leak", "size_um": 200.0}
     found = judged(vessel(0, np.zeros(20), u_um=SURE), defects=[leak])
