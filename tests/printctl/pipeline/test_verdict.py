@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from printctl.pipeline.verdict import MOST_REASONS, verdict
-from registration.judging import judge_plain
+from registration.judging import Tolerances, judge, judge_plain
 from tests.registration.judging.registered import change, registration, vessel
 
 FLOW = {
@@ -36,6 +36,15 @@ def test_good_print_passes_and_says_why() -> None:
         for reason in result["reasons"]
     )
     assert any("2 of 2 vessels pass" in reason for reason in result["reasons"])
+
+
+@pytest.mark.parametrize(("limits", "told"), [({}, True), ({"face_profile_um": 200.0}, False)])
+def test_outer_faces_that_nobody_limits_are_told(limits: dict[str, float], told: bool) -> None:
+    faces = {"outer_faces": {"scaled": {"p95_um": 21.2, "max_um": 508.0}}}
+    numbers = registration(good(0), good(1), perfusion=FLOW, by_surface=faces)
+    reasons = verdict(judge(numbers, Tolerances(**limits)))["reasons"]
+    said = [reason for reason in reasons if "within 21 µm, the farthest place is 508" in reason]
+    assert bool(said) == told
 
 
 def test_closed_vessel_fails() -> None:
