@@ -1,4 +1,4 @@
-"""A second process for work beside what this one computes."""
+"""Second process that runs work in parallel with this one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A bounding-volume tree over triangles: exact nearest distance and what lies within a radius."""
+"""Bounding-volume tree over triangles: exact nearest distance, and triangles within a radius."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kind and width of a lattice."""
+"""Options of a channel lattice: unit cell, spacing, channel width and ports."""
 
 from __future__ import annotations
 

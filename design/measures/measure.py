@@ -1,4 +1,4 @@
-"""All measures of a network in a tissue."""
+"""Compute all geometric measures of a network in a tissue."""
 
 from __future__ import annotations
 

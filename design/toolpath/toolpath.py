@@ -1,4 +1,4 @@
-"""The needle's moves, before they become a firmware's language."""
+"""Toolpath: the needle's moves as arrays in the part's frame."""
 
 from __future__ import annotations
 

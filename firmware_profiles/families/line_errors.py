@@ -1,4 +1,4 @@
-"""Rate of garbled lines, against the limit at which a print should pause."""
+"""Rate of resent lines on a serial link, and the limit at which a print should pause."""
 
 from __future__ import annotations
 

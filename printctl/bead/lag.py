@@ -1,4 +1,4 @@
-"""Choice of the lag for an ink, syringe and needle, and its uncertainty."""
+"""Choose the pressure lag of an ink, syringe and needle, with its uncertainty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A prediction as the page plays it back: all heads' pieces in the order of time."""
+"""Playback of a predicted print: the ink of all heads in order of time."""
 
 from __future__ import annotations
 

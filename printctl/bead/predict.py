@@ -1,4 +1,4 @@
-"""From a file's dry run to the bead of each head that writes."""
+"""Predict the deposited ink of each head from a simulated G-code file."""
 
 from __future__ import annotations
 

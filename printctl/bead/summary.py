@@ -1,4 +1,4 @@
-"""A prediction in a few numbers and lines."""
+"""Summarise the predicted ink of a head, as JSON and as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collect what a helper would ask for first."""
+"""Collect system facts and findings of `printctl doctor`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run whose print was registered: its flow as designed and as printed, solved and written."""
+"""Solve a run's flow twice, with designed and with printed lumens; write both."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Facts that a verdict rests on: the door, the printer's state, the limits in force."""
+"""Inputs of the G-code gate: origin of the line, printer state, limits in force."""
 
 from __future__ import annotations
 

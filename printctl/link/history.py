@@ -1,4 +1,4 @@
-"""The history of prints: an SQLite index of their journals, which can be made again from them.
+"""Index of past prints (SQLite), rebuilt from their journals when necessary.
 
 The journals are the truth. Beside the index lies ``journals.txt``, to which the folder of every
 print is appended before the index is touched; `History.rebuild` reads both it and the folders

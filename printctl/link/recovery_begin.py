@@ -1,4 +1,4 @@
-"""Line of a job at which its rest begins, after the printer has lost its position."""
+"""Find the job line at which a recovered print begins, after the printer lost its position."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Path and ink of a stretch of a job: at most so much is written twice."""
+"""Path length and ink of job lines that a resumed print may write twice."""
 
 from __future__ import annotations
 

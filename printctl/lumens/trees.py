@@ -1,4 +1,4 @@
-"""A network's or a part's lumens as the search for leaks wants them."""
+"""Lumens of a network or a part as vessel trees, for the leak search."""
 
 from __future__ import annotations
 

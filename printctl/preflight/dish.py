@@ -1,4 +1,4 @@
-"""The dish and the bath in it: walls, floor and depth against the needle's way."""
+"""Checks of dish and bath: walls, floor and depth against the needle's moves."""
 
 from __future__ import annotations
 

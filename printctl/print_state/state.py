@@ -1,4 +1,4 @@
-"""State of a print: one value for page, API, command line and history."""
+"""Determine the true state of a print from its journal and link process."""
 
 from __future__ import annotations
 

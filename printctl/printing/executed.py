@@ -1,4 +1,4 @@
-"""A note beside a simulated printer's record: which job it is of, and that it is whole.
+"""Note beside a simulated printer's record: which job it belongs to, and that it is complete.
 
 By it a run takes over what was printed from the operator's page, instead of printing it again.
 """

@@ -1,4 +1,4 @@
-"""Check that a film's frames are close enough in time to show the front."""
+"""Check that a dye video's frame interval resolves the moving front."""
 
 from __future__ import annotations
 

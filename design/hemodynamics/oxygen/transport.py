@@ -1,4 +1,4 @@
-"""Steady advection along the vessels: one sweep down the pressure."""
+"""Steady advection of a solute along the vessels, solved in one sweep in flow direction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Walls: how much wider a vessel gets under pressure.
+"""Vessel walls: compliance, the gain in lumen volume per pressure.
 
 Compliance C = dV/dp in µL/Pa, at the radius of rest (small strains).
 """

@@ -1,4 +1,4 @@
-"""Conditions put onto a network's nodes, and refused where they leave a part undetermined."""
+"""Boundary conditions at a network's nodes; refuse sets that leave a part undetermined."""
 
 from __future__ import annotations
 

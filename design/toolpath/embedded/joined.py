@@ -1,4 +1,4 @@
-"""Joints of ordered passes: their overlaps, and obstacles to some."""
+"""Embedded passes with the overlaps at their joints, and the joints that failed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rules between whole passes."""
+"""Precedence rules between whole embedded passes."""
 
 from __future__ import annotations
 

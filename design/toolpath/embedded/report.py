@@ -1,4 +1,4 @@
-"""Figures of a plan."""
+"""Report of an embedded plan: times, passes, crossings, open joints and omitted vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of a plan."""
+"""Report of FRESH layers: lengths, volumes, times and coverage."""
 
 from __future__ import annotations
 

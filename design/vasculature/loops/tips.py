@@ -1,4 +1,4 @@
-"""The ends that connections begin and end at: terminals of trees."""
+"""Tips of trees: terminals at which connecting vessels begin and end."""
 
 from __future__ import annotations
 

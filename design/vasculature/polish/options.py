@@ -1,4 +1,4 @@
-"""Options of a polish."""
+"""Options of polishing (post-growth optimisation of) a tree."""
 
 from __future__ import annotations
 

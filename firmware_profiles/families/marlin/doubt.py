@@ -1,4 +1,4 @@
-"""Doubt about which line Marlin took last: phases, time limits, and the evidence heard so far."""
+"""Doubt about the last line that Marlin accepted: phases, time limits and evidence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lines at several speeds and flows, some with steps of speed; and one long spiral."""
+"""Calibration patterns for line width: lines at several speeds and flows, and a spiral."""
 
 from __future__ import annotations
 

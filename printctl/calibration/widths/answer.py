@@ -1,4 +1,4 @@
-"""Result of a calibration print: numbers, table, doubts, entries of a profile."""
+"""Result of a calibration pattern: fitted values, table, doubts and changes to the ink profile."""
 
 from __future__ import annotations
 

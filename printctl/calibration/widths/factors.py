@@ -1,4 +1,4 @@
-"""From the cross-section that is found to the profile's flow factor, swelling, or bead."""
+"""Derive flow factor, filament swelling or line bead model from a measured cross-section."""
 
 from __future__ import annotations
 

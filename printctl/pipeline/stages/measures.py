@@ -1,4 +1,4 @@
-"""Stage 3b: how well the network serves the tissue, all of it and what can be printed of it."""
+"""Stage 3b: measure the network's supply of the tissue, as designed and as printable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stage 9: segment the lumens, align the scan with the design, gauge vessel by vessel."""
+"""Stage 9: segment the lumens, align the scan with the design, measure each vessel."""
 
 from __future__ import annotations
 

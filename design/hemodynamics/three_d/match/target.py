@@ -1,4 +1,4 @@
-"""Flows that are wanted of a network."""
+"""Target flows of a network's vessels, to which its radii are adjusted."""
 
 from __future__ import annotations
 
