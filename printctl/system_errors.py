@@ -1,4 +1,4 @@
-"""The system's refusals (disk, rights, files, memory), in a sentence with a remedy."""
+"""Explain operating system errors (disk, permissions, files, memory), each with a remedy."""
 
 from __future__ import annotations
 

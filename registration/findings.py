@@ -1,4 +1,4 @@
-"""Findings of the aligned scan: vessels, defects, topology, overlap, perfusion."""
+"""Inspect an aligned scan: vessels, defects, topology, volume overlap, perfusion."""
 
 from __future__ import annotations
 

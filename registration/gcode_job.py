@@ -1,4 +1,4 @@
-"""Moves of a G-code file, as the page and the picture take them."""
+"""Moves of a G-code job, as the report's pages and pictures use them."""
 
 from __future__ import annotations
 

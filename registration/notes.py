@@ -1,4 +1,4 @@
-"""Notes that a reader needs before trusting a registration's numbers."""
+"""Notes on how far a registration's results can be trusted."""
 
 from __future__ import annotations
 

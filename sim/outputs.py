@@ -1,4 +1,4 @@
-"""Commands that set a digital output by its name: ``$DO[0].X=1``, ``DigitalOutputSet(X, 0, 1)``."""
+"""Parse commands that set a digital output by name, such as ``$DO[0].X=1``."""
 
 from __future__ import annotations
 

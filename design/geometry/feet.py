@@ -1,4 +1,4 @@
-"""Nearest place on a triangle surface to a point."""
+"""Nearest point on a triangle surface."""
 
 from __future__ import annotations
 

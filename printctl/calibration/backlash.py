@@ -1,4 +1,4 @@
-"""Lost motion when an axis turns round, and its scale."""
+"""Fit an axis' backlash and scale to readings from both directions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Events of a print in order: states, pauses, alarms, syringes, its end."""
+"""Timeline of a print: events (pauses, alarms, syringe changes) and the states it went through."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that a registration leaves, and what it says of design and scan.
+"""Registration files of a run folder, with their facts about design and scan.
 
 Apart from the stage, so that `printctl register` needn't load all that makes a run.
 """

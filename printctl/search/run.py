@@ -1,4 +1,4 @@
-"""Run a search: what isn't known yet is grown and kept as it comes, then all is ranked."""
+"""Run a design search: evaluate new candidates, store each result, rank all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Time limit of the cells in the ink, by profile or user, never guessed."""
+"""Time limit of the cells in the ink, from recipe or ink profile; never guessed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A printer between prints: kept in touch with, asked, and moved by hand.
+"""Standby: keep in contact with an idle printer, query it, move it manually.
 
 One thread runs all of it. `halt_motion` and `kill` may be called by others.
 """

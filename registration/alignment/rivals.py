@@ -1,4 +1,4 @@
-"""Other poses that a scan may belong to, and what tells them from the one found."""
+"""Rival poses of a scan: alternatives to the chosen one, and what tells them apart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A user's marks in a film: known points of the design, and the inlet."""
+"""Read the user's marks file of a dye video: known design points, and the inlet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A pattern sought in a picture, and its view."""
+"""Calibration pattern to find in a microscope picture, and the camera view of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Widths of lines in a picture, to a part of a pixel."""
+"""Measure printed line widths in a microscope picture with sub-pixel resolution."""
 
 from __future__ import annotations
 

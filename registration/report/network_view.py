@@ -1,4 +1,4 @@
-"""The network, and what its vessels can be coloured by, for the 3D view."""
+"""Network data of the 3D view: polylines and the quantities that colour them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Leaks to the outside and bridges between vessels: ways through the gel, with place and width."""
+"""Find leaks to the outside and bridges between vessels: paths through the gel, with widths."""
 
 from __future__ import annotations
 

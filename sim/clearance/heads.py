@@ -1,4 +1,4 @@
-"""Motion of each needle by row: its passes, and the kind of move."""
+"""Rows of a job by head: passes, move kinds, and positions along vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The film of a dye front: light table, absorption or fluorescence, and what spoils a film.
+"""Render the video of a dye front: light, absorption or fluorescence, camera disturbances.
 
 Modelled: Beer-Lambert absorption in the three colours (or fluorescence in proportion to the dye),
 a tilted camera and its perspective, uneven light, grain of the background, blur, light that

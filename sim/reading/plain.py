@@ -1,4 +1,4 @@
-"""Plain moves: lines that stand as they are sent, which nearly all lines of a job are.
+"""Fast parser for plain moves, which make up most of a G-code file.
 
 Read here without all the questions that other lines are asked; `sim.reading.read` would read each
 of them alike (a test compares the two).

@@ -1,4 +1,4 @@
-"""Faults of a recipe, each at its field, in the product's own words."""
+"""Check a recipe for the editor: each error at its field, in plain words."""
 
 from __future__ import annotations
 

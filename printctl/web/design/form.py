@@ -1,4 +1,4 @@
-"""A recipe's data held against the form: read, write and remove a value at a place.
+"""Read, write and remove a value of a recipe by its path, for the recipe form.
 
 A place is a path of keys and indices, as the user's file has them.
 """

@@ -1,4 +1,4 @@
-"""The list of checks before a print, made in a process of its own and remembered."""
+"""Preflight checks of a job, computed in a separate process and cached."""
 
 from __future__ import annotations
 

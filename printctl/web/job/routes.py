@@ -1,4 +1,4 @@
-"""The job's room in the API: jobs, and the prints of them (named by their job)."""
+"""REST routes of jobs, and of their prints."""
 
 from __future__ import annotations
 

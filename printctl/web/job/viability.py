@@ -1,4 +1,4 @@
-"""The clock of the cells: how long since they were mixed, and whether the print will be in time."""
+"""Remaining lifetime of the cells in the ink, compared with the print's remaining time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The printer's part of the REST API."""
+"""REST routes of the Printer page: connection, manual control."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kind of a file by its first bytes: a name can say anything."""
+"""Detect a file's type by its first bytes, whatever its name."""
 
 from __future__ import annotations
 

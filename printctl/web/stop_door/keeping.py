@@ -1,4 +1,4 @@
-"""Starts the stop door beside the server, and again should it end."""
+"""Start the stop process beside the server, and restart it if it ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Connections kept open to what must hear a stop: the live prints and the station of a workspace.
+"""Stop process's open connections to the running prints and the station of a workspace.
 
 A link process and a station write where they listen into a JSON file of their folder (``address``,
 ``token``), and take JSON lines; of these only ``kill``, ``subscribe`` and ``detach`` (which asks

@@ -1,4 +1,4 @@
-"""A page of a G-code file: its layers, to scale, with the needle's way."""
+"""HTML page of a G-code file: layers to scale, with travel moves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run's key figures, from what its stages have said."""
+"""Key figures of a run, read from the results of its stages."""
 
 from __future__ import annotations
 

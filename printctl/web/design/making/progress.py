@@ -1,4 +1,4 @@
-"""Progress of a run, from the file that it writes (`printctl.progress_file`)."""
+"""Read a running pipeline's progress from the file that it writes (`printctl.progress_file`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Between what is typed into an input and what a recipe says."""
+"""Convert between the text of an input field and a recipe's value."""
 
 from __future__ import annotations
 
