@@ -1,4 +1,4 @@
-"""Sections, vessels and prints held against their tolerances."""
+"""Decisions on sections, vessels and prints against tolerances."""
 
 from __future__ import annotations
 
