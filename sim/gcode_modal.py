@@ -1,4 +1,4 @@
-"""Meaning of a G-code line after those before it: Marlin's modal state."""
+"""Interpret a G-code line in the modal state left by earlier lines, as Marlin does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Warnings of the prediction, each with its line of the file."""
+"""Warnings about the predicted ink, each with its G-code line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results of readings: named numbers with intervals, and notes in words."""
+"""Calibration results: named values with intervals, and notes."""
 
 from __future__ import annotations
 

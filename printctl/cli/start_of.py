@@ -1,4 +1,4 @@
-"""Start position of a job: from the file's first lines or from `--start`."""
+"""Start position of a job, from the G-code file's first lines or from `--start`."""
 
 from __future__ import annotations
 

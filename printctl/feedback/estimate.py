@@ -1,4 +1,4 @@
-"""From registered prints of one design to the compensation of the next."""
+"""Derive the compensation for the next print from several registered prints of one design."""
 
 from __future__ import annotations
 

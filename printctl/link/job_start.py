@@ -1,4 +1,4 @@
-"""Place at which a job's first lines tell the firmware that the tip stands."""
+"""Tip position that a job's first lines declare to the firmware (G92)."""
 
 from __future__ import annotations
 

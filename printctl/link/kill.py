@@ -1,4 +1,4 @@
-"""Halt of the firmware, written to the wire at once by any thread."""
+"""Emergency halt of the firmware, written to the port at once by any thread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Purge, wipe and prime line, as the recipe asks for them."""
+"""Priming set by a recipe: purge, wipe and prime line."""
 
 from __future__ import annotations
 

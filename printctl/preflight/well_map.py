@@ -1,4 +1,4 @@
-"""Read a plate job's map of its wells."""
+"""Read a plate job's map: the G-code lines of each well."""
 
 from __future__ import annotations
 

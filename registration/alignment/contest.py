@@ -1,4 +1,4 @@
-"""Choice between two poses, compared where they can be told apart."""
+"""Choose between two poses, compared where they differ."""
 
 from __future__ import annotations
 

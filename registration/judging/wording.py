@@ -1,4 +1,4 @@
-"""Sentences about judged features: vessel, place, value, U, limit."""
+"""Sentences about judged quantities: vessel, position, value, uncertainty, limit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gel and liquid in OCT: noise floor, light on its way, and the local levels of both.
+"""Segment gel and liquid in OCT: noise floor, attenuation, local levels of both.
 
 Four things decide whether a wall comes out where it is, and each is taken away:
 

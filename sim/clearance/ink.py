@@ -1,4 +1,4 @@
-"""Written ink as filaments."""
+"""Written ink as filaments, for the shaft check."""
 
 from __future__ import annotations
 

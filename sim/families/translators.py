@@ -1,4 +1,4 @@
-"""Translators of program files that aren't G-code, found by their files.
+"""Discover the translators of program files that aren't G-code.
 
 A family's folder may hold ``reading.py``, whose ``translate`` puts a file in another language into
 the words of G-code.

@@ -1,4 +1,4 @@
-"""Slicers' comments: kinds of lines, layer heights, filament."""
+"""Parse slicers' comments: line types, layer heights, filament."""
 
 from __future__ import annotations
 

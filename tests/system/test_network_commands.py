@@ -1,4 +1,4 @@
-"""`printctl view`, `convert` and `measure`, in an empty directory."""
+"""Network commands end to end (`view`, `convert`, `measure`), in an empty directory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Depth to which the bare shaft enters one element while another is written."""
+"""Depth to which the needle's shaft enters one vessel element while it writes another."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write ordered passes: overlaps at their ends, travels as low as what is written allows."""
+"""Write ordered embedded passes: extensions at their ends, lowest safe travels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""G-code with the map from each line to what it was made for."""
+"""G-code text with the map from each line to the design part that it prints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kinds of lines from Marlin, and the frame of a line to it. Pure functions."""
+"""Parse Marlin's reply lines, and frame the lines sent to it. Pure functions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Start position that a job's own first lines declare."""
+"""Start position declared in a job's first lines."""
 
 from __future__ import annotations
 

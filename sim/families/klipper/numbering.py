@@ -1,4 +1,4 @@
-"""Klipper's line numbers and checksums, which it doesn't check."""
+"""Klipper's treatment of line numbers and checksums: read, but not verified."""
 
 from __future__ import annotations
 

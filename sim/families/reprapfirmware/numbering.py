@@ -1,4 +1,4 @@
-"""RepRapFirmware's two checksums; its line numbers aren't compared."""
+"""RepRapFirmware's two checksum types; line numbers aren't compared."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read back the ranks' results."""
+"""Read the results that the MPI ranks wrote."""
 
 from __future__ import annotations
 

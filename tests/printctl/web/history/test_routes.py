@@ -1,4 +1,4 @@
-"""REST routes of the print history."""
+"""REST API of the print history, used as a script would."""
 
 from __future__ import annotations
 
