@@ -1,4 +1,4 @@
-"""Flow out of a pneumatic head at its set pressure."""
+"""Flow rate of a pneumatic head at its set pressure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exit codes and messages of failures.
+"""Map exceptions to exit codes and messages of the command line.
 
 Exit codes: 0 done, 1 failed, 2 wrong use, 3 a safety check refused, 4 the printer failed.
 """

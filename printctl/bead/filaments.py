@@ -1,4 +1,4 @@
-"""A predicted bead as the filaments that `printctl.lumens` measures."""
+"""Convert predicted ink to the filaments that `printctl.lumens` measures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All files of a prediction, in one folder."""
+"""Write all files of an ink prediction to one folder."""
 
 from __future__ import annotations
 

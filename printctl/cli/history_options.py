@@ -1,4 +1,4 @@
-"""Options of `printctl history` that choose prints."""
+"""Options of `printctl history` that filter prints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options that several subcommands share, and how results leave on stdout."""
+"""Options shared by several subcommands, and printing of results to stdout."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conditions behind outlets, from a recipe's words or a CSV."""
+"""Outlet conditions of a network, from a recipe or a CSV file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reasons for refusing a code, with the command that does it properly."""
+"""Reasons for refusing a G-code, each with the command to use instead."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Search for a printer's port and baud rate.
+"""Detect a printer's port and baud rate.
 
 A port is chosen by USB id and by nothing else: other machines may be on other ports, and opening
 one may reset a board. Where not exactly one port matches the profile the choice is refused, and

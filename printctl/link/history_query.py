@@ -1,4 +1,4 @@
-"""Queries of the history: words, states, days, order and number."""
+"""Query the history of prints: filter, sort, paging."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find the link process of a folder: is it alive, where does it listen, what did it leave."""
+"""Find the link process of a folder: running or not, its address, its last record."""
 
 from __future__ import annotations
 

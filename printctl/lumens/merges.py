@@ -1,4 +1,4 @@
-"""Filaments that run into each other where the design keeps their vessels apart."""
+"""Find filaments that merge although the design keeps their vessels apart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stages of a run in their order: the design, as far as the job, and all of them."""
+"""Pipeline stages in order: the design, as far as the job, and all of them."""
 
 from __future__ import annotations
 

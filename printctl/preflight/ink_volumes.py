@@ -1,4 +1,4 @@
-"""Ink that a job's rows push out of its heads."""
+"""Ink volume that a job's rows push out of each head."""
 
 from __future__ import annotations
 

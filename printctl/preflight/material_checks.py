@@ -1,4 +1,4 @@
-"""Temperatures that a job sets, against what ink and bath bear."""
+"""Check a job's temperatures against the limits of ink and bath."""
 
 from __future__ import annotations
 

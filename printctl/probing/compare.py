@@ -1,4 +1,4 @@
-"""A printer's settings against a profile: a table, and a corrected profile."""
+"""Compare a printer's settings with a profile: a table, and a corrected profile."""
 
 from __future__ import annotations
 

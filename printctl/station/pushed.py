@@ -1,4 +1,4 @@
-"""Plunger travel of a print."""
+"""Plunger travel used by a print, since the last syringe change."""
 
 from __future__ import annotations
 

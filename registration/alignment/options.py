@@ -1,4 +1,4 @@
-"""Options and limits of an alignment."""
+"""Options and limits of aligning a scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A device's calibration from scans of a dot grid and of a step."""
+"""Calibrate an OCT device from scans of a dot grid and of a step."""
 
 from __future__ import annotations
 

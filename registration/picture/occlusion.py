@@ -1,4 +1,4 @@
-"""Ambient occlusion from a depth buffer: creases and what lies behind others get darker."""
+"""Ambient occlusion from a depth buffer: darken creases and hidden places."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Counts that hold dB: a window over the counts, or counts for each dB."""
+"""Grey values that encode dB: the mapping from counts."""
 
 from __future__ import annotations
 

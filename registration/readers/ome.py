@@ -1,4 +1,4 @@
-"""OME metadata: sizes of voxels in OME-XML (OME-TIFF)."""
+"""Read voxel sizes from OME-XML metadata (OME-TIFF)."""
 
 from __future__ import annotations
 

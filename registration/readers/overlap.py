@@ -1,4 +1,4 @@
-"""Positions of overlapping scans: correlate every overlap, then solve least squares."""
+"""Find the positions of overlapping scans: correlate overlaps, then solve least squares."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Units of length as image files write them, in mm."""
+"""Length units of image files, in mm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gel and lumens in micro-CT and confocal volumes: smoothing and one level."""
+"""Segment gel and lumens in micro-CT and confocal volumes: smoothing and one threshold."""
 
 from __future__ import annotations
 

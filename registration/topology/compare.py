@@ -1,4 +1,4 @@
-"""The printed lumens' components and loops against those of the design's graph."""
+"""Compare the printed lumens' components and loops with those of the design's graph."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The lumens a dye runs through: vessels cut at their occlusions, and what flows in each."""
+"""Lumens of a simulated dye video: vessels cut at their occlusions, and the flow in each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pose of the part under the scanner, drawn from a seed."""
+"""Random pose of the part under the simulated scanner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Oxygen in vessels and tissue: Newton's method, each step by a preconditioned Krylov solver."""
+"""Solve oxygen in vessels and tissue by Newton's method with a preconditioned Krylov solver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a network to embedded filaments: cut, order, close the joints, write."""
+"""Plan embedded writing of a network: divide, order, close joints, write."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a solid to FRESH layers: section, walls, infill, order, travels."""
+"""Slice a solid into FRESH layers: sections, walls, infill, order, travels."""
 
 from __future__ import annotations
 

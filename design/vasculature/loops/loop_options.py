@@ -1,4 +1,4 @@
-"""Options of connections between trees."""
+"""Options of connecting vessels between trees."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Widths and gaps of a pattern from its picture."""
+"""Measure a calibration pattern's widths and gaps in its picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Request data for the process that inspects jobs."""
+"""Request message to the process that checks jobs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Store of a job's scene."""
+"""Store of live-view scenes, one per job."""
 
 from __future__ import annotations
 

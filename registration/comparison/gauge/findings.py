@@ -1,4 +1,4 @@
-"""A gauge study in sentences, as JSON and as a table for a spreadsheet."""
+"""Results of a gauge study: sentences, JSON and a spreadsheet table."""
 
 from __future__ import annotations
 
