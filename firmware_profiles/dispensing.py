@@ -13,7 +13,7 @@ from firmware_profiles.tools import Needle
 
 @dataclass(frozen=True)
 class SteadyFlow:
-    """While the valve is open.
+    """Flow rate while the valve is open.
 
     Attributes
     ----------

@@ -9,7 +9,7 @@ from typing import Final
 
 @dataclass(frozen=True)
 class SystemTrouble:
-    """One refusal of the system's.
+    """Operating system error with its explanation.
 
     Attributes
     ----------

@@ -70,7 +70,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What is inspected, and how.
+    """Inputs and options of an inspection.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ GcodeColour = Literal["width", "kind", "speed", "order", "height", "vessel"]
 
 
 class Act(IntEnum):
-    """What a move does."""
+    """Kind of a move."""
 
     TRAVEL = 0
     """Goes on at the height it writes at."""

@@ -14,7 +14,7 @@ LEAST_EXAMINED = 0.98
 
 
 def pose_notes(scan: Scan, alignment: Alignment) -> list[str]:
-    """What the pose and its scales rest on."""
+    """Notes on what the pose and its scales rest on."""
     notes = []
     notes += [f"Pose not sure: {doubt}" for doubt in alignment.doubts]
     if not alignment.lay.startswith("upright"):

@@ -27,7 +27,7 @@ MOST_UM = 100.0
 
 @dataclass(frozen=True)
 class WallCalibration:
-    """An offset of walls.
+    """Systematic wall offset of a kind of scan.
 
     Attributes
     ----------

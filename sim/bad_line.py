@@ -27,7 +27,7 @@ _BEGINS_OK: Final = re.compile(rb"(?m)^ok")
 
 
 class BadLine:
-    """One cable.
+    """Simulated cable with errors.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DryRun:
-    """What a file would do.
+    """Result of simulating a G-code file.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ _CODES: Final = tuple(code(name) for name in (*_TOOL, *_BED, *_CHAMBER, "M303"))
 
 @dataclass(frozen=True)
 class Heating:
-    """One setting.
+    """Temperature set by one line.
 
     Attributes
     ----------

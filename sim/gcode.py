@@ -63,7 +63,7 @@ def code_name(number: int) -> str:
 
 @dataclass(frozen=True)
 class Command:
-    """One line, taken apart.
+    """Parsed G-code command.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ MODAL: Final = np.dtype(
 
 
 class Kind(IntEnum):
-    """What a command asks for."""
+    """Kind of a command's effect."""
 
     OTHER = 0
     """Nothing that moves, waits or counts; known or not."""

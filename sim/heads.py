@@ -31,7 +31,7 @@ _COUNTS: Final = re.compile(rb"E[-+.\d]")
 
 @dataclass(frozen=True)
 class Heads:
-    """Heads while a file runs.
+    """State of the heads while a file is read.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ _TICK_S: Final = 0.002
 
 @dataclass(frozen=True)
 class Serving:
-    """How to serve.
+    """Options of serving a simulated printer.
 
     Attributes
     ----------

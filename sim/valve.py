@@ -43,7 +43,7 @@ Words = frozenset[tuple[str, str | float]]
 
 @dataclass(frozen=True)
 class Valve:
-    """The valve in a file.
+    """Valve states along a G-code file.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ APART, OPEN, CROSSING = 0, 1, 2
 
 @dataclass(frozen=True)
 class Crossings:
-    """What passes through what.
+    """Pairs of faces that intersect.
 
     Attributes
     ----------

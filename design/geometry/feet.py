@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 
 class Feet(NamedTuple):
-    """Nearest places of a surface.
+    """Nearest points on a surface.
 
     Attributes
     ----------

@@ -53,7 +53,7 @@ class Probes:
 
 @dataclass(frozen=True)
 class ProbeWaves:
-    """What flows by at probes.
+    """Flow and pressure at probes over a cycle.
 
     Attributes
     ----------

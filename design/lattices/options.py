@@ -13,7 +13,7 @@ LatticeKind = Literal["grid", "honeycomb", "gyroid", "diamond"]
 
 @dataclass(frozen=True)
 class LatticeOptions:
-    """A lattice, and its ports.
+    """Options of a channel lattice and its ports.
 
     Attributes
     ----------

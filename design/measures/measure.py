@@ -25,7 +25,7 @@ from design.vasculature.growth.territories import SupplyBalance
 
 @dataclass(frozen=True)
 class MeasureOptions:
-    """How a network is measured.
+    """Options of measuring a network.
 
     Attributes
     ----------

@@ -13,7 +13,7 @@ from kernels import jit
 
 @dataclass(frozen=True)
 class Ways:
-    """Depth and tortuosity.
+    """Depth and tortuosity of a network's flow paths.
 
     Attributes
     ----------

@@ -27,7 +27,7 @@ End = tuple[int, int]
 
 @dataclass(frozen=True)
 class Chain:
-    """Vessels end to end.
+    """Vessels that continue each other, swept as one tube.
 
     Attributes
     ----------

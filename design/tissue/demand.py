@@ -42,7 +42,7 @@ class Demand(Protocol):
 
 @dataclass(frozen=True)
 class UniformDemand:
-    """The same everywhere."""
+    """Uniform perfusion demand."""
 
     mean_weight: float = 1.0
 

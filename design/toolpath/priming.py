@@ -42,7 +42,7 @@ class Purge:
 
 @dataclass(frozen=True)
 class PrimeLine:
-    """A line in the bath.
+    """Prime line in the bath beside the part.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class HeadPriming:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Where it happens.
+    """Bath and part beside which priming takes place.
 
     Attributes
     ----------

@@ -15,7 +15,7 @@ IntArray = NDArray[np.int64]
 
 
 class MoveKind(IntEnum):
-    """Why a move is there."""
+    """Purpose of a move."""
 
     WRITE = 0
     """Needle moves and ink flows."""

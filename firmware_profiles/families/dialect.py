@@ -29,7 +29,7 @@ Place = tuple[str, str, str]
 
 @dataclass(frozen=True)
 class Dialect:
-    """One family's own words.
+    """G-code dialect of one firmware family.
 
     Attributes
     ----------

@@ -9,7 +9,7 @@ from firmware_profiles.families.link_protocol import Noisy
 
 @dataclass
 class LineErrors:
-    """Counts lines sent again.
+    """Count of resent lines and their rate.
 
     Attributes
     ----------

@@ -12,7 +12,7 @@ from sim.bead import Bead
 
 
 def written_filaments(beads: Sequence[Bead], swell: Sequence[float] | None = None) -> Filaments:
-    """What the beads lay where the file writes; oozed threads and drops aren't in it.
+    """Convert the beads written by a file to filaments; without oozed threads and drops.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ Held = tuple[int, VesselDiameters, VesselDiameters | None]
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is to be written.
+    """Output files to write for a prediction.
 
     Attributes
     ----------

@@ -12,7 +12,7 @@ How = Literal["measured", "given", "unknown"]
 
 @dataclass(frozen=True)
 class LagSaid:
-    """The lag taken.
+    """Chosen pressure lag and its origin.
 
     Attributes
     ----------

@@ -31,7 +31,7 @@ def played(
     vessels: Mapping[int, VesselDiameters],
     remarks: Sequence[tuple[int, str]] = (),
 ) -> Played:
-    """What the page shows, thinned for it.
+    """Return the playback data of a prediction, thinned for the page.
 
     Parameters
     ----------

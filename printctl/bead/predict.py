@@ -36,7 +36,7 @@ EXACT_MM: Final = 1e-6
 
 @dataclass(frozen=True)
 class Mounting:
-    """What a head holds."""
+    """Syringe, ink and needle of a head."""
 
     syringe: Syringe
     ink: Ink

@@ -18,7 +18,7 @@ def prediction_facts(
     vessels: VesselDiameters | None = None,
     prompt: VesselDiameters | None = None,
 ) -> dict[str, Any]:
-    """What `dry_run.json` and ``--json`` have of a head: JSON-ready.
+    """Return a head's predicted ink for `dry_run.json` and ``--json``: JSON-ready.
 
     Parameters
     ----------

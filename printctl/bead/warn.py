@@ -23,7 +23,7 @@ TOLD_UL: Final = 1e-3
 
 @dataclass(frozen=True)
 class BeadWarning:
-    """One of them.
+    """Warning about the predicted ink.
 
     Attributes
     ----------

@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Backlash:
-    """Of one axis.
+    """Fitted backlash and scale of one axis.
 
     Attributes
     ----------

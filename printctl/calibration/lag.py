@@ -36,7 +36,7 @@ _UNRESOLVED: Final = 20.0
 
 @dataclass(frozen=True)
 class LagPattern:
-    """The line that was written.
+    """Geometry and speeds of the printed line.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class LagPattern:
 
 @dataclass(frozen=True)
 class Lag:
-    """What the widths say.
+    """Lag and flow factor fitted to the widths.
 
     Attributes
     ----------

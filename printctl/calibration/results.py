@@ -19,7 +19,7 @@ from printctl.errors import UsageError
 
 @dataclass(frozen=True)
 class Result:
-    """What a calibration found.
+    """Result of a calibration.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ StartOption = Annotated[
 
 
 def messages() -> Console:
-    """Where people are spoken to: stderr, so that stdout holds results only."""
+    """Console for messages: stderr, so that stdout holds results only."""
     return Console(stderr=True, highlight=False, soft_wrap=True)
 
 

@@ -17,7 +17,7 @@ Place = tuple[float, float, float]
 
 
 def start_of(file: Path, printer: Printer, said: str | None) -> Place:
-    """Where the tip stands before the first line, mm.
+    """Return the tip's position before the first line, mm.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ from printctl.feedback.evidence import Print
 
 @dataclass(frozen=True)
 class Depth:
-    """The decision and its reason.
+    """Decision on correcting z, with its reason.
 
     Attributes
     ----------

@@ -44,7 +44,7 @@ LEAST_UM = 1.0
 
 @dataclass(frozen=True)
 class Choices:
-    """What the user may decide.
+    """User's choices in deriving a compensation.
 
     Attributes
     ----------

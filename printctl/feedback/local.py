@@ -31,7 +31,7 @@ ACCIDENT = 0.01
 
 @dataclass(frozen=True)
 class Local:
-    """One vessel's own excess.
+    """Excess width of a single vessel.
 
     Attributes
     ----------
@@ -149,7 +149,7 @@ def _variance(values: Sequence[float]) -> float:
 
 @dataclass(frozen=True)
 class Moved:
-    """One node's offset.
+    """Offset of a single node.
 
     Attributes
     ----------

@@ -60,7 +60,7 @@ AS_PRINTED, SUMMARY = "flow_as_printed.csv", "flow_as_printed.json"
 
 @dataclass(frozen=True)
 class PrintedCase:
-    """What is to be solved.
+    """Inputs of a flow solution in a printed network.
 
     Attributes
     ----------

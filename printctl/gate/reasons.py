@@ -86,7 +86,7 @@ _UNLISTED: Final = "it isn't on the list of what may be sent, so nobody judged w
 
 
 def reason(code: str, listed: Iterable[str], console: bool) -> str:
-    """Why a code passes no door; ``listed`` are those that would."""
+    """Return why a code is refused; ``listed`` are the origins that may send it."""
     if code in REASONS:
         return REASONS[code]
     if code.startswith("T"):

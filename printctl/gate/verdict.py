@@ -25,7 +25,7 @@ class Act(StrEnum):
 
 @dataclass(frozen=True)
 class Allowed:
-    """A line that may leave.
+    """Verdict on an allowed line.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class LineMap:
-    """What the map says.
+    """Design layer or vessel of each G-code line.
 
     Attributes
     ----------

@@ -69,7 +69,7 @@ class Heard:
 
 
 class Channel:
-    """One conversation.
+    """Communication with one printer.
 
     Parameters
     ----------

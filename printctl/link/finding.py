@@ -58,7 +58,7 @@ class Tunable(Protocol):
 
 @dataclass(frozen=True)
 class Place:
-    """Where a printer answers.
+    """Port and baud rate at which a printer answers.
 
     Attributes
     ----------

@@ -57,7 +57,7 @@ log = logging.getLogger(__name__)
 
 
 def data_folder() -> Path:
-    """Where the index lies: ``PRINTCTL_DATA``, or the system's folder for a user's data."""
+    """Folder of the index: ``PRINTCTL_DATA``, or the system's folder for a user's data."""
     given = os.environ.get(DATA_VARIABLE)
     if given:
         return Path(given)
@@ -70,7 +70,7 @@ def data_folder() -> Path:
 
 
 class PrintHistory:
-    """The index in a folder.
+    """History index in a folder.
 
     Parameters
     ----------

@@ -99,7 +99,7 @@ class HistoryQuery:
 
 @dataclass(frozen=True)
 class Found:
-    """A page of the history.
+    """One page of query results.
 
     Attributes
     ----------

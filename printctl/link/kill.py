@@ -24,7 +24,7 @@ HALTED_BEFORE: Final = "killed by the user; the firmware had halted itself befor
 
 
 class Kill:
-    """One printer's halt.
+    """Emergency halt of one printer.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from printctl.link.requests import RequestQueue
 
 
 class ManualCommands:
-    """Sends those that wait.
+    """Sends the pending manual commands.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ _ENDING_S: Final = 2.0
 
 
 def what_is_known(folder: Path) -> Status:
-    """Tell how the print in ``folder`` ended, or what its journal says if it ended without a word.
+    """Return how the print in ``folder`` ended, or what its journal says if it just broke off.
 
     Raises
     ------

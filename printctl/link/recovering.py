@@ -36,7 +36,7 @@ _NO_SETUP: Final = frozenset(
 
 @dataclass(frozen=True)
 class Recovery:
-    """How to go on.
+    """Plan for continuing after a lost position.
 
     Attributes
     ----------

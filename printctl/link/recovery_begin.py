@@ -30,7 +30,7 @@ class NoCheckpoint(LinkError):  # noqa: N818
 
 @dataclass(frozen=True)
 class Beginning:
-    """Where the rest begins.
+    """Job line and position at which the rest begins.
 
     Attributes
     ----------

@@ -13,7 +13,7 @@ from printctl.link.position_check import PositionCheck
 
 @dataclass(frozen=True)
 class Returning:
-    """Brings the needle back.
+    """Returns the needle to the job's position.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ from printctl.link.watch import Watch
 
 
 class SyringeChanger:
-    """Has a syringe changed.
+    """Performs a syringe change.
 
     Parameters
     ----------

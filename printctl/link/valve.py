@@ -17,7 +17,7 @@ Words = frozenset[tuple[str, float | str | None]]
 
 
 def shut(printer: Printer) -> list[bytes]:
-    """What shuts the valve; nothing where there is none. Shutting it twice does no harm."""
+    """Commands that shut the valve; none without a valve. Safe to repeat."""
     head = printer.pneumatic
     return [] if head is None else [head.closes.encode("ascii")]
 

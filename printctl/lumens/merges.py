@@ -21,7 +21,7 @@ SAMPLE_MM: Final = 0.2
 
 @dataclass(frozen=True)
 class Merge:
-    """Two vessels' filaments in one.
+    """Two vessels whose filaments merge.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ MOUTH: Final = 1.3
 
 
 def margin_mm(lines: WrittenLines) -> float:
-    """What counts as in the lumen beyond its design: half a layer's step, and a pixel."""
+    """Margin around a designed lumen that counts as inside it: half a layer's step, and a pixel."""
     return float((lines.high - lines.low).max()) / 2 + PIXEL_MM
 
 

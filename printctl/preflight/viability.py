@@ -15,7 +15,7 @@ from printctl.set_up import Budget, Check
 
 @dataclass(frozen=True)
 class PrintTime:
-    """How long a print takes.
+    """Print time of a job, with its syringe changes.
 
     Attributes
     ----------

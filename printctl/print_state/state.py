@@ -29,7 +29,7 @@ TABLE = "progress.{}.npz"
 
 @dataclass(frozen=True)
 class PrintTruth:
-    """A print as it stands.
+    """True state of a print.
 
     Attributes
     ----------

@@ -16,7 +16,7 @@ _AT_WORK: Final = LinkState.PRINTING
 
 @dataclass(frozen=True)
 class Journalled:
-    """A print so far.
+    """Facts of a print so far, from its journal.
 
     Attributes
     ----------

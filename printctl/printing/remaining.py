@@ -22,7 +22,7 @@ _ENOUGH: Final = 3
 
 @dataclass(frozen=True)
 class Estimate:
-    """What is still to come.
+    """Estimated remaining time.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Estimate:
 
 @dataclass
 class Remaining:
-    """Watches one print.
+    """Estimates the remaining time of one print.
 
     Parameters
     ----------

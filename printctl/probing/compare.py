@@ -15,7 +15,7 @@ ABSOLUTE = 0.006
 
 @dataclass(frozen=True)
 class Row:
-    """One key.
+    """Comparison of one profile key.
 
     Attributes
     ----------

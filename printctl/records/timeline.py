@@ -18,7 +18,7 @@ _HOLDS: Final = ("pausing", "paused")
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened.
+    """Event of a print.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Stretch:
-    """A time in one state.
+    """Period in one state.
 
     Attributes
     ----------

@@ -33,7 +33,7 @@ _MOST_VOXELS = 8_000_000
 
 
 def design_facts(network: Path) -> dict[str, str]:
-    """What tells this design's registrations from another's, for a comparison of prints."""
+    """Return what identifies a design, so that comparisons don't mix designs."""
     return {"network_sha256": digest_file(network)}
 
 

@@ -28,7 +28,7 @@ _OTHERS: Final = (
 
 @dataclass(frozen=True)
 class Candidate:
-    """One candidate.
+    """Candidate of a search: its values and recipe.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ from printctl.search.workers import Workers
 
 @dataclass(frozen=True)
 class Found:
-    """What a search has found.
+    """Results of a search.
 
     Attributes
     ----------

@@ -9,7 +9,7 @@ from firmware_profiles import Ink
 
 @dataclass(frozen=True)
 class Budget:
-    """How long the cells have.
+    """Time limit of the cells.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ HUB_MM: Final = 12.0
 
 @dataclass(frozen=True)
 class Standing:
-    """A dish on the printer.
+    """Dish at its position on the printer.
 
     Attributes
     ----------

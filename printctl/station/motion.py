@@ -46,7 +46,7 @@ def raise_fault(channel: Channel, what: str) -> None:
 
 @dataclass(frozen=True)
 class Mover:
-    """Moves one printer.
+    """Moves one printer manually.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ from printctl.link.reloading import plunger_travel
 
 @dataclass(frozen=True)
 class Pushed:
-    """After a print.
+    """Plunger state after a print.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ Say = Callable[[dict[str, Any]], None]
 
 
 class RequestTaker(Protocol):
-    """The station behind a door."""
+    """Interface of a station to its socket server."""
 
     @property
     def status(self) -> StationStatus:

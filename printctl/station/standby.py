@@ -41,7 +41,7 @@ _UNRECORDED: Final = frozenset({"reading"})
 
 
 class Standby:
-    """One printer without a job.
+    """Idle printer in contact with the station.
 
     Parameters
     ----------

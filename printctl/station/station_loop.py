@@ -29,7 +29,7 @@ _HALT: Final = b"\nM112\n"
 
 
 class StationLoop:
-    """One station.
+    """Main loop of one station.
 
     Parameters
     ----------

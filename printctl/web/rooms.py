@@ -26,7 +26,7 @@ ROOMS: Final = ("printer", "job", "design", "scan", "history")
 
 @dataclass(frozen=True)
 class Services:
-    """What the rooms do."""
+    """Services of all pages."""
 
     printer: PrinterService
     job: JobService

@@ -29,7 +29,7 @@ REACH_MM = 0.5
 def cross_check(
     surface: ModelSurface, spread: FloatArray, points: FloatArray, fit: Fit
 ) -> float | None:
-    """How far small_gicp's pose carries any corner of the part from ours, µm.
+    """Largest displacement of a part's corner from ours by small_gicp's pose, µm.
 
     Parameters
     ----------

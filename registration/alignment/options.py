@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class AlignmentOptions:
-    """Search and limits.
+    """Options and limits of an alignment.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 
 @dataclass(frozen=True)
 class Rival:
-    """Another pose that was tried.
+    """Alternative pose of a scan.
 
     Attributes
     ----------

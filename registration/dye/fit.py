@@ -21,7 +21,7 @@ _FEWEST, _LATEST = 6, 1.5
 
 @dataclass(frozen=True)
 class Prediction:
-    """Arrivals by the 0D solution.
+    """Predicted dye arrivals by the 0D solution.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ class Mark(BaseModel):
 
 
 class Marks(BaseModel):
-    """A marks file.
+    """Contents of a marks file.
 
     Attributes
     ----------

@@ -72,7 +72,7 @@ class Beside:
 
 @dataclass(frozen=True)
 class DyeReport:
-    """What a film shows.
+    """Results of a dye video.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ SURFACE = "profile of a surface"
 
 @dataclass(frozen=True)
 class Case:
-    """One vessel in its frame.
+    """One vessel, its frame and sections.
 
     Attributes
     ----------

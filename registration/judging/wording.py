@@ -17,7 +17,7 @@ _NAMES = {
 
 
 def reason(feature: Record) -> str:
-    """Say of a feature of ``judging.features`` what was measured, its limit, and the decision."""
+    """Word a feature of ``judging.features``: measured value, limit, and decision."""
     name = feature["name"]
     if feature.get("doubt") == "pose":
         return f"{reason({**feature, 'decision': 'fail', 'doubt': ''})}, if the pose is right"

@@ -33,7 +33,7 @@ class Crossing:
 
 @dataclass(frozen=True)
 class GapWidth:
-    """What one gap measures.
+    """Measured width of one gap.
 
     Attributes
     ----------

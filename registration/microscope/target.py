@@ -40,7 +40,7 @@ class Target:
 
 @dataclass(frozen=True)
 class View:
-    """Where it is.
+    """Position of the pattern in the picture.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ _FAN_SPAN_MM = 0.5
 
 @dataclass(frozen=True)
 class GridFit:
-    """What a grid has shown.
+    """Calibration found from a dot grid.
 
     Attributes
     ----------

@@ -27,7 +27,7 @@ LEAST_SHARE, LEAST_PIXELS = 0.02, 9
 
 @dataclass(frozen=True)
 class Limits:
-    """From when on something counts.
+    """Minimum sizes that count in a layer's measures.
 
     Attributes
     ----------

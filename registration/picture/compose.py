@@ -47,7 +47,7 @@ _STYLE: Final = {
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """What a picture is like.
+    """Options of a picture.
 
     Attributes
     ----------

@@ -27,7 +27,7 @@ as good to half its reach, then decides. Along a straight channel nothing else c
 
 @dataclass(frozen=True)
 class Placement:
-    """Where scans lie.
+    """Positions of overlapping scans.
 
     Attributes
     ----------

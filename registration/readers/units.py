@@ -15,7 +15,7 @@ _MM = {
 
 
 def millimetres(unit: str | None, path: Path) -> float | None:
-    """How many mm a unit is; None where there is none ("pixel" or nothing).
+    """Return a unit's length in mm; None for unknown ones ("pixel" or nothing).
 
     Raises
     ------

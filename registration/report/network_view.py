@@ -22,7 +22,7 @@ MAX_PIECES: Final = 60_000
 
 @dataclass(frozen=True, eq=False)
 class Thinned:
-    """Which vessels a page shows.
+    """Selection of vessels that a page shows.
 
     Attributes
     ----------

@@ -77,7 +77,7 @@ DAZZLE = 1.15
 
 
 def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
-    """Where the gel lies in an OCT volume, the contrast, and how much light came back.
+    """Compute an OCT volume's gel field, its contrast, and the light that came back.
 
     Raises
     ------

@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SegmentationOptions:
-    """How a scan is segmented.
+    """Options of a segmentation.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ SPECK_MM = 0.2
 
 @dataclass(frozen=True)
 class Topology:
-    """How the lumens hang together.
+    """Components and loops of the printed lumens.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ _FULL = np.ones((3, 3, 3), dtype=np.bool_)
 
 @dataclass(frozen=True)
 class Leaks:
-    """Ways through the designed gel.
+    """Leaks and bridges found in a print.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Advance:
-    """What the firmware adds.
+    """Plunger advance added by the firmware.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class NozzleFlow:
-    """What flows in each piece.
+    """Outflow of the needle in each piece of motion.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ _NO_ALARM: Final = HeatAlarm()
 
 
 class Heat:
-    """Both heaters.
+    """Hotend and bed heater of a board.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ RUNAWAY_C: Final = 4.0
 
 @dataclass
 class Heater:
-    """One heater.
+    """Simulated heater.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ KINDS: Final = ("write", "travel", "lift", "descent", "head change")
 
 @dataclass(frozen=True)
 class Head:
-    """One head's rows.
+    """Rows of one head.
 
     Attributes
     ----------

@@ -43,7 +43,7 @@ class Lumens(Protocol):
 
 @dataclass(frozen=True)
 class Occlusion:
-    """A vessel that is closed.
+    """Closed vessel of a simulated dye video.
 
     Attributes
     ----------

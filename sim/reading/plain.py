@@ -25,7 +25,7 @@ _LETTERS: Final = ("F", "X", "Y", "Z", "E", "F")
 
 
 def plain_move(found: re.Match[bytes]) -> GcodeLine:
-    """What a match of `PLAIN_MOVE` says."""
+    """Convert a match of `PLAIN_MOVE` to a move."""
     code, *numbers = found.groups()
     words = {
         letter: float(number)

@@ -18,7 +18,7 @@ MOTION: Final = frozenset({"G0", "G1", "G2", "G3"})
 
 
 class Known(NamedTuple):
-    """Letters that a code knows."""
+    """Parameter letters that a code accepts."""
 
     letters: frozenset[str]
     alone: frozenset[str]

@@ -51,7 +51,7 @@ class Placing:
 
 @dataclass(frozen=True)
 class Placed:
-    """A drawn placing.
+    """Randomly drawn pose.
 
     Attributes
     ----------

@@ -19,7 +19,7 @@ FRAMES_IN_ALL: Final = 10.0
 
 @dataclass(frozen=True)
 class FrameCheck:
-    """What a frame rate shows.
+    """Result of checking a video's frame interval against the dye front.
 
     Attributes
     ----------

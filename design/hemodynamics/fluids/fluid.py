@@ -43,7 +43,7 @@ class Fluid(Protocol):
 
 @dataclass(frozen=True)
 class Newtonian:
-    """The same everywhere.
+    """Newtonian fluid: viscosity independent of flow and radius.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ from design.network import FloatArray, VesselNetwork
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """When to stop.
+    """Convergence limits of the oxygen solver.
 
     Attributes
     ----------

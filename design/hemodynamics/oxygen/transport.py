@@ -19,7 +19,7 @@ STILL: Final = 1e-9
 
 @dataclass(frozen=True)
 class Transport:
-    """What a sweep takes.
+    """Vessels in flow order with their flows, as `sweep` needs them.
 
     Attributes
     ----------

@@ -16,7 +16,7 @@ from design.network import FloatArray, VesselNetwork
 
 
 class Wall(Protocol):
-    """Anything that has a compliance."""
+    """Interface of vessel walls: their compliance."""
 
     def compliance(self, network: VesselNetwork) -> FloatArray:
         """Of each vessel, (v,), µL/Pa."""

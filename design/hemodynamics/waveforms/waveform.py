@@ -31,7 +31,7 @@ class Waveform(Protocol):
 
 @dataclass(frozen=True)
 class Constant:
-    """Always the same."""
+    """Constant waveform."""
 
     value: float
 

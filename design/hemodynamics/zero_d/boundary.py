@@ -16,7 +16,7 @@ from kernels import jit
 
 @dataclass(frozen=True)
 class Boundary:
-    """A flow problem's unknowns.
+    """Known and unknown node pressures and flows of a flow problem.
 
     Attributes
     ----------

@@ -45,7 +45,7 @@ _CRUMB = 0.1
 
 @dataclass
 class Sewing:
-    """A surface as it grows.
+    """Closed surface under assembly.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ class Ink(NamedTuple):
 
 
 class Tips(NamedTuple):
-    """Pieces of the tip's way.
+    """Straight pieces of the tips' motion.
 
     Attributes
     ----------

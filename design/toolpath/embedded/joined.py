@@ -58,7 +58,7 @@ class Brushed(NamedTuple):
 
 @dataclass
 class Joined:
-    """Passes with their overlaps.
+    """Embedded passes extended to overlap at their joints.
 
     Attributes
     ----------

@@ -13,7 +13,7 @@ JOINT: Final = math.sqrt(2.0)
 
 
 class Needle(NamedTuple):
-    """A vertical needle.
+    """Geometry of a vertical needle.
 
     Attributes
     ----------

@@ -54,7 +54,7 @@ class _Written:
 
 @dataclass(frozen=True)
 class EmbeddedPlan:
-    """A toolpath and its numbers."""
+    """Toolpath of an embedded plan, with its report."""
 
     toolpath: Toolpath
     report: EmbeddedReport

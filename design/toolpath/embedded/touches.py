@@ -31,7 +31,7 @@ of a cell at which no spot of a straight vessel of round length lies."""
 
 
 class Touches(NamedTuple):
-    """Pairs of places.
+    """Pairs of places at which filaments overlap.
 
     Attributes
     ----------

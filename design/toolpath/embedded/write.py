@@ -43,7 +43,7 @@ class Stretch:
 
 
 class FilamentWriter:
-    """Turns passes into moves.
+    """Converts embedded passes to moves.
 
     Parameters
     ----------

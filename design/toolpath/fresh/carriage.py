@@ -47,7 +47,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Laid:
-    """Moves of one layer.
+    """Moves of one FRESH layer.
 
     Attributes
     ----------

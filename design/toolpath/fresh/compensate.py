@@ -19,7 +19,7 @@ MOST_PERCENT = 30.0
 
 @dataclass(frozen=True)
 class Compensation:
-    """What an earlier print measured.
+    """Shrinkage and wall offset measured on an earlier print.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ SHORTEST_WHOLE = 0.5
 
 @dataclass(frozen=True)
 class Lines:
-    """Straight lines to write.
+    """Straight infill lines of a layer.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ CELL = 4.0
 
 @dataclass(frozen=True)
 class Rows:
-    """Moves of one layer.
+    """Moves of one layer as arrays.
 
     Attributes
     ----------

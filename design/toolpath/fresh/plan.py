@@ -32,7 +32,7 @@ MEASURED = 100
 
 @dataclass(frozen=True)
 class FreshPlan:
-    """A toolpath and its numbers."""
+    """Toolpath of FRESH layers, with its report."""
 
     toolpath: Toolpath
     report: FreshReport

@@ -13,7 +13,7 @@ from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
 
 @dataclass(frozen=True)
 class FreshReport:
-    """FRESH layers in numbers.
+    """Figures of a plan of FRESH layers.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ from design.toolpath.toolpath import IntArray, MoveKind, Toolpath
 
 @dataclass(frozen=True)
 class Marks:
-    """Marks of a job.
+    """Interruption marks of a job.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ class Laid:
 
 @dataclass
 class Web:
-    """Connections while they are laid.
+    """Set of connections under construction.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ _TURNS = np.array([0.0, 60.0, -60.0, 120.0, -120.0, 180.0])
 
 @dataclass(frozen=True)
 class Tips:
-    """The ends of one side.
+    """Terminals of one side, arterial or venous.
 
     Attributes
     ----------

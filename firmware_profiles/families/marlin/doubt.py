@@ -21,7 +21,7 @@ RENUMBER: Final = b"\n" + frame(0, b"M110 N0")
 
 
 class Phase(Enum):
-    """Where the protocol stands."""
+    """Phase of resolving a doubt."""
 
     READY = auto()
     FLIGHT = auto()

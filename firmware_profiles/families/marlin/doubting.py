@@ -20,7 +20,7 @@ _SLOWLY: Final = 5
 
 
 class Doubting:
-    """The asking part of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
+    """Doubt-resolving part of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
 
     Parameters
     ----------

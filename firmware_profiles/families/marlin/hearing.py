@@ -22,7 +22,7 @@ PERSON: Final = b"paused for user"
 
 
 class Hearing:
-    """The listening part of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
+    """Reply handling of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from typing import Final
 
 
 class Kind(Enum):
-    """Sort of a reply."""
+    """Kind of a Marlin reply."""
 
     OK = auto()
     BUSY = auto()

@@ -22,7 +22,7 @@ _TURN_MM: Final = 0.3
 
 @dataclass(frozen=True)
 class Asked:
-    """What is varied.
+    """Speeds, flows and other values varied in a pattern.
 
     Attributes
     ----------

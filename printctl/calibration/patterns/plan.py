@@ -27,7 +27,7 @@ MARGIN_MM: Final = 3.0
 
 @dataclass(frozen=True)
 class Bead:
-    """The line that is commanded.
+    """Commanded width and height of a line.
 
     Attributes
     ----------

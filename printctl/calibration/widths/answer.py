@@ -34,7 +34,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a print says.
+    """Result of a calibration pattern.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Widths:
-    """Widths along strokes.
+    """Measured widths along strokes.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ _MOST_EXCESS_UM = 500.0
 
 @dataclass(frozen=True)
 class Known:
-    """What the user knows besides.
+    """Values that the user supplies to the fit.
 
     Attributes
     ----------

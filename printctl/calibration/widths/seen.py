@@ -47,7 +47,7 @@ _T95: Final = 1.96
 
 @dataclass(frozen=True)
 class Seen:
-    """What a picture shows.
+    """Widths and gaps measured in a picture.
 
     Attributes
     ----------

@@ -41,7 +41,7 @@ LEAK_MM: Final = 0.05
 
 
 def depends(context: RunContext) -> Any:
-    """What the lines' widths and places follow from, besides the G-code."""
+    """Recipe values that the lines' widths and places depend on, besides the G-code."""
     return [
         context.recipe.toolpath.model_dump(mode="json"),
         context.syringe.model_dump(mode="json"),

@@ -20,7 +20,7 @@ MEASURES = "measures.json"
 
 
 def options(context: RunContext) -> MeasureOptions:
-    """What is measured for this recipe."""
+    """Options of measuring this recipe's network."""
     part = context.recipe.vasculature
     exponent = part.murray_exponent if isinstance(part, Growth) else 3.0
     return MeasureOptions(

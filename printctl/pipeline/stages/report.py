@@ -50,7 +50,7 @@ _SECTIONS = {
 
 
 def collect(context: RunContext) -> dict[str, Any]:
-    """What the stages that have run say, with timings and provenance."""
+    """Collect the results of the finished stages, with timings and provenance."""
     records = context.manifest.stages
     data: dict[str, Any] = {"schema": 1, "recipe": context.recipe.name}
     for stage, section in _SECTIONS.items():

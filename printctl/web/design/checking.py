@@ -41,7 +41,7 @@ PROFILES: Final[dict[str, type[Facts]]] = {
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong.
+    """Error in a recipe, with its place.
 
     Attributes
     ----------

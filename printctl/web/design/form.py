@@ -16,7 +16,7 @@ Path = tuple[str | int, ...]
 
 
 def value_at(data: Any, path: Path) -> Any:
-    """What the user said at a place; None where nothing is said."""
+    """Return the user's value at a path; None where there is none."""
     for key in path:
         if isinstance(data, dict) and isinstance(key, str):
             data = data.get(key)

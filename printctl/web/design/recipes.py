@@ -30,7 +30,7 @@ SUFFIXES: Final = (
 
 @dataclass(frozen=True)
 class RecipeFile:
-    """A recipe of the workspace.
+    """Stored recipe of the workspace.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ AGREES_MM = 0.05
 
 @dataclass(frozen=True)
 class Machine:
-    """A printer that is connected.
+    """Connected printer with its mounted parts.
 
     Attributes
     ----------

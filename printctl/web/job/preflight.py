@@ -66,7 +66,7 @@ def row(check: Check) -> dict[str, Any]:
 
 
 class Preflights:
-    """Makes them, each once.
+    """Computes and caches preflight checks.
 
     Parameters
     ----------

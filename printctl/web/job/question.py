@@ -11,7 +11,7 @@ from printctl.web.job.set_up import JobSetUp
 
 @dataclass(frozen=True)
 class Question:
-    """What to look at.
+    """Job and set-up to check.
 
     Attributes
     ----------

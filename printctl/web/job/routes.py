@@ -34,7 +34,7 @@ REFUSED: Final[dict[int | str, dict[str, Any]]] = {
 
 
 def asking(request: Request) -> Principal:
-    """Who asks; set by the guard at the door."""
+    """Return the requesting user, as set by the access guard."""
     found: Principal | None = getattr(request.state, "principal", None)
     return found or Principal("local", "this machine")
 

@@ -11,7 +11,7 @@ from printctl.web.job.record import PrintRecord
 
 @dataclass(frozen=True)
 class Viability:
-    """How the cells' time stands.
+    """State of the cells' time limit.
 
     Attributes
     ----------

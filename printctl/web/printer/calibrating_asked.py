@@ -47,7 +47,7 @@ class Read(BaseModel):
 
 
 class Prepared(BaseModel):
-    """A test that was made.
+    """Written calibration test.
 
     Attributes
     ----------

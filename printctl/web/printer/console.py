@@ -20,7 +20,7 @@ LONGEST: Final = 200
 
 @dataclass(frozen=True)
 class Entry:
-    """One line of the console.
+    """Entry of the console.
 
     Attributes
     ----------

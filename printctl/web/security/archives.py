@@ -26,7 +26,7 @@ _FORBIDDEN: Final = frozenset('\\:*?"<>|')
 
 @dataclass(frozen=True)
 class ArchiveLimits:
-    """What may come out.
+    """Size limits of an unpacked archive.
 
     Attributes
     ----------

@@ -54,7 +54,7 @@ class Let:
 
 @dataclass
 class Guard:
-    """Middleware around everything.
+    """Access guard middleware.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ _PIECE: Final = 1 << 20
 
 @dataclass(frozen=True)
 class UploadLimits:
-    """What may be sent.
+    """Limits of an upload.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ log = logging.getLogger("printctl.web")
 
 
 class NoStopDoorError(PrintctlError):
-    """The stop door doesn't start."""
+    """The stop process doesn't start."""
 
 
 @dataclass

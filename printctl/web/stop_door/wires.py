@@ -36,7 +36,7 @@ _SHORTLY_S: Final = 0.02
 
 @dataclass(frozen=True)
 class Sent:
-    """A stop that went out.
+    """Record of a stop that was sent.
 
     Attributes
     ----------

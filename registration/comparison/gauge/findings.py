@@ -31,7 +31,7 @@ SOURCES = (
 
 
 def gauge_sentences(study: GaugeStudy) -> list[str]:
-    """What a reader wants to know first."""
+    """Return the main results of a gauge study in sentences."""
     said = [_design(study)]
     pooled = study.quantity("diameters")
     if pooled is None:

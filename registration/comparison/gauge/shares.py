@@ -33,7 +33,7 @@ _DRAWS = 20_000
 
 @dataclass(frozen=True)
 class Share:
-    """A source of variation.
+    """Variance component of one source.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ _ENTRY: Final = 'import "gcode/main";'
 
 @dataclass(frozen=True)
 class GcodePage:
-    """What a page shows first.
+    """Options of a G-code page.
 
     Attributes
     ----------

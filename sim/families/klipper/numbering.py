@@ -9,7 +9,7 @@ _NUMBER: Final = re.compile(rb"[Nn]\d+\s*")
 
 
 class KlipperNumbering:
-    """Takes everything.
+    """Klipper's line numbering: accepts any line.
 
     Attributes
     ----------

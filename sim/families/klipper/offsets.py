@@ -12,7 +12,7 @@ from sim.board.motion import Motion
 
 
 class Offsets:
-    """SET_KINEMATIC_POSITION and SET_GCODE_OFFSET.
+    """Coordinate offsets by SET_KINEMATIC_POSITION and SET_GCODE_OFFSET.
 
     Parameters
     ----------

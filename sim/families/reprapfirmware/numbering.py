@@ -22,7 +22,7 @@ def crc16(data: bytes) -> int:
 
 
 class DuetNumbering:
-    """Takes what isn't provably wrong.
+    """RepRapFirmware's line numbering: accepts what isn't provably wrong.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ from kernels import jit
 
 
 class State(NamedTuple):
-    """What changes.
+    """Cross-sections and flows of all cells, and the outlets' state, at one time.
 
     Attributes
     ----------

@@ -15,7 +15,7 @@ from design.network import FloatArray, IntArray, VesselNetwork
 
 @dataclass(frozen=True)
 class Target:
-    """Flows that are wanted.
+    """Target flows of a network.
 
     Attributes
     ----------

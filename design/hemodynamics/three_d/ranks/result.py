@@ -15,7 +15,7 @@ from design.network import FloatArray
 
 @dataclass(frozen=True)
 class RankResult:
-    """What the ranks found.
+    """Result of a 3D flow solution on MPI ranks.
 
     Attributes
     ----------

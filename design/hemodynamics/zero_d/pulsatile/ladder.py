@@ -13,7 +13,7 @@ from design.network import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Ladder:
-    """What `march` steps.
+    """Branches and capacitors, prepared for `march`.
 
     Attributes
     ----------

@@ -33,7 +33,7 @@ PERIODIC = 1e-6
 
 @dataclass(frozen=True)
 class MarchOptions:
-    """How time is stepped.
+    """Time stepping options of the circuit solver.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class MarchOptions:
 
 @dataclass(frozen=True)
 class Marched:
-    """The last cycle.
+    """Last cycle of a time-stepped circuit.
 
     Attributes
     ----------

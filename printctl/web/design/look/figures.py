@@ -15,7 +15,7 @@ Stages = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure.
+    """Key figure of a run.
 
     Attributes
     ----------

@@ -13,7 +13,7 @@ RunState = Literal["never", "starting", "running", "done", "failed", "interrupte
 
 @dataclass(frozen=True)
 class StageProgress:
-    """One stage.
+    """Progress of one stage.
 
     Attributes
     ----------

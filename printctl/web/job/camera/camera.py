@@ -28,7 +28,7 @@ State = Literal["starting", "there", "lost"]
 
 @dataclass(frozen=True)
 class Still:
-    """A picture.
+    """Latest picture of a camera.
 
     Attributes
     ----------

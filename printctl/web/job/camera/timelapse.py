@@ -27,7 +27,7 @@ _WAITING: Final = 16
 
 @dataclass(frozen=True)
 class Told:
-    """A time-lapse as it stands.
+    """State of a time-lapse.
 
     Attributes
     ----------
