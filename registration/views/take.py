@@ -1,4 +1,4 @@
-"""Take the pictures of a judged registration."""
+"""Make a judged registration's report pictures from its scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Extensions of embedded passes beyond their ends, and what the shaft would hit there."""
+"""Extensions of the needle's passes beyond their ends, and what the shaft would hit there."""
 
 from __future__ import annotations
 

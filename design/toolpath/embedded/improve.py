@@ -1,4 +1,4 @@
-"""Improve the order of embedded passes in rounds, each adding rules for open joints."""
+"""Improve the order of embedded writing passes in rounds, adding rules for open joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Embedded passes with the overlaps at their joints, and the joints that failed."""
+"""Embedded writing passes with the overlaps at their joints, and the joints that failed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Merge embedded passes that can be written in one stroke.
+"""Merge embedded writing passes that can be made in one stroke.
 
 Two passes may become one when no chain of rules leads from the first through others to the second:
 what such a chain doesn't hold is written before both, or after.

@@ -1,4 +1,4 @@
-"""Precedence rules between whole embedded passes."""
+"""Precedence rules between whole passes of embedded writing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Continue embedded passes through nodes: pair the vessel stretches that meet there."""
+"""Continue embedded writing passes through nodes: pair the vessel stretches that meet there."""
 
 from __future__ import annotations
 

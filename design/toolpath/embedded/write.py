@@ -1,4 +1,4 @@
-"""Write ordered embedded passes: extensions at their ends, lowest safe travels."""
+"""Convert ordered embedded writing passes to moves: overlaps at ends, lowest safe travels."""
 
 from __future__ import annotations
 

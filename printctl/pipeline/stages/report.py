@@ -1,4 +1,4 @@
-"""Stage 10: report.html, report.json, report.pdf on request, and the deviation as PLY."""
+"""Stage 10: write the report (HTML, JSON, on request PDF) and the deviation surface (PLY)."""
 
 from __future__ import annotations
 
