@@ -1,4 +1,4 @@
-"""Ask whether a known vulnerability stands in what we pin: `python .ci/audit.py`.
+"""Audit the pinned dependencies for known vulnerabilities: `python .ci/audit.py`.
 
 pip-audit asks PyPI, then OSV. Where neither answers, that is said and nothing fails: a build
 without a network isn't a vulnerable one. What is found fails.

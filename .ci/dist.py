@@ -1,4 +1,4 @@
-"""Build wheel and sdist, and try the wheel in an environment that has nothing else.
+"""Build wheel and sdist, and test the wheel in a clean environment.
 
     python .ci/dist.py build            # into dist/
     python .ci/dist.py try              # build, compare, install, run

@@ -1,1 +1,1 @@
-"""Speed and accuracy against peers and limits."""
+"""Benchmarks of speed and accuracy, against other programs and against set limits."""

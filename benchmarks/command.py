@@ -1,4 +1,4 @@
-"""The command line that benchmarks of several jobs share."""
+"""Command line shared by the benchmarks."""
 
 from __future__ import annotations
 

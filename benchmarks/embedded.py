@@ -1,4 +1,4 @@
-"""Vessels written into soft matter: shaft, joints, passes, time, volume: ``make bench-embedded``.
+"""Embedded writing: shaft collisions, joints, passes, time, volume: ``make bench-embedded``.
 
 The G-code is judged by `benchmarks.checkers.embedded_judge`, which shares no code with the product.
 X-CAVATE's networks come from the folder that PRINTCTL_SHARED_DATA names; rows of files that aren't

@@ -1,4 +1,4 @@
-"""Networks and needles of the embedded benchmark, and the product's G-code for them."""
+"""Networks and needles of the embedded writing benchmark, and their G-code by the product."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Generated lines on a real Marlin, in the dry run and on the simulated printer.
+"""Compare a real Marlin with the simulated one on generated lines.
 
 ``python -m benchmarks.firmware_lines --marlin IMAGE --lines 10000``; the image as for
 `benchmarks.firmware_bench`. Two passes: *sent* sends what the product's reader renders of each line

@@ -1,4 +1,4 @@
-"""Flow: lumped (steady, pulsatile, balances), 1D waves, oxygen, 3D: ``make bench-flow``.
+"""Flow solvers: 0D (steady, pulsatile, balances), 1D, oxygen, 3D: ``make bench-flow``.
 
 ``--only NAME`` measures a part; ``--quick`` leaves the million vessels out. Balances are taken by
 sums of this file's own. svZeroDSolver's time for the same case, 15.8 CPU s, was measured on this

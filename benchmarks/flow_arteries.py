@@ -1,4 +1,4 @@
-"""An arterial tree for the 1D benchmark: sizes, wave speeds and load of a human's."""
+"""Arterial tree for the 1D flow benchmark, of human size, wave speed and outlet load."""
 
 from __future__ import annotations
 

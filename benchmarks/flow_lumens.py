@@ -1,4 +1,4 @@
-"""3D flow in networks, by ``printctl flow --three-d`` in a process of its own, meshing included.
+"""3D flow in networks by ``printctl flow --three-d``, meshing included.
 
 Sections are taken from the VTU file by this benchmark's own reader and interpolation. In the cube
 the means of a cycle are held against a Poiseuille network solved here; deviations over the cycle

@@ -1,4 +1,4 @@
-"""Networks for the flow benchmarks, made without the product's growth."""
+"""Generate networks for the flow benchmarks, without the product's growth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows of ``make bench-flow`` on 1D flow: order of convergence, an arterial tree, a step's cost.
+"""Benchmark rows on 1D flow: convergence order, an arterial tree, cost per step.
 
 The order is taken against the exact characteristics of a wave in one direction, computed here; the
 tree's error against cells of an eighth. CPU time is this process' own, wall time a median.

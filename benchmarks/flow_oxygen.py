@@ -1,4 +1,4 @@
-"""Oxygen: Krogh's cylinder by the formulas, and thousands of vessels in a block.
+"""Oxygen solver: Krogh's cylinder, and thousands of vessels in a block.
 
 Formulas and balances are this file's own. The block is solved in a process of its own, so that
 its memory is seen alone, after a small one that compiles.

@@ -1,4 +1,4 @@
-"""Pipes of quadratic tetrahedra whose every node is known: straight, or swept along an arc."""
+"""Exact meshes of pipes: quadratic tetrahedra, straight or along an arc."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow on MPI ranks: 2 against 1, the direct solver against the iterative, ours against theirs.
+"""Flow on MPI ranks: 2 ranks against 1, direct against iterative solver, ours against plain.
 
 Where FEniCSx isn't installed a row says so and nothing is measured. The case is a bent pipe with
 a resistance at its end, steady Navier–Stokes at Re 13; meshes and comparisons are this file's.

@@ -1,4 +1,4 @@
-"""Flow resolved in space: ``python -m benchmarks.flow_three_d``.
+"""3D flow: ``python -m benchmarks.flow_three_d``.
 
 Each case runs in a fresh process, so that its peak of memory is its own and the engine is loaded
 once; its time is that of `solve_steady`, the median of three. Pressures, shear and flow are held

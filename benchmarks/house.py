@@ -1,4 +1,4 @@
-"""Start-up of the commands, clone to first print, sizes of the code: ``-m benchmarks.house``.
+"""Start-up time of commands, time from clone to first print, code size: ``-m benchmarks.house``.
 
 ``--only demo`` clones this commit and 63e9170 and runs ``make demo`` in both, one after the other,
 each with an empty home: minutes, and worth something on a quiet machine only.

@@ -1,4 +1,4 @@
-"""Films of dye: camera shake."""
+"""Camera shake correction of dye videos: accuracy."""
 
 from __future__ import annotations
 

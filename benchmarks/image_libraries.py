@@ -1,4 +1,4 @@
-"""Image work that stays ours, against OpenCV and scikit-image: error by known truth, CPU time.
+"""Our image processing against OpenCV and scikit-image: true error and CPU time.
 
 python -m benchmarks.image_libraries [--quick] [--only pictures|films|volumes]
 """

@@ -1,4 +1,4 @@
-"""Pictures of prints: level between two classes, width at half level, spots."""
+"""Print picture processing: threshold between two classes, half-level width, spots."""
 
 from __future__ import annotations
 

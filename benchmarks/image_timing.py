@@ -1,4 +1,4 @@
-"""Processor time of a call, and a row that holds one way of doing a thing against others."""
+"""Measure CPU time of a call, and compare alternative implementations in a row."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Labelled volumes and their surfaces: Euler number, level surfaces."""
+"""Processing of labelled volumes: Euler number, level surfaces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The printer link, a row for each promise of its issue: ``make bench-link``.
+"""Printer link, one row per promise of its issue: ``make bench-link``.
 
 Every row names its clock: ``virtual`` is the simulated printer's own. What was done is judged by
 `benchmarks.checkers.link_order`, from what the printer took and where its motors went, against

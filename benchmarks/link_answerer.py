@@ -1,4 +1,4 @@
-"""A peer that only answers, at once, behind a pseudo-terminal; it writes down all that it took.
+"""Minimal peer behind a pseudo-terminal: acknowledges every line at once and records it.
 
 ``python -m benchmarks.link_answerer RECORD``: prints the port's name; ends after M400, or when
 its input is closed. It has a printer's numbering, no motion, and imports nothing of the product.

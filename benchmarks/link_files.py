@@ -1,4 +1,4 @@
-"""Print files for the link's benchmark, made from step counts, so that their end is known exactly.
+"""Print files for the link benchmark, generated from step counts: exact end known.
 
 Nothing of the product is used: what the printer should do is known before it is asked.
 """

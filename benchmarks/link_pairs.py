@@ -1,4 +1,4 @@
-"""Two lines in flight against one: what it gains on a UART, and what noise makes of it."""
+"""Two lines in flight against one: speed gain on a UART, and effect of noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pauses, new syringes and controlled stops in noisy prints, against where the motors went."""
+"""Pauses, syringe changes and stops in noisy prints, checked against the motors' positions."""
 
 from __future__ import annotations
 

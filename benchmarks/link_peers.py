@@ -1,4 +1,4 @@
-"""Other hosts, each in an environment of its own, outside the repository; GPL, and only run."""
+"""Install and run other printer hosts in their own environments (GPL: run, not imported)."""
 
 from __future__ import annotations
 

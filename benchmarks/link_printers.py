@@ -1,4 +1,4 @@
-"""Processes that a host speaks to in the link's benchmark, and profiles for them."""
+"""Simulated printers and peers of the link benchmark, as processes with profiles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows of the link's benchmark in real time: processes, pseudo-terminals, kill -9."""
+"""Link benchmark rows in real time: processes, pseudo-terminals, kill -9."""
 
 from __future__ import annotations
 

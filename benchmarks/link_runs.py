@@ -1,4 +1,4 @@
-"""Prints of the product on the simulated printer in virtual time, broken off and gone on with."""
+"""Run prints on the simulated printer in virtual time, with interruption and resumption."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A tap in the cable: relays from a pseudo-terminal to TCP, and notes when words pass."""
+"""Relay between a pseudo-terminal and TCP that records when given words pass."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recorded transcripts replayed to the simulated printer, row by row."""
+"""Replay recorded Marlin transcripts to the simulated printer, row by row."""
 
 from __future__ import annotations
 

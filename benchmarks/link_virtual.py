@@ -1,4 +1,4 @@
-"""Rows of the link's benchmark that run on the simulated printer's clock."""
+"""Link benchmark rows in the simulated printer's virtual time."""
 
 from __future__ import annotations
 

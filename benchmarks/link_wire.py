@@ -1,4 +1,4 @@
-"""A bad wire to the simulated printer, in virtual time, that knows the truth.
+"""Faulty simulated serial line in virtual time, which records what was really sent.
 
 Every line that the printer takes is written down beside what the host meant.
 """

@@ -1,4 +1,4 @@
-"""The machine that a benchmark ran on, and the JSON form of all benchmarks."""
+"""Description of the benchmark machine, and the JSON form of all benchmarks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The operator's page while it prints: ``make bench-operator``.
+"""Web interface during a print: ``make bench-operator``.
 
 How long a touch of the red button takes to be a byte on the wire while a job of a million moves
 streams in real time and five browsers look; and what five browsers cost the streaming. The wire is

@@ -1,4 +1,4 @@
-"""From a clone to a first print in the browser: ``python -m benchmarks.operator_first_print``.
+"""Time from clone to first print in the browser: ``python -m benchmarks.operator_first_print``.
 
 What a new user does, and nothing else: ``git clone``, ``cd``, ``make serve``, then clicks, until
 the page says that the simulated printer prints. The clone has an environment of its own, installed

@@ -1,4 +1,4 @@
-"""Kills of server, stop door, station and link in prints started from the page.
+"""Kill server, stop process, station and link during prints started from the web page.
 
 ``python -m benchmarks.operator_kills --kills 100`` makes up to four kills (kill -9) in each print,
 in a seeded order at seeded moments: start, printing, pausing, paused, resuming, going on. Two

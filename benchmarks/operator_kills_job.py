@@ -1,4 +1,4 @@
-"""A short print for the kills' benchmark; where each of its moves ends is known beforehand."""
+"""Short print for the kill benchmark; every move's end is known."""
 
 from __future__ import annotations
 

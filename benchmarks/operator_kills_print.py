@@ -1,4 +1,4 @@
-"""One print from the page whose processes are killed, and what is told of it afterwards."""
+"""One print from the web page whose processes are killed, and the reports about it afterwards."""
 
 from __future__ import annotations
 

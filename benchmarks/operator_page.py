@@ -1,4 +1,4 @@
-"""The page's REST interface and its processes, for benchmarks that kill them."""
+"""REST client and process control of the web server, for the kill benchmarks."""
 
 from __future__ import annotations
 

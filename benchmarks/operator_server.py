@@ -1,4 +1,4 @@
-"""The page's server and its browsers, for benchmarks."""
+"""Start the web server and browsers, for benchmarks."""
 
 from __future__ import annotations
 

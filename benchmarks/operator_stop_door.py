@@ -1,4 +1,4 @@
-"""Stops beside a crowd of rude clients, part of ``make bench-operator``.
+"""Emergency stops under load by rude clients, part of ``make bench-operator``.
 
 A rude client holds 2,000 idle connections open and shows 1,000 wrong tokens a minute, from one
 address and from many, and comes again as soon as it is dropped. The page's server is suspended

@@ -1,4 +1,4 @@
-"""Cost of the page to streaming at full speed, for `operator.py`."""
+"""Slow-down of full-speed streaming by an open web page, for `operator.py`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The live view of a job of a million moves: ``python -m benchmarks.operator_view``.
+"""Live view of a job of a million moves: ``python -m benchmarks.operator_view``.
 
 The page is `printctl serve`'s, opened in a headless Chromium without a graphics
 card: WebGL is SwiftShader's and the page is put together by the processor, as Chromium does by

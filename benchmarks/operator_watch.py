@@ -1,4 +1,4 @@
-"""Browsers elsewhere, as this machine feels them: WebSockets that hear all news, draw nothing.
+"""Simulated remote browsers: WebSocket clients that receive all events and draw nothing.
 
 ``python -m benchmarks.operator_watch RECORD COUNT`` listens until it is ended; RECORD is the
 server's ``serve.json``.

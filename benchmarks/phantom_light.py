@@ -1,4 +1,4 @@
-"""Light through a phantom: a voxel's share of gel, attenuation on the way, noise and speckle."""
+"""Optical model of a phantom scan: gel share of each voxel, attenuation, noise, speckle."""
 
 from __future__ import annotations
 

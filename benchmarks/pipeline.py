@@ -1,4 +1,4 @@
-"""Seconds and peak MB per stage of the two spine recipes: ``make bench``.
+"""Run time and peak memory per stage of the two example recipes: ``make bench``.
 
 Measured through the command line, each recipe in a process and folder of its own, kernels already
 compiled; per-stage figures are those that the run's manifest states, the whole is measured here.

@@ -1,4 +1,4 @@
-"""Phantom scans handed to the product, and how far its answers are from the truth."""
+"""Run the product on phantom scans, and compute its errors from the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report's distances against CloudCompare's, where it is installed (Debian: cloudcompare).
+"""Surface distances of the report against CloudCompare's (Debian: cloudcompare).
 
 Both read the same two files: the scanned surface that `printctl register` wrote, with its deviation
 at every vertex, and the design. CloudCompare gets the design as PLY: reading an STL it merges

@@ -1,4 +1,4 @@
-"""Defect rows: each found in its vessel and of its size; none in clean scans."""
+"""Benchmark rows on defects: position and size of planted ones, false alarms on clean scans."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dye rows: arrivals against films whose dye is known, closed vessels, false alarms.
+"""Benchmark rows on dye videos: arrival errors, closed vessels, false alarms.
 
 Films are made by `checkers.dye_film` without the product's code, and handed to the command line as
 a user would: film, marks, network.csv.

@@ -1,4 +1,4 @@
-"""Reduction of a print's deviation by corrections from earlier prints.
+"""Benchmark of compensation: print deviation before and after corrections.
 
 Simulated prints shrink by 2.5 %, and their lines hold more ink than they were dosed (a quarter, or
 a tenth). Through the command line: run, compensate, run, compensate, run. What each print is off by

@@ -1,4 +1,4 @@
-"""A block with vessels whose walls are known exactly, and its scan by light: no product code in it.
+"""Phantom block with vessels of exactly known walls, and its scan, without product code.
 
 The design is a network of straight pieces in a block with three marks on its face; the print is
 that, stretched, with walls moved where a defect is asked for; the scan samples the print's signed

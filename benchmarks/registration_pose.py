@@ -1,4 +1,4 @@
-"""Pose rows: starts that land, target error, scale, and intervals that cover the truth."""
+"""Benchmark rows on poses: convergence from many starts, error, scale, interval coverage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Vessel rows: a whole registration's time and memory, and diameters."""
+"""Benchmark rows on vessels: time, memory and diameter errors of a whole registration."""
 
 from __future__ import annotations
 

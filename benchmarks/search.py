@@ -1,4 +1,4 @@
-"""Design searches by the command line: rate, overhead, same bytes: ``make bench-search``.
+"""Design searches by the command line: rate, overhead, reproducibility: ``make bench-search``.
 
 The shipped search is run in one process and on two workers, each as a user would. When results
 came is read from their files' times; fronts are held against a sort of this file's own.

@@ -1,4 +1,4 @@
-"""Solids and FRESH layers: unions, and lumens that stay open: ``make bench-solids``.
+"""Solids and FRESH layers: exact unions and open lumens: ``make bench-solids``.
 
 PrusaSlicer runs beside the product where it is installed (``apt-get install prusa-slicer``), as a
 process of its own with `solids_prusa.ini`. ``--only NAME`` measures a part; ``--quick`` leaves the

@@ -1,4 +1,4 @@
-"""Rows of lumens that are slanted, bent, branching or in thin walls; PrusaSlicer beside.
+"""Benchmark rows on slanted, bent or branching lumens, compared with PrusaSlicer.
 
 Its third settings, "precise", are classic walls without any simplification of outlines.
 """

@@ -1,4 +1,4 @@
-"""Parts whose lumens are slanted, bent, branching or in thin walls; built with manifold3d alone."""
+"""Test parts with slanted, bent or branching lumens or thin walls; built with manifold3d alone."""
 
 from __future__ import annotations
 

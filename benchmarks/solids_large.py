@@ -1,4 +1,4 @@
-"""A part of 1,000 vessels in 40 cm³, sliced at 60 um by the product's public door."""
+"""Slicing benchmark: a part of 1,000 vessels in 40 cm³ at 60 µm layers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows of `printctl lumens` against a reader that shares nothing with it, at the same places.
+"""Benchmark rows: `printctl lumens` against an independent reader at the same places.
 
 Both measure the widest free circle along each whole lumen of the slanted part, of files of
 printctl's and of PrusaSlicer's; what is compared is each lumen's median. PrusaSlicer's E has five

@@ -1,4 +1,4 @@
-"""Test parts of the slicing benchmark: round upright lumens, whose sections are known exactly."""
+"""Test parts of the slicing benchmark: upright round lumens of exactly known section."""
 
 from __future__ import annotations
 

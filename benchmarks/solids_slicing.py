@@ -1,4 +1,4 @@
-"""Slicing rows: lumens that stay open, cover, travels, time; PrusaSlicer beside where it is.
+"""Slicing benchmark rows: open lumens, coverage, travel, time; compared with PrusaSlicer.
 
 Both slice the same STL files in processes of their own; a reader and checkers of the benchmark's
 measure what G-code they wrote.

@@ -1,4 +1,4 @@
-"""Unions of grown networks, sharp and smooth, judged on the files read back.
+"""Benchmark of unions of grown networks, sharp and smooth, judged on the files read back.
 
 Each union is made in a process of its own, after one of a small network so that compiled kernels
 are loaded. Time is of the whole call from network to solid; writing is beside it. The checker

@@ -1,4 +1,4 @@
-"""Tissues: how exact, how fast, and how often all goes well: ``make bench-tissue``.
+"""Tissue preparation: accuracy, speed, success rate: ``make bench-tissue``.
 
 Exact answers come from the checkers' own box tree, for which brute force in NumPy vouches. Times
 are of one thread, after a first call; ``--only battery`` or ``--only NAME`` measures a part.

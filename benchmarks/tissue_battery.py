@@ -1,4 +1,4 @@
-"""A battery of tissues: each prepared, a tree grown in it, and the tree audited independently."""
+"""Prepare many tissues, grow a tree in each, and audit the trees independently."""
 
 from __future__ import annotations
 

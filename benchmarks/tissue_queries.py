@@ -1,4 +1,4 @@
-"""Accuracy and speed of a prepared tissue's answers, against its exact surface."""
+"""Accuracy and speed of a prepared tissue's distance queries, against its exact surface."""
 
 from __future__ import annotations
 

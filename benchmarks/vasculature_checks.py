@@ -1,4 +1,4 @@
-"""The checkers' findings in one exported file, as rows."""
+"""Findings of the checkers in one exported network, as rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grow artery and vein and close them to loops in a process of its own; write `network.csv`.
+"""Grow artery and vein and join them to loops in a separate process; write `network.csv`.
 
 The product is called through its public door alone. Small trees in a box are closed first, so
 that no compilation falls into what is timed. Prints one JSON line.

@@ -1,4 +1,4 @@
-"""Grow one tree in a process of its own, time it and write `network.csv`.
+"""Grow one tree in a separate process, time it and write `network.csv`.
 
 The product is called through its public door alone. A small tree in a box is grown first, so that
 no compilation falls into what is timed. Prints one JSON line.

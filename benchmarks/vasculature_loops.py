@@ -1,4 +1,4 @@
-"""Closed loops as rows: speed, what was joined, collisions, containment, balance.
+"""Benchmark rows on closed loops: speed, joined terminals, collisions, containment, balance.
 
 What is judged is the exported `network.csv`, by the checkers of `benchmarks.checkers`.
 """

@@ -1,4 +1,4 @@
-"""svv in an environment of its own, outside the repository.
+"""Install and run svv in its own environment, outside the repository.
 
 It is given its compiled extras, and one thread for linear algebra: with more it is five times
 slower, its optimiser's matrices being 2 x 2.

@@ -1,4 +1,4 @@
-"""Growth's time against the number of terminals, and its slope."""
+"""Growth time against number of terminals, with its fitted exponent."""
 
 from __future__ import annotations
 

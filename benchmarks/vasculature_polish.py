@@ -1,4 +1,4 @@
-"""Grow a tree, polish it, write both in a process of its own; or as rows, what it saved."""
+"""Grow and polish a tree in a separate process; benchmark rows on the saved volume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Print-aware growth: what the printer can't do is counted by the checkers."""
+"""Benchmark of printable growth: violations of printer limits, counted by the checkers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Growth runs of the product, each in a process of its own."""
+"""Run the product's growth in separate processes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grow svv's tree in a cube; runs in svv's own environment and imports nothing of ours.
+"""Grow svv's tree in a cube, in svv's own environment.
 
 Prints one JSON line: seconds and peak memory. Writes the tree twice in the columns of
 `network.csv`: with the radii that svv gives, and with those that its own ratios give.

@@ -1,4 +1,4 @@
-"""Values in the units that a lab speaks in; inside, all stays as `design.units` says."""
+"""Convert quantities to the display units of a laboratory (µm, mL/min, mmHg and the like)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of the design side.
+"""Errors of the design package.
 
 ::
 

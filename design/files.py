@@ -1,4 +1,4 @@
-"""Write files so that a failure leaves the old one in place, never half a new one."""
+"""Write files atomically: a failure leaves the old file in place."""
 
 from __future__ import annotations
 

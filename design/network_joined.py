@@ -1,4 +1,4 @@
-"""Join polylines that begin and end within each other to a network with its nodes on axes."""
+"""Join separately read vessel polylines to a network: snap loose ends to axes, make nodes."""
 
 from __future__ import annotations
 

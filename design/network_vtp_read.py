@@ -1,4 +1,4 @@
-"""Read a network from VTK XML PolyData (`.vtp`): its polylines, with a radius at each point."""
+"""Read a network from VTK XML PolyData (`.vtp`): polylines with a radius at each point."""
 
 from __future__ import annotations
 

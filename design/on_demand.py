@@ -1,4 +1,4 @@
-"""Rooms that hand on names without loading what makes them.
+"""Lazy imports: load a package's submodules when one of its names is first used.
 
 A process that only reads a recipe or keeps a printer's port needs a room's plain values, and not
 the kernels and mesh libraries beside them, which take seconds to load.

@@ -1,4 +1,4 @@
-"""Conversions at the boundary; inside everything is mm, s, Pa, Pa·s, µL = mm³, µL/s, °C."""
+"""Unit conversions at the package boundary; inside: mm, s, Pa, Pa·s, µL, µL/s, °C."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Makers of the user guide's pages: not part of the product."""
+"""Generators of documentation pages; not part of the product."""

@@ -1,4 +1,4 @@
-"""Run the examples and make the gallery of them: `python -m docs_tools.gallery [NAME ...]`.
+"""Run the examples and build their gallery page: `python -m docs_tools.gallery [NAME ...]`.
 
 Each example runs as a user would run it; its picture is drawn by `printctl view --png`, its figures
 come from its report.json. What takes longer than `AT_MOST_S` keeps the picture and the figures that

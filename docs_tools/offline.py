@@ -1,4 +1,4 @@
-"""Hook of mkdocs: the built guide fetches nothing from elsewhere, and the build fails if it would.
+"""Hook of mkdocs: makes the built guide self-contained, fails if it would fetch other sites.
 
 The theme adds a script from elsewhere that lets search work in a page opened as a file. It is left
 out: search works where the folder is served (`python -m http.server -d site`), all else everywhere.

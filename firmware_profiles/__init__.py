@@ -1,4 +1,4 @@
-"""Facts about printers, needles, syringes, inks, baths, dishes and plates, each with its source."""
+"""Profiles of printers, needles, syringes, inks, baths, dishes and plates, with sources."""
 
 from firmware_profiles.cross_checks import Doubt, doubts
 from firmware_profiles.dishes import Dish

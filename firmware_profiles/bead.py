@@ -1,4 +1,4 @@
-"""Cross-section of a written line in a layer: width from area and height, and back.
+"""Cross-section of a printed line: width from area and layer height, and back.
 
 Three models need no measurement; a measured one is a number of micrometres:
 

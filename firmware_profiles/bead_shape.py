@@ -1,4 +1,4 @@
-"""Names and limits of the models of a line's cross-section, without NumPy."""
+"""Names and limits of the models of a printed line's cross-section; needs no NumPy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands that a profile may name: they switch something, and move nothing."""
+"""Switching commands allowed in a profile: set an output, move nothing."""
 
 from __future__ import annotations
 

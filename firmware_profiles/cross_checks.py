@@ -1,4 +1,4 @@
-"""Checks of a profile's keys against each other.
+"""Cross-checks between the keys of a profile.
 
 Nothing here knows a real machine; `printctl profiles probe` asks one.
 """

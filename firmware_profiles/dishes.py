@@ -1,4 +1,4 @@
-"""Dishes."""
+"""Dish profile: the dish that holds the support bath."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow out of a pneumatic head at its set pressure."""
+"""Flow rate of a pneumatic head at its set pressure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from firmware_profiles.tools import Needle
 
 @dataclass(frozen=True)
 class SteadyFlow:
-    """While the valve is open.
+    """Flow rate while the valve is open.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Base of all profiles, and the kinds of numbers that they share.
+"""Base class of all profiles, with bounded number types.
 
 A profile holds facts with their source, not a user's taste.
 """

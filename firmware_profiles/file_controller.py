@@ -1,4 +1,4 @@
-"""Motion controllers that load a program file themselves, and take no lines from a host."""
+"""Motion controllers that run a program file themselves, and accept no streamed lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several heads on one carriage: where each tip stands, how it is chosen and put out of the way.
+"""Several heads on one carriage: tip offsets, head selection, and raising of idle heads.
 
 Places in a job are the carriage's, told as where the first head's tip stands when it is lowered;
 the tip of head k stands `offset_mm` from there, and `raised_mm` higher while it is raised. The

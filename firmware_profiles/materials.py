@@ -1,4 +1,4 @@
-"""Inks, and the baths that they are written into."""
+"""Profiles of inks, and of the baths that they are written into."""
 
 from __future__ import annotations
 

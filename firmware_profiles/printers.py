@@ -1,4 +1,4 @@
-"""A printer: its axes, firmware, heads and what they may do."""
+"""Printer profile: axes, firmware, heads and limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sentences that tell what is wrong with a profile's keys."""
+"""Error messages for invalid keys of a profile."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Readings watched during a print, and the limits that end it."""
+"""Gauges watched during a print (force, pressure), and the limits that end it."""
 
 from __future__ import annotations
 

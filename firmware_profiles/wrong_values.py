@@ -1,4 +1,4 @@
-"""Words for values that a schema refuses: what they must be, whoever checks them."""
+"""Wording of error messages for values that a schema rejects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reader of YAML text that refuses a key written twice."""
+"""Read YAML text, refusing duplicate keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The decorators under which every numerical kernel of the product is compiled.
+"""Decorators that compile the product's numerical kernels.
 
 Flags, and why:
 

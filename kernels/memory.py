@@ -1,4 +1,4 @@
-"""Memory of large arrays that follow each other."""
+"""Reuse freed memory for large arrays that are allocated one after another."""
 
 from __future__ import annotations
 

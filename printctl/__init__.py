@@ -1,1 +1,1 @@
-"""From tissue to registration report: recipe, pipeline, preflight, link, command line."""
+"""The printctl package: recipe, pipeline, preflight, printer link, command line and web page."""

@@ -1,4 +1,4 @@
-"""``python -m printctl``."""
+"""Entry point of the command line (``python -m printctl``)."""
 
 from printctl.cli.main import main
 

@@ -1,4 +1,4 @@
-"""A second process for work beside what this one computes."""
+"""Second process that runs work in parallel with this one."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class SecondProcess:
 
 
 class Call:
-    """A call under way."""
+    """Function call running in the second process."""
 
     def __init__(self, begun: Future[Any] | None, work: tuple[str, str, tuple[Any, ...]]) -> None:
         self._begun, self._what = begun, work

@@ -1,4 +1,4 @@
-"""Garbage collection in a command that makes many objects and few circles."""
+"""Run garbage collection less often in commands that create many objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of the product's outer shell, and the exit code of each.
+"""Errors of the printctl package, and the exit code of each.
 
 ::
 

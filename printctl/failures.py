@@ -1,4 +1,4 @@
-"""Exit codes and messages of failures.
+"""Map exceptions to exit codes and messages of the command line.
 
 Exit codes: 0 done, 1 failed, 2 wrong use, 3 a safety check refused, 4 the printer failed.
 """
@@ -26,7 +26,7 @@ CODES: tuple[tuple[str, str, int], ...] = (
 
 
 def message_and_code(exc: Exception) -> tuple[str, int] | None:
-    """What to say and the exit code, or None for what is a fault of ours."""
+    """Return a failure's message and exit code, or None for an internal error."""
     if isinstance(exc, PrintctlError):
         return str(exc), exc.exit_code
     for module, name, code in CODES:

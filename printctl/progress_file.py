@@ -1,4 +1,4 @@
-"""Progress for other programs: a line of JSON for each step, appended to a file.
+"""Progress for other programs: one JSON line per step, appended to a file.
 
 The first line is ``{"event": "begin", "pid": ..., "stages": [...], "until": ...}``; then come
 ``stage`` (``name``, ``fraction`` from 0 to 1, ``note``), ``done`` (``name``, ``note``) and

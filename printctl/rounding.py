@@ -1,4 +1,4 @@
-"""Rounding of E in a file, and the length over which it averages out."""
+"""Rounding of E values in a G-code file, and the path length over which the error averages out."""
 
 from __future__ import annotations
 

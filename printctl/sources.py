@@ -1,4 +1,4 @@
-"""Version of our own sources behind a result."""
+"""Hash our own source files, to tell which version produced a result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The system's refusals (disk, rights, files, memory), in a sentence with a remedy."""
+"""Explain operating system errors (disk, permissions, files, memory), each with a remedy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 
 @dataclass(frozen=True)
 class SystemTrouble:
-    """One refusal of the system's.
+    """Operating system error with its explanation.
 
     Attributes
     ----------

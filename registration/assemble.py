@@ -1,4 +1,4 @@
-"""A registration's report from what its steps found."""
+"""Assemble a registration's report from the results of its steps."""
 
 from __future__ import annotations
 

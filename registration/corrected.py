@@ -1,4 +1,4 @@
-"""A scan as it is to be measured: read, its beam's faults taken out where that is asked for."""
+"""Read a scan and correct its optical distortion if requested."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Counts that stand for dB."""
+"""Convert grey values that encode dB."""
 
 from __future__ import annotations
 

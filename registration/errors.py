@@ -1,4 +1,4 @@
-"""Errors of the registration side.
+"""Errors of the registration package.
 
 ::
 

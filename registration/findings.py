@@ -1,4 +1,4 @@
-"""Findings of the aligned scan: vessels, defects, topology, overlap, perfusion."""
+"""Inspect an aligned scan: vessels, defects, topology, volume overlap, perfusion."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What is inspected, and how.
+    """Inputs and options of an inspection.
 
     Attributes
     ----------

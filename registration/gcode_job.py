@@ -1,4 +1,4 @@
-"""Moves of a G-code file, as the page and the picture take them."""
+"""Moves of a G-code job, as the report's pages and pictures use them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GcodeColour = Literal["width", "kind", "speed", "order", "height", "vessel"]
 
 
 class Act(IntEnum):
-    """What a move does."""
+    """Kind of a move."""
 
     TRAVEL = 0
     """Goes on at the height it writes at."""

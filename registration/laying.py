@@ -1,4 +1,4 @@
-"""The part's frame: best fit, or the datums that were chosen."""
+"""Reference frame of the part: best fit, or chosen datums."""
 
 from __future__ import annotations
 

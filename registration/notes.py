@@ -1,4 +1,4 @@
-"""Notes that a reader needs before trusting a registration's numbers."""
+"""Notes on how far a registration's results can be trusted."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LEAST_EXAMINED = 0.98
 
 
 def pose_notes(scan: Scan, alignment: Alignment) -> list[str]:
-    """What the pose and its scales rest on."""
+    """Notes on what the pose and its scales rest on."""
     notes = []
     notes += [f"Pose not sure: {doubt}" for doubt in alignment.doubts]
     if not alignment.lay.startswith("upright"):

@@ -23,7 +23,7 @@ MOST_WORKING_VOXELS = 20_000_000
 
 @dataclass(frozen=True)
 class RegistrationOptions:
-    """How a scan is registered.
+    """Options of a registration.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Memory of mapped files."""
+"""Release the memory pages of mapped files after use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scan and its design made ready to be aligned and gauged."""
+"""Scan and design prepared for alignment and gauging."""
 
 from __future__ import annotations
 

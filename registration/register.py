@@ -1,4 +1,4 @@
-"""Scan to report: segment, align, gauge."""
+"""Work of a registration: segment, align, measure."""
 
 from __future__ import annotations
 

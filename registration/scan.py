@@ -1,4 +1,4 @@
-"""A scanned volume, which never goes without its units."""
+"""Scanned volume with units and metadata."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Relation of a scan's frame to the space that its file is written in."""
+"""Transform between a scan's frame and its file's coordinate space."""
 
 from __future__ import annotations
 

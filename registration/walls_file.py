@@ -1,4 +1,4 @@
-"""File of wall biases for one kind of scan, from a phantom of known channels.
+"""Wall offset file: systematic wall bias of one kind of scan, from a phantom.
 
 A segmentation moves every wall by about the same: the instrument's blur, the bright line where
 light meets gel, the level taken for halfway. On a part whose channels are known that offset is
@@ -27,7 +27,7 @@ MOST_UM = 100.0
 
 @dataclass(frozen=True)
 class WallCalibration:
-    """An offset of walls.
+    """Systematic wall offset of a kind of scan.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The simulated printer and scanner, the dry run and the product's one G-code reader.
+"""The sim package: simulated printer and scanner, print simulation, G-code reader.
 
 Import from the modules: `sim.gcode.read_gcode`, `sim.dryrun.dry_run`,
 `sim.families.registry.simulated_printer`, `sim.executed.ExecutedMotion`; ``python -m sim`` is the

@@ -1,4 +1,4 @@
-"""``python -m sim``: the simulated printer as a process, behind a pseudo-terminal or TCP."""
+"""Entry point of the simulated printer (``python -m sim``), on a pseudo-terminal or TCP."""
 
 from __future__ import annotations
 

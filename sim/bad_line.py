@@ -1,4 +1,4 @@
-"""The cable between a host and the simulated printer: flipped bits, lost and late replies.
+"""Simulated cable between host and printer: flipped bits, lost and late replies.
 
 Modelled: one bit of a byte flips, each byte by itself at the same chance, or of a burst's bytes
 at the burst's; a byte is lost; a bare ``ok`` is lost whole; a reply, or each ``ok`` by its own
@@ -27,7 +27,7 @@ _BEGINS_OK: Final = re.compile(rb"(?m)^ok")
 
 
 class BadLine:
-    """One cable.
+    """Simulated cable with errors.
 
     Parameters
     ----------

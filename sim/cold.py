@@ -1,4 +1,4 @@
-"""Cold-extrusion check at each row of a program: there is no hot end."""
+"""Cold-extrusion check at each row of a program, for printers without a hot end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Deposited ink after the simulated printer's motion.
+"""Ink deposit of the simulated printer, computed from its executed motion.
 
 Modelled
 --------

@@ -1,4 +1,4 @@
-"""Kernels of the deposit model: which blocks write, and painting beads into voxels."""
+"""Kernels of the deposit model: select writing blocks, paint beads into voxels."""
 
 from __future__ import annotations
 

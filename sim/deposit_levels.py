@@ -1,4 +1,4 @@
-"""Written heights of layers, and how high their lines are."""
+"""Layer heights found in executed motion, and the heights of the lines printed there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run a file through the simulated planner without a printer: how long, how far, what's wrong.
+"""Simulate a G-code file without a printer: duration, path, limit violations.
 
 The planner is that of the simulated printer, fed as the link feeds a real one (`sim.line_times`):
 wire both ways, the board's time for a line, the host's turnaround, lines in flight. Where moves
@@ -37,7 +37,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DryRun:
-    """What a file would do.
+    """Result of simulating a G-code file.
 
     Attributes
     ----------

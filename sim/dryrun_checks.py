@@ -1,4 +1,4 @@
-"""Checks of a program without planning: bounds, speeds, plunger, unknown commands."""
+"""Static checks of a G-code program: bounds, speeds, plunger, unknown commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Feed a program to the planner as the link feeds a printer; see `sim.line_times`."""
+"""Feed a G-code program to the simulated planner at the rate of a real link."""
 
 from __future__ import annotations
 

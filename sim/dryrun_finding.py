@@ -1,4 +1,4 @@
-"""One sort of problem in a file."""
+"""Finding of the G-code simulation: one kind of problem in a file."""
 
 from __future__ import annotations
 

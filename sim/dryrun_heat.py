@@ -1,4 +1,4 @@
-"""Every temperature that a file sets, whatever the command.
+"""Collect every temperature that a file sets, by whatever command.
 
 Beside M104, M109 (tool) and M140, M190 (bed) there are ways round them: M303, which heats while it
 tunes; RepRapFirmware's G10 and M568 for a tool, and M141, M191 for a chamber, which warms ink and
@@ -30,7 +30,7 @@ _CODES: Final = tuple(code(name) for name in (*_TOOL, *_BED, *_CHAMBER, "M303"))
 
 @dataclass(frozen=True)
 class Heating:
-    """One setting.
+    """Temperature set by one line.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Executed motion of the simulated printer, as seen at its motors."""
+"""Executed motion of the simulated printer, at its motors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the stepper's log, in steps, to `ExecutedMotion`, in mm."""
+"""Convert the simulated stepper's log from steps to `ExecutedMotion` in mm."""
 
 from __future__ import annotations
 

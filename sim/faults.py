@@ -1,4 +1,4 @@
-"""Faults of a simulated printer and its cable, one by one or from a file.
+"""Planned faults of a simulated printer and its cable, from code or a file.
 
 A fault file is YAML::
 

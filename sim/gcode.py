@@ -1,4 +1,4 @@
-"""The product's one G-code reader.
+"""G-code reader shared by all parts of the product.
 
 `read_gcode` takes a whole file in one compiled pass (about a million lines a second) and gives
 moves with all modal state resolved; `parse_line` takes one line for those who answer it. Both
@@ -63,7 +63,7 @@ def code_name(number: int) -> str:
 
 @dataclass(frozen=True)
 class Command:
-    """One line, taken apart.
+    """Parsed G-code command.
 
     Attributes
     ----------

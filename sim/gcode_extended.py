@@ -1,4 +1,4 @@
-"""Commands with names, put into the words that the one G-code reader knows.
+"""Translate named commands (Klipper style) to G-code words for the reader.
 
 ``SET_KINEMATIC_POSITION X=1 Y=2`` says where the tip stands, as G92 does for other firmwares, and
 is read as that; ``ACTIVATE_EXTRUDER EXTRUDER=extruder1`` is T1. ``SET_IDLE_TIMEOUT`` and the rest

@@ -1,4 +1,4 @@
-"""Meaning of a G-code line after those before it: Marlin's modal state."""
+"""Interpret a G-code line in the modal state left by earlier lines, as Marlin does."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ MODAL: Final = np.dtype(
 
 
 class Kind(IntEnum):
-    """What a command asks for."""
+    """Kind of a command's effect."""
 
     OTHER = 0
     """Nothing that moves, waits or counts; known or not."""

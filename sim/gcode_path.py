@@ -1,4 +1,4 @@
-"""Read the bytes of a G-code file that a person named."""
+"""Read the bytes of a user's G-code file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bytes that are text, as any G-code is."""
+"""Check that a G-code file's bytes are text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words of one G-code line, as a firmware's parser picks them out of the bytes."""
+"""Parse the words of one G-code line as a firmware does."""
 
 from __future__ import annotations
 

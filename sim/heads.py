@@ -1,4 +1,4 @@
-"""Heads in a file: which one E moves, which are raised, and where each needle's tip is.
+"""Heads in a G-code file: the one in use, the raised ones, and each tip's position.
 
 A firmware that is told by T which head to use can still do something else than the file's author
 meant: T that it doesn't know leaves the old head in use, an offset of its own moves what the file
@@ -31,7 +31,7 @@ _COUNTS: Final = re.compile(rb"E[-+.\d]")
 
 @dataclass(frozen=True)
 class Heads:
-    """Heads while a file runs.
+    """State of the heads while a file is read.
 
     Attributes
     ----------

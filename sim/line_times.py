@@ -1,4 +1,4 @@
-"""Times of a job's lines: on the serial line, in the host, and in an 8-bit board.
+"""Transmission and processing time of a job's lines: serial line, host, 8-bit board.
 
 A line leaves as the link sends it, with number and checksum, once the host has read the last `ok`;
 so the time between two lines is wire out + board + wire back + the host's turnaround.

@@ -1,4 +1,4 @@
-"""Kernels: how wide a lumen's open section is, as rays from one point see it, all round."""
+"""Kernels: width of a lumen's open cross-section among printed lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands that set a digital output by its name: ``$DO[0].X=1``, ``DigitalOutputSet(X, 0, 1)``."""
+"""Parse commands that set a digital output by name, such as ``$DO[0].X=1``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _CALL: Final = re.compile(
 
 
 def output_of(text: str) -> tuple[str, dict[str, str]] | None:
-    """What a command sets an output by, and its words; None where it sets none."""
+    """Return the output that a command sets, and its words; None where it sets none."""
     found = _ARRAY.fullmatch(text.strip())
     if found:
         number = found[1] if found[1] is not None else found[2]

@@ -1,4 +1,4 @@
-"""A board's clock against its host's: slow, or frozen for a while, by its fault plan."""
+"""Simulated clock of a board relative to its host's: slowed or frozen by a fault plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Marlin's planner: a ring of blocks with lookahead, in the printer's own time.
+"""Marlin's motion planner: a ring buffer of blocks with lookahead, in virtual time.
 
 What is modelled, after Marlin 2.1 with junction deviation: rounding of targets to whole steps in
 32-bit floats, merging of moves below the least steps, limits of speed and acceleration per axis,

@@ -1,4 +1,4 @@
-"""One block of the planner: its size, its speed limits and its corner with the block before.
+"""Planner block: size, speed limits, junction speed with the block before.
 
 Speeds and lengths are 32-bit floats, as they are in the firmware.
 """

@@ -1,4 +1,4 @@
-"""Times of the stepper's pulses: Marlin's trapezoid as its interrupt walks it.
+"""Pulse times of Marlin's stepper, from its trapezoid as the interrupt walks it.
 
 The interrupt of an 8-bit board runs on a 16-bit timer at 2 MHz. After each pulse it works out the
 rate of the next one from the time spent accelerating so far and turns it into a timer interval by

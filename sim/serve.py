@@ -1,4 +1,4 @@
-"""The simulated printer as a process of its own, behind a port.
+"""Serve the simulated printer on a port as a separate process.
 
 The loop: what the host sends goes to the firmware (`sim.board`), what that says goes back. At
 speed 0 the firmware's virtual clock runs as fast as its own waits let it; at speed K it is held
@@ -39,7 +39,7 @@ _TICK_S: Final = 0.002
 
 @dataclass(frozen=True)
 class Serving:
-    """How to serve.
+    """Options of serving a simulated printer.
 
     Attributes
     ----------

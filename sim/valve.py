@@ -1,4 +1,4 @@
-"""A pneumatic head's valve, as a file's commands switch it.
+"""Valve commands of a pneumatic head in a G-code file.
 
 Which commands those are the profile says (`dispenser`: opens, closes); a line is one of them if it
 has the same command and words, in any order. The same command with the same address (what both
@@ -43,7 +43,7 @@ Words = frozenset[tuple[str, str | float]]
 
 @dataclass(frozen=True)
 class Valve:
-    """The valve in a file.
+    """Valve states along a G-code file.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Find the file's command of each executed block by its end point.
+"""Assign each executed motion block to its G-code command, to time the valve.
 
 A printer counts the lines that it is sent, and a host puts in lines of its own (a checkpoint's
 question, a pause), so the count alone doesn't tell the file's command. The places do: blocks end,

@@ -1,4 +1,4 @@
-"""Wait for one port and one alarm at once, with poll where there is one (not on Windows)."""
+"""Wait until a port is ready or an alarm descriptor fires; uses poll where available."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compile every kernel of the simulated printer, or load it from the cache, before it is needed."""
+"""Compile every kernel of the simulated printer, or load it from the cache, in advance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A file as its printer's family writes it, read by the one G-code reader."""
+"""Read a program file of any firmware family with the G-code reader."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings for all tests."""
+"""Pytest settings and fixtures shared by all tests."""
 
 import atexit
 import os

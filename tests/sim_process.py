@@ -1,4 +1,4 @@
-"""A simulated printer in a process of its own, which a host takes for a real one."""
+"""Simulated printer in a separate process, for hosts under test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A made-up sixth firmware family, as somebody would add it: two folders, and nothing else.
+"""Test double: a sixth firmware family, added as two folders.
 
 It has Klipper's kind of link, Marlin's words but no arcs, a question of its own (M777) and a
 timeout under another name; its simulated twin answers M777.

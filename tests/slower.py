@@ -1,4 +1,4 @@
-"""Parameters of which CI tries the first few, and `make test-slow` the rest."""
+"""Test parameters: the first few in CI, the rest by `make test-slow`."""
 
 from __future__ import annotations
 

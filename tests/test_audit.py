@@ -1,4 +1,4 @@
-"""The audit fails on what is vulnerable, and says when it couldn't ask."""
+"""Dependency audit: fails on vulnerabilities, reports when it couldn't ask."""
 
 import importlib.util
 import sys

@@ -1,4 +1,4 @@
-"""Firmware families have a home: no name of one, and no question which it is, stands elsewhere."""
+"""Firmware family names occur only in their own packages."""
 
 from __future__ import annotations
 

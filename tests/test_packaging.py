@@ -1,4 +1,4 @@
-"""Contents of an installed wheel."""
+"""Contents of the installed wheel."""
 
 import shutil
 import subprocess

@@ -1,4 +1,4 @@
-"""A sixth firmware family is two folders: reader, writer, gate, dry run, link and twin find it."""
+"""Adding a sixth firmware family: two folders suffice for all parts."""
 
 from __future__ import annotations
 

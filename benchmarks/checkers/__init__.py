@@ -1,4 +1,4 @@
-"""Checkers of an exported network; they share no code with the product."""
+"""Independent checkers of exported networks and G-code; they share no code with the product."""
 
 from benchmarks.checkers.collisions import Near, near_pairs
 from benchmarks.checkers.containment import Outside, pieces_outside, winding_numbers

@@ -1,4 +1,4 @@
-"""Free cross-section of lumens in any direction among written lines, and each line's own dose.
+"""Free cross-section of lumens among printed lines; widths from each line's own extrusion.
 
 Shares no code with the product. A line is a slab as high as its layer, as wide as the crest of its
 round-sided bead (`flat`), or that bead itself (`rounded`). Rays go out from a lumen's axis, in the

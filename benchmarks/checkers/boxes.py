@@ -1,4 +1,4 @@
-"""A tree of boxes over many small boxes, to find what lies near what.
+"""Tree of bounding boxes, to find boxes near a place.
 
 The boxes are sorted along a Z-order curve (Morton 1966) and halved again and again. Node ``k`` of
 level ``d`` (2^d <= k < 2^(d+1), the top is node 1) holds the sorted boxes from ``p n / 2^d`` to

@@ -1,4 +1,4 @@
-"""All pairs of pieces that come too near to each other."""
+"""Find all pairs of network pieces that come closer than a clearance."""
 
 from __future__ import annotations
 

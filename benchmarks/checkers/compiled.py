@@ -1,4 +1,4 @@
-"""The checkers' own compiler settings; nothing of the product's is used.
+"""Compiler settings of the checkers, independent of the product's.
 
 Numba's cache knows a function's own file but not its callees', so it lives in a folder named by a
 hash of all files of this package.

@@ -1,4 +1,4 @@
-"""Pieces whose lumen isn't wholly in the tissue, against its exact surface."""
+"""Find pieces whose lumen isn't wholly in the tissue, against its exact surface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Evenness of the terminals over the tissue; compare volumes only at equal coverage."""
+"""Evenness of terminals over the tissue, so that volumes are compared at equal coverage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Triangles of a file that pass through one another, by means that the product doesn't use.
+"""Find self-intersecting triangles of a mesh file, without product code.
 
 Triangles are sorted along a Z-order curve of their middles and boxed in runs of eight, pairs of
 which are boxed again up to one box (the product: median splits). Two that meet in more than their

@@ -1,4 +1,4 @@
-"""Dye in a network of straight tubes along streamlines: no product code in it.
+"""Dye in a network of straight tubes, along streamlines, without product code.
 
 Poiseuille's profile, no diffusion, flows that mix wholly at nodes, a step of dye at the inlet. What
 leaves a tube is the sum over its streamlines of what entered, each as much later as it is slow:

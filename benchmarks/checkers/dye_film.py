@@ -1,4 +1,4 @@
-"""A film of dye in straight tubes, by rays through a pinhole: no product code in it.
+"""Synthetic dye video of straight tubes, by rays through a pinhole, without product code.
 
 Each pixel's ray is cut with every tube; along what lies inside, places know how long ago what is
 there entered the tube. Light falls off by Beer and Lambert. The picture is blurred, shaken, lit

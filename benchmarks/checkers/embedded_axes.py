@@ -1,4 +1,4 @@
-"""The axes that an embedded print is to follow, and which of them each place belongs to."""
+"""Vessel axes that an embedded print should follow, and the nearest vessel of each point."""
 
 from __future__ import annotations
 

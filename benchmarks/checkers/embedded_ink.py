@@ -1,4 +1,4 @@
-"""Ink in the bath in the order written, by the G-code's own flow."""
+"""Deposited ink in the bath in writing order, from G-code alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Places where a network overlaps itself: filaments that are one body in any order.
+"""Find where vessels of a network overlap away from nodes, and count as one body.
 
 Shares no code with the product. Two vessels overlap where their axes come nearer than the sum of
 their radii, one of the two places further than J (see `embedded_shaft`) from every node that they

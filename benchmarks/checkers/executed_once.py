@@ -1,4 +1,4 @@
-"""Were a file's moves executed once each? Judged from the simulated printer's step counters."""
+"""Check from the step counters of the simulated printer that each move ran exactly once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a print's journal and say what must be told of the print; knows nothing of the product."""
+"""Read a print's journal and state what it must report of the print. No product code."""
 
 from __future__ import annotations
 

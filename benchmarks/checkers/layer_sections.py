@@ -1,4 +1,4 @@
-"""Compare a layer's ink with the material of the design's section: holes left open, bare places.
+"""Compare a layer's ink with the design's section: lumens left open, uncovered areas.
 
 Shares no code with the product.
 """

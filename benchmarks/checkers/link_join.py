@@ -1,4 +1,4 @@
-"""Check that a file's strokes begin, end and dose where the file says.
+"""Check that a file's strokes start, end and extrude where the file says.
 
 A stroke is a move across; pauses, retreats and changes of syringe add moves of the plunger alone
 and straight up and down, which are left out. Judged from where the motors went, in steps.

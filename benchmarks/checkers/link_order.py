@@ -1,4 +1,4 @@
-"""Was every line of a file done once and in order? Judged from what the printer took and moved."""
+"""Check that every line of a file was executed once and in order, from what the printer did."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Viscous loss of a network's power, by sums and integrals of this file's own."""
+"""Viscous power loss of a network, by independent integrals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The E motor's steps by the arithmetic of a Marlin on an 8-bit board: single precision throughout.
+"""Single-precision E step arithmetic of Marlin on an 8-bit board.
 
 A number is read as avr-libc reads it: its digits as a whole number, then multiplied by powers of
 ten in single precision, so that 0.321 becomes the float below the nearest one. Marlin keeps E as a

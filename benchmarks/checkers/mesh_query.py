@@ -1,4 +1,4 @@
-"""Distance and winding number of points by the definition: every triangle from every point.
+"""Brute-force distance and winding number of points: every triangle for every point.
 
 NumPy alone, no tree, no compiler: slow, and with nothing to get wrong in a search. It vouches for
 the checkers' own tree, which in turn checks the product at many more points.

@@ -1,4 +1,4 @@
-"""Flow through the pieces of a network, as anyone would solve it from the exported file."""
+"""Solve Poiseuille flow through the pieces of an exported network, independently."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Deviation of a simulated print from its design, by the ink: no scan or registration.
+"""Deviation of a simulated print from its design, measured on the deposited ink.
 
 The ink that the simulator laid is shrunk as it shrinks after printing, put over the design as well
 as a shift can, and held against walls drawn from network.csv: balls swept along straight axes, and

@@ -1,4 +1,4 @@
-"""Read any slicer's G-code as lines with a width. Shares no code with the product.
+"""Read any slicer's G-code as lines with a width, without product code.
 
 Read are G0, G1 (X, Y, Z, E), G92 and M82 or M83; anything that would move the needle otherwise is
 refused. Lengths are mm, volumes µL.

@@ -1,4 +1,4 @@
-"""Read `network.csv` with a reader of the checkers' own."""
+"""Independent reader of `network.csv`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a binary STL with a reader of the checkers' own."""
+"""Independent reader of binary STL."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Open share of upright round lumens among written lines; exact on stadiums.
+"""Open share of upright round lumens among printed lines; exact for stadiums.
 
 Shares no code with the product.
 """

@@ -1,4 +1,4 @@
-"""A client that fills a server with idle connections and wrong tokens.
+"""Client that attacks a server with idle connections and wrong tokens.
 
 ``python -m benchmarks.checkers.rude_client HOST:PORT,... --idle 2000 --wrong-a-minute 1000`` runs
 until its input ends. It connects from addresses 127.0.x.y, and again as soon as it is dropped.

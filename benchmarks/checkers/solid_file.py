@@ -1,4 +1,4 @@
-"""Read an STL or 3MF file and compute its expected union: nothing shared with the maker.
+"""Read an STL or 3MF file and compute its expected union, without product code.
 
 The files are read from their bytes; equal float32 corners are one vertex. The reference volume is
 that of a union of round-ended cones, by Monte-Carlo sampling with a standard error.

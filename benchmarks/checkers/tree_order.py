@@ -1,4 +1,4 @@
-"""Parents and children in a network that is a forest."""
+"""Parents and children of vessels in a tree network."""
 
 from __future__ import annotations
 

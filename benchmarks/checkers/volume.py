@@ -1,4 +1,4 @@
-"""Volume of the lumens."""
+"""Volume of a network's lumens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow and pressure through sections, from a VTU file of quadratic tetrahedra alone.
+"""Flow and pressure through cross-sections, read from a VTU file alone.
 
 Reads with meshio and interpolates by itself: it shares nothing with what wrote the file.
 """

@@ -1,4 +1,4 @@
-"""Distance between two pieces along the vessels."""
+"""Path length between two pieces along the vessels."""
 
 from __future__ import annotations
 

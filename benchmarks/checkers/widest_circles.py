@@ -1,4 +1,4 @@
-"""Widest free circle in planes across a lumen, wherever in the plane its middle lies.
+"""Widest free circle in planes across a lumen, of any centre.
 
 Shares no code with the product. What is free is traced as a polygon of `RAYS` corners about the
 axis; the widest circle in it is Shapely's. Lengths are mm.

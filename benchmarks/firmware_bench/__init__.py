@@ -1,1 +1,1 @@
-"""Benchmark of the product against real firmware in simulated boards."""
+"""Benchmark of the product against real firmware on simulated controller boards."""

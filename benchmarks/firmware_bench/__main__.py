@@ -1,4 +1,4 @@
-"""The product against real firmware, judged by step edges alone: ``make bench-firmware``.
+"""Benchmark against real firmware, judged by motor step edges alone: ``make bench-firmware``.
 
 Wants images that somebody else has built: ``--marlin`` an ELF file for the ATmega2560 (RAMPS 1.4,
 E 500 steps/mm, emergency parser on, 115200 Bd), ``--marlin-without-parser`` the same without it,

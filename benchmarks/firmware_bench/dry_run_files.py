@@ -1,4 +1,4 @@
-"""Files to compare the dry run's time with a real firmware's; none was used to tune it.
+"""G-code files that compare the simulated print time with real firmware's; not used for tuning.
 
 Tuned on: ``calibration_curve`` (both bauds, board at 0.15 of real time), and lines without motion.
 """

@@ -1,4 +1,4 @@
-"""G-code files with the steps that their motors must make."""
+"""G-code files with the exact motor steps that they must produce."""
 
 from __future__ import annotations
 

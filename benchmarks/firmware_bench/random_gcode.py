@@ -1,4 +1,4 @@
-"""Random G-code that a job may hold: moves, arcs, the plunger counted anew, odd spelling."""
+"""Generate random valid G-code: moves, arcs, G92 of E, unusual spelling."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows: the reported end against the motors' last step, and their steps."""
+"""Benchmark rows: reported print end against the motors' last step, and the step counts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows: the dry run's time and end position against a real Marlin's."""
+"""Benchmark rows: simulated print time and end position against a real Marlin's."""
 
 from __future__ import annotations
 

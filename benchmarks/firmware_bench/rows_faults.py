@@ -1,4 +1,4 @@
-"""Rows: prints on a real Marlin to which something happens: each move made once, or the truth told.
+"""Benchmark rows: disturbed prints on a real Marlin; each move made once, or loss reported.
 
 Judged by the places at which the motors of X and Y turned round, which pauses and lifts leave as
 they are: a line that is lost, doubled or swapped changes them.

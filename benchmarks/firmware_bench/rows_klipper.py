@@ -1,4 +1,4 @@
-"""Rows: prints on a real Klipper, judged from the steps of its micro-controller's pins."""
+"""Benchmark rows: prints on a real Klipper, judged from its motor steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows: prints on a real Marlin through a noisy line that loses oks."""
+"""Benchmark rows: prints on a real Marlin through a noisy line that loses oks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows: lines a second on a real Marlin against what its wire carries."""
+"""Benchmark rows: lines per second on a real Marlin against the serial line's capacity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows: how long motors go on stepping after a person has asked for the kill, or for the stop."""
+"""Benchmark rows: how long motors keep stepping after an operator's kill or stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A small serial host for the benchmark's own questions to a firmware, without the product."""
+"""Minimal serial host for querying firmware in the benchmark, independent of the product."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Controlled stops in the middle of a pause, of the way back, and of the last wait of a print."""
+"""Stop a print at difficult moments: in a pause, on the return from it, in the last wait."""
 
 from __future__ import annotations
 

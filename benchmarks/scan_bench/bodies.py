@@ -1,4 +1,4 @@
-"""Outer shapes of test parts: convex bodies bounded by planes and, for some, a cylinder."""
+"""Outer shapes of test parts: convex bodies bounded by planes, some also by a cylinder."""
 
 from __future__ import annotations
 

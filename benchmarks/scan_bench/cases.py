@@ -1,4 +1,4 @@
-"""Cases of each family: which scan to make, drawn from a seed."""
+"""Scan cases of each benchmark family, drawn from a seed."""
 
 from __future__ import annotations
 

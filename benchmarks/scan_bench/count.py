@@ -1,4 +1,4 @@
-"""One count of issue 22's whole table: cases drawn over everything that it names.
+"""Draw random scan cases over all conditions of issue 22's table, for one overall count.
 
     python -m benchmarks.scan_bench --only count --count 100 --jobs 1 --first-seed 52000 --keep DIR
 

@@ -1,4 +1,4 @@
-"""Planted defects: what they do to the lumens, and their entry in the truth."""
+"""Plant defects in the lumens of a synthetic scan, and record them in its truth."""
 
 from __future__ import annotations
 

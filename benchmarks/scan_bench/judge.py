@@ -1,4 +1,4 @@
-"""Hold a report folder of `printctl register` against the truth of either generator.
+"""Judge a `printctl register` report against a synthetic scan's truth.
 
 python -m benchmarks.scan_bench.judge REPORT_DIR TRUTH.json
 """

@@ -1,4 +1,4 @@
-"""Hold listed defects and the verdict against what was planted and what the sections truly are."""
+"""Judge reported defects and verdict against planted defects and true sections."""
 
 from __future__ import annotations
 

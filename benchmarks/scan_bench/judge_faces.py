@@ -1,4 +1,4 @@
-"""Error of the measured outer faces that are called seen."""
+"""Judge the outer faces reported as seen, by their distance error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of reported numbers, and whether their claimed 95 % intervals hold the truth."""
+"""Judge reported numbers: errors, and coverage of their 95 % intervals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hold a reported pose against the truth, whatever symmetry the design has."""
+"""Judge a reported pose against the truth, up to the design's symmetries."""
 
 from __future__ import annotations
 

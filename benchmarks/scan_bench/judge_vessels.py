@@ -1,4 +1,4 @@
-"""Hold each vessel's decision against its true sections, and the list against what is plotted."""
+"""Judge vessel decisions against true sections, and listed findings against plotted ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of the scan generator; those that /work/shared/scans/make_scan.py has mean the same."""
+"""Command-line options of the scan generator; compatible with /work/shared/scans/make_scan.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pose of a part in a scan."""
+"""Pose of a part in a synthetic scan."""
 
 from __future__ import annotations
 

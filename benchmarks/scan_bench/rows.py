@@ -1,4 +1,4 @@
-"""Rows of issue 22's table from the result lines."""
+"""Summary rows of issue 22's table, from result lines."""
 
 from __future__ import annotations
 

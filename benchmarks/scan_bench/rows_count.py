@@ -1,4 +1,4 @@
-"""Rows of the one count of issue 22's whole table (`count`), over all its scans of a generator."""
+"""Summary rows of issue 22's overall count (`count`), for one scan generator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Make scans, register them as a user does, judge them; what is done already isn't done again."""
+"""Generate scans, register them by the command line, judge them; reuse earlier results."""
 
 from __future__ import annotations
 

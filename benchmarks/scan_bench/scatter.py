@@ -1,4 +1,4 @@
-"""Scatterers along the A-scans of a B-scan, summed in fine depth cells.
+"""Scatterers along a B-scan's A-scans, summed in fine depth cells.
 
 Equivalent formulation: scatterers have circular Gaussian complex reflectivities, Poisson numbers
 and random phases. Their places are rounded to a fine cell (an eighth of a voxel, far below the

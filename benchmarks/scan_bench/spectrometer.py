@@ -1,4 +1,4 @@
-"""A spectral-domain OCT's detector: from light by depth to an image, by way of the interferogram.
+"""Simulate a spectral-domain OCT detector: interferogram to image.
 
 Modelled: Gaussian source spectrum, finite resolution of the spectrometer (roll-off), shot and read
 noise, saturation, fixed pattern (stripes), the transform back. Overlap of beams of neighbouring

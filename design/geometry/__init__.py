@@ -1,4 +1,4 @@
-"""Exact distances between points, segments and triangles, for the rooms above."""
+"""Exact distances and intersections of points, segments and triangles."""
 
 from design.geometry.bvh import (
     TriangleTree,

@@ -1,4 +1,4 @@
-"""Walk of a triangle tree through the leaves that meet a box."""
+"""Traverse a triangle bounding-volume tree for the leaves that overlap a box."""
 
 from __future__ import annotations
 

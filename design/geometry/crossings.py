@@ -1,4 +1,4 @@
-"""Triangles of a surface that pass through one another.
+"""Find the self-intersecting triangles of a surface.
 
 Every two triangles whose boxes meet are tried, neighbours too. The signs of tetrahedra decide,
 each with a bound of its rounding (Shewchuk 1997, doi 10.1007/PL00009321, his first filter); the
@@ -31,7 +31,7 @@ APART, OPEN, CROSSING = 0, 1, 2
 
 @dataclass(frozen=True)
 class Crossings:
-    """What passes through what.
+    """Pairs of faces that intersect.
 
     Attributes
     ----------

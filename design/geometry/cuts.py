@@ -1,4 +1,4 @@
-"""Kernels: where a node of a bounding volume hierarchy is cut (surface area heuristic)."""
+"""Kernels: choose the split of a bounding volume hierarchy node (surface area heuristic)."""
 
 from __future__ import annotations
 

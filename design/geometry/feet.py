@@ -1,4 +1,4 @@
-"""Nearest place on a triangle surface to a point."""
+"""Nearest point on a triangle surface."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 
 
 class Feet(NamedTuple):
-    """Nearest places of a surface.
+    """Nearest points on a surface.
 
     Attributes
     ----------

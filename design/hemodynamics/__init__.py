@@ -1,4 +1,4 @@
-"""Flow in vessel networks: lumped, steady and pulsatile; 1D waves.
+"""Flow solvers for vessel networks: lumped (0D, steady and pulsatile) and 1D pulse waves.
 
 Names are loaded when first asked for: a steady flow needs neither 1D waves nor pulses.
 """

@@ -1,4 +1,4 @@
-"""Places in a network where fidelities are compared, and the waves found there."""
+"""Probes: points in a network at which flow solutions of different fidelities are compared."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Probes:
 
 @dataclass(frozen=True)
 class ProbeWaves:
-    """What flows by at probes.
+    """Flow and pressure at probes over a cycle.
 
     Attributes
     ----------

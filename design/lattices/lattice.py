@@ -1,4 +1,4 @@
-"""Lattices of channels in a tissue, to hold grown trees against."""
+"""Fill a tissue with a regular lattice of channels, for comparison with grown trees."""
 
 from __future__ import annotations
 

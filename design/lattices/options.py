@@ -1,4 +1,4 @@
-"""Kind and width of a lattice."""
+"""Options of a channel lattice: unit cell, spacing, channel width and ports."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LatticeKind = Literal["grid", "honeycomb", "gyroid", "diamond"]
 
 @dataclass(frozen=True)
 class LatticeOptions:
-    """A lattice, and its ports.
+    """Options of a channel lattice and its ports.
 
     Attributes
     ----------

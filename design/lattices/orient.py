@@ -1,4 +1,4 @@
-"""Directions for a graph's edges, so that all lead from one node to another."""
+"""Orient a graph's edges from one source node to one sink node, without cycles."""
 
 from __future__ import annotations
 

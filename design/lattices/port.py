@@ -1,4 +1,4 @@
-"""A straight port from a lattice out of the tissue."""
+"""Straight port that leads from a lattice out of the tissue."""
 
 from __future__ import annotations
 

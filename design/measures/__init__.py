@@ -1,4 +1,4 @@
-"""Measures of a vessel network and of its service to the tissue.
+"""Geometric measures of a vessel network and of its supply of the tissue.
 
 Names are loaded when first asked for.
 """

@@ -1,4 +1,4 @@
-"""Vessels of one kind as a forest: who springs from whom, and Strahler's orders."""
+"""Forest of a network's vessels: parents, children and Strahler orders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Murray's law at forks, and how evenly the terminals are fed."""
+"""Residuals of Murray's law at bifurcations, and the spread of the terminals' flows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All measures of a network in a tissue."""
+"""Compute all geometric measures of a network in a tissue."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from design.vasculature.growth.territories import SupplyBalance
 
 @dataclass(frozen=True)
 class MeasureOptions:
-    """How a network is measured.
+    """Options of measuring a network.
 
     Attributes
     ----------

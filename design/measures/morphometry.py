@@ -1,4 +1,4 @@
-"""Morphometry by orders, in the form in which real vessels are published."""
+"""Morphometry by Strahler order (counts, lengths, diameters), as published for real vessels."""
 
 from __future__ import annotations
 

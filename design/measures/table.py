@@ -1,4 +1,4 @@
-"""Measures as plain numbers, for `report.json`."""
+"""Network measures as nested dictionaries of plain numbers, for `report.json`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Supply of a network's terminals, over the demand of the tissue around each."""
+"""Compare each terminal's flow with the demand of the tissue territory nearest to it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Depth of a network, and lengths round its loops."""
+"""Path depth and tortuosity of a network from inlets to outlets, and lengths of its loops."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kernels import jit
 
 @dataclass(frozen=True)
 class Ways:
-    """Depth and tortuosity.
+    """Depth and tortuosity of a network's flow paths.
 
     Attributes
     ----------

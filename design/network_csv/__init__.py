@@ -1,4 +1,4 @@
-"""Networks as `network.csv`: one straight piece a row, full precision."""
+"""`network.csv` format: one straight vessel piece per row, full precision."""
 
 from design.network_csv.read import read_network_csv
 from design.network_csv.write import write_network_csv

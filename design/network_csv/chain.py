@@ -1,4 +1,4 @@
-"""From pieces to polylines: the rows of each vessel chained, then cut at the network's nodes."""
+"""Chain straight pieces of a `network.csv` into vessel polylines between nodes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a network and a body to printable solids and their files."""
+"""Printable solids of a network and a body, and their files."""
 
 from typing import TYPE_CHECKING
 

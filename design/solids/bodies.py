@@ -1,4 +1,4 @@
-"""Bodies that lumens are cut out of, or that a construct sits in."""
+"""Bodies from which lumens are cut out, or that hold a construct."""
 
 from __future__ import annotations
 

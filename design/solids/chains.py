@@ -1,4 +1,4 @@
-"""Vessels that go on into one another, joined to be swept as one tube.
+"""Chains of vessels that continue each other gently, to be swept as one mitred tube.
 
 Two tubes that end flat in one plane touch there without overlapping, and rounding makes a slit of
 it. So wherever one vessel continues another gently and about as wide, they become one chain.
@@ -27,7 +27,7 @@ End = tuple[int, int]
 
 @dataclass(frozen=True)
 class Chain:
-    """Vessels end to end.
+    """Vessels that continue each other, swept as one tube.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Check that a mesh file holds a solid, on the file read back."""
+"""Validate a written mesh file by reading it back."""
 
 from __future__ import annotations
 

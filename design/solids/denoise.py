@@ -1,4 +1,4 @@
-"""Noise taken off a triangle surface without shrinking it."""
+"""Smooth the noise of a triangle surface without shrinking it (Taubin)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Polygons for circles that keep the conductance of the flow through them."""
+"""Polygonal tube cross-sections with the hydraulic conductance of the circles they replace."""
 
 from __future__ import annotations
 

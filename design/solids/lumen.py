@@ -1,4 +1,4 @@
-"""The open space of a network's vessels as one solid."""
+"""Lumen solid: the open space of all vessels of a network."""
 
 from __future__ import annotations
 

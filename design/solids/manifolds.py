@@ -1,4 +1,4 @@
-"""To manifold3d, and its booleans."""
+"""Convert solids to manifold3d and run its booleans."""
 
 from __future__ import annotations
 

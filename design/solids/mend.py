@@ -1,4 +1,4 @@
-"""Take away the crossings of a closed surface by small local changes.
+"""Remove self-intersections of a closed surface by small local changes.
 
 Rounding to float32 moves vertices by up to half a step, and a boolean's result has slivers and
 narrow wedges thinner than that: their sheets then pass through one another. Around each crossing

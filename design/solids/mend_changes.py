@@ -1,4 +1,4 @@
-"""Kernels: changes that mend a crossing, and by how many crossings fewer each leaves."""
+"""Kernels: local surface changes (turn, collapse, move) and the self-intersections they remove."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels: how many faces of a surface being mended meet others."""
+"""Kernels: count self-intersections of a surface patch under repair."""
 
 from __future__ import annotations
 

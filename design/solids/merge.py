@@ -1,4 +1,4 @@
-"""Merge vertices that are one place."""
+"""Merge vertices at identical coordinates."""
 
 from __future__ import annotations
 

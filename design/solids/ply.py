@@ -1,4 +1,4 @@
-"""Write binary PLY, with a number a vertex where there is one."""
+"""Write a solid as binary PLY, optionally with a value per vertex."""
 
 from __future__ import annotations
 

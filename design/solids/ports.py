@@ -1,4 +1,4 @@
-"""Ends of a network that open through the surface of a body."""
+"""Find the ports of a network: free vessel ends that open through a body's surface."""
 
 from __future__ import annotations
 

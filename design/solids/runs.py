@@ -1,4 +1,4 @@
-"""A network cut into runs that can be swept, and the junctions that must be filled by balls."""
+"""Split a network into runs swept as tubes, joined by balls where they meet at an angle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Round a surface to float32 without opening it.
+"""Round a solid's vertices to float32 and keep its surface closed.
 
 STL and most readers hold float32. Vertices of a boolean's result may lie closer together than
 its steps: written as they are, they fall onto one another, and the file read back has edges with

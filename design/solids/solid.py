@@ -1,4 +1,4 @@
-"""A closed triangle surface."""
+"""Solid: a closed triangle surface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A network as cylinders, cones and balls, in an order in which each touches one before it."""
+"""Decompose a network into touching cylinders, cones and balls, for STEP files."""
 
 from __future__ import annotations
 

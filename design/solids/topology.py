@@ -1,4 +1,4 @@
-"""Edges, shells and handles of a triangle mesh."""
+"""Topology of a triangle mesh: edge faults, shells and handles."""
 
 from __future__ import annotations
 

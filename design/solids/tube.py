@@ -1,4 +1,4 @@
-"""A polyline with radii swept to a closed triangle mesh, mitred at its bends."""
+"""Sweep a polyline with radii to a closed triangle mesh, mitred at bends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tubes of a chosen wall around a network's lumens."""
+"""Tube solids: a network's lumens surrounded by a wall of given thickness."""
 
 from __future__ import annotations
 

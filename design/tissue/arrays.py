@@ -1,4 +1,4 @@
-"""The arrays of a signed distance grid, as kernels take them."""
+"""Arrays of a signed distance grid, as kernels use them."""
 
 from __future__ import annotations
 

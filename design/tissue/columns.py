@@ -1,4 +1,4 @@
-"""Crossings of straight lines with a closed mesh: winding numbers, thickness.
+"""Intersect straight lines with a closed mesh: winding numbers and wall thickness.
 
 The winding number of a point is the signed count of surface crossings on the way to it from
 outside. Along grid lines it costs one crossing list per line, is exact (an integer) for any closed,

@@ -1,4 +1,4 @@
-"""Faces of a tissue's surface that pass through one another."""
+"""Find self-intersecting faces of a tissue's surface."""
 
 from __future__ import annotations
 

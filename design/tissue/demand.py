@@ -1,4 +1,4 @@
-"""Relative demand of perfusion at each place of a tissue.
+"""Relative perfusion demand at each point of a tissue.
 
 Growth that accepts a point with the probability `Demand.weight` places terminals by demand,
 exactly; all terminals carry the same flow, so the tissue's total perfusion is as before and a
@@ -42,7 +42,7 @@ class Demand(Protocol):
 
 @dataclass(frozen=True)
 class UniformDemand:
-    """The same everywhere."""
+    """Uniform perfusion demand."""
 
     mean_weight: float = 1.0
 

@@ -1,4 +1,4 @@
-"""A tissue's demand from a table against depth, a volume image or a function."""
+"""Perfusion demand of a tissue, from a depth table, a volume image or a function."""
 
 from __future__ import annotations
 

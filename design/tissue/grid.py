@@ -1,4 +1,4 @@
-"""The signed distance grid: what it holds, how it is read."""
+"""Signed distance grid of a tissue: fine bricks near the surface, coarse ones elsewhere."""
 
 from __future__ import annotations
 

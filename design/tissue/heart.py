@@ -1,4 +1,4 @@
-"""A phantom of both ventricles."""
+"""Parametric heart tissue: both ventricles as truncated ellipsoid shells."""
 
 from __future__ import annotations
 

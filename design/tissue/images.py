@@ -1,4 +1,4 @@
-"""Read volume images (NIfTI, NRRD, TIFF stack) with their place in space."""
+"""Read volume images (NIfTI, NRRD, TIFF stack) with their position and orientation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The surface of a field on a lattice, by marching tetrahedra.
+"""Extract the surface of a field on a lattice by marching tetrahedra.
 
 Each lattice cell is parted into six tetrahedra around one diagonal (Kuhn 1960), alike in every
 cell, so that neighbours agree on their common face. The surface is closed and oriented by

@@ -1,4 +1,4 @@
-"""To manifold3d and back, for booleans of surfaces."""
+"""Convert tissue surfaces to and from manifold3d, for booleans."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Outward normals of plain points (Hoppe et al. 1992, doi 10.1145/133994.134011)."""
+"""Estimate outward normals of a point cloud (Hoppe et al. 1992, doi 10.1145/133994.134011)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Make a mesh's faces agree on what is outside."""
+"""Orient a mesh's faces consistently outwards."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read points of a surface, with or without normals."""
+"""Read a point cloud of a surface, with or without normals."""
 
 from __future__ import annotations
 

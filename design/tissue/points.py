@@ -1,4 +1,4 @@
-"""From points on a surface to a closed surface: a partition of unity of local quadratics.
+"""Reconstruct a closed surface from a point cloud: partition of unity of local quadratics.
 
 Around each point the surface is a quadratic height over the tangent plane, fitted to its
 neighbours (and to their normals, where they are given); the local functions, blended by compact

@@ -1,4 +1,4 @@
-"""Mend the surface of a tissue as far as that is safe, and say what was done.
+"""Repair a tissue's surface where that is safe, and report the repairs.
 
 A closed, consistently oriented surface whose faces don't pass through one another is handed on
 untouched. Otherwise, in turn: duplicate faces are dropped, vertices next to one another merged

@@ -1,4 +1,4 @@
-"""The connected shells of a surface: which holds which, and the union of those that overlap."""
+"""Connected shells of a surface: nesting, and union of overlapping ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Thickness of a tissue's walls, and the grid that it needs."""
+"""Wall thickness of a tissue, and the grid spacing that it requires."""
 
 from __future__ import annotations
 

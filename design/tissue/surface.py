@@ -1,4 +1,4 @@
-"""From a triangle surface to a tissue: what is checked, and how fine the grid is."""
+"""Build a tissue from a closed triangle surface: size checks and grid spacing."""
 
 from __future__ import annotations
 

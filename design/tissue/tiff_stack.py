@@ -1,4 +1,4 @@
-"""Read a stack of pictures from a TIFF file, with what it says of voxel sizes."""
+"""Read a TIFF stack with its voxel sizes."""
 
 from __future__ import annotations
 

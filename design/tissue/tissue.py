@@ -1,4 +1,4 @@
-"""The tissue that vessels grow in."""
+"""Tissue: the closed shape that vessels grow in, its signed distance and perfused zones."""
 
 from __future__ import annotations
 

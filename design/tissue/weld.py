@@ -1,4 +1,4 @@
-"""Drop faces that stand twice in a mesh, and merge vertices next to one another along gaps."""
+"""Drop duplicate faces of a mesh and weld the vertices along narrow gaps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Places that vessels must keep out of, or within: needles, ports, fixtures.
+"""Keep-out and keep-in zones for vessels: needles, ports, fixtures.
 
 A round zone is cut as a polyhedron around it (a polyhedron within it where the tissue is kept
 within), so that what the user keeps free is free.

@@ -1,4 +1,4 @@
-"""The needle's moves as values, and the rooms that plan and write them."""
+"""Toolpaths: the needle's planned moves, their planning, and their G-code."""
 
 from design.toolpath.moves import MoveBuilder
 from design.toolpath.toolpath import MoveKind, Toolpath, joined

@@ -1,4 +1,4 @@
-"""Checks that the options of all rooms share."""
+"""Checks of numeric options shared by all toolpath planners."""
 
 from __future__ import annotations
 

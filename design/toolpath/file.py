@@ -1,4 +1,4 @@
-"""Keep a toolpath in a file, to be laid into a job with others."""
+"""Save and load a toolpath file, to be combined with others in one print job."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lay moves end to end until they are a `Toolpath`."""
+"""Collect moves end to end into a `Toolpath`."""
 
 from __future__ import annotations
 

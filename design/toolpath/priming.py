@@ -1,4 +1,4 @@
-"""Moves before the part: purge over a waste cup, wipe, line in the bath.
+"""Priming moves before the part: purge over a waste cup, wipe, and prime line in the bath.
 
 A syringe just mounted holds a bubble at its outlet, and its ink begins to flow late: a line beside
 the part takes both. Nothing of it touches the part.
@@ -42,7 +42,7 @@ class Purge:
 
 @dataclass(frozen=True)
 class PrimeLine:
-    """A line in the bath.
+    """Prime line in the bath beside the part.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class HeadPriming:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Where it happens.
+    """Bath and part beside which priming takes place.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The needle's moves, before they become a firmware's language."""
+"""Toolpath: the needle's moves as arrays in the part's frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ IntArray = NDArray[np.int64]
 
 
 class MoveKind(IntEnum):
-    """Why a move is there."""
+    """Purpose of a move."""
 
     WRITE = 0
     """Needle moves and ink flows."""

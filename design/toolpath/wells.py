@@ -1,4 +1,4 @@
-"""Parts side by side in one job: each where it stands, and the ways between them over the rims."""
+"""Place several parts in the wells of a plate, with travels raised over the wells' rims."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Vessel trees: grown by constrained constructive optimisation, and networks with a name."""
+"""Vessel trees, grown by constrained constructive optimisation; named example networks."""
 
 from design.vasculature.collisions.collide import Collisions, check_network, collisions
 from design.vasculature.convert import tree_to_network

@@ -1,4 +1,4 @@
-"""From a tree to the network that every later stage takes."""
+"""Convert a grown vessel tree to a network."""
 
 from __future__ import annotations
 

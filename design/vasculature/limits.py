@@ -1,4 +1,4 @@
-"""Limits on a joint: its angles, and how unequally it parts the flow."""
+"""Limits on a bifurcation: branching angles and flow split."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Networks with a name."""
+"""Named example networks, such as the planar four-vessel one."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class GrowthStage:
 
 @dataclass(frozen=True)
 class GrowthOptions:
-    """How a tree is grown.
+    """Options of growing a tree.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A grown tree: its geometry, its topology and its ratios, but never its radii."""
+"""Grown vessel tree: geometry, topology and radius ratios, without absolute radii."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Firmware families: a folder for each, with its facts and its link protocol."""
+"""Firmware families: one package each, with facts and link protocol."""
 
 from firmware_profiles.families.family import Family
 from firmware_profiles.families.link_facts import LinkSetup

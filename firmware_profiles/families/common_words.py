@@ -1,4 +1,4 @@
-"""Words of codes that most firmware families read alike.
+"""Parameters of the G-codes that most firmware families interpret alike.
 
 See `firmware_profiles.families.grammar.Grammar.words` for how they are written.
 """

@@ -1,4 +1,4 @@
-"""Beginning and end of a firmware family's jobs, and its words.
+"""Dialect of a firmware family: G-code at the start and end of a job, and its command words.
 
 Moves (G0, G1), G4 P in milliseconds, G92 E, G21, G90, M82 and M400 are common to all. M220 and M221
 scale feed and plunger, M200 makes E a volume: what somebody set at the panel or an earlier job left
@@ -29,7 +29,7 @@ Place = tuple[str, str, str]
 
 @dataclass(frozen=True)
 class Dialect:
-    """One family's own words.
+    """G-code dialect of one firmware family.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Facts of a firmware family."""
+"""Facts about a firmware family, gathered for link, gate, probing and job writing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Facts about a firmware family for the gate: own rules, questions and resets before a start."""
+"""Gate rules of a firmware family: extra codes, queries, and settings reset before a job."""
 
 from __future__ import annotations
 

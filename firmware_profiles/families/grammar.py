@@ -1,4 +1,4 @@
-"""Reading of a line by a firmware family, and the commands that it knows."""
+"""G-code reading rules of a firmware family, and the commands that it knows."""
 
 from __future__ import annotations
 

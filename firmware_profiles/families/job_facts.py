@@ -1,4 +1,4 @@
-"""Facts that a job is written and checked by."""
+"""Firmware facts needed to write and check a job: idle timeout, cold extrusion, and others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rate of garbled lines, against the limit at which a print should pause."""
+"""Rate of resent lines on a serial link, and the limit at which a print should pause."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from firmware_profiles.families.link_protocol import Noisy
 
 @dataclass
 class LineErrors:
-    """Counts lines sent again.
+    """Count of resent lines and their rate.
 
     Attributes
     ----------

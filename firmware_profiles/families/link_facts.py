@@ -1,4 +1,4 @@
-"""Facts about the link to a firmware family."""
+"""Facts that the printer link needs about a firmware family: its protocol and settings."""
 
 from __future__ import annotations
 

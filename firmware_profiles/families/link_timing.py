@@ -1,4 +1,4 @@
-"""Time limits of a link protocol, and its limit on line errors."""
+"""Time limits of a printer link's protocol, and the number of transmission errors it tolerates."""
 
 from __future__ import annotations
 

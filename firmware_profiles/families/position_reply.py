@@ -1,4 +1,4 @@
-"""Replies to M114, in every family's wording, and to Klipper's GET_POSITION."""
+"""Parse position replies: M114 in every firmware family's format, Klipper's GET_POSITION."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Questions for a family's settings, and the wording of its answers."""
+"""Queries of a firmware family's settings, and the format of its replies."""
 
 from __future__ import annotations
 

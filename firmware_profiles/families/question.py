@@ -1,4 +1,4 @@
-"""Question that a printer of any family answers, and that moves nothing."""
+"""Harmless query that firmware of every family answers without moving."""
 
 from typing import Final
 

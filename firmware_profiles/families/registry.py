@@ -1,4 +1,4 @@
-"""Firmware families found by their folders: each package beside this file is one."""
+"""Discover firmware families: each package beside this file is one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables, pictures and voxels of a job's predicted ink: `sim.bead` on files."""
+"""Predicted ink of a print job: tables, pictures and voxels from `sim.bead`."""
 
 from printctl.bead.bundles import of_bundles
 from printctl.bead.filaments import written_filaments

@@ -1,4 +1,4 @@
-"""Predicted diameters of vessels that are written as several strands."""
+"""Predicted diameters of vessels that are printed as several strands."""
 
 from __future__ import annotations
 

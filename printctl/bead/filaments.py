@@ -1,4 +1,4 @@
-"""A predicted bead as the filaments that `printctl.lumens` measures."""
+"""Convert predicted ink to the filaments that `printctl.lumens` measures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sim.bead import Bead
 
 
 def written_filaments(beads: Sequence[Bead], swell: Sequence[float] | None = None) -> Filaments:
-    """What the beads lay where the file writes; oozed threads and drops aren't in it.
+    """Convert the beads written by a file to filaments; without oozed threads and drops.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""All files of a prediction, in one folder."""
+"""Write all files of an ink prediction to one folder."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Held = tuple[int, VesselDiameters, VesselDiameters | None]
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is to be written.
+    """Output files to write for a prediction.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Choice of the lag for an ink, syringe and needle, and its uncertainty."""
+"""Choose the pressure lag of an ink, syringe and needle, with its uncertainty."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ How = Literal["measured", "given", "unknown"]
 
 @dataclass(frozen=True)
 class LagSaid:
-    """The lag taken.
+    """Chosen pressure lag and its origin.
 
     Attributes
     ----------

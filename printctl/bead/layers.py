@@ -1,4 +1,4 @@
-"""Predicted lines of each layer, against what the plunger pushes."""
+"""Predicted ink volume and line width of each layer, compared with the plunger's volume."""
 
 from __future__ import annotations
 

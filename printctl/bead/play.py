@@ -1,4 +1,4 @@
-"""A prediction as the page plays it back: all heads' pieces in the order of time."""
+"""Playback of a predicted print: the ink of all heads in order of time."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def played(
     vessels: Mapping[int, VesselDiameters],
     remarks: Sequence[tuple[int, str]] = (),
 ) -> Played:
-    """What the page shows, thinned for it.
+    """Return the playback data of a prediction, thinned for the page.
 
     Parameters
     ----------

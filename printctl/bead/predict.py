@@ -1,4 +1,4 @@
-"""From a file's dry run to the bead of each head that writes."""
+"""Predict the deposited ink of each head from a simulated G-code file."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ EXACT_MM: Final = 1e-6
 
 @dataclass(frozen=True)
 class Mounting:
-    """What a head holds."""
+    """Syringe, ink and needle of a head."""
 
     syringe: Syringe
     ink: Ink

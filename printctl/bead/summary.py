@@ -1,4 +1,4 @@
-"""A prediction in a few numbers and lines."""
+"""Summarise the predicted ink of a head, as JSON and as text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def prediction_facts(
     vessels: VesselDiameters | None = None,
     prompt: VesselDiameters | None = None,
 ) -> dict[str, Any]:
-    """What `dry_run.json` and ``--json`` have of a head: JSON-ready.
+    """Return a head's predicted ink for `dry_run.json` and ``--json``: JSON-ready.
 
     Parameters
     ----------

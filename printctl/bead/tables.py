@@ -1,4 +1,4 @@
-"""Predicted bead and vessels as CSV."""
+"""Write predicted ink and vessels as CSV."""
 
 from __future__ import annotations
 

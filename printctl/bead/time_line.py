@@ -1,4 +1,4 @@
-"""Speed, flows and pressure along a job's time, its passes or layers marked; a PNG."""
+"""Plot speed, flow and pressure over a job's time, with passes or layers marked (PNG)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The predicted print as voxels (NRRD) and as a surface (PLY)."""
+"""Write a predicted print as voxels (NRRD) and as a surface (PLY)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Warnings of the prediction, each with its line of the file."""
+"""Warnings about the predicted ink, each with its G-code line."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TOLD_UL: Final = 1e-3
 
 @dataclass(frozen=True)
 class BeadWarning:
-    """One of them.
+    """Warning about the predicted ink.
 
     Attributes
     ----------

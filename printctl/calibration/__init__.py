@@ -1,4 +1,4 @@
-"""Constants of a machine and an ink, from measurements, each with its uncertainty."""
+"""Calibration: machine and ink constants fitted to measurements, each with its uncertainty."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Lost motion when an axis turns round, and its scale."""
+"""Fit an axis' backlash and scale to readings from both directions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Backlash:
-    """Of one axis.
+    """Fitted backlash and scale of one axis.
 
     Attributes
     ----------

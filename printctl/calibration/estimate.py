@@ -1,4 +1,4 @@
-"""A number with its 95 % interval, and straight-line fits that give them.
+"""Fitted numbers with 95 % intervals, by linear least squares.
 
 Intervals are those of Student's t for residuals that are normal, independent and of one size. They
 hold what scatters between readings; a ruler that is wrong by 1 % is wrong by 1 % all the same.

@@ -1,4 +1,4 @@
-"""Pressure lag and flow factor, from one printed line and its widths.
+"""Fit pressure lag and flow factor from the widths of one printed line.
 
 The line is written slow, fast, slow, always with the same ink per length. For a linear ink the flow
 out of the needle follows τ dQ/dt = Q_in − Q (shared physics: τ = RC of needle and whatever gives
@@ -36,7 +36,7 @@ _UNRESOLVED: Final = 20.0
 
 @dataclass(frozen=True)
 class LagPattern:
-    """The line that was written.
+    """Geometry and speeds of the printed line.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class LagPattern:
 
 @dataclass(frozen=True)
 class Lag:
-    """What the widths say.
+    """Lag and flow factor fitted to the widths.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Level of bed and bath, and depth of the bath."""
+"""Fit level planes to touched points: tilt of bed and bath, and bath depth."""
 
 from __future__ import annotations
 

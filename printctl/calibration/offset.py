@@ -1,4 +1,4 @@
-"""Offset of one needle's tip from another's, from repeated touch-offs."""
+"""Fit the offset of one needle's tip from another's, from repeated touch-offs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Toolpaths of a calibration, from the tip's present place.
+"""Toolpaths of calibration tests, from the tip's present position.
 
 The G-code writer of every print turns them into the firmware's words.
 """

@@ -1,4 +1,4 @@
-"""Readings from a CSV file: named columns, units in the names, ``# key=value`` before them."""
+"""Read a calibration's CSV file: named columns, units in the names, ``# key=value`` on top."""
 
 from __future__ import annotations
 

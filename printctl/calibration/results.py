@@ -1,4 +1,4 @@
-"""Results of readings: named numbers with intervals, and notes in words."""
+"""Calibration results: named values with intervals, and notes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from printctl.errors import UsageError
 
 @dataclass(frozen=True)
 class Result:
-    """What a calibration found.
+    """Result of a calibration.
 
     Attributes
     ----------

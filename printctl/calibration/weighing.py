@@ -1,4 +1,4 @@
-"""Volume per plunger travel, or per second of open valve, by weight."""
+"""Fit plunger travel per volume, or flow per valve time, from weighed ink."""
 
 from __future__ import annotations
 

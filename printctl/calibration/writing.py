@@ -1,4 +1,4 @@
-"""Files of a calibration: G-code with a CSV to fill in, and a mended profile."""
+"""Write a calibration's files: test G-code, CSV sheet to fill in, corrected profile."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl alive`: confirm that somebody is there."""
+"""`printctl alive`: confirm that an operator is present (dead-man's time of a print)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A pneumatic head in `printctl calibrate weigh`: its flow at the pressure that it is set to."""
+"""`printctl calibrate weigh` for a pneumatic head: its flow at the set pressure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl calibrate backlash`: lost motion when an axis turns round."""
+"""`printctl calibrate backlash`: backlash and scale of an axis."""
 
 from __future__ import annotations
 

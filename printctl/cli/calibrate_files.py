@@ -1,4 +1,4 @@
-"""Write and announce the files of `printctl calibrate`: test, CSV, mended profile."""
+"""Write and announce the files of `printctl calibrate`: test, CSV, corrected profile."""
 
 from __future__ import annotations
 

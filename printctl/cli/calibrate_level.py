@@ -1,4 +1,4 @@
-"""`printctl calibrate level`: how level bed and bath are, and how deep the bath."""
+"""`printctl calibrate level`: level of bed and bath, and depth of the bath."""
 
 from __future__ import annotations
 

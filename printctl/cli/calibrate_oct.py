@@ -1,4 +1,4 @@
-"""`printctl calibrate oct`: fan, bow, lateral scale and depth scale of an OCT device."""
+"""`printctl calibrate oct`: distortion (fan, bow) and scales of an OCT device."""
 
 from __future__ import annotations
 

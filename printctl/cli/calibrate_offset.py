@@ -1,4 +1,4 @@
-"""`printctl calibrate offset`: where one needle's tip stands against another's."""
+"""`printctl calibrate offset`: offset of one needle's tip from another's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl calibrate pattern`: a print whose lines tell what ink and needle do."""
+"""`printctl calibrate pattern`: write a calibration print of lines, gaps, joints or bridges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl calibrate walls`: how far off walls come out, from scans of known channels."""
+"""`printctl calibrate walls`: a scanner's wall offset, from scans of known channels."""
 
 from __future__ import annotations
 

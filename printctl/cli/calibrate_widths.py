@@ -1,4 +1,4 @@
-"""`printctl calibrate widths`: read a calibration print, typed or from its picture."""
+"""`printctl calibrate widths`: evaluate a calibration print, from typed widths or its picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of how a print is watched over."""
+"""Command-line options for supervising a print: checkpoints, dead-man's time, syringes."""
 
 from __future__ import annotations
 

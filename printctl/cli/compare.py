@@ -1,4 +1,4 @@
-"""`printctl compare`: several prints of one design against each other."""
+"""`printctl compare`: compare several prints of one design."""
 
 from __future__ import annotations
 

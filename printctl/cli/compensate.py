@@ -1,4 +1,4 @@
-"""`printctl compensate`: derive corrections for the next print from registered ones."""
+"""`printctl compensate`: corrections for the next print from earlier scanned prints."""
 
 from __future__ import annotations
 

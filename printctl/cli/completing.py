@@ -1,4 +1,4 @@
-"""Shell completion: commands, options, choices, profile names.
+"""Shell completion of commands, options, choices and profile names.
 
 Options and choices come from typer, files from the shell itself. Profiles are offered by the
 option's name, which nearly always means the same.

@@ -1,4 +1,4 @@
-"""`printctl convert`: a network from one format to another."""
+"""`printctl convert`: convert a network between file formats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Datums from the command line."""
+"""Command-line option `--datums`: datum features of the part's reference frame."""
 
 from __future__ import annotations
 

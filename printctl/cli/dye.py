@@ -1,4 +1,4 @@
-"""`printctl dye`: hold a film of dye against a design's 0D solution, or foresee the front."""
+"""`printctl dye`: compare a dye video with a design's 0D flow, or predict the dye front."""
 
 from __future__ import annotations
 

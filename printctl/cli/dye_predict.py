@@ -1,4 +1,4 @@
-"""`printctl dye --predict`: the front of dye before there is a film."""
+"""`printctl dye --predict`: predict the dye front before a video is made."""
 
 from __future__ import annotations
 

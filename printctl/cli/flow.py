@@ -1,4 +1,4 @@
-"""`printctl flow`: flow in any network at three fidelities, and other programs' cases."""
+"""`printctl flow`: blood flow in any network, by 0D, 1D or 3D solver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl flow` of an input file of svZeroDSolver."""
+"""`printctl flow` on an input file of svZeroDSolver."""
 
 from __future__ import annotations
 

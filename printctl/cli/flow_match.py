@@ -1,4 +1,4 @@
-"""`printctl flow --match-split`: radii adjusted until flow in 3D divides as it is wanted."""
+"""`printctl flow --match-split`: adjust vessel radii until 3D flow divides as wanted."""
 
 from __future__ import annotations
 

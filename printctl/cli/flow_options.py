@@ -1,4 +1,4 @@
-"""Options of `printctl flow`; a recipe's section ``flow`` says the same under the same names."""
+"""Options of `printctl flow`, named as the keys of a recipe's section ``flow``."""
 
 from __future__ import annotations
 

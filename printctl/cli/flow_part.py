@@ -1,4 +1,4 @@
-"""Options of `printctl flow` as a recipe's section, checked as one."""
+"""Convert the options of `printctl flow` to a recipe's `flow` section and validate it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow in 3D by other programs: on MPI ranks here or on a cluster, and svMultiPhysics' input."""
+"""`printctl flow` in 3D by other programs: MPI solver here or on a cluster, svMultiPhysics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solve and write for `printctl flow`, a function a fidelity."""
+"""Solve the flow of `printctl flow` at each requested fidelity (0D, 1D, 3D); write the results."""
 
 from __future__ import annotations
 

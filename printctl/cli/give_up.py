@@ -1,4 +1,4 @@
-"""`printctl give-up`: say that a print which was broken off isn't gone on with."""
+"""`printctl give-up`: mark an interrupted print as abandoned."""
 
 from __future__ import annotations
 

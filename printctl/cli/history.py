@@ -1,4 +1,4 @@
-"""`printctl history`: who printed what on which printer, when, and how it ended."""
+"""`printctl history`: list past prints with user, printer, time and outcome."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of `printctl history` that choose prints."""
+"""Options of `printctl history` that filter prints."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def query_of(
     reverse: bool = False,
     limit: int | None = None,
 ) -> HistoryQuery:
-    """What the options ask for.
+    """Convert the options to a query of the history.
 
     Raises
     ------

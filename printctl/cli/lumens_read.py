@@ -1,4 +1,4 @@
-"""Read the arguments of `printctl lumens`: the file's ink, the designed lumens."""
+"""Read the arguments of `printctl lumens`: ink, extrusion and designed lumens of a G-code file."""
 
 from __future__ import annotations
 

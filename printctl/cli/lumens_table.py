@@ -1,4 +1,4 @@
-"""The lumen report as lines of text."""
+"""Lumen report as text for the terminal."""
 
 from __future__ import annotations
 

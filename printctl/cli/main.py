@@ -1,4 +1,4 @@
-"""The command line: `commands` lists the subcommands, `failures` says how failures leave it."""
+"""Entry point of the command line: the command group, and its error handling."""
 
 from __future__ import annotations
 

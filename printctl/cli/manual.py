@@ -1,4 +1,4 @@
-"""End of every command's help: examples, and the meaning of exit codes."""
+"""Epilogue of every command's help: examples and exit codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measures as lines of text."""
+"""Network measures as text for the terminal."""
 
 from __future__ import annotations
 

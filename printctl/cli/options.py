@@ -1,4 +1,4 @@
-"""Options that several subcommands share, and how results leave on stdout."""
+"""Options shared by several subcommands, and printing of results to stdout."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ StartOption = Annotated[
 
 
 def messages() -> Console:
-    """Where people are spoken to: stderr, so that stdout holds results only."""
+    """Console for messages: stderr, so that stdout holds results only."""
     return Console(stderr=True, highlight=False, soft_wrap=True)
 
 

@@ -1,4 +1,4 @@
-"""`printctl overlay`: a scan over the G-code, layer by layer."""
+"""`printctl overlay`: compare a scan with the G-code, layer by layer."""
 
 from __future__ import annotations
 

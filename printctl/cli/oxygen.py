@@ -1,4 +1,4 @@
-"""`printctl oxygen`: how far the oxygen of the vessels reaches into the tissue."""
+"""`printctl oxygen`: oxygen supply of the tissue by the vessels."""
 
 from __future__ import annotations
 

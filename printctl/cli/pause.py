@@ -1,4 +1,4 @@
-"""`printctl pause`: hold a print."""
+"""`printctl pause`: pause a print."""
 
 from __future__ import annotations
 

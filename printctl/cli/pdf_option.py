@@ -1,4 +1,4 @@
-"""The option ``--pdf``, and the refusal where its library isn't installed."""
+"""Command-line option ``--pdf``, refused where reportlab isn't installed."""
 
 from __future__ import annotations
 

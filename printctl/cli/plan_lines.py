@@ -1,4 +1,4 @@
-"""Lines that tell people what an embedded plan leaves undone."""
+"""Text lines that name vessels and joints omitted from an embedded plan."""
 
 from __future__ import annotations
 

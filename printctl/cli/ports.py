@@ -1,4 +1,4 @@
-"""`printctl ports`: which serial ports there are, and whose."""
+"""`printctl ports`: list serial ports and the printer profiles that match them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A dry run's time, ink and needle as lines for people."""
+"""Text lines about a simulated print: time, ink and needle."""
 
 from __future__ import annotations
 

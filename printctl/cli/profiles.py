@@ -1,4 +1,4 @@
-"""`printctl profiles`: known printers and materials; list, show, check, ask a printer."""
+"""`printctl profiles`: list, show, check and probe profiles of printers and materials."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl profiles probe`: a printer's own settings against a profile."""
+"""`printctl profiles probe`: compare a printer's own settings with its profile."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl profiles show`: which printers, needles, inks, dishes and so on are known."""
+"""`printctl profiles show`: list the known profiles, or print one."""
 
 from __future__ import annotations
 

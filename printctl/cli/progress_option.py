@@ -21,7 +21,7 @@ ProgressFileOption = Annotated[
 
 
 def message_of(exc: Exception) -> str | None:
-    """What the user is told of a failure; None for a fault of ours."""
+    """Return the user's message for a failure; None for an internal error."""
     known = message_and_code(exc)
     return None if known is None else known[0]
 

@@ -1,4 +1,4 @@
-"""`printctl recipe`: the recipe's schema, and recipes of an older one."""
+"""`printctl recipe`: print the recipe's schema, or migrate an older recipe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The measurement record's file, as `printctl register --record` takes it."""
+"""Read the measurement record file of `printctl register --record`."""
 
 from __future__ import annotations
 

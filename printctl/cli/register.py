@@ -1,4 +1,4 @@
-"""`printctl register`: hold a scan against a design."""
+"""`printctl register`: align a scan with its design and measure the deviations."""
 
 from __future__ import annotations
 

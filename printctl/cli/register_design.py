@@ -1,4 +1,4 @@
-"""The design that `printctl register` holds a scan against."""
+"""Read the design that `printctl register` compares with a scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Work of `printctl register`: read the scan, register it, judge it.
+"""Work of `printctl register`: read a scan, align it with the design, judge it.
 
 Apart from its options: help needs none of this, and the second process loads what draws meanwhile.
 """

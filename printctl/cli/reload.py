@@ -1,4 +1,4 @@
-"""`printctl reload`: change the syringe in mid-print."""
+"""`printctl reload`: change the syringe during a print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl resume`: go on with a print that is paused, or whose link process died."""
+"""`printctl resume`: resume a print that is paused, or whose link process died."""
 
 from __future__ import annotations
 

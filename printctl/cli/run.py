@@ -1,4 +1,4 @@
-"""`printctl run`: the whole recipe."""
+"""`printctl run`: run a whole recipe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find the print that a user means: by its folder, its run's folder, or its G-code file."""
+"""Find the print that a user means, by its folder, its run folder or its G-code file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options that say what a scan's file doesn't: shared by the commands that read scans.
+"""Command-line options for scan metadata that the file lacks (voxel size, axes, grey values).
 
 The names stand in the commands, each with one of these types; typer makes options of them.
 """

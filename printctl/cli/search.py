@@ -1,4 +1,4 @@
-"""`printctl search`: a recipe varied hundreds of times, ranked."""
+"""`printctl search`: vary a recipe hundreds of times and rank the results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl serve`: the operator's page."""
+"""`printctl serve`: start the web interface."""
 
 from __future__ import annotations
 

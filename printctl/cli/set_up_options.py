@@ -1,4 +1,4 @@
-"""Options that say what is mounted for a G-code file."""
+"""Command-line options for the profiles mounted for a print: printer, needle, ink, dish."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl sim-printer`: the simulated printer as a process that any host can talk to."""
+"""`printctl sim-printer`: start the simulated printer as a process for any host."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl simulate`: the dry run of any G-code file."""
+"""`printctl simulate`: simulate a G-code file and check it, without a printer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Print and write the ink in the bath for `printctl simulate`."""
+"""Report predicted ink for `printctl simulate`: text and files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of `printctl simulate` about what will lie in the bath."""
+"""Options of `printctl simulate` on the predicted ink in the bath."""
 
 from __future__ import annotations
 

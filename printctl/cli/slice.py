@@ -1,4 +1,4 @@
-"""`printctl slice`: FRESH layers of closed meshes, without a recipe."""
+"""`printctl slice`: slice closed meshes into FRESH layers, without a recipe."""
 
 from __future__ import annotations
 

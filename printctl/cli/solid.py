@@ -1,4 +1,4 @@
-"""`printctl solid`: a network's lumens, or tubes around them, as a closed surface or STEP."""
+"""`printctl solid`: export a network's lumens, or tubes around them, as mesh or STEP."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Start position of a job: from the file's first lines or from `--start`."""
+"""Start position of a job, from the G-code file's first lines or from `--start`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Place = tuple[float, float, float]
 
 
 def start_of(file: Path, printer: Printer, said: str | None) -> Place:
-    """Where the tip stands before the first line, mm.
+    """Return the tip's position before the first line, mm.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""`printctl station`: the link to a printer between prints."""
+"""`printctl station`: permanent link to a printer between prints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl station connect`: open the port of a printer and stand by."""
+"""`printctl station connect`: open a printer's port and stay connected."""
 
 from __future__ import annotations
 

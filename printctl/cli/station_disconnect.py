@@ -1,4 +1,4 @@
-"""`printctl station disconnect`: let go of the port."""
+"""`printctl station disconnect`: close a printer's port."""
 
 from __future__ import annotations
 

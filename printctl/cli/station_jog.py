@@ -1,4 +1,4 @@
-"""`printctl station jog`: move the tip by hand."""
+"""`printctl station jog`: move the tip manually."""
 
 from __future__ import annotations
 

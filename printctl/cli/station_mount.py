@@ -1,4 +1,4 @@
-"""`printctl station mount`: say what is on the printer."""
+"""`printctl station mount`: declare the needle, syringe, ink and dish on the printer."""
 
 from __future__ import annotations
 

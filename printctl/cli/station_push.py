@@ -1,4 +1,4 @@
-"""`printctl station push`: move the plunger by hand."""
+"""`printctl station push`: move the plunger manually."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl station send`: a line to the printer."""
+"""`printctl station send`: send one G-code command to the printer."""
 
 from __future__ import annotations
 

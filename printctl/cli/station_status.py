@@ -1,4 +1,4 @@
-"""`printctl station status`: how the printer stands."""
+"""`printctl station status`: show the printer's status."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl station stop`: end a move by hand."""
+"""`printctl station stop`: end a manual move that is under way."""
 
 from __future__ import annotations
 

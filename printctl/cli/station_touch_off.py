@@ -1,4 +1,4 @@
-"""`printctl station touch-off`: the tip stands on the dish's floor."""
+"""`printctl station touch-off`: set the tip's present height as the dish's floor."""
 
 from __future__ import annotations
 

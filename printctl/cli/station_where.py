@@ -1,4 +1,4 @@
-"""`printctl station where`: tell the printer where its tip is."""
+"""`printctl station where`: declare the tip's position to the printer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read what commands say of themselves in their sources, without importing them."""
+"""Extract the commands' help summaries from their source, without importing them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tolerances from the command line: a file, single limits, or both."""
+"""Tolerances given on the command line: a file, single limits, or both."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl toolpath`: the G-code of a recipe."""
+"""`printctl toolpath`: write the G-code of a recipe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl view`: a network in its tissue, or G-code, as a page or as a picture."""
+"""`printctl view`: show a network or a G-code file, as a page or as a picture."""
 
 from __future__ import annotations
 

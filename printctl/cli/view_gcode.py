@@ -1,4 +1,4 @@
-"""`printctl view FILE.gcode`: its layers, as a page to go through or as a picture of one."""
+"""`printctl view FILE.gcode`: show its layers, as a page or as a picture of one layer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of `printctl view` that are for all it shows, or for networks."""
+"""Options of `printctl view` for networks, and for all files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Registrations found in folders, ready to be compared."""
+"""Read registrations of several prints from folders, for `printctl compare`."""
 
 from printctl.comparing.read import Judged, Named, read_folders
 from printctl.link.print_identity import print_identity

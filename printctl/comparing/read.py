@@ -1,4 +1,4 @@
-"""Read what a run or `printctl register` left in a folder, as a comparison takes it."""
+"""Read a folder's registration, as left by a run or by `printctl register`, for a comparison."""
 
 from __future__ import annotations
 

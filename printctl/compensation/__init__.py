@@ -1,4 +1,4 @@
-"""The compensation file: what is written instead of the design, as earlier prints asked for."""
+"""Compensation file: corrections to print geometry, derived from earlier prints."""
 
 from printctl.compensation.files import (
     check_suffix,

@@ -1,4 +1,4 @@
-"""Compensation files on disk: read, checked, written; and as the toolpath takes them."""
+"""Load, check and save compensation files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The compensation file: what is written instead of the design, for whom, and on what evidence."""
+"""Schema of the compensation file: design, print conditions, corrections and their evidence."""
 
 from __future__ import annotations
 

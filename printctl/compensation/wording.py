@@ -1,4 +1,4 @@
-"""A compensation's change in a line of words."""
+"""Summarise a compensation's corrections in one line of text."""
 
 from __future__ import annotations
 

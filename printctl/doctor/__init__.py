@@ -1,4 +1,4 @@
-"""Checks of `printctl doctor`: this machine, and obstacles to printctl on it."""
+"""`printctl doctor`'s checks of this computer."""
 
 from printctl.doctor.look import Examined, examine
 

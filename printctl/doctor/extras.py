@@ -1,4 +1,4 @@
-"""List of the optional parts that are installed."""
+"""List the optional extras, installed or missing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One thing that the doctor has to say."""
+"""Finding of `printctl doctor`: a problem of this machine, and its remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collect what a helper would ask for first."""
+"""Collect system facts and findings of `printctl doctor`."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Facts = dict[str, dict[str, Any]]
 
 @dataclass(frozen=True)
 class Examined:
-    """Facts by section, and findings."""
+    """Result of examining this computer: facts by section, and findings."""
 
     facts: Facts
     findings: tuple[Finding, ...]

@@ -1,4 +1,4 @@
-"""Folders, disk, the page's port and the clock."""
+"""Checks of `printctl doctor`: folders, disk space, network port and clock."""
 
 from __future__ import annotations
 

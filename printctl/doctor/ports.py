@@ -1,4 +1,4 @@
-"""The serial ports, and what to do about one that may not be opened."""
+"""Checks of `printctl doctor`: serial ports and their permissions."""
 
 from __future__ import annotations
 

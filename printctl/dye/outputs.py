@@ -1,4 +1,4 @@
-"""A foreseen front, written: a row a vessel, curves at places, and a picture."""
+"""Write a predicted dye front: table by vessel, concentration curves and a picture."""
 
 from __future__ import annotations
 

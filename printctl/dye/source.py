@@ -1,4 +1,4 @@
-"""The lumens that dye is to run through: as designed, or as registration found them printed."""
+"""Lumens for a dye prediction: as designed, or as measured on a registered print."""
 
 from __future__ import annotations
 

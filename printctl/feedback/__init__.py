@@ -1,4 +1,4 @@
-"""Print, scan, correct, print again: from registered prints to the next one's compensation."""
+"""Compensation workflow: derive a correction file from registered prints for the next print."""
 
 from printctl.feedback.estimate import Choices, estimate
 from printctl.feedback.evidence import NO_ORIGIN, ORIGIN, Print, keep_origin, read_print

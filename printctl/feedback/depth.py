@@ -1,4 +1,4 @@
-"""Check that z may be corrected: a known height must stand behind the scans."""
+"""Check that a compensation may correct z: a known height must support the scans' depth scale."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from printctl.feedback.evidence import Print
 
 @dataclass(frozen=True)
 class Depth:
-    """The decision and its reason.
+    """Decision on correcting z, with its reason.
 
     Attributes
     ----------

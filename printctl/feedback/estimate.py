@@ -1,4 +1,4 @@
-"""From registered prints of one design to the compensation of the next."""
+"""Derive the compensation for the next print from several registered prints of one design."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ LEAST_UM = 1.0
 
 @dataclass(frozen=True)
 class Choices:
-    """What the user may decide.
+    """User's choices in deriving a compensation.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A print that was scanned and registered, as a compensation reads it from its folder."""
+"""Read a registered print from its folder, as input of a compensation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Corrections of single vessels and nodes, beside those of the whole part.
+"""Compensation of single vessels and nodes, in addition to that of the whole part.
 
 Each is shrunk by how unsure it is (empirical Bayes, e.g. Efron & Morris 1975,
 10.1080/01621459.1975.10479864): how much vessels really differ is estimated from all of them, and
@@ -31,7 +31,7 @@ ACCIDENT = 0.01
 
 @dataclass(frozen=True)
 class Local:
-    """One vessel's own excess.
+    """Excess width of a single vessel.
 
     Attributes
     ----------
@@ -149,7 +149,7 @@ def _variance(values: Sequence[float]) -> float:
 
 @dataclass(frozen=True)
 class Moved:
-    """One node's offset.
+    """Offset of a single node.
 
     Attributes
     ----------

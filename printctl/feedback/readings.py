@@ -1,4 +1,4 @@
-"""A print's excess width and axis shift at each vessel.
+"""Excess width and axis shift of each vessel of a print, as input of a compensation.
 
 Sections whose number was withdrawn are left out. Defects (occlusions, leaks, missing vessels, local
 bulges and stenoses) are accidents of one print or faults to be mended. Their places are left out.

@@ -1,4 +1,4 @@
-"""Corrections of the whole part: scale along each axis, the lumens' radial offset."""
+"""Compensation of the whole part: scale along each axis, radial offset of lumens."""
 
 from __future__ import annotations
 

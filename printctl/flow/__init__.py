@@ -1,4 +1,4 @@
-"""Flow as the user asks for it, and the files it leaves."""
+"""Flow calculations of recipes and commands, and their output files."""
 
 from printctl.flow.conditions import pulsatile_conditions, steady_conditions
 from printctl.flow.one_d import ONE_D, ONE_D_WAVES, one_d_options, solve_and_write_one_d

@@ -1,4 +1,4 @@
-"""The network as registration found it printed: measured lumens, and what of it is open."""
+"""Network with the lumens measured on a registered print, closed vessels marked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fidelities side by side at places of a network, each against the ideal.
+"""Compare flow solutions of several fidelities at the same places with the ideal design's.
 
 The ideal is the design as it is meant: Poiseuille's resistance of the designed radii between
 rigid walls, solved 0D.

@@ -1,4 +1,4 @@
-"""A recipe's words on flow in the design's units."""
+"""Convert a recipe's flow section to the solvers' boundary conditions, fluid and units."""
 
 from __future__ import annotations
 

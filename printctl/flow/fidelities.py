@@ -1,4 +1,4 @@
-"""Flow in 3D, and fidelities side by side: what `flow.three_d` and `flow.compare` ask for."""
+"""Solve 3D flow and compare fidelities, as set in `flow.three_d` and `flow.compare`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Radii matched to a split of flow, and the reduced model of a 3D solution: solved and written."""
+"""Match vessel radii to a wanted flow split in 3D; write radii, history and reduced model."""
 
 from __future__ import annotations
 

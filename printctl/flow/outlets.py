@@ -1,4 +1,4 @@
-"""Conditions behind outlets, from a recipe's words or a CSV."""
+"""Outlet conditions of a network, from a recipe or a CSV file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _VALUES: Final = (
 
 
 def outlet_of(given: PulseOutlet | None, distal_pa: float, volume: float = 1.0) -> Outlet:
-    """What stands behind an outlet, in the design's units, of a print ``volume`` times the size."""
+    """Outlet condition in the design's units, of a print ``volume`` times the size."""
     if given is None:
         return PressureOutlet(Constant(distal_pa))
     resistance = given.resistance_mmhg_min_ml * _RESISTANCE / volume

@@ -1,4 +1,4 @@
-"""Pulsatile flow solved and written: a row a vessel, and the waves at the ends."""
+"""Solve pulsatile 0D flow; write a row per vessel and the waves at the network's ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run whose print was registered: its flow as designed and as printed, solved and written."""
+"""Solve a run's flow twice, with designed and with printed lumens; write both."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ AS_PRINTED, SUMMARY = "flow_as_printed.csv", "flow_as_printed.json"
 
 @dataclass(frozen=True)
 class PrintedCase:
-    """What is to be solved.
+    """Inputs of a flow solution in a printed network.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Flow as designed and as printed under the same conditions, at each fidelity asked for."""
+"""Flow at one fidelity in designed and in printed lumens, with the same boundary conditions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""95 % intervals of flow as printed, from those of the measured lumens."""
+"""Confidence intervals (95 %) of flow as printed, from those of the measured lumens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The lumen that a scan shows, as a closed surface in the frame of the print's true size."""
+"""Lumen surface from a scan, in a frame of the print's true size, for 3D flow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scanned lumen made as wide as registration measured it."""
+"""Widen a scanned lumen surface to the widths that registration measured."""
 
 from __future__ import annotations
 

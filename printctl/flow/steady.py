@@ -1,4 +1,4 @@
-"""Steady flow solved and written: a row a vessel."""
+"""Solve steady 0D flow; write a row per vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow resolved in a network's lumens: meshed, solved, written."""
+"""Mesh a network's lumens, solve steady 3D flow in them, write the result."""
 
 from __future__ import annotations
 

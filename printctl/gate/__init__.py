@@ -1,4 +1,4 @@
-"""One gate for every line that a person or a file wants sent to a printer.
+"""G-code gate: judges every line of a person or a file before it goes to a printer.
 
 Pure: it opens nothing and sends nothing. `judge` answers allowed, with the text that is sent, or
 refused, with the reason.

@@ -1,4 +1,4 @@
-"""Heaters' targets: which heater a line sets, and whether what is mounted bears it."""
+"""Heater targets in a G-code line: which heater, and whether the mounted materials bear it."""
 
 from __future__ import annotations
 

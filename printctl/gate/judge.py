@@ -1,4 +1,4 @@
-"""Judge a line: whether it may leave by its door, as things stand now.
+"""Judge one G-code line: allowed or refused, given the printer's state and the line's origin.
 
 Every line that a person or a file wants sent passes here. What leaves is rendered from what was
 understood (`sim.reading`); a code that isn't on the list (`printctl.gate.rules`) passes no door.

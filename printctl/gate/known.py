@@ -1,4 +1,4 @@
-"""Facts that a verdict rests on: the door, the printer's state, the limits in force."""
+"""Inputs of the G-code gate: origin of the line, printer state, limits in force."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ UNNAMED_C: Final = 45.0
 
 
 class Door(StrEnum):
-    """Where a line comes from."""
+    """Origin of a G-code line."""
 
     CONSOLE = "console"
     """Typed by a person, a macro, or the REST API."""
@@ -26,7 +26,7 @@ class Door(StrEnum):
 
 
 class Phase(StrEnum):
-    """What the printer is doing."""
+    """State of the printer."""
 
     STANDING = "standing"
     PRINTING = "printing"

@@ -1,4 +1,4 @@
-"""Soft limits: where the tip may be moved by hand, given the machine, the dish and the needle.
+"""Soft limits of manual moves, given printer, dish and needle.
 
 What a station can't know it must be told, and where it wasn't told it allows small steps alone.
 Straight up is always free: the shaft stands above the tip already and meets nothing new.

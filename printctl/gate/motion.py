@@ -1,4 +1,4 @@
-"""Moves of a person: within the same limits of space, speed and plunger at every door."""
+"""Judge manual moves: limits of travel, speed and plunger."""
 
 from __future__ import annotations
 

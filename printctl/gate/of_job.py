@@ -1,4 +1,4 @@
-"""Gate a job's file: list refused lines and settings to restore."""
+"""Gate a G-code job file: list refused lines and settings to restore."""
 
 from __future__ import annotations
 

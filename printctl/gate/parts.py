@@ -1,4 +1,4 @@
-"""Makers of rules: what a code's words may be for a line to pass."""
+"""Constructors of gate rules: the parameters with which a G-code is allowed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reasons for refusing a code, with the command that does it properly."""
+"""Reasons for refusing a G-code, each with the command to use instead."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ _UNLISTED: Final = "it isn't on the list of what may be sent, so nobody judged w
 
 
 def reason(code: str, listed: Iterable[str], console: bool) -> str:
-    """Why a code passes no door; ``listed`` are those that would."""
+    """Return why a code is refused; ``listed`` are the origins that may send it."""
     if code in REASONS:
         return REASONS[code]
     if code.startswith("T"):

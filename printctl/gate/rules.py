@@ -1,4 +1,4 @@
-"""The allow-list: what each door lets pass, by firmware family.
+"""Allow-list of the G-code gate: codes permitted by origin (console or job file) and firmware.
 
 A code that isn't here passes no door. Sources of what a code does: Marlin bugfix-2.1.x
 ``src/gcode``; RepRapFirmware 3.5 ``GCodes2.cpp``; Klipper ``gcode_move.py``, ``toolhead.py``,

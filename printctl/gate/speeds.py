@@ -1,4 +1,4 @@
-"""Speeds, accelerations and corners that the firmware tells (M503), against the profile's.
+"""Compare the firmware's speed, acceleration and jerk limits (M503) with the profile's.
 
 A firmware that is slower than its profile stretches every move: the dry run's times are wrong, and
 a valve that is open for a time writes a thicker line. One that is faster accelerates harder than

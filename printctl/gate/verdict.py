@@ -1,4 +1,4 @@
-"""The gate's verdict on a line: allowed with its text, or refused with the reason."""
+"""Verdict of the G-code gate on a line: allowed with its text, or refused with the reason."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Act(StrEnum):
 
 @dataclass(frozen=True)
 class Allowed:
-    """A line that may leave.
+    """Verdict on an allowed line.
 
     Attributes
     ----------

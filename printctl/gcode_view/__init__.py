@@ -1,4 +1,4 @@
-"""G-code of any origin as a job to look at: layers, widths, kinds of lines."""
+"""Layers, line widths and line types of any G-code file, for display."""
 
 from typing import TYPE_CHECKING
 

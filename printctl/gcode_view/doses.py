@@ -1,4 +1,4 @@
-"""Volume of each row: from E and a bore, or an open valve and a flow."""
+"""Ink volume of each move: from E and the syringe bore, or from valve time and flow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Layers of a job: its levels where it writes flat, else its passes."""
+"""Split a G-code job into layers where it writes level, else into passes."""
 
 from __future__ import annotations
 

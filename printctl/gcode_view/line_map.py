@@ -1,4 +1,4 @@
-"""The map beside a file (`FILE.map.npz`): which layer or vessel of the design each line is of."""
+"""Read a G-code file's map (`FILE.map.npz`): the design's layer or vessel of each line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class LineMap:
-    """What the map says.
+    """Design layer or vessel of each G-code line.
 
     Attributes
     ----------

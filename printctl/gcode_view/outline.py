@@ -1,4 +1,4 @@
-"""The design's outline over the layers of a G-code file."""
+"""Design outline over the layers of a G-code file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Meaning of E: a bore, or an open valve and a flow."""
+"""Conversion of extrusion to volume: E with a syringe bore, or an open valve with a flow."""
 
 from __future__ import annotations
 

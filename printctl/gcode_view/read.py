@@ -1,4 +1,4 @@
-"""A G-code file, of printctl or of any slicer, as a job to look at."""
+"""Read a G-code file, of printctl or of any slicer, for display."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rows of a file that move or push, and what each of them does."""
+"""Select the rows of a G-code file that move or extrude, with the kind of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Widths of lines from what is pushed out along them."""
+"""Compute printed line widths from extruded volume per length."""
 
 from __future__ import annotations
 

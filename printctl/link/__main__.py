@@ -1,4 +1,4 @@
-"""``python -m printctl.link``: the link process, as `printctl.link.client` starts it."""
+"""Entry point of the link process (``python -m printctl.link``)."""
 
 from __future__ import annotations
 

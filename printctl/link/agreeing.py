@@ -1,4 +1,4 @@
-"""Pre-start agreement: reset differing firmware settings, refuse an unexpected tip position."""
+"""Agree with the firmware before a print: reset its settings, check the tip's position."""
 
 from __future__ import annotations
 

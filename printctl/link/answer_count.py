@@ -1,4 +1,4 @@
-"""Comparison of a printer's answers with the lines it was sent, in mid-print."""
+"""Compare a printer's replies with the lines it was sent, during a print."""
 
 from __future__ import annotations
 

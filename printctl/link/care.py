@@ -1,4 +1,4 @@
-"""Settings for watching over a running print."""
+"""Settings for supervising a running print: checkpoints, dead-man's time, syringe changes."""
 
 from __future__ import annotations
 

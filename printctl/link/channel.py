@@ -1,4 +1,4 @@
-"""Conversation with a printer: one step, one command, one agreement at a time.
+"""Communication channel to one printer: send commands, match replies, hand on events.
 
 Everything here runs in one thread, the one that owns the port. Other threads leave requests
 (`printctl.link.requests`), or halt the firmware (`printctl.link.kill`).
@@ -69,7 +69,7 @@ class Heard:
 
 
 class Channel:
-    """One conversation.
+    """Communication with one printer.
 
     Parameters
     ----------

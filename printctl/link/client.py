@@ -1,4 +1,4 @@
-"""The client's side: start a print, attach to it, hear of it, stop it.
+"""Client of a print's link process: start a print, attach to it, follow it, stop it.
 
 A client may go away at any time; the print doesn't mind.
 """

@@ -1,4 +1,4 @@
-"""The clock that everything which waits is given: real, or virtual."""
+"""Clock passed to everything that waits: real, or virtual for tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Count job lines whose motion has certainly ended.
+"""Count job lines whose motion has certainly been executed.
 
 A firmware says ok when it has put a move into its planner. So the last moves taken, as many as
 planner and command queue hold, may still be ahead; once it has answered M400, none is.

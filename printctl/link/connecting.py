@@ -1,4 +1,4 @@
-"""First contact with a firmware: wait for a board that starts, number the lines anew."""
+"""First contact with a firmware: wait for the board to boot, reset line numbering."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A client's connection to the link process: found, lost, found again."""
+"""A client's socket connection to a print's link process, with reconnection."""
 
 from __future__ import annotations
 

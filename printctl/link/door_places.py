@@ -1,4 +1,4 @@
-"""Places at a local door: how many clients it has, and who leaves for a new one."""
+"""Limit the clients of a local command socket; the oldest gives way to a new one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Controlled end of a print: out of the bath, heaters off, settings as they were."""
+"""Controlled stop of a print: out of the bath, heaters off, settings restored."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Place of a needle that the link itself has moved away from the job's."""
+"""Excursion of a needle moved off the job's path by the link, with the way back."""
 
 from __future__ import annotations
 

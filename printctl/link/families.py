@@ -1,4 +1,4 @@
-"""Firmware families on the link: which state machine speaks to a printer, or that none does."""
+"""Select the link protocol of a printer's firmware family, or refuse one that has none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Search for a printer's port and baud rate.
+"""Detect a printer's port and baud rate.
 
 A port is chosen by USB id and by nothing else: other machines may be on other ports, and opening
 one may reset a board. Where not exactly one port matches the profile the choice is refused, and
@@ -58,7 +58,7 @@ class Tunable(Protocol):
 
 @dataclass(frozen=True)
 class Place:
-    """Where a printer answers.
+    """Port and baud rate at which a printer answers.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The firmware's own account (M115, M92) against the profile."""
+"""Compare the firmware's reported type and steps per mm (M115, M92) with the profile."""
 
 from __future__ import annotations
 

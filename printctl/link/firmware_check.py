@@ -1,4 +1,4 @@
-"""Check of a firmware before anything is sent that moves: its name, steps, heads and settings."""
+"""Check a firmware before any motion: name, steps per mm, heads and settings."""
 
 from __future__ import annotations
 

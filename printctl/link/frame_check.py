@@ -1,4 +1,4 @@
-"""Places that another program has renamed (G92): told by the steps that M114 counts.
+"""Detect that another program redefined the coordinates (G92), from M114's step counts.
 
 Marlin counts steps from where it was switched on, whatever a place is called since. So what lies
 between the count and the place's name changes by the job's own renamings alone. The motors must

@@ -1,4 +1,4 @@
-"""Lines that a person types into a print: judged by the gate when they are sent."""
+"""Manual commands typed during a print, judged by the gate when they are sent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Questions in a print for what the profile has watched: a plunger's force, a pressure.
+"""Query watched gauges (plunger force, pressure) during a print.
 
 A question is a command between two lines like a checkpoint's: it has a number, is in the journal
 before it is sent, and its answer is matched by that number; the job's lines are held meanwhile.

@@ -1,4 +1,4 @@
-"""Choice of the head that a job has in use, confirmed by the firmware."""
+"""Select the head that a job uses, with confirmation by the firmware."""
 
 from __future__ import annotations
 

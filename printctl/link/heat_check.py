@@ -1,4 +1,4 @@
-"""Comparison of the heaters' targets with what this print has set."""
+"""Compare the heaters' targets with those that this print has set."""
 
 from __future__ import annotations
 

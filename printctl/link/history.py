@@ -1,4 +1,4 @@
-"""The history of prints: an SQLite index of their journals, which can be made again from them.
+"""Index of past prints (SQLite), rebuilt from their journals when necessary.
 
 The journals are the truth. Beside the index lies ``journals.txt``, to which the folder of every
 print is appended before the index is touched; `History.rebuild` reads both it and the folders
@@ -57,7 +57,7 @@ log = logging.getLogger(__name__)
 
 
 def data_folder() -> Path:
-    """Where the index lies: ``PRINTCTL_DATA``, or the system's folder for a user's data."""
+    """Folder of the index: ``PRINTCTL_DATA``, or the system's folder for a user's data."""
     given = os.environ.get(DATA_VARIABLE)
     if given:
         return Path(given)
@@ -70,7 +70,7 @@ def data_folder() -> Path:
 
 
 class PrintHistory:
-    """The index in a folder.
+    """History index in a folder.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""One print as its journal tells it: who, what, when, how it ended, every alarm."""
+"""History entry of one print, read from its journal: user, job, time, outcome, alarms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Queries of the history: words, states, days, order and number."""
+"""Query the history of prints: filter, sort, paging."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ class HistoryQuery:
 
 @dataclass(frozen=True)
 class Found:
-    """A page of the history.
+    """One page of query results.
 
     Attributes
     ----------

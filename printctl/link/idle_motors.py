@@ -1,4 +1,4 @@
-"""Motors and timeouts of a firmware while nothing moves: in a pause, a dwell, a wait for heat."""
+"""Keep a firmware's motors and timeouts alive during pauses, dwells and heating waits."""
 
 from __future__ import annotations
 

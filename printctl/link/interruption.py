@@ -1,4 +1,4 @@
-"""Stop asked for in the middle of a wait of the link's own.
+"""End a wait of the link early when a stop is requested.
 
 A stop can't wait until a pause is made, the needle is back or the last move is over. Where the
 firmware has a quickstop it is written past the line in flight, without a number; that line is then

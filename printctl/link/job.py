@@ -1,4 +1,4 @@
-"""The job: the file's command lines as they are sent, checked before the first byte.
+"""Job of a print: the file's command lines as they are sent, checked before the first byte.
 
 What is sent is rendered from what was understood (`sim.reading`): capitals, one blank between
 words, without the file's line numbers, checksums and comments. A file gives the same lines each

@@ -1,4 +1,4 @@
-"""Frame of a job's coordinates: what its lines call the place at which the tip was touched off."""
+"""Coordinate frame of a job: the effect of its G92 lines relative to the touch-off point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Place at which a job's first lines tell the firmware that the tip stands."""
+"""Tip position that a job's first lines declare to the firmware (G92)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sim.reading import code_of, is_motion
 
 
 def told_start(job: Job) -> tuple[float, float, float] | None:
-    """Where the job's first lines tell the firmware that the tip stands; None where they don't.
+    """Tip position that the job's first lines declare; None where they don't.
 
     Of each axis the first word before any move counts: what is told later renames places, and
     the dry run follows it.

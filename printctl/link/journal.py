@@ -1,4 +1,4 @@
-r"""The journal: what is true about a print, in a file that only grows.
+r"""Print journal: append-only file of all events of a print.
 
 One record a line: ``<crc32 of the JSON, 8 hex digits> <JSON>\n``. A record is one ``write`` to a
 file opened for appending, so a killed process leaves at most one torn line at the end, which the

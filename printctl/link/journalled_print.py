@@ -1,4 +1,4 @@
-"""A print as its journal tells it, read from what `printctl.link.journal` writes."""
+"""Read a print's state from its journal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Halt of the firmware, written to the wire at once by any thread."""
+"""Emergency halt of the firmware, written to the port at once by any thread."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ HALTED_BEFORE: Final = "killed by the user; the firmware had halted itself befor
 
 
 class Kill:
-    """One printer's halt.
+    """Emergency halt of one printer.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Locks between processes of this machine; the system frees them when their holder dies."""
+"""Locks between processes, freed by the operating system when their holder dies."""
 
 from __future__ import annotations
 

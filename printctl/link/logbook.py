@@ -1,4 +1,4 @@
-"""State, alarms and complaints of a print: told to its clients, written into its journal."""
+"""State and alarms of a running print: sent to its clients and written to its journal."""
 
 from __future__ import annotations
 

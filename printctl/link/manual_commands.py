@@ -1,4 +1,4 @@
-"""Commands that people and the product itself send between two lines of a job."""
+"""Send the manual and internal commands that wait for a gap between two job lines."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from printctl.link.requests import RequestQueue
 
 
 class ManualCommands:
-    """Sends those that wait.
+    """Sends the pending manual commands.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Marks of a job: comments of the file that say where it may be interrupted.
+"""Marks in a G-code file: comments at which a job may be interrupted.
 
 Ours (`design.toolpath.gcode.marks`): ``;LAYER_END:n``, ``;PASS_END:n``, ``;RELOAD``. Slicers say
 where a layer begins, which ends the one before: ``;LAYER:n`` (Cura), ``;LAYER_CHANGE``

@@ -1,4 +1,4 @@
-"""Settings that another program may have changed in mid-print, taken back."""
+"""Restore firmware settings and coordinates that another program changed during a print."""
 
 from __future__ import annotations
 

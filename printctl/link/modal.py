@@ -1,4 +1,4 @@
-"""Needle's and plunger's place by the job's text after some lines."""
+"""Commanded needle and plunger position after a given number of a job's lines."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ _LARGEST: Final = 16 * 2**20
 
 
 def noted_beside(journal: Path) -> Path:
-    """Where the record of a journal's print is, or would be."""
+    """Path of the record of a journal's print, whether it exists or not."""
     number = journal.name.removeprefix(Path(JOURNAL).stem).removesuffix(".log")
     return journal.with_name(f"record{number}.json")
 

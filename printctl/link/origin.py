@@ -1,4 +1,4 @@
-"""Program's version and printer's profile at a print's start."""
+"""Record of program version and printer profile at a print's start."""
 
 from __future__ import annotations
 

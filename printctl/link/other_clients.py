@@ -1,4 +1,4 @@
-"""Comparison of place, modes and heaters in mid-print, where other clients leave no trace."""
+"""Detect changes by other clients during a print: compare position, modes and heaters."""
 
 from __future__ import annotations
 

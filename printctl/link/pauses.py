@@ -1,4 +1,4 @@
-"""Pauses of a print: where it is held, how it is left and rejoined.
+"""Pause a print, hold it, and resume it.
 
 How a syringe is changed meanwhile is in `printctl.link.syringe_changer`.
 """

@@ -1,4 +1,4 @@
-"""Moves of a few job lines as a planner takes them: length, step events, speed limits, corners.
+"""Moves of a few job lines as a planner sees them: length, step events, speed limits, corners.
 
 Pure Python, for the link process: the compiled planner (`sim.planner`) is the dry run's.
 """

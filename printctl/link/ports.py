@@ -1,4 +1,4 @@
-"""List of the serial ports."""
+"""List this computer's serial ports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Comparison of the printer's position with the job's text.
+"""Compare the position that the printer reports with the job's commanded position.
 
 M114 is answered with the position that the last command taken leads to, not with where the motors
 are: up to a planner's worth of moves may still be ahead of them. It says that what was taken was

@@ -1,4 +1,4 @@
-"""Details of a print's status: readings, awaited pauses, the dead-man's time."""
+"""Details of a print's status: gauge readings, pending pauses, dead-man's time."""
 
 from __future__ import annotations
 

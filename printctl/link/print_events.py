@@ -1,4 +1,4 @@
-"""Consequences of a printer's events for a print."""
+"""Handle a printer's events (errors, resets, lost port) during a print."""
 
 from __future__ import annotations
 

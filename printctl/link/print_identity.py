@@ -10,7 +10,7 @@ from printctl.link.record import JOURNAL
 
 
 def print_identity(folder: Path) -> dict[str, Any] | None:
-    """What tells a print from all others; None where there is no journal of one.
+    """Unique identity of a print; None where it has no journal.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Sequence of a print: handshake, lines, what is asked for between them, the last move."""
+"""Main loop of a print: handshake, job lines, requests between lines, final move."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts of one print, put together."""
+"""Assemble the components of one print."""
 
 from __future__ import annotations
 

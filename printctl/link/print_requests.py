@@ -1,4 +1,4 @@
-"""Requests of any thread to a print, refused at once where they can't be granted."""
+"""Requests from other threads to a running print, refused at once if not allowed."""
 
 from __future__ import annotations
 

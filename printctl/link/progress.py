@@ -1,4 +1,4 @@
-"""Lines of a job that the printer has taken, and what the job's text says there."""
+"""Progress of a running job: acknowledged lines, and the layer or vessel they have reached."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find the link process of a folder: is it alive, where does it listen, what did it leave."""
+"""Find the link process of a folder: running or not, its address, its last record."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ENDING_S: Final = 2.0
 
 
 def what_is_known(folder: Path) -> Status:
-    """Tell how the print in ``folder`` ended, or what its journal says if it ended without a word.
+    """Return how the print in ``folder`` ended, or what its journal says if it just broke off.
 
     Raises
     ------

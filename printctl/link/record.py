@@ -1,4 +1,4 @@
-"""``link.json``: where a folder's link process can be reached, and how its print ended."""
+"""Contact file ``link.json`` of a link process: address, and outcome of the print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""After the printer has lost its position: the rest of a job as a file of its own.
+"""Write the rest of an interrupted job as a new file, after the printer lost its position.
 
 Nothing here speaks to a printer. What a person has to do first is told as steps, because only a
 person sees where the needle stands; the file then comes from high above, over the point, down,
@@ -36,7 +36,7 @@ _NO_SETUP: Final = frozenset(
 
 @dataclass(frozen=True)
 class Recovery:
-    """How to go on.
+    """Plan for continuing after a lost position.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Line of a job at which its rest begins, after the printer has lost its position."""
+"""Find the job line at which a recovered print begins, after the printer lost its position."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class NoCheckpoint(LinkError):  # noqa: N818
 
 @dataclass(frozen=True)
 class Beginning:
-    """Where the rest begins.
+    """Job line and position at which the rest begins.
 
     Attributes
     ----------

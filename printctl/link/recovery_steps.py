@@ -1,4 +1,4 @@
-"""Steps of a person before the rest of a job, after the printer has lost its position."""
+"""Operator's instructions before a recovered print, after the printer lost its position."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""At which reload points a job must get a new syringe."""
+"""Choose the reload points at which a job pauses for a new syringe."""
 
 from __future__ import annotations
 

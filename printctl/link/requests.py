@@ -1,4 +1,4 @@
-"""Requests of other threads that wait for a place between two lines."""
+"""Queue of other threads' requests to a print, served between two job lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lines of a job that are still to be made, counted from where its tip was touched off."""
+"""Remaining lines of a job, with coordinates relative to the touch-off point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decide if the print in a folder can be gone on with."""
+"""Decide whether the interrupted print in a folder can be resumed."""
 
 from __future__ import annotations
 

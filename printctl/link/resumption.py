@@ -1,4 +1,4 @@
-"""Resumption of a print whose host died, from the printer's last line."""
+"""Resume a print whose host died, from the printer's last accepted line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Way of the needle out of the bath, and back.
+"""Retract the needle from the bath: relieve the plunger or shut the valve, then lift.
 
 A plunger is relieved and primed again; a pneumatic head's valve is shut (`printctl.link.valve`),
 and no E is sent to it. Opening it again is left to who comes back: only when the tip is in place.

@@ -1,4 +1,4 @@
-"""Return of the needle to the job's place: down in steps, plunger as it was, place verified."""
+"""Return the needle to the job's position: lower in steps, restore the plunger, verify."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from printctl.link.position_check import PositionCheck
 
 @dataclass(frozen=True)
 class Returning:
-    """Brings the needle back.
+    """Returns the needle to the job's position.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Time for which motors run on after a Marlin has halted, from the moves that it may hold.
+"""Predict how long motors run on after a Marlin halts, from the moves that it may hold.
 
 Its processor waits 0.6 s of its own time for its words to get out, and each step event meanwhile
 takes some of that time (`printctl.link.halting`). So with N(t) events made until t the motors,

@@ -1,4 +1,4 @@
-"""The door by which clients speak to the link process of one print.
+"""Command socket server of one print's link process.
 
 Besides what every door knows (`printctl.link.door`) a client may wish ``stop``,
 ``pause`` (with ``after``: layer, vessel or nothing), ``reload`` (with ``head``, of several),

@@ -1,4 +1,4 @@
-"""Search for lines that were garbled past their checksum, while a wire makes errors."""
+"""Detect job lines that noise garbled despite a valid checksum, by checking positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The states of a print, as one enum, and how it ended."""
+"""States of a print, and its outcomes, as enums."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find the job line under way when a printer dropped its moves.
+"""Find the job line being executed when the printer discarded its planned moves.
 
 Pure: the place that M114 told is looked for on the moves that may have been under way.
 """

@@ -1,4 +1,4 @@
-"""One print of a job on a printer: run by one thread, asked and stopped by any.
+"""Stream one job to a printer: one thread runs the print, any thread may query or stop it.
 
 The states are in ``docs/link.md``; the sequence is in `printctl.link.print_loop`, its parts are put
 together in `printctl.link.print_parts`.

@@ -1,4 +1,4 @@
-"""State of a change of syringe: whether one goes on, and of which head."""
+"""State of a syringe change during a print: pending or not, and for which head."""
 
 from __future__ import annotations
 

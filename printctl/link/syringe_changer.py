@@ -1,4 +1,4 @@
-"""Steps of a change of syringe in a pause: of the head in use, or of another.
+"""Change the syringe in a pause: steps for the head in use, or for another.
 
 Each is journalled before it is made, so that a host that dies in the middle of it knows afterwards
 whether the plunger's count was set anew or not (`History`).
@@ -18,7 +18,7 @@ from printctl.link.watch import Watch
 
 
 class SyringeChanger:
-    """Has a syringe changed.
+    """Performs a syringe change.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Temperatures as firmwares tell them (M105), and the commands that set them."""
+"""Parse temperature replies (M105), and list the commands that set temperatures."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ _TCP = re.compile(r"(?:tcp:|socket://)(?P<host>\[.+\]|[^:]+):(?P<port>\d+)$")
 
 
 class Transport(Protocol):
-    """A wire to a printer.
+    """Connection to a printer that carries bytes.
 
     One thread reads and writes; `write_urgent` and `reset` may be called by another at any
     moment, and neither waits for the first.

@@ -1,4 +1,4 @@
-"""A pneumatic head's valve: how the job's text leaves it, how the link shuts it and opens it again.
+"""A pneumatic head's valve: its state in the job, and commands to shut and reopen it.
 
 What switches it the profile says (`dispenser`: opens, closes). A line of the job is about the valve
 if it has the same command and the words that both have in common (a fan, a pin), in any order.
@@ -17,7 +17,7 @@ Words = frozenset[tuple[str, float | str | None]]
 
 
 def shut(printer: Printer) -> list[bytes]:
-    """What shuts the valve; nothing where there is none. Shutting it twice does no harm."""
+    """Commands that shut the valve; none without a valve. Safe to repeat."""
     head = printer.pneumatic
     return [] if head is None else [head.closes.encode("ascii")]
 

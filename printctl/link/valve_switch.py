@@ -1,4 +1,4 @@
-"""A pneumatic head's valve in a print: shut before the needle leaves, open once it is back."""
+"""Control a pneumatic head's valve during a print: shut before lifting, open after return."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Holds of a running print at marks: no I/O, no clock."""
+"""Find the next mark at which a running print must pause or act."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A log of what went over the wire: the last traffic in memory, and a file where one is asked for.
+"""Log of raw traffic with a printer: recent part in memory, optionally in a file.
 
 A line of the file: seconds since the port was opened (monotonic), ``>`` to the printer or
 ``<`` from it or ``!`` past the queue, and the bytes as a Python literal. The first line (``#``)

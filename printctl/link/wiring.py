@@ -1,4 +1,4 @@
-"""Transport, protocol, clock, journal and profile that a print is given."""
+"""Dependencies of a running print: transport, protocol, clock, journal and profile."""
 
 from __future__ import annotations
 

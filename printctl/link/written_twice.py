@@ -1,4 +1,4 @@
-"""Path and ink of a stretch of a job: at most so much is written twice."""
+"""Path length and ink of job lines that a resumed print may write twice."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sim.reading import GcodeLine, is_motion, read_sent
 def written_twice(
     job: Job, first: int, last: int, head: int | None = None, ul_per_mm: float | None = None
 ) -> str:
-    """Say how much lines ``first`` to ``last`` - 1 write; empty for nothing.
+    """Describe how much ink lines ``first`` to ``last`` - 1 write; empty for none.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Lumens of emitted G-code: how open each vessel will be, before anything is printed."""
+"""Check lumens in G-code before printing: predicted opening of each vessel."""
 
 from printctl.lumens.check import LumenCheck, check_model, check_network
 from printctl.lumens.filament_check import FilamentCheck, check_filaments

@@ -22,7 +22,7 @@ from printctl.lumens.wording import listed
 
 @dataclass(frozen=True)
 class LumenCheck:
-    """What was found.
+    """Result of checking lumens in G-code.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Check embedded G-code: each vessel written continuously and separate from others."""
+"""Check embedded G-code: each vessel printed continuously and separate from others."""
 
 from __future__ import annotations
 

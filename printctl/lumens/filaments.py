@@ -1,4 +1,4 @@
-"""Filaments that a G-code file writes into a bath, round and each as thick as its ink makes it."""
+"""Filaments that a G-code file writes into a bath, round, of diameter by extruded ink."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ink of several heads, each at its own tip's place, put together."""
+"""Combine the ink of several heads, each at its own tip's position."""
 
 from __future__ import annotations
 

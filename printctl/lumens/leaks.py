@@ -1,4 +1,4 @@
-"""Places where a lumen opens to the outside, or into another tree."""
+"""Openings of a lumen to the outside, or leaks into another vessel tree."""
 
 from __future__ import annotations
 

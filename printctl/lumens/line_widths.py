@@ -1,4 +1,4 @@
-"""Layers and widths of written lines, from where they lie and what is pushed along them."""
+"""Heights and widths of a layered file's printed lines, from their positions and ink."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lines of ink that a G-code file writes, each a stadium seen from above."""
+"""Printed lines of a G-code file, each a stadium in plan view."""
 
 from __future__ import annotations
 

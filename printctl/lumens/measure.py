@@ -1,4 +1,4 @@
-"""Measure stations among written lines."""
+"""Measure a lumen's opening at stations among the printed lines of its layers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Filaments that run into each other where the design keeps their vessels apart."""
+"""Find filaments that merge although the design keeps their vessels apart."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SAMPLE_MM: Final = 0.2
 
 @dataclass(frozen=True)
 class Merge:
-    """Two vessels' filaments in one.
+    """Two vessels whose filaments merge.
 
     Attributes
     ----------

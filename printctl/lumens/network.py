@@ -1,4 +1,4 @@
-"""Stations along a network's vessels."""
+"""Stations along a network's vessels, at which lumens are measured."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Place of the part in the printer's frame, found from what is written."""
+"""Find a part's origin in the printer's frame from the printed lines or filaments."""
 
 from __future__ import annotations
 

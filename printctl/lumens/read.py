@@ -1,4 +1,4 @@
-"""Read a file's written lines or filaments, nominal and after motor steps."""
+"""Read the printed lines or filaments of a G-code file, nominal and rounded to motor steps."""
 
 from __future__ import annotations
 

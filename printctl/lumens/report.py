@@ -1,4 +1,4 @@
-"""Report of each lumen's sections."""
+"""Report of each lumen's predicted openness along its length."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Places along lumens where a section is measured."""
+"""Stations along lumens at which a cross-section is measured."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Strokes of a file, of a plunger or a valve, as written or as executed."""
+"""Writing moves of a G-code file (by plunger or valve), as commanded or as executed."""
 
 from __future__ import annotations
 

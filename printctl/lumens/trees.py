@@ -1,4 +1,4 @@
-"""A network's or a part's lumens as the search for leaks wants them."""
+"""Lumens of a network or a part as vessel trees, for the leak search."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOUTH: Final = 1.3
 
 
 def margin_mm(lines: WrittenLines) -> float:
-    """What counts as in the lumen beyond its design: half a layer's step, and a pixel."""
+    """Margin around a designed lumen that counts as inside it: half a layer's step, and a pixel."""
     return float((lines.high - lines.low).max()) / 2 + PIXEL_MM
 
 

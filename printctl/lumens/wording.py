@@ -1,4 +1,4 @@
-"""Words that the checks of layers and of filaments share."""
+"""Message wording shared by the lumen checks."""
 
 from __future__ import annotations
 

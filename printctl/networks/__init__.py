@@ -1,4 +1,4 @@
-"""Networks as users name them: files of every format, run folders, and what is known of them."""
+"""Read networks from files of every supported format and from run folders."""
 
 from printctl.networks.formats import (
     LOSSES,

@@ -1,4 +1,4 @@
-"""Networks from and to files of every known format, chosen by the file's suffix."""
+"""Read and write networks in every known format, chosen by the file's suffix."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A network as the user names it: a run folder with all that is known of it, or a file."""
+"""Load a network from a run folder or from a file, with its known flow and tissue."""
 
 from __future__ import annotations
 

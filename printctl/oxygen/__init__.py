@@ -1,4 +1,4 @@
-"""Oxygen as the user asks for it, and the files it leaves."""
+"""Oxygen calculations of recipes and commands, and their output files."""
 
 from printctl.oxygen.outputs import CAPTION, FIELD, SLICE, TABLE, hypoxia, solve_and_write
 

@@ -1,4 +1,4 @@
-"""Oxygen solved for and written: a row a vessel, the field for ParaView, and a picture."""
+"""Solve tissue oxygen; write a row per vessel, the field for ParaView, and a picture."""
 
 from __future__ import annotations
 

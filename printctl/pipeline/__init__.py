@@ -1,1 +1,1 @@
-"""The stages of a run, from tissue to report; `run` does them, none of them twice."""
+"""Pipeline: the stages of a run from tissue to report, each run only when out of date."""

@@ -1,4 +1,4 @@
-"""All solids of a run's recipe, from its folder's network and tissue."""
+"""Build all solids of a run's recipe from its network and tissue."""
 
 from __future__ import annotations
 

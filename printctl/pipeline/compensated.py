@@ -1,4 +1,4 @@
-"""A recipe's compensation: held against its design and set-up, and what is written with it."""
+"""Apply a recipe's compensation file: check that it fits, correct the printed geometry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shared state of the stages: recipe, profiles, folder, and the values made.
+"""Shared state of the pipeline stages: recipe, profiles, folder, computed values.
 
 A value is read from the run folder when the stage that makes it was reused, so that a resumed
 run and an uninterrupted one go on from the same bytes.

@@ -1,4 +1,4 @@
-"""Refusals that the design's bounds and the needle decide, before a path is planned."""
+"""Early refusals: designs that needle or printer can't reach, before paths are planned."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Facts of the manifest besides its stages: versions, seeds, profile, frames."""
+"""Provenance facts of the run manifest: versions, seeds, profile, input hashes, frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grow what a recipe asks for: a tree, one that can be printed, or a closed loop."""
+"""Grow the vessels that a recipe asks for: a tree, a printable tree or closed loops."""
 
 from __future__ import annotations
 

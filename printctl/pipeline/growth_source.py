@@ -1,4 +1,4 @@
-"""From a recipe's words on growth to the design's options, the user's files read."""
+"""Convert a recipe's growth section to growth options, and read the files it names."""
 
 from __future__ import annotations
 

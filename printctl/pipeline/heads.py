@@ -1,4 +1,4 @@
-"""Assignment of work to several heads, by the recipe."""
+"""Assign vessels and layer regions to the heads named in a recipe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drive the plunger ahead of the ink's measured lag, where a recipe asks for it."""
+"""Apply lag compensation of the plunger where a recipe asks for it."""
 
 from __future__ import annotations
 

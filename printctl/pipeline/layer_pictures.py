@@ -1,4 +1,4 @@
-"""Pictures of what the G-code writes, drawn from the G-code itself."""
+"""Layer pictures of a run, drawn from its G-code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The measurement record as registration.json holds it, and the notes that follow from it."""
+"""Measurement record as stored in registration.json, with the notes that follow from it."""
 
 from __future__ import annotations
 

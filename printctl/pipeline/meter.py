@@ -1,4 +1,4 @@
-"""Time and memory of a stage."""
+"""Measure run time and memory of a pipeline stage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of a run's stages in their order; nothing that does their work is loaded for them."""
+"""Names of the pipeline stages in order, without importing their work."""
 
 from __future__ import annotations
 

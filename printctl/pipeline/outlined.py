@@ -1,4 +1,4 @@
-"""The part that a run's layers are held against in pictures."""
+"""Outlines of a run's part, layer by layer, for comparison with its layers in pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of `printctl overlay`: a picture a layer, the numbers, and the page."""
+"""Output files of `printctl overlay`: a picture per layer, a JSON of the results, and a page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scan laid over a run's G-code and measured layer by layer."""
+"""Overlay a scan on a run's G-code and measure it layer by layer."""
 
 from __future__ import annotations
 

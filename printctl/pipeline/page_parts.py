@@ -1,4 +1,4 @@
-"""Contents of the pages of `printctl register`, as they go to the process that writes them."""
+"""Page contents of `printctl register`, passed to the process that writes the HTML."""
 
 from __future__ import annotations
 

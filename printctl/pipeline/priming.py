@@ -1,4 +1,4 @@
-"""Purge, wipe and prime line, as the recipe asks for them."""
+"""Priming set by a recipe: purge, wipe and prime line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ABOVE_PART_MM: Final = 1.0
 def primed(
     context: RunContext, first: Toolpath, top_mm: float, relief_ul: float | None
 ) -> Toolpath:
-    """What comes before ``first``, the part's path or its first part.
+    """Return the priming moves before ``first``, the part's path or its first part.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Limits of needle, bath and method: smallest and widest lumens, and walls."""
+"""Printability limits by needle, bath and method: sizes of lumens and walls."""
 
 from __future__ import annotations
 

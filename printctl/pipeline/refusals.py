@@ -1,4 +1,4 @@
-"""Refusals that network, needle, syringe, dish and printer decide alone.
+"""Refuse recipes whose network doesn't suit needle, syringe, dish or printer.
 
 They come before anything is built, and before the libraries that build it are loaded. What passes
 here is asked again of the design and of the G-code, which know more.

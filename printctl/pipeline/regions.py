@@ -1,4 +1,4 @@
-"""Regions of a FRESH part with a filling or a head of their own, from the recipe's words."""
+"""Regions of a FRESH part with their own infill or head, from a recipe."""
 
 from __future__ import annotations
 

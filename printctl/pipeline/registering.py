@@ -1,4 +1,4 @@
-"""Files of `printctl register`: its numbers, its page, exports for other programs."""
+"""Output files of `printctl register`: results, page, exports for other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pages of `printctl register`, drawn and written in a process of their own.
+"""HTML and PDF pages of `printctl register`, written in a separate process.
 
 Apart from what registers, which needs no plotting library.
 """

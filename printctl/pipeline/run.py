@@ -1,4 +1,4 @@
-"""Run a recipe: all of it, or as far as the design or the G-code."""
+"""Run a recipe completely, or as far as the design or the G-code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recipe's defects on order, put where their vessels lie in the printer's frame."""
+"""Place a recipe's simulated print defects on their vessels, in the printer's frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stages of a run in their order: the design, as far as the job, and all of them."""
+"""Pipeline stages in order: the design, as far as the job, and all of them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ WHOLE: Sequence[Stage] = (*TOOLPATH, printing.STAGE, scan.STAGE, registration.ST
 
 
 def in_order(stages: Sequence[Stage], recipe: Recipe) -> Sequence[Stage]:
-    """The same stages, those first that may refuse early.
+    """Return the stages in order, those first that may refuse early.
 
     A path along centrelines needs the network alone: it is planned and checked before anything is
     computed or united that a refusal would make useless. With a compensation it needs the solid.

@@ -1,4 +1,4 @@
-"""A run's solids in the formats that its recipe names."""
+"""Export a run's solids in the formats that its recipe names."""
 
 from __future__ import annotations
 

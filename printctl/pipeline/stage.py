@@ -1,4 +1,4 @@
-"""A stage of the run, and running the stages in order without doing anything twice."""
+"""Pipeline stage: run in order, skipped if its results are up to date."""
 
 from __future__ import annotations
 

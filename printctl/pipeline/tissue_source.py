@@ -1,4 +1,4 @@
-"""From the recipe's tissue section to a `Tissue`."""
+"""Build a `Tissue` from a recipe's tissue section."""
 
 from __future__ import annotations
 

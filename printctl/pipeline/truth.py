@@ -17,7 +17,7 @@ def pose_error(
     box: FloatArray,
     written: FloatArray | None = None,
 ) -> dict[str, Any]:
-    """How far the recovered transform puts the part's corners from where they belong.
+    """Displacement of the part's corners by the error of the recovered transform.
 
     Parameters
     ----------

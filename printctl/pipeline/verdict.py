@@ -1,4 +1,4 @@
-"""Verdict on a print: collects what `registration.judging` decided, and pose and flow."""
+"""Verdict on a print, from the decisions of `registration.judging`, the pose and the flow."""
 
 from __future__ import annotations
 

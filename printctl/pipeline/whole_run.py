@@ -1,4 +1,4 @@
-"""Stages of a recipe in one process: all of them, or as far as the design or the G-code."""
+"""Run the stages of a recipe in one process: all, or as far as the design or the G-code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The G-code writer's choices for an ink."""
+"""G-code writer options of an ink."""
 
 from __future__ import annotations
 

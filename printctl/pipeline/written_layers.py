@@ -1,4 +1,4 @@
-"""A run folder as it was written, layer by layer: for what is held against its G-code."""
+"""Read the written FRESH layers of a run folder, for comparison with scans or outlines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plate's wells: which are printed in, with what, in which order, and whether that fits."""
+"""Plan a well plate: the wells in use, their contents and printing order; refuse misfits."""
 
 from printctl.plates.assign import Well, assigned, scanned_wells
 from printctl.plates.names import expand

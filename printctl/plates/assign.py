@@ -1,4 +1,4 @@
-"""Assignment of variants to wells."""
+"""Assign recipe variants to a plate's wells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of wells as people write them: A1, B1..B3 along a row, A1..C4 for a block."""
+"""Parse names of wells: A1, B1..B3 along a row, A1..C4 for a block."""
 
 from __future__ import annotations
 

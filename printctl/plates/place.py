@@ -1,4 +1,4 @@
-"""Place of a plate on the printer, and of each of its wells."""
+"""Position of a plate on the printer, and of each of its wells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""In which order wells are printed: row by row, or column by column, there and back."""
+"""Printing order of wells: serpentine, by row or by column."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points of a sweep over wells, and the recipe of each."""
+"""Parameter sweep over wells, with the recipe of each well."""
 
 from __future__ import annotations
 

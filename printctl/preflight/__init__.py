@@ -1,4 +1,4 @@
-"""Checks before the first byte is sent; one that fails refuses the print."""
+"""Preflight checks of a print before the first byte is sent."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""The dish and the bath in it: walls, floor and depth against the needle's way."""
+"""Checks of dish and bath: walls, floor and depth against the needle's moves."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _TINY_MM: Final = 1e-6
 
 
 def floor_check(run: DryRun, bath: Bath, floor_mm: float) -> Check:
-    """How near the tip comes to the dish's floor."""
+    """Check the tip's least distance from the dish's floor."""
     value = float(run.low_mm[2]) - floor_mm
     return Check(
         "lowest tip above the dish's floor",

@@ -1,4 +1,4 @@
-"""Checks of the firmware's own switch-off and of cold extrusion.
+"""Checks of the firmware's idle timeout and of its cold extrusion lock.
 
 A killed host can switch nothing off. Some families kill themselves, or switch heaters and motors
 off, after a time without motion that a job can set (`Family.timeout`); others have nothing of it.

@@ -1,4 +1,4 @@
-"""Check a job's commands against the list of what may be sent to a printer."""
+"""Check a job's commands against the gate's allow-list."""
 
 from __future__ import annotations
 

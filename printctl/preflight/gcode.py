@@ -1,4 +1,4 @@
-"""Checks of the G-code itself: travel, speed, plunger, and what the firmware would make of it."""
+"""Checks of the G-code: travel, speed, plunger, interpretation by the firmware."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ink that a print takes: pushed, left behind in each filling, loaded."""
+"""Ink needs of a print: written, left in the syringe and needle, loaded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ink that a job's rows push out of its heads."""
+"""Ink volume that a job's rows push out of each head."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 
 def volumes(run: DryRun, printer: Printer, loads: Sequence[Loaded]) -> FloatArray:
-    """What comes out of the head in use in each row of the program, (rows,), µL.
+    """Ink pushed out by each row of the program, of the head in use, (rows,), µL.
 
     Of a pneumatic head whose needle nobody named, at whose flow one can only guess, the ink's
     lines have no thickness.

@@ -1,4 +1,4 @@
-"""Temperatures that a job sets, against what ink and bath bear."""
+"""Check a job's temperatures against the limits of ink and bath."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _INK: Final = "temperature_c"
 
 
 def temperature_checks(run: DryRun, ink: Ink, bath: Bath | None) -> list[Check]:
-    """What the job sets, by whatever command, against what ink and bath bear; 0 switches off."""
+    """Check every set temperature against the limits of ink and bath; 0 switches off."""
     span = ink.temperature_c
     bears = f"{ink.name} bears at most that (ink: {_INK})"
     unnamed = "no bath is named, and cells bear no more; name it (--bath) if it does"

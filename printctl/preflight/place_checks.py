@@ -1,4 +1,4 @@
-"""Check what a job tells the firmware of the tip's place: once, before its first move.
+"""Check the tip positions that a job declares to the firmware: once, before its first move.
 
 A later place with other numbers renames all places: the firmware's own limits, and what a person
 reads from its display, are then off by as much. E is free: it counts a plunger.

@@ -32,7 +32,7 @@ _DROP_BORES: Final = 2.0
 
 
 def valve_checks(run: DryRun, printer: Printer) -> list[Check]:
-    """What a file does with the valve; none for a plunger."""
+    """Check a file's use of the valve; none for a plunger."""
     head, valve = printer.pneumatic, run.valve
     if head is None or valve is None:
         return []

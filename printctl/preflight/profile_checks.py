@@ -1,4 +1,4 @@
-"""Refuse a print whose profiles contradict themselves."""
+"""Refuse a print whose printer or material profiles contradict themselves."""
 
 from __future__ import annotations
 

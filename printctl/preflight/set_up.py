@@ -1,4 +1,4 @@
-"""All checks of a file and of what is mounted for it, as far as that was named."""
+"""Run all preflight checks of a G-code file with its mounted profiles."""
 
 from __future__ import annotations
 

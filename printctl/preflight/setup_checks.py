@@ -1,4 +1,4 @@
-"""Checks of what a job asks of the syringe."""
+"""Checks of plunger travel and volume of the syringe."""
 
 from __future__ import annotations
 

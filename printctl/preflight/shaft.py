@@ -1,4 +1,4 @@
-"""Judgement of what the needle's shaft meets."""
+"""Check results for collisions of the needle's shaft with written ink."""
 
 from __future__ import annotations
 

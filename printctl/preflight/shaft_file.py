@@ -1,4 +1,4 @@
-"""The needle's shaft in a G-code file, checked by the map beside it."""
+"""Check a G-code file for needle shaft collisions, using the map beside it."""
 
 from __future__ import annotations
 

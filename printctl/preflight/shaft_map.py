@@ -1,4 +1,4 @@
-"""Read an embedded job's map: network, place, needles."""
+"""Read an embedded job's map: network, vessels' positions, needles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run of the shaft's checker over an embedded job: the needle against what it has written."""
+"""Run the needle shaft collision checker over an embedded job."""
 
 from __future__ import annotations
 

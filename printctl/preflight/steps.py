@@ -1,4 +1,4 @@
-"""Motor steps and the digits of E against what is written: where a step is too coarse.
+"""Check motor step size and E rounding against the moves written: warn if too coarse.
 
 A step that is longer than a move leaves the move's place or dose to rounding: the sum stays right,
 what is written within the step wavers. Nothing is refused for it.

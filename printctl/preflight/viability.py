@@ -1,4 +1,4 @@
-"""The time a print takes against the time that the ink's cells have.
+"""Check the print time against the lifetime of the ink's cells.
 
 The dry run's time runs from the first byte to the last; mixing and filling before it, and what the
 cells bear in the bath afterwards, aren't in it. How long cells have is never guessed: the ink's
@@ -15,7 +15,7 @@ from printctl.set_up import Budget, Check
 
 @dataclass(frozen=True)
 class PrintTime:
-    """How long a print takes.
+    """Print time of a job, with its syringe changes.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Compare a well's moves in a plate's job with its own job."""
+"""Check that a well's moves in a plate job equal those of its own job."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a plate job's map of its wells."""
+"""Read a plate job's map: the G-code lines of each well."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def well_arrays(
     bath_mm: float | None,
     safe_z_mm: float,
 ) -> dict[str, NDArray[Any]]:
-    """What the map holds of a plate, all its wells in one frame; parameters as in `Wells`."""
+    """Return the map's arrays of all wells in one frame; parameters as in `Wells`."""
     return {
         "plate_wells": np.array(list(names)),
         "plate_centre_mm": np.asarray(centre_mm, dtype=np.float64),

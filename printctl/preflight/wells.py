@@ -1,4 +1,4 @@
-"""A job over a well plate: each well's walls, floor and bath, and the ways over the rims."""
+"""Checks of a plate job: each well's walls, floor and bath, and travels over the rims."""
 
 from __future__ import annotations
 

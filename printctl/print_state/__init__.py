@@ -1,1 +1,1 @@
-"""A print's state and what may be done next: one value for page, API, command line and history."""
+"""State of a print and its allowed actions, shared by page, API, command line and history."""

@@ -1,4 +1,4 @@
-"""Actions allowed on a print now, and reasons against the rest."""
+"""Actions allowed on a print in its present state, and reasons against the others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Go on with a print: after a pause, a change of syringe, or the death of its link process."""
+"""Continue a print: after a pause, a syringe change, or the death of its link process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""State of a print: one value for page, API, command line and history."""
+"""Determine the true state of a print from its journal and link process."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ TABLE = "progress.{}.npz"
 
 @dataclass(frozen=True)
 class PrintTruth:
-    """A print as it stands.
+    """True state of a print.
 
     Attributes
     ----------

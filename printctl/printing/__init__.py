@@ -1,4 +1,4 @@
-"""A print as the command line sees it: start or find it, follow it, be asked when interrupted."""
+"""Start, find and follow prints from the command line; ask the operator when interrupted."""
 
 from typing import TYPE_CHECKING
 

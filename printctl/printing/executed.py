@@ -1,4 +1,4 @@
-"""A note beside a simulated printer's record: which job it is of, and that it is whole.
+"""Note beside a simulated printer's record: which job it belongs to, and that it is complete.
 
 By it a run takes over what was printed from the operator's page, instead of printing it again.
 """
@@ -22,7 +22,7 @@ _CODE: Final = ("sim", "printctl/link", "firmware_profiles")
 
 
 def record_for(folder: Path) -> Path:
-    """Where the record of a print in ``folder`` goes: a run's beside the print, else into it."""
+    """Path of the record of a print in ``folder``: a run's beside the print, else in it."""
     return folder.parent / EXECUTED if folder.name == "print" else folder / EXECUTED
 
 

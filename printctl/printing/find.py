@@ -1,4 +1,4 @@
-"""Find a job's print (going on, ended, interrupted) in a folder, or start one."""
+"""Find a job's print in a folder (running, ended or interrupted), or start one."""
 
 from __future__ import annotations
 

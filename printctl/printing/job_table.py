@@ -1,4 +1,4 @@
-"""Progress of a job after each command: time, layer, vessel and ink.
+"""Progress of a job by command: time, layer, vessel and ink after each.
 
 Made once per job from the dry run; an update of the progress then only reads one row.
 """

@@ -1,4 +1,4 @@
-"""Facts of a print's journal beyond its status: time without pauses, new syringes."""
+"""Details of a print from its journal: active time without pauses, syringe changes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _AT_WORK: Final = LinkState.PRINTING
 
 @dataclass(frozen=True)
 class Journalled:
-    """A print so far.
+    """Facts of a print so far, from its journal.
 
     Attributes
     ----------

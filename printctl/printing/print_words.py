@@ -1,4 +1,4 @@
-"""Time, layer, vessel and ink of a print in words, the same on the page and the command line."""
+"""Word a print's time, layer, vessel and ink for page and command line."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Filling:
-    """The syringe in use.
+    """Ink left in the syringe in use.
 
     Attributes
     ----------

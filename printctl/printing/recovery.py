@@ -1,4 +1,4 @@
-"""Plan the rest of a print whose printer has lost its position, and write it as a job."""
+"""Plan the rest of a print whose printer lost its position, and write it as a job."""
 
 from __future__ import annotations
 

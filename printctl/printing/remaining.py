@@ -1,4 +1,4 @@
-"""Remaining time of a print: the dry run's, corrected by the time taken.
+"""Remaining time of a print: the simulated time, corrected by the time taken so far.
 
 The printed part is cut into stretches of equal time in the dry run. Of each the ratio of real to
 predicted time is kept, pauses left out; what remains is taken to go on like their mean. Were the
@@ -22,7 +22,7 @@ _ENOUGH: Final = 3
 
 @dataclass(frozen=True)
 class Estimate:
-    """What is still to come.
+    """Estimated remaining time.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Estimate:
 
 @dataclass
 class Remaining:
-    """Watches one print.
+    """Estimates the remaining time of one print.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Start the simulated printer as a process of its own, behind a real pipe."""
+"""Start the simulated printer as a separate process, behind a pseudo-terminal."""
 
 from __future__ import annotations
 

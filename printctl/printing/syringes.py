@@ -1,4 +1,4 @@
-"""A job that needs more ink than a syringe holds: where it may be changed."""
+"""Plan syringe changes for a job that needs more ink than one syringe holds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Follow a print from the command line, and ask what to do when interrupted."""
+"""Follow a running print from the command line; on Ctrl-C ask to detach, stop or kill."""
 
 from __future__ import annotations
 

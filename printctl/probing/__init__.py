@@ -1,4 +1,4 @@
-"""Ask a printer for its own settings, and hold them against a profile."""
+"""Query a printer's settings and compare them with its profile."""
 
 from printctl.probing.ask import ask_settings
 from printctl.probing.compare import Row, compare, corrected

@@ -1,4 +1,4 @@
-"""A printer's settings against a profile: a table, and a corrected profile."""
+"""Compare a printer's settings with a profile: a table, and a corrected profile."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ABSOLUTE = 0.006
 
 @dataclass(frozen=True)
 class Row:
-    """One key.
+    """Comparison of one profile key.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Questions to each firmware family, and readers of its answers.
+"""Settings queries of each firmware family, and parsers of their replies.
 
 Only questions: none of these commands sets anything. Answers are read as
 

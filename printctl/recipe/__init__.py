@@ -1,4 +1,4 @@
-"""The recipe: its schema, and reading it.
+"""Recipe: schema and reading.
 
 Names are loaded when first asked for: most commands need one part of the schema, not all.
 """

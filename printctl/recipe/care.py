@@ -1,4 +1,4 @@
-"""The part of a recipe that says how its print is watched over."""
+"""Recipe section on supervising a print: checkpoints, dead-man's time, syringe changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Defects on order in a simulated scan: what a bad print would have (see `sim.scanner.defects`).
+"""Recipe section of simulated print defects, planted into a simulated scan.
 
 A place is given along a vessel of the design. None of this touches a real print; the report of a
 run with defects says so in its scan section.

@@ -1,4 +1,4 @@
-"""The part of a recipe that says what flows, and what it loses on its way."""
+"""Recipe section on the fluid: viscosity law and inertial pressure losses."""
 
 from __future__ import annotations
 

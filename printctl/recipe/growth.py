@@ -1,4 +1,4 @@
-"""The recipe's network: named, given, or grown, and how it grows."""
+"""Recipe section on the network: named, from a file, or grown."""
 
 from __future__ import annotations
 

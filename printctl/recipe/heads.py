@@ -1,4 +1,4 @@
-"""Ink and vessels of each of a printer's heads."""
+"""Recipe section on heads: the ink and vessels of each."""
 
 from __future__ import annotations
 

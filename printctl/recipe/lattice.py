@@ -1,4 +1,4 @@
-"""The recipe's lattices: regular channels to hold a grown tree against."""
+"""Recipe section of a channel lattice, for comparison with a grown tree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recipe's lattice of channels: the network itself, or beside one."""
+"""Recipe section of a lattice's shape: unit cell, channel size and ports."""
 
 from __future__ import annotations
 

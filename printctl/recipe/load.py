@@ -1,4 +1,4 @@
-"""Read a recipe and say clearly what is wrong with it."""
+"""Read a recipe and report its errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sections of a recipe that make and measure: toolpath, printer, scan, registration."""
+"""Recipe sections on production and measurement: toolpath, printer, scan, registration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Meaning of a recipe's text: profile or user's file, for forms and checks."""
+"""Field types of a recipe's profile names and file paths, marked for forms and checks."""
 
 from __future__ import annotations
 

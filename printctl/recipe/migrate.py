@@ -1,4 +1,4 @@
-"""Recipes of an older schema, brought to today's step by step.
+"""Migrate recipes of older schemas to the current one, step by step.
 
 A step is a list of changes, each a key that has another name or another value now. Because it is
 said and not programmed, the same step changes what was read from a file and the file's own text,

@@ -1,4 +1,4 @@
-"""The recipe: all that a run depends on, in one file with a schema version."""
+"""Top level of a recipe: all settings of a run, in one file with a schema version."""
 
 from __future__ import annotations
 

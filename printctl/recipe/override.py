@@ -1,4 +1,4 @@
-"""A recipe with some of its keys said otherwise, held against the recipe's own schema."""
+"""Override some keys of a recipe and validate the result."""
 
 from __future__ import annotations
 

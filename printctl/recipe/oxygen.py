@@ -1,4 +1,4 @@
-"""The part of a recipe that asks for oxygen in the tissue."""
+"""Recipe section on oxygen in the tissue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recipe's plate: which wells, how many copies, and what is varied from well to well."""
+"""Recipe section on a well plate: wells, copies, and values varied between wells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The section of a recipe that says what the needle does before the part."""
+"""Recipe section on priming: the needle's moves before the part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The part of a recipe that makes its flow pulse."""
+"""Recipe section on pulsatile flow: inlet waveform, outlet Windkessels, compliant walls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The measurement record: who measured, with what, under which conditions."""
+"""Measurement record of a scan: operator, instrument, conditions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Filling of a FRESH part, as a whole and in regions of it."""
+"""Recipe section on infill of a FRESH part, as a whole and by region."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recipe's solid: what is made of the network, its fittings and marks, and the files."""
+"""Recipe section on the printed solid: lumens or tubes, fittings, marks, files."""
 
 from __future__ import annotations
 

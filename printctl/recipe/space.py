@@ -1,4 +1,4 @@
-"""The parts of a recipe that ask for flow resolved in space, and for fidelities side by side."""
+"""Recipe sections on 3D flow, and on comparing flow solutions of several fidelities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commented recipe to start from."""
+"""Commented template recipe, written by `printctl init`."""
 
 from pathlib import Path
 from typing import Final

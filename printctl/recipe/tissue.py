@@ -1,4 +1,4 @@
-"""The recipe's tissue: where its shape comes from, what vessels keep out of, where cells need most.
+"""Recipe section on the tissue: shape, keep-out zones, cell demand.
 
 Paths are relative to the recipe.
 """

@@ -1,4 +1,4 @@
-"""Tolerances as a recipe or a file of their own states them."""
+"""Recipe section on tolerances; also a file of its own."""
 
 from __future__ import annotations
 

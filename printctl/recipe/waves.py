@@ -1,4 +1,4 @@
-"""The part of a recipe that asks for 1D flow: waves along compliant vessels."""
+"""Recipe section on 1D flow: waves along compliant vessels."""
 
 from __future__ import annotations
 

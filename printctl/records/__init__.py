@@ -1,1 +1,1 @@
-"""Records of prints that a lab can file: signed bundles, tables, and prints done again."""
+"""Records of prints: signed bundles, tables, and exact repeats."""

@@ -1,4 +1,4 @@
-"""Pack what there is of a print into one signed file."""
+"""Pack a print's files into one signed bundle."""
 
 from __future__ import annotations
 

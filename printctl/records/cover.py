@@ -1,4 +1,4 @@
-"""One page on top of a bundle, to read and to print: what, who, when, how it ended, hashes."""
+"""Cover page of a print's record bundle, as HTML: what, who, when, outcome, file hashes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cover as a PDF, by the report's own room; only imported where reportlab is installed."""
+"""Cover page of a print's record bundle, as PDF; reportlab is imported only when needed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Days as people write them."""
+"""Parse calendar days as people write them, to the second at which they begin and end."""
 
 from __future__ import annotations
 

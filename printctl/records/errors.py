@@ -1,4 +1,4 @@
-"""Errors of the records.
+"""Errors of the record bundles.
 
 ::
 

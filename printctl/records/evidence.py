@@ -1,4 +1,4 @@
-"""Remaining evidence of a print: G-code, run, report, and notes.
+"""Collect the remaining files of a print: G-code, run, report and notes, verified by hash.
 
 Files beside a print may be of a later one: the G-code counts only with the hash that the journal
 has, a run only if it wrote that G-code, a report only if it was written after the print began.

@@ -1,4 +1,4 @@
-"""Place of a print's time-lapse: beside its journal, by the print's begin."""
+"""Location of a print's time-lapse: beside its journal, named by the print's start time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The lab's key: made once, kept in the user's data folder, readable by its owner alone.
+"""Signing key of the lab: created once, stored in the user's data folder, private.
 
 Ed25519 (RFC 8032): the same text signed twice gives the same signature. The library comes with
 the extra ``records`` (and with ``search``).

@@ -61,7 +61,7 @@ class FiledPrint(_Part):
 
 
 class Manifest(_Part):
-    """What is signed."""
+    """Signed contents list of a bundle."""
 
     format: Literal["printctl print record"] = "printctl print record"
     format_version: Literal[1] = 1

@@ -1,4 +1,4 @@
-"""A zip whose bytes follow from its files alone: nothing compressed, no times, one layout.
+"""Write reproducible zip files: uncompressed, without timestamps, in fixed order.
 
 Any unzip program opens it. What is read must be laid out exactly so, byte for byte, headers
 included; therefore no changed byte can hide between the files, and no small file can unpack into

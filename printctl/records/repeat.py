@@ -37,7 +37,7 @@ _SERIAL: Final = ("/dev/tty", "/dev/cu.", "COM")
 
 @dataclass(frozen=True)
 class Difference:
-    """What isn't as it was.
+    """Difference from the original print.
 
     Attributes
     ----------

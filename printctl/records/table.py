@@ -1,4 +1,4 @@
-"""The history as CSV that a spreadsheet may open: no cell of it can be taken for a formula."""
+"""Write the print history as CSV, safe against spreadsheet formula injection."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Events of a print in order: states, pauses, alarms, syringes, its end."""
+"""Timeline of a print: events (pauses, alarms, syringe changes) and the states it went through."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _HOLDS: Final = ("pausing", "paused")
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened.
+    """Event of a print.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Stretch:
-    """A time in one state.
+    """Period in one state.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A report's verdict in a word."""
+"""Reduce a registration report's verdict to one word: pass, fail or undecided."""
 
 from __future__ import annotations
 

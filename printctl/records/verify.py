@@ -37,7 +37,7 @@ class Signature(StrEnum):
 
 @dataclass(frozen=True)
 class Verified:
-    """What was found.
+    """Result of verifying a bundle.
 
     Attributes
     ----------

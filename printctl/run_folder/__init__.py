@@ -1,1 +1,1 @@
-"""A run's folder: names of its files, memory of its stages, what a registration leaves."""
+"""Run folder: file names, manifest of stages, registration files."""

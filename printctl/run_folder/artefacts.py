@@ -1,4 +1,4 @@
-"""Names of a run folder's files that several stages and commands share.
+"""File names of a run folder, shared by stages and commands.
 
 Nothing is imported here, so that a command can name them before anything heavy is loaded.
 """

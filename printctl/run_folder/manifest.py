@@ -1,4 +1,4 @@
-"""The run folder's memory: what each stage was made from, what it made, and how long it took.
+"""Manifest of a run folder: inputs, outputs, hashes and duration of each stage.
 
 A stage is reused when its key (recipe sections, seeds, upstream files, product sources) and the
 digests of its outputs are as they were. The manifest is written after every stage, by way of a

@@ -1,4 +1,4 @@
-"""Files that a registration leaves, and what it says of design and scan.
+"""Registration files of a run folder, with their facts about design and scan.
 
 Apart from the stage, so that `printctl register` needn't load all that makes a run.
 """
@@ -33,7 +33,7 @@ _MOST_VOXELS = 8_000_000
 
 
 def design_facts(network: Path) -> dict[str, str]:
-    """What tells this design's registrations from another's, for a comparison of prints."""
+    """Return what identifies a design, so that comparisons don't mix designs."""
     return {"network_sha256": digest_file(network)}
 
 

@@ -1,4 +1,4 @@
-"""Design searches: a recipe varied hundreds of times, and which candidates are best."""
+"""Design searches: vary a recipe and rank the candidates."""
 
 from printctl.search.evaluate import Task, evaluate
 from printctl.search.load import load_search

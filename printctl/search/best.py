@@ -1,4 +1,4 @@
-"""A candidate as a recipe of its own, for `printctl run`."""
+"""Write a search candidate as a recipe for `printctl run`."""
 
 from __future__ import annotations
 

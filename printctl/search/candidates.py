@@ -1,4 +1,4 @@
-"""The candidates of a search: what is drawn, put into the recipe, and held against its schema."""
+"""Draw the candidates of a design search, as validated recipes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _OTHERS: Final = (
 
 @dataclass(frozen=True)
 class Candidate:
-    """One candidate.
+    """Candidate of a search: its values and recipe.
 
     Attributes
     ----------

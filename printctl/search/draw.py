@@ -1,4 +1,4 @@
-"""Draw candidates from what is varied: a grid, or points of the unit cube put to values."""
+"""Draw a search's parameter values: from a grid, or at random."""
 
 from __future__ import annotations
 

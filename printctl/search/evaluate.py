@@ -1,4 +1,4 @@
-"""Grow and measure one candidate of a search: the workers' task.
+"""Grow and measure one search candidate, in a worker process.
 
 The stages' own functions are used, as far as the measures; the network goes through
 ``network.csv`` in a scratch folder as in a run, so that a candidate's numbers are those of

@@ -1,4 +1,4 @@
-"""The Pareto plot: each pair of goals, what was found, and what nothing else beats."""
+"""Pareto plot of a design search: each pair of goals, with the non-dominated candidates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a search file, and say clearly what is wrong with it."""
+"""Read a search file and report its errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The search file: which recipe, what is varied in it, and what is sought."""
+"""Schema of the search file: recipe, varied keys, goals and limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The search's page: what was sought, the Pareto plot, and the ranked candidates."""
+"""Result page of a search: goals, Pareto plot, ranked candidates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measured quantities of each candidate, by the names in a search file."""
+"""Quantities measured on a search candidate, by their names in the search file."""
 
 from __future__ import annotations
 

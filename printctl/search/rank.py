@@ -22,7 +22,7 @@ _ORDER: tuple[State, ...] = ("good", "beyond limits", "undefined", "refused")
 
 @dataclass(frozen=True)
 class Ranked:
-    """A candidate in its place.
+    """Candidate with its rank.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Run a search: what isn't known yet is grown and kept as it comes, then all is ranked."""
+"""Run a design search: evaluate new candidates, store each result, rank all."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from printctl.search.workers import Workers
 
 @dataclass(frozen=True)
 class Found:
-    """What a search has found.
+    """Results of a search.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Store of candidates: one small file each, written at once, named by its key."""
+"""Store of search results: one file per candidate, named by its hash key."""
 
 from __future__ import annotations
 

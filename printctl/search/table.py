@@ -1,4 +1,4 @@
-"""The ranked table: rows of a file at full precision, and the first of them for the terminal."""
+"""Ranked table of a search: a file at full precision, and the first rows for the terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Workers that grow candidates: this process, this machine's cores, or a Dask cluster."""
+"""Search workers: this process, this computer's cores, or a Dask cluster."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Set-up of a print and a check's answer: values without mesh or kernel.
+"""Print set-up (mounted profiles) and check results, as plain values without kernels.
 
 The checks themselves, which look at G-code, are in `printctl.preflight`.
 """

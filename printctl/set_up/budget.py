@@ -1,4 +1,4 @@
-"""Time limit of the cells in the ink, by profile or user, never guessed."""
+"""Time limit of the cells in the ink, from recipe or ink profile; never guessed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from firmware_profiles import Ink
 
 @dataclass(frozen=True)
 class Budget:
-    """How long the cells have.
+    """Time limit of the cells.
 
     Attributes
     ----------

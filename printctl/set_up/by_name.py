@@ -1,4 +1,4 @@
-"""Set-up by the names of its profiles."""
+"""Load a print set-up (printer, needle, ink, dish, bath) from the names of its profiles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One check before a print, with what it looked at."""
+"""Result of one preflight check: question, limit, value and answer."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ class Loaded:
 
 @dataclass(frozen=True)
 class SetUp:
-    """What is mounted and filled.
+    """Mounted parts and filled syringes of a print.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A dish where it stands, and how far a needle and its hub stay from its wall."""
+"""Dish at its position on the printer, and the clearance of needle and hub to its wall."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HUB_MM: Final = 12.0
 
 @dataclass(frozen=True)
 class Standing:
-    """A dish on the printer.
+    """Dish at its position on the printer.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Slicing of mesh files without a recipe: parts, modifiers, heads, and where they stand."""
+"""Slice mesh files without a recipe: parts, modifiers, heads, placement."""
 
 from printctl.slicing.job import SliceJob, Written, slice_parts
 from printctl.slicing.modifiers import read_modifier

@@ -1,4 +1,4 @@
-"""A slicing job: meshes, printer, what each head holds; its G-code and figures."""
+"""Run a slicing job: meshes, printer and heads to G-code and figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Modifier meshes: FILE:setting=value,... as a place with a filling or a head of its own."""
+"""Modifier meshes: FILE:setting=value,... as a region with its own infill or head."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mesh files of one part, each written by a head of its own."""
+"""Mesh files of one part, each printed by its own head."""
 
 from __future__ import annotations
 

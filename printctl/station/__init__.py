@@ -1,4 +1,4 @@
-"""The link to a printer between prints: connected, standing by, moved by hand, ready to print."""
+"""Station: the permanent link to a printer between prints (standby, manual moves, print start)."""
 
 from printctl.link.temperatures import Temperature
 from printctl.station.client import Station, attach, connect

@@ -1,4 +1,4 @@
-"""``python -m printctl.station``: the station's process, as `printctl.station.client` starts it."""
+"""Entry point of the station process (``python -m printctl.station``)."""
 
 from __future__ import annotations
 

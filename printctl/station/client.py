@@ -1,4 +1,4 @@
-"""The client's side of a station: connect, attach, hear of it, ask it for something.
+"""Client of a station: start or attach to its process, follow its status, send requests.
 
 A client may go away at any time; the station doesn't mind. Every call opens a connection of its
 own, so that one client may be used by several threads and nothing stands in the way of `kill`.

@@ -1,4 +1,4 @@
-"""One question to a station, over a connection of its own."""
+"""Send one request to a station over a connection of its own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hottest targets of heaters that ink and bath bear."""
+"""Highest permitted heater targets for the mounted ink and bath."""
 
 from __future__ import annotations
 

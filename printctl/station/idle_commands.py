@@ -1,4 +1,4 @@
-"""Manual commands to an idle printer, judged before they run.
+"""Manual commands to an idle printer, judged before they are executed.
 
 Each wish takes the values that came through the door and gives what is answered. What it refuses
 moves nothing.

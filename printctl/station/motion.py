@@ -1,4 +1,4 @@
-"""Moves of a standing printer, sent in pieces so that they can be ended between two of them."""
+"""Manual moves of an idle printer, sent in short pieces so that they can be interrupted."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def raise_fault(channel: Channel, what: str) -> None:
 
 @dataclass(frozen=True)
 class Mover:
-    """Moves one printer.
+    """Moves one printer manually.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Profiles of the mounted parts."""
+"""Load the profiles of the parts that are mounted on a station's printer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Serialise a print order as JSON for the station's socket."""
+"""Serialise a print order (job file, set-up, start) as JSON for the station's socket."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Print orders through the station's door, and if they may begin."""
+"""Receive print orders at the station's socket, and check that each may begin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A station's port: open or closed, and the place of a simulated printer's tip."""
+"""Station's port: open or closed, and a simulated printer's last tip position."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One print on a station's open port, and what the station knows after it."""
+"""Run one print on a station's open port, then return to standby."""
 
 from __future__ import annotations
 

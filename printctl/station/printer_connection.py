@@ -1,4 +1,4 @@
-"""Connection of a station to its printer: made, lost, and made again."""
+"""Connection of a station to its printer: established, lost, re-established."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plunger travel of a print."""
+"""Plunger travel used by a print, since the last syringe change."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from printctl.link.reloading import plunger_travel
 
 @dataclass(frozen=True)
 class Pushed:
-    """After a print.
+    """Plunger state after a print.
 
     Attributes
     ----------

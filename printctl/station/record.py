@@ -1,4 +1,4 @@
-"""``station.json``: where a folder's station can be reached, and what it knew last."""
+"""Contact file ``station.json`` of a station: address and last known state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Report of a station: its status, told to its clients and written into its journal."""
+"""Station status: sent to its clients and written to its journal."""
 
 from __future__ import annotations
 

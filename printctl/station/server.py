@@ -1,4 +1,4 @@
-"""The door of a station; what every door knows is in `printctl.link.door`.
+"""Command socket server of a station; shared protocol in `printctl.link.door`.
 
 Further wishes are those of `printctl.station.idle_commands`, ``mount``, ``reconnect``, ``print``,
 ``close`` and ``stop_motion``. Each is answered by ``{"event": "reply", "do": ..., "status": ...}``
@@ -22,7 +22,7 @@ Say = Callable[[dict[str, Any]], None]
 
 
 class RequestTaker(Protocol):
-    """The station behind a door."""
+    """Interface of a station to its socket server."""
 
     @property
     def status(self) -> StationStatus:

@@ -1,4 +1,4 @@
-"""A printer between prints: kept in touch with, asked, and moved by hand.
+"""Standby: keep in contact with an idle printer, query it, move it manually.
 
 One thread runs all of it. `halt_motion` and `kill` may be called by others.
 """
@@ -41,7 +41,7 @@ _UNRECORDED: Final = frozenset({"reading"})
 
 
 class Standby:
-    """One printer without a job.
+    """Idle printer in contact with the station.
 
     Parameters
     ----------

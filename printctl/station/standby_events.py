@@ -1,4 +1,4 @@
-"""Consequences of a printer's events for a station between prints."""
+"""Handle a printer's events (errors, resets, lost port) while the station is in standby."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loop of a station: stands by its printer, grants requests, prints, and stands by again."""
+"""Main loop of a station: standby, requests, prints."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _HALT: Final = b"\nM112\n"
 
 
 class StationLoop:
-    """One station.
+    """Main loop of one station.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A station as its clients see it: the link to a printer between prints."""
+"""Status of a station, as sent to its clients."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Place of the tip and the plunger of a standing printer, as it counts them."""
+"""Position of an idle printer's tip and plunger, from its replies and the commands sent."""
 
 from __future__ import annotations
 

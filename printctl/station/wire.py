@@ -1,4 +1,4 @@
-"""Connection to the station's printer: a port, or a simulated one."""
+"""Open the station's connection to a printer: a port, or a simulated printer."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The operator's page: a local web page, and the REST and WebSocket API behind it."""
+"""Web interface for operators: pages, REST API and WebSocket."""

@@ -1,4 +1,4 @@
-"""The server's parts put together: rooms, API, pages, and the guard around them."""
+"""Assemble the web application: page services, REST API, pages and access guard."""
 
 from __future__ import annotations
 

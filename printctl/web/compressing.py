@@ -1,4 +1,4 @@
-"""Answers made smaller on their way to the browser, but for those that this would hold up."""
+"""Compress HTTP responses with gzip, except the live view's large scenes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Holder of the controls: one browser at a time may command the printer.
+"""Control lock: one browser at a time may command the printer.
 
 Looking is free, and so are the stops: whoever sees something wrong mustn't have to ask.
 """

@@ -1,4 +1,4 @@
-"""Shared services of every room of the page's server."""
+"""Services shared by all pages of the web server."""
 
 from __future__ import annotations
 

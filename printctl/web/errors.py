@@ -1,4 +1,4 @@
-"""Refusals of the page's server, each with its HTTP status.
+"""Errors of the web server, each with its HTTP status.
 
 WebError
 ├── NotAllowedError         401 or 403: no session, wrong token, foreign origin

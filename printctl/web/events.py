@@ -1,4 +1,4 @@
-"""News for whoever listens: the same for the WebSocket and for the pages.
+"""Publish server events to WebSocket clients and pages.
 
 A listener that is too slow loses the oldest; each message is a whole state, not a change.
 """

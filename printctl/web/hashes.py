@@ -1,4 +1,4 @@
-"""Hashes of files, kept while the files don't change."""
+"""Cache of file hashes, valid while a file doesn't change."""
 
 from __future__ import annotations
 

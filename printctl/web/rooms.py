@@ -1,4 +1,4 @@
-"""The rooms of the page: their services, their part of the API, their pages."""
+"""Assemble the services, REST routes and pages of the web interface."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ROOMS: Final = ("printer", "job", "design", "scan", "history")
 
 @dataclass(frozen=True)
 class Services:
-    """What the rooms do."""
+    """Services of all pages."""
 
     printer: PrinterService
     job: JobService

@@ -1,4 +1,4 @@
-"""The server of a workspace: its lock, and its address for other programs."""
+"""Register of a running web server in its workspace: lock, and address for other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Serve the page: one process, until it is told to end. It never touches a print."""
+"""Run the web server as one process until terminated; running prints aren't affected."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Long work of the pages in a process of its own: the server stays free, and loads no kernels."""
+"""Run a page's long computations in a separate process, without kernels in the server."""
 
 from __future__ import annotations
 

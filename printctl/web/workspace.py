@@ -1,4 +1,4 @@
-"""The folder that the page works in: what lies where, and names that stay inside it."""
+"""Workspace folder of the web interface: locations of its files, and safe file names."""
 
 from __future__ import annotations
 

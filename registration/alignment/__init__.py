@@ -1,4 +1,4 @@
-"""Alignment of scanned surface points to a model."""
+"""Alignment of a scan's surface points with a model."""
 
 from registration.alignment.align import Alignment, align
 from registration.alignment.cross_check import cross_check

@@ -1,4 +1,4 @@
-"""The pose that fits best of all there are, and its rivals."""
+"""Choose the best-fitting pose of a scan among all candidates, and keep its rivals."""
 
 from __future__ import annotations
 

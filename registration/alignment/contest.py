@@ -1,4 +1,4 @@
-"""Choice between two poses, compared where they can be told apart."""
+"""Choose between two poses, compared where they differ."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TELLING_POINTS = 12
 
 
 def contest(mine: FloatArray, other: FloatArray) -> float:
-    """How much worse the `other` pose is than `mine`: ratio of RMS where they can be told apart.
+    """Ratio of RMS distance of the `other` pose to `mine`, over points where they differ.
 
     Residuals (n,) of the same points under both poses, mm. Only points count whose residuals
     differ by more than five times the spread of the better pose: two poses of a nearly symmetric

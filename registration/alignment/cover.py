@@ -1,4 +1,4 @@
-"""Rotations spread evenly over all orientations."""
+"""Evenly spread rotations over all orientations."""
 
 from __future__ import annotations
 

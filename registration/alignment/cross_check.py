@@ -1,4 +1,4 @@
-"""The pose again, by a program that shares nothing with ours: small_gicp, where it is installed.
+"""Cross-check the pose with an independent program, small_gicp, where it is installed.
 
 It gets points of the design and points of the scan, stretched as the scaled fit says, and starts
 from a pose that is off on purpose. Point-to-plane ICP with normals of its own (Koide 2024,
@@ -29,7 +29,7 @@ REACH_MM = 0.5
 def cross_check(
     surface: ModelSurface, spread: FloatArray, points: FloatArray, fit: Fit
 ) -> float | None:
-    """How far small_gicp's pose carries any corner of the part from ours, µm.
+    """Largest displacement of a part's corner from ours by small_gicp's pose, µm.
 
     Parameters
     ----------

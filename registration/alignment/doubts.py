@@ -1,4 +1,4 @@
-"""Reasons for which a pose isn't sure, in sentences."""
+"""Sentences that state why a scan's pose is uncertain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Uncertainty of a fit's parameters.
+"""Confidence intervals of the alignment's fitted parameters.
 
 Type A: neighbouring surface points err together, so the covariance is that of sums over patches
 (the sandwich of White 1980, 10.2307/1912934, clustered). Over longer ways surfaces differ from the

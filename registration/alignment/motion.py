@@ -1,4 +1,4 @@
-"""Words for where a part lies, and for motions of a part onto itself."""
+"""Words for a part's orientation, and for rotations that map the part onto itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options and limits of an alignment."""
+"""Options and limits of aligning a scan."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class AlignmentOptions:
-    """Search and limits.
+    """Options and limits of an alignment.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Other poses that a scan may belong to, and what tells them from the one found."""
+"""Rival poses of a scan: alternatives to the chosen one, and what tells them apart."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 
 @dataclass(frozen=True)
 class Rival:
-    """Another pose that was tried.
+    """Alternative pose of a scan.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Several prints of one design: what repeats, what varies, what drifts."""
+"""Compare several prints of one design: repeatability, spread and drift."""
 
 from registration.comparison.compare import Comparison, Print, compare
 from registration.comparison.errors import ComparisonError, GaugeStudyError

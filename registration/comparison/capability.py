@@ -1,4 +1,4 @@
-"""Process capability: how many spreads fit between the tolerance's limits.
+"""Process capability: tolerance width relative to the spread of several prints.
 
 Cp = (upper − lower)/6s, Cpk = min(upper − mean, mean − lower)/3s (ISO 22514-2). Both rest on a
 normal process in control, which a handful of prints can't show; their intervals say how little a

@@ -1,4 +1,4 @@
-"""Hold the registrations of several prints of one design against each other."""
+"""Compare the registrations of several prints of one design."""
 
 from __future__ import annotations
 

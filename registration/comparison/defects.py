@@ -1,4 +1,4 @@
-"""Defects that several prints share, and those of one alone."""
+"""Defects common to several prints of a design, and those of one print alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of the comparison.
+"""Errors of comparing several prints.
 
 ::
 

@@ -1,4 +1,4 @@
-"""Findings of a comparison, in sentences and as JSON."""
+"""Findings of a comparison of several prints, as sentences and JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Means, standard deviations and many tests at once, each with its 95 % interval.
+"""Statistical intervals (95 %) of means and standard deviations, for many tests at once.
 
 Normal theory throughout (Box, Hunter & Hunter 2005, chapter 2): with few prints it is all there
 is, and its intervals are as wide as the few prints deserve.

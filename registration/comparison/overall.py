@@ -1,4 +1,4 @@
-"""The design's prints as a whole: mean error, what varies, how much of it is scan noise."""
+"""Overall statistics of several prints: mean error, spread, share of scan noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One registered scan, as a comparison needs it: read out of registration.json's numbers."""
+"""Registered scan as input of a comparison, read from registration.json."""
 
 from __future__ import annotations
 

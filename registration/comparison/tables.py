@@ -1,4 +1,4 @@
-"""The comparison as a table for a spreadsheet: a vessel a row, units in the columns' names."""
+"""Spreadsheet table of a comparison of several prints, one row per vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A straight line through prints in their order: does it drift."""
+"""Fit a linear trend over prints in their order, to test for drift."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each vessel over the prints: how far off, how much it varies, whether either stands out."""
+"""Diameter error of each vessel over several prints: mean, spread, outliers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels: the nearest point of a triangle surface, and on which side of it a point lies."""
+"""Kernels: nearest point on a triangle surface, and inside-outside test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A dense grid of signed distances, for the many cheap look-ups of a coarse alignment."""
+"""Dense grid of signed distances, for fast approximate look-up in coarse alignment."""
 
 from __future__ import annotations
 

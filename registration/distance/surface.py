@@ -1,4 +1,4 @@
-"""A solid's surface made ready for distance queries."""
+"""Prepare a solid's surface for distance queries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The dye front: a film of dye run through a print, against the 0D solution."""
+"""Dye front in a print: compare a video of dye with the 0D flow solution."""
 
 from registration.dye.marks import Marks, read_marks
 from registration.dye.measure import DyeOptions, DyeReport, measure_dye

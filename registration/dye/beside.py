@@ -1,4 +1,4 @@
-"""0D flow through the design's open vessels, closed ones removed."""
+"""0D flow through the design's open vessels, with closed ones removed, for dye predictions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames of a film and when each was taken, by OpenCV."""
+"""Read the frames of a dye video with their times, by OpenCV."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Prediction onto the film's clock: the dead time before the inlet, and the flow unless given."""
+"""Fit predicted dye arrivals to a video's clock: start delay and, unless given, flow."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FEWEST, _LATEST = 6, 1.5
 
 @dataclass(frozen=True)
 class Prediction:
-    """Arrivals by the 0D solution.
+    """Predicted dye arrivals by the 0D solution.
 
     Attributes
     ----------

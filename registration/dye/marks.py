@@ -1,4 +1,4 @@
-"""A user's marks in a film: known points of the design, and the inlet."""
+"""Read the user's marks file of a dye video: known design points, and the inlet."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Mark(BaseModel):
 
 
 class Marks(BaseModel):
-    """A marks file.
+    """Contents of a marks file.
 
     Attributes
     ----------

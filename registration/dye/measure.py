@@ -1,4 +1,4 @@
-"""A film of dye held against the 0D solution, from file to verdict."""
+"""Measure a dye video against the 0D flow solution, from file to verdict."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Beside:
 
 @dataclass(frozen=True)
 class DyeReport:
-    """What a film shows.
+    """Results of a dye video.
 
     Attributes
     ----------

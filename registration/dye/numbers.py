@@ -1,4 +1,4 @@
-"""The report of a film as plain values."""
+"""Dye report as plain values for JSON and CSV."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plane seen by a tilted camera: the homography through marked points.
+"""Camera view of a tilted plane, by a homography through marked points.
 
 Direct linear transform on normalised coordinates (Hartley 1997, doi 10.1109/34.601246), then
 least squares of the distances in the picture.

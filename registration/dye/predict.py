@@ -1,4 +1,4 @@
-"""The flow that carries dye through a design, whole or beside closed vessels."""
+"""Predict the flow that carries dye through a design, with or without its closed vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Places along the vessels at which the film is read, and whether they can be seen."""
+"""Stations along the vessels at which a dye video is sampled, and their visibility."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Camera shake and drifting light of a film, both measured off the vessels."""
+"""Correct camera shake and light drift of a dye video, measured outside the vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dye at each station over the film."""
+"""Dye concentration over time at each station of a dye video."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compare perfusion seen in a dye film with the design."""
+"""Compare perfusion seen in a dye video with the design."""
 
 from __future__ import annotations
 

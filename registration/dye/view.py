@@ -1,4 +1,4 @@
-"""Map of the design's points to pixels, by the user's marks.
+"""Map design points to video pixels, by the user's marks.
 
 Two or three marks give a similarity (turn, scale, shift). Four or more that don't fit one give a
 homography: a tilted camera, and points in one plane.

@@ -1,4 +1,4 @@
-"""The scan as NRRD that stands in the part's frame by itself, for 3D Slicer."""
+"""Write a registered scan as NRRD in the part's frame, for 3D Slicer."""
 
 from __future__ import annotations
 

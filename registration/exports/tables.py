@@ -1,4 +1,4 @@
-"""Tables as CSV: vessels, sections along them, defects."""
+"""Export CSV tables of vessels, their sections and defects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scanned surface with its deviation, and the axes with what was measured, for ParaView."""
+"""Write the scanned surface with its deviation, and the measured axes, as VTP for ParaView."""
 
 from __future__ import annotations
 

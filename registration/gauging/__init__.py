@@ -1,4 +1,4 @@
-"""Numbers of the aligned scan: deviation both ways, every vessel along its length, defects.
+"""Gauging of an aligned scan: surface deviation, vessel dimensions, defects.
 
 Names are loaded when first asked for.
 """

@@ -1,4 +1,4 @@
-"""Changes at the brink of a closure or a leak, which are part of it."""
+"""Drop apparent diameter changes at the edge of another defect, which are part of it."""
 
 from __future__ import annotations
 

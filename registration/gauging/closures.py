@@ -1,4 +1,4 @@
-"""Gel in lumens: occlusions, and missing vessels."""
+"""Find gel in lumens: occlusions and missing vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A defect of a print."""
+"""Defect record: a place where a print differs significantly from its design."""
 
 from __future__ import annotations
 

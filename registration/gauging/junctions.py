@@ -1,4 +1,4 @@
-"""Bulges and stenoses within junctions, where no section has a wall all round.
+"""Find bulges and stenoses within junctions, where no section has a wall all round.
 
 What wall a vessel has there is held against the design's surface: walls that lie off by w on
 average change its diameter by 2 w. The same average, taken where whole sections were measured, says

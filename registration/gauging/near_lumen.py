@@ -1,4 +1,4 @@
-"""Lumens and outer faces of a scanned surface, and the deviation of each."""
+"""Deviation of a scanned surface, separately for lumens and outer faces."""
 
 from __future__ import annotations
 

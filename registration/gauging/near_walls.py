@@ -1,4 +1,4 @@
-"""Points of a scanned surface that are a vessel's wall, and the vessel of each."""
+"""Find the surface points of a scan that lie on a vessel's wall, with their vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Outlines of a vessel's sections, as they are drawn."""
+"""Outlines of a vessel's measured sections, for drawing."""
 
 from __future__ import annotations
 

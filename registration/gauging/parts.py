@@ -1,4 +1,4 @@
-"""Rest of a network when some of its vessels are closed."""
+"""Rest of a vessel network after removing closed vessels and dead ends."""
 
 from __future__ import annotations
 

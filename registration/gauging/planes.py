@@ -1,4 +1,4 @@
-"""Cutting planes of each vessel, and those clear of junctions."""
+"""Cutting planes of each vessel, and which of them are clear of junctions."""
 
 from __future__ import annotations
 

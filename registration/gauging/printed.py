@@ -1,4 +1,4 @@
-"""A network with the lumens that were measured."""
+"""Network with the measured lumens of a print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernel: where rays in planes across a vessel leave the lumen."""
+"""Kernel: cast rays across a vessel to find where they leave the lumen."""
 
 from __future__ import annotations
 

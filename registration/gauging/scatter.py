@@ -1,4 +1,4 @@
-"""Noise along a vessel, from differences of neighbouring sections."""
+"""Measurement noise along a vessel, from differences of neighbouring sections."""
 
 from __future__ import annotations
 

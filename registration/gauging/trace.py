@@ -1,4 +1,4 @@
-"""One vessel cut across at many stations: what every later judgement of it rests on."""
+"""Cut a scanned vessel at many stations; hold the measured sections."""
 
 from __future__ import annotations
 

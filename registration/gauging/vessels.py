@@ -1,4 +1,4 @@
-"""Every vessel in numbers: diameter, offset, openness, resistance, and how much of it was seen."""
+"""Dimensions of each printed vessel: diameter, offset, openness, resistance, seen share."""
 
 from __future__ import annotations
 

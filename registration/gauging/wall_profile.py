@@ -1,4 +1,4 @@
-"""Place of walls under their own bright line, by the mean profile across them.
+"""Locate lumen walls by the mean intensity profile across them, beneath their bright reflection.
 
 A wall sends light back where gel meets liquid. A rough wall's line is as wide as its roughness, in
 voxels that are each no brighter than gel's speckle, so that no voxel tells (`reflections`): the

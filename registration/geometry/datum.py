@@ -1,4 +1,4 @@
-"""Datum features by name, as a recipe or the command line states them."""
+"""Datum features by name, as given in a recipe or on the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Place of each datum, and how far the frame moved there."""
+"""Position and uncertainty of each datum feature, and the frame's shift there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find datums in a scan: the rows that each asks of the frame."""
+"""Find datum features in a scan and form their frame equations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Refuse datums that the design doesn't have, before any scan is read."""
+"""Refuse datum features that the design lacks, before reading any scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Profile of the outer faces, filtered over each face."""
+"""Surface profile deviation of the part's outer faces (ISO 1101), filtered over each face."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Outer faces of a design, and what a scan shows of them."""
+"""Outer faces of a design, and the scanned surface on each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Axis of one vessel as designed."""
+"""Designed axis of one vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Large planes of a design, and their names."""
+"""Large plane faces of a design, and their names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Input of datum and characteristic fits: faces and cut vessels."""
+"""Input data of datum and characteristic fits: scanned faces and vessel sections."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Noise of sections, by their differences along a vessel."""
+"""Noise of vessel sections, from their differences along the vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows of one vessel in the table of characteristics."""
+"""Table rows of one vessel's geometric characteristics (ISO 1101)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SURFACE = "profile of a surface"
 
 @dataclass(frozen=True)
 class Case:
-    """One vessel in its frame.
+    """One vessel, its frame and sections.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Zones of a vessel's axis, its mouths and its wall."""
+"""Tolerance zones of a vessel's axis, its mouths and its wall."""
 
 from __future__ import annotations
 

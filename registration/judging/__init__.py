@@ -1,4 +1,4 @@
-"""Judge each section, vessel and print of a registration against its tolerances.
+"""Judge a registration's sections, vessels and whole print against tolerances.
 
 Names are loaded when first asked for: a recipe needs the tolerances alone.
 """

@@ -1,4 +1,4 @@
-"""Judged features of a vessel and of a print."""
+"""Compare a vessel's or a print's quantities with their tolerance limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decisions by guard band (ISO 14253-1)."""
+"""Decide conformity by guard bands (ISO 14253-1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Judge a registration: decisions on its sections, vessels and features, and the list of findings.
+"""Judge a registration: decide on each section, vessel and quantity; list the findings.
 
 One source for all that is shown: plot, tables, files, verdict and page read what `judge` writes.
 """

@@ -1,4 +1,4 @@
-"""List of all findings of a registration."""
+"""List all findings of a registration."""
 
 from __future__ import annotations
 

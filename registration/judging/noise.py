@@ -1,4 +1,4 @@
-"""Noise of a vessel's sections, estimated from what a change of the vessel can't touch.
+"""Estimate the measurement noise of a vessel's sections, unaffected by real diameter changes.
 
 A stenosis over half a vessel widens the spread about the vessel's median, and would hide itself.
 Two estimates don't see it: the scatter of a section's own rays, and differences of neighbouring

@@ -1,4 +1,4 @@
-"""Decisions under a doubtful pose: no fail is proven."""
+"""Decisions under an uncertain pose: a fail is never proven."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs of sections that aren't a pass, and changes, as findings in one list."""
+"""List vessel findings: runs of sections out of tolerance, and local changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Groups of runs of sections and changes that are one finding."""
+"""Group adjacent runs of sections and local changes into single findings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One vessel's sections as they are judged, read from registration.json's row."""
+"""Measured sections of one vessel as arrays, read from registration.json, for judging."""
 
 from __future__ import annotations
 

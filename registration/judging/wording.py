@@ -1,4 +1,4 @@
-"""Sentences about judged features: vessel, place, value, U, limit."""
+"""Sentences about judged quantities: vessel, position, value, uncertainty, limit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NAMES = {
 
 
 def reason(feature: Record) -> str:
-    """Say of a feature of ``judging.features`` what was measured, its limit, and the decision."""
+    """Word a feature of ``judging.features``: measured value, limit, and decision."""
     name = feature["name"]
     if feature.get("doubt") == "pose":
         return f"{reason({**feature, 'decision': 'fail', 'doubt': ''})}, if the pose is right"
@@ -25,8 +25,8 @@ def reason(feature: Record) -> str:
         return _diameter(feature)
     if name == "offset" and feature.get("doubt") == "no limit":
         return (
-            f"{_place(feature)}: the lumen lies {_measured(feature)} beside its designed axis, more "
-            "than half its radius, and no limit is given; say what is allowed (offset_um)"
+            f"{_place(feature)}: the lumen lies {_measured(feature)} beside its designed axis, "
+            "more than half its radius, and no limit is given; say what is allowed (offset_um)"
         )
     if name == "offset":
         return f"{_place(feature)}: axis off by {_measured(feature)} of {feature['limit']}" + _end(

@@ -1,4 +1,4 @@
-"""Decisions on geometric characteristics (ISO 1101) that have a tolerance."""
+"""Decide on geometric characteristics (ISO 1101) with a tolerance."""
 
 from __future__ import annotations
 

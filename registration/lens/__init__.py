@@ -1,4 +1,4 @@
-"""Calibrate a camera by a ChArUco board: scale and distortion, and pictures without it."""
+"""Calibrate a camera with a ChArUco board: scale, distortion, undistorted pictures."""
 
 from registration.lens.board import Board, BoardView, board_picture, find_board
 from registration.lens.fit import fit_lens

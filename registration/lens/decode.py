@@ -1,4 +1,4 @@
-"""Read a picture's file."""
+"""Read a picture file."""
 
 from __future__ import annotations
 

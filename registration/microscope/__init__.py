@@ -1,4 +1,4 @@
-"""A picture of a printed pattern: where it is, how wide its lines and gaps are."""
+"""Measure a picture of a printed pattern: its position, line widths and gaps."""
 
 from registration.microscope.annotate import annotated
 from registration.microscope.gaps import Crossing, GapWidth, measure_gaps

@@ -1,4 +1,4 @@
-"""The picture with what was measured drawn into it, for a person to judge."""
+"""Draw the measurements into a picture, for visual checking."""
 
 from __future__ import annotations
 

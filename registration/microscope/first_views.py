@@ -1,4 +1,4 @@
-"""First views of a pattern: the L of its frame among the largest things in the picture."""
+"""Initial views of a printed pattern: its L-shaped corner among the largest objects found."""
 
 from __future__ import annotations
 

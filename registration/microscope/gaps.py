@@ -1,4 +1,4 @@
-"""Gaps between two lines of a picture: how far they are open."""
+"""Measure gaps between two printed lines in a microscope picture."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Crossing:
 
 @dataclass(frozen=True)
 class GapWidth:
-    """What one gap measures.
+    """Measured width of one gap.
 
     Attributes
     ----------

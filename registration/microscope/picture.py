@@ -1,4 +1,4 @@
-"""A picture of a print: one channel in which the ink stands out, dark or bright."""
+"""Picture of a print, reduced to the channel in which the ink stands out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Brightness across lines of a picture, in the pattern's millimetres."""
+"""Brightness profiles across printed lines in a picture, in the pattern's millimetres."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A pattern sought in a picture, and its view."""
+"""Calibration pattern to find in a microscope picture, and the camera view of it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Target:
 
 @dataclass(frozen=True)
 class View:
-    """Where it is.
+    """Position of the pattern in the picture.
 
     Attributes
     ----------

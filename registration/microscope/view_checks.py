@@ -1,4 +1,4 @@
-"""Check a found pattern: its sides' scales, and ink that isn't its own."""
+"""Check the view of a printed pattern in a picture: uneven scale, foreign ink."""
 
 from __future__ import annotations
 

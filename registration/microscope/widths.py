@@ -1,4 +1,4 @@
-"""Widths of lines in a picture, to a part of a pixel."""
+"""Measure printed line widths in a microscope picture with sub-pixel resolution."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SMOOTH: Final = 0.1
 
 @dataclass(frozen=True)
 class Line:
-    """What is to be measured.
+    """Printed line to be measured.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Line:
 
 @dataclass(frozen=True)
 class LineWidths:
-    """What one line measures.
+    """Measured widths of one line.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The optics of an OCT device: refraction, fan and bow, and their calibration."""
+"""Optics of an OCT device: refraction, fan and bow distortion, and their calibration."""
 
 from registration.optics.beam import Beam, OctCalibration
 from registration.optics.file import read_calibration, write_calibration

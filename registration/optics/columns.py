@@ -1,4 +1,4 @@
-"""Brightest reflection of each A-scan, and its depth."""
+"""Find the brightest reflection of each A-scan, and its depth."""
 
 from __future__ import annotations
 

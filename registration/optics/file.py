@@ -1,4 +1,4 @@
-"""A device's calibration as a small YAML file."""
+"""Calibration file of an OCT device (YAML)."""
 
 from __future__ import annotations
 

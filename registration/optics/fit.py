@@ -1,4 +1,4 @@
-"""A device's calibration from scans of a dot grid and of a step."""
+"""Calibrate an OCT device from scans of a dot grid and of a step."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FAN_SPAN_MM = 0.5
 
 @dataclass(frozen=True)
 class GridFit:
-    """What a grid has shown.
+    """Calibration found from a dot grid.
 
     Attributes
     ----------

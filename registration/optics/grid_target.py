@@ -1,4 +1,4 @@
-"""A flat target with a square lattice of dots, found in a scan of it."""
+"""Find a flat calibration target with a square lattice of dots in a scan."""
 
 from __future__ import annotations
 

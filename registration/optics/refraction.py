@@ -1,4 +1,4 @@
-"""Light bent at the sample's surface: Snell's law, and how far a straight ray would be wrong."""
+"""Refraction at the sample's surface by Snell's law, and the error of a straight ray."""
 
 from __future__ import annotations
 

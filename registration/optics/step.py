@@ -1,4 +1,4 @@
-"""A step of known height: the scale of depth, or the group index of what covers it."""
+"""Calibrate depth scale or group index from a scanned step of known height."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sample's surface under air, as a smooth function of x and y."""
+"""Fit the sample's surface in air as a smooth function of x and y."""
 
 from __future__ import annotations
 

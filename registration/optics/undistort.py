@@ -1,4 +1,4 @@
-"""A scan laid out anew on a straight grid: bow, fan and refraction taken out."""
+"""Resample a scan on a straight grid, correcting bow, fan and refraction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernel that takes a volume's values at a smooth map of positions."""
+"""Kernel: resample a volume at mapped positions by trilinear interpolation."""
 
 from __future__ import annotations
 

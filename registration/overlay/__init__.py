@@ -1,4 +1,4 @@
-"""A scan laid over the G-code, layer by layer: what was written, and whether gel stands there."""
+"""Overlay of a scan on the G-code, layer by layer: where gel was written and where it stands."""
 
 from registration.overlay.cut import Cutter, ScanCut
 from registration.overlay.find import Spot

@@ -1,4 +1,4 @@
-"""A level cut through a scan: its grey values, where gel stands, and what of it is seen."""
+"""Cut a scan at a layer's height: grey values, gel mask and visible area."""
 
 from __future__ import annotations
 

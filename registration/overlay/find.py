@@ -1,4 +1,4 @@
-"""Connected patches of a mask above a least area and width."""
+"""Connected patches of a mask above a minimum area and width."""
 
 from __future__ import annotations
 

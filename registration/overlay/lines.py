@@ -1,4 +1,4 @@
-"""The lines of one layer, in the part's frame."""
+"""Printed lines of one G-code layer, in the part's frame."""
 
 from __future__ import annotations
 

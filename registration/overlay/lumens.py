@@ -1,4 +1,4 @@
-"""Designed free area of a layer: the lumens' section at its middle."""
+"""Designed lumen area of a layer: the section at its middle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers of one layer: gel where it was written, gel where it should be free, and gaps.
+"""Measure one layer of a scan against its G-code: gel coverage, blocked areas and gaps.
 
 A segmented wall is a blur wide, and a pixel at it may fall on either side. Shares count all seen
 pixels; gaps and blobs count only what lies farther than `Limits.edge_mm` from the border between
@@ -27,7 +27,7 @@ LEAST_SHARE, LEAST_PIXELS = 0.02, 9
 
 @dataclass(frozen=True)
 class Limits:
-    """From when on something counts.
+    """Minimum sizes that count in a layer's measures.
 
     Attributes
     ----------

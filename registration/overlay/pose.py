@@ -1,4 +1,4 @@
-"""The pose that a scan is cut by: of an earlier registration, or found now."""
+"""Pose for cutting a scan into layers: from an earlier registration, or found now."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A layer as pixels: which move covers each, and which lie inside a contour.
+"""Rasterise a G-code layer: the move covering each pixel, and pixels within a design contour.
 
 A written line is a band of its width with flat ends, round where the next move goes on; so drawn,
 bands cover what the G-code's volume fills.

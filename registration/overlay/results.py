@@ -1,4 +1,4 @@
-"""The numbers of all layers as JSON values and as CSV."""
+"""Scan overlay results of all layers, as JSON and CSV."""
 
 from __future__ import annotations
 

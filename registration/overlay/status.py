@@ -1,4 +1,4 @@
-"""Status of a layer: printed, not printed yet, missing, or not seen."""
+"""Status of a layer in a scan: printed, not printed yet, missing, or not seen."""
 
 from __future__ import annotations
 

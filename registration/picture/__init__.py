@@ -1,4 +1,4 @@
-"""Networks in colour: what vessels can be coloured by, and pictures drawn without a browser.
+"""Pictures of networks, with vessels coloured by a quantity; drawn without a browser.
 
 Names are loaded when first asked for.
 """

@@ -1,4 +1,4 @@
-"""An orthographic camera: from the part's frame to pixels, the whole scene in the picture."""
+"""Orthographic camera: maps the part's frame to pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A picture for a paper: the shaded scene with colour bar, scale bar and axes, as PNG."""
+"""Publication picture of a network: shaded scene with colour bar, scale bar and axes, as PNG."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _STYLE: Final = {
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """What a picture is like.
+    """Options of a picture.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Inlets, outlets and the way of the flow, drawn over a network's picture."""
+"""Draw flow direction arrows, inlets and outlets over a network's picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ambient occlusion from a depth buffer: creases and what lies behind others get darker."""
+"""Ambient occlusion from a depth buffer: darken creases and hidden places."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BIAS = 0.06
 
 @pjit
 def occlude(depth: Any, normal: Any, reach: float) -> Any:
-    """How open each pixel's surroundings are, 1 for wholly, 0 for not at all.
+    """Openness of each pixel's surroundings, from 1 (open) to 0 (enclosed).
 
     Samples on a golden spiral of radius ``reach`` count by how far they rise above the pixel's
     tangent plane, v·n / |v|, and less the farther they are (after McGuire et al. 2011, "The

@@ -1,4 +1,4 @@
-"""Pressure along vessels from that at their ends."""
+"""Interpolate pressure along vessels from their end pressures."""
 
 from __future__ import annotations
 

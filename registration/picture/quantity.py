@@ -1,4 +1,4 @@
-"""Something that vessels can be coloured by, and the scale from its numbers to colours."""
+"""Vessel quantity shown by colour, and its colour scale."""
 
 from __future__ import annotations
 

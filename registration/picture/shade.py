@@ -1,4 +1,4 @@
-"""From tubes, colours and a surface to a shaded picture."""
+"""Render tubes and a surface to a shaded picture."""
 
 from __future__ import annotations
 

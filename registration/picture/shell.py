@@ -1,4 +1,4 @@
-"""A translucent surface over the tubes: how much light each pixel's layers let through."""
+"""Render a translucent surface over the tubes, by its layers at each pixel."""
 
 from __future__ import annotations
 

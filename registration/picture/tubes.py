@@ -1,4 +1,4 @@
-"""Rounded tubes seen along parallel rays, by exact intersection; a depth buffer sorts them.
+"""Render rounded tubes along parallel rays by exact intersection, with a depth buffer.
 
 A piece is the hull of the spheres between its ends, so neighbours that share an end and a radius
 join without a seam.

@@ -1,4 +1,4 @@
-"""Scan files: read by content, whatever they are called."""
+"""Scan file readers, selected by file content, whatever the name."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Bioptigen (Leica Envisu) ``.OCT``: keyed records, then frames of 16-bit A-scans.
+"""Read Bioptigen (Leica Envisu) ``.OCT``: keyed records, then frames of 16-bit A-scans.
 
 Layout, little endian: two bytes twice (a magic number), two bytes of version, then records of
 ``uint32 length, key, uint32 length, value`` from ``FRAMEHEADER`` to a length of 0; then

@@ -1,4 +1,4 @@
-"""Counts that hold dB: a window over the counts, or counts for each dB."""
+"""Grey values that encode dB: the mapping from counts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SLAB_VOXELS = 1 << 24
 
 
 def layered(*layers: Mapping[str, Any]) -> dict[str, Any]:
-    """What is said of a scan, the later over the earlier; counts are described by one of them."""
+    """Merge descriptions of a scan, later ones first; grey values described by one of them."""
     known: dict[str, Any] = {}
     for layer in layers:
         if any(layer.get(name) is not None for name in COUNT_KEYS):

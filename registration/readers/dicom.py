@@ -1,4 +1,4 @@
-"""DICOM: a multi-frame file, or a folder of slices, by pydicom (extra ``scans``).
+"""Read DICOM: a multi-frame file or a folder of slices, by pydicom (extra ``scans``).
 
 Slices of computed tomography are depths. Frames of ophthalmic tomography (modality OPT) are
 B-scans whose rows are depth. Where frames lie is believed as the file says it, and the scan's

@@ -1,4 +1,4 @@
-"""Geometry and grey values of DICOM frames: where they lie, how they stack, what counts mean.
+"""Geometry and grey values of DICOM frames: position, stacking order, rescaling.
 
 DICOM PS3.3 C.7.6.2 (image plane: ImageOrientationPatient holds the direction of growing column
 index, then of growing row index; the patient's frame is LPS), C.7.6.16 (functional groups),

@@ -1,4 +1,4 @@
-"""Libraries of extras, imported only where a file needs them."""
+"""Import optional reader libraries only when a file needs them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A reader's raw result, before anything is checked or asked for."""
+"""Raw result of a scan file reader, before validation."""
 
 from __future__ import annotations
 

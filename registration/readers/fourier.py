@@ -1,4 +1,4 @@
-"""Depth profiles from interference spectra, by a Fourier sum at the true wavenumbers.
+"""Compute OCT depth profiles from interference spectra, by a Fourier sum over wavenumbers.
 
 A reflector at the one-way optical path z gives a fringe cos(2 k z) over the wavenumber k. With
 the sample's place q on an even scale of k (0 to n - 1), the profile at depth index m is

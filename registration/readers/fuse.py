@@ -1,4 +1,4 @@
-"""Scans at known places blended into one volume."""
+"""Blend scans of known position into one volume."""
 
 from __future__ import annotations
 

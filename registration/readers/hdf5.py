@@ -1,4 +1,4 @@
-"""HDF5 (and MATLAB 7.3, which is HDF5), by h5py (extra ``scans``)."""
+"""Read HDF5 (and MATLAB 7.3, which is HDF5), by h5py (extra ``scans``)."""
 
 from __future__ import annotations
 

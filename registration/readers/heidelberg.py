@@ -1,4 +1,4 @@
-"""Heidelberg Spectralis ``.vol``: a fixed header, a fundus picture, then B-scans of float32.
+"""Read Heidelberg Spectralis ``.vol``: header, fundus picture, B-scans of float32.
 
 Offsets and meanings as in FabianRathke/octSegmentation (``HDEVolImporter.m``) and MedVisBonn/eyepy
 (``he_vol``), which agree: 2048 bytes of header, SizeXSlo × SizeYSlo bytes of picture, then for each

@@ -1,4 +1,4 @@
-"""Checks of OCT intensity: counts at the end of their range, and dB taken for linear.
+"""Check OCT intensity for saturated grey values and for dB mistaken as linear.
 
 Speckle tells the two scales apart: its spread in a small place grows with the place's brightness
 where intensity is linear (equal to it for one look) and stays the same in dB (5.57 dB for one

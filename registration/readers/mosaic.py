@@ -1,4 +1,4 @@
-"""Several scans of one sample as one: tiles, depth mosaics, layers scanned during a print.
+"""Mosaic: fuse several scans of one sample (tiles, depth stacks, layers) into one volume.
 
 A YAML file lists them::
 

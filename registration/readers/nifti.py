@@ -1,4 +1,4 @@
-"""NIfTI-1 and -2, plain or gzipped, by nibabel."""
+"""Read NIfTI-1 and -2, plain or gzipped, by nibabel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""NumPy archives: an array ``volume`` and, as scalars, what else is known of the scan."""
+"""Read NumPy archives: an array ``volume`` and scalar metadata."""
 
 from __future__ import annotations
 

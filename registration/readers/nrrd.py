@@ -1,4 +1,4 @@
-"""NRRD with its data attached or detached in the same folder, by pynrrd."""
+"""Read NRRD, with attached data or detached in the same folder, by pynrrd."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""OME metadata: sizes of voxels in OME-XML (OME-TIFF)."""
+"""Read voxel sizes from OME-XML metadata (OME-TIFF)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from registration.readers.xml import parse_xml
 
 
 def of_ome_xml(text: str, path: Path) -> dict[str, Any]:
-    """What the first image's ``Pixels`` say (OME schema 2016-06: sizes are µm unless they say).
+    """Read the first image's ``Pixels`` (OME schema 2016-06: sizes in µm by default).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Axes of a file brought to the scan's frame: order first, then handedness."""
+"""Bring a file's axes into the scan's frame: order first, then handedness."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Positions of overlapping scans: correlate every overlap, then solve least squares."""
+"""Find the positions of overlapping scans: correlate overlaps, then solve least squares."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ as good to half its reach, then decides. Along a straight channel nothing else c
 
 @dataclass(frozen=True)
 class Placement:
-    """Where scans lie.
+    """Positions of overlapping scans.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Raw numbers with a sidecar that says how they lie."""
+"""Read a raw binary volume whose layout is given by a sidecar file."""
 
 from __future__ import annotations
 

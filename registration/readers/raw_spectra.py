@@ -1,4 +1,4 @@
-"""Raw spectra with a sidecar: what ``spectra`` says of them, and the volume that they make."""
+"""Read raw OCT spectra whose layout is given by a sidecar file; compute the volume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a scan, its format chosen by its first bytes (a folder's by what lies in it)."""
+"""Read a scan; the format is recognised by the first bytes, or by a folder's contents."""
 
 from __future__ import annotations
 

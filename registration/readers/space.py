@@ -1,4 +1,4 @@
-"""Directions of a file's axes in its space: checked, named, carried to the scan's frame."""
+"""Axis directions of a scan file: checked, named, mapped to the scan's frame."""
 
 from __future__ import annotations
 

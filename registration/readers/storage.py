@@ -1,4 +1,4 @@
-"""Storage of voxels: memory while reasonable, else a view of a file."""
+"""Store voxels in memory, or as a view of a file if too large."""
 
 from __future__ import annotations
 

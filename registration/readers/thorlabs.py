@@ -1,4 +1,4 @@
-r"""Thorlabs ``.oct``: a zip archive of ``Header.xml`` and raw arrays.
+r"""Read Thorlabs ``.oct``: a zip archive of ``Header.xml`` and raw arrays.
 
 What is known of the format, and from where:
 

@@ -1,4 +1,4 @@
-"""TIFF stacks: our own, OME-TIFF, ImageJ's, and bare ones.
+"""Read TIFF stacks: our own, OME-TIFF, ImageJ's, and plain ones.
 
 Ours carry the scan's metadata as JSON in the first ImageDescription.
 """

@@ -1,4 +1,4 @@
-"""Units of length as image files write them, in mm."""
+"""Length units of image files, in mm."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MM = {
 
 
 def millimetres(unit: str | None, path: Path) -> float | None:
-    """How many mm a unit is; None where there is none ("pixel" or nothing).
+    """Return a unit's length in mm; None for unknown ones ("pixel" or nothing).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Small XML headers, read without entities and without trusting their size."""
+"""Parse small XML headers without entities and with a size limit."""
 
 from __future__ import annotations
 

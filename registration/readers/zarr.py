@@ -1,4 +1,4 @@
-"""OME-Zarr (NGFF 0.4 on Zarr 2, 0.5 on Zarr 3): a folder of chunks, finest level taken.
+"""Read OME-Zarr (NGFF 0.4 on Zarr 2, 0.5 on Zarr 3): finest level of a folder of chunks.
 
 Read by our own few lines: the format is JSON and one file a chunk. Sources: OME-NGFF 0.4 and 0.5
 (ngff.openmicroscopy.org), Zarr 2 and 3 specifications (zarr-specs.readthedocs.io).

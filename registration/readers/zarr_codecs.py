@@ -1,4 +1,4 @@
-"""Zarr's compressed chunks: zlib and gzip by Python itself, blosc, zstd and lz4 by numcodecs."""
+"""Decompress Zarr chunks: zlib and gzip by Python itself, blosc, zstd and lz4 by numcodecs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Orientation of OME-Zarr's axes: coordinateTransformations, anatomical (NGFF RFC-4)."""
+"""Read OME-Zarr's axis orientation: coordinateTransformations, anatomical (NGFF RFC-4)."""
 
 from __future__ import annotations
 

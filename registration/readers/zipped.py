@@ -1,4 +1,4 @@
-"""Members of zip archives, read in place: nothing is ever extracted to a path."""
+"""Read members of zip archives in place; nothing is extracted to a path."""
 
 from __future__ import annotations
 

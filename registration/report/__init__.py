@@ -1,4 +1,4 @@
-"""The report: one HTML file of numbers, drawings and a 3D deviation map, open offline.
+"""Report of a registration: one offline HTML file with tables, drawings and a 3D deviation map.
 
 Names are loaded when first asked for: what packs or words a report needs no plotting library.
 """

@@ -1,4 +1,4 @@
-"""The scanned surface in two parts for the report: lumens, and the outside that would hide them."""
+"""Split the scanned surface for the report's 3D view: lumens, and the outer faces hiding them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A blank drawing in the report's style, and its SVG."""
+"""Blank figure in the report's style, and its SVG export."""
 
 from __future__ import annotations
 

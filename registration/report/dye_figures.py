@@ -1,4 +1,4 @@
-"""Drawings of the dye page: the network over a frame, and arrivals against their prediction."""
+"""Figures of the dye page: sampled places on a video frame; measured and predicted arrivals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of a dye film: verdict, picture, arrivals and a table of the vessels."""
+"""Dye report page: verdict, pictures, arrivals and a table of vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of the report.
+"""Errors of the report package.
 
 ::
 

@@ -1,4 +1,4 @@
-"""The report's drawings, each as the bytes of an SVG."""
+"""Figures of the registration report, as SVG."""
 
 from __future__ import annotations
 

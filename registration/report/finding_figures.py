@@ -1,4 +1,4 @@
-"""Drawings of findings: the raw B-scan through each, with both contours."""
+"""Figures of findings: the raw B-scan through each, with designed and found contours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Waves of flow and pressure at a network's ends."""
+"""Figure of flow and pressure waves at a network's inlets and outlets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drawings of what was gauged: deviation both fits, diameters along vessels, layers."""
+"""Figures of measured deviation: distribution, diameters along vessels, layers."""
 
 from __future__ import annotations
 

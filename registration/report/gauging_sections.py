@@ -1,4 +1,4 @@
-"""Sections on defects, topology and flow as printed; all of it optional."""
+"""Report parts on defects, topology and perfusion of the print, where available."""
 
 from __future__ import annotations
 

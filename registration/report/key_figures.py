@@ -1,4 +1,4 @@
-"""The handful of numbers at the top of the page."""
+"""Key figures at the top of the report."""
 
 from __future__ import annotations
 

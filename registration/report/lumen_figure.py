@@ -1,4 +1,4 @@
-"""A lumen's wall seen from three sides, coloured by wall shear."""
+"""Figure of a lumen's wall coloured by wall shear, in two views."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A page with a network in its tissue to turn about: the report's 3D view by itself."""
+"""HTML page of a network in its tissue, as an interactive 3D view."""
 
 from __future__ import annotations
 

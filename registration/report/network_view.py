@@ -1,4 +1,4 @@
-"""The network, and what its vessels can be coloured by, for the 3D view."""
+"""Network data of the 3D view: polylines and the quantities that colour them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_PIECES: Final = 60_000
 
 @dataclass(frozen=True, eq=False)
 class Thinned:
-    """Which vessels a page shows.
+    """Selection of vessels that a page shows.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Pictures of oxygen in the tissue: a section through the worst place, and a histogram."""
+"""Pictures of tissue oxygen: a section through the worst-supplied point, and a histogram."""
 
 from __future__ import annotations
 

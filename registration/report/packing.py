@@ -1,4 +1,4 @@
-"""Arrays as short text inside the page.
+"""Encode arrays as short text inside an HTML page.
 
 Little-endian integers, deflated (RFC 1950) and in base64; the browser undoes both by itself
 (``DecompressionStream``).

@@ -1,4 +1,4 @@
-"""Write the report: one HTML file that needs nothing else."""
+"""Write the registration report as one self-contained HTML file."""
 
 from __future__ import annotations
 

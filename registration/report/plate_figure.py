@@ -1,4 +1,4 @@
-"""A well plate from above: what is printed where, and in which order."""
+"""Figure of a well plate from above: content and printing order of each well."""
 
 from __future__ import annotations
 

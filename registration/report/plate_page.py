@@ -1,4 +1,4 @@
-"""The page of a job over a plate: the plate, its wells, and how the scanned ones came out."""
+"""Report page of a plate job: plate, wells, results of the scanned ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Facts of the measurement record for page and PDF."""
+"""Measurement record as facts for page and PDF."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lines whose width is a length of the drawing, not of the paper."""
+"""Draw lines whose width scales with the drawing, for matplotlib figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Data of the page's section viewer: any measured section by a click on its plot."""
+"""Data of the report's section viewer: any measured section, by a click on its plot."""
 
 from __future__ import annotations
 

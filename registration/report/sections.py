@@ -1,4 +1,4 @@
-"""Sections of the page from report.json's dict; all of it optional."""
+"""Read parts of report.json for the report's page; missing ones are left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A surface to be shown in the report's 3D view."""
+"""Surface to show in the report's 3D view."""
 
 from __future__ import annotations
 

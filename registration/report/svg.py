@@ -1,4 +1,4 @@
-"""Drawings as part of the page: SVG made safe, themed and free of clashing ids; PNG as data."""
+"""Embed figures in the page: sanitised, themed SVG with unique ids; PNG as data."""
 
 from __future__ import annotations
 

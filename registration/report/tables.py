@@ -1,4 +1,4 @@
-"""Tables of the report: records of report.json as rows of text with sortable values."""
+"""Report tables: records of report.json as text rows with sort keys."""
 
 from __future__ import annotations
 

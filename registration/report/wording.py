@@ -1,4 +1,4 @@
-"""Numbers, labels and units as a reader wants to see them."""
+"""Format numbers, labels and units for the report."""
 
 from __future__ import annotations
 

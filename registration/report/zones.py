@@ -1,4 +1,4 @@
-"""Reference frame and geometric characteristics in the report."""
+"""Report part on reference frame and geometric characteristics."""
 
 from __future__ import annotations
 

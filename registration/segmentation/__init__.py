@@ -1,4 +1,4 @@
-"""From a scanned volume to the surface between gel and lumen."""
+"""Segmentation: from a scanned volume to the surface between gel and lumen."""
 
 from registration.segmentation.evidence import GelEvidence, gel_evidence, told_apart
 from registration.segmentation.segment import Segmentation, SegmentationOptions, segment

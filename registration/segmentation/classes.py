@@ -1,4 +1,4 @@
-"""Two classes of values, as of gel and liquid: the split by the middle of their means."""
+"""Split values into two classes (gel and liquid) by the midpoint of their means."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Evidence for gel at each voxel: the signal over what gel sends back from the same place.
+"""Evidence for gel at each voxel: signal relative to that of gel at the same place.
 
 What gel would send back is estimated from gel nearby in three steps, each from the scan itself:
 

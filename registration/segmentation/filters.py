@@ -1,4 +1,4 @@
-"""Kernels on whole volumes: binning, smoothing, local levels."""
+"""Kernels on whole scan volumes: binning, smoothing, local levels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Initial light model of a scan, fitted alternately with its classes."""
+"""Initial light attenuation model of a scan, fitted alternately with its voxel classes."""
 
 from __future__ import annotations
 

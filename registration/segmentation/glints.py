@@ -1,4 +1,4 @@
-"""Glints: voxels far brighter than gel, such as air, particles and walls that face the light."""
+"""Find glints: voxels far brighter than gel, such as air, particles and specular walls."""
 
 from __future__ import annotations
 

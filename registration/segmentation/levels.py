@@ -1,4 +1,4 @@
-"""Grey levels of lumens in gel, and whether there is any contrast."""
+"""Grey levels of gel and lumens, and a test for contrast between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Levels that change slowly: what the voxels of one kind are like around each place."""
+"""Slowly varying level of selected voxels around each place of a scan."""
 
 from __future__ import annotations
 

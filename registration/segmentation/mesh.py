@@ -1,4 +1,4 @@
-"""The surface of a gel field, with what of it was seen and without specks."""
+"""Surface mesh of the segmented gel: marks unseen parts, drops specks."""
 
 from __future__ import annotations
 

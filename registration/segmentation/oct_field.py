@@ -1,4 +1,4 @@
-"""Gel and liquid in OCT: noise floor, light on its way, and the local levels of both.
+"""Segment gel and liquid in OCT: noise floor, attenuation, local levels of both.
 
 Four things decide whether a wall comes out where it is, and each is taken away:
 
@@ -77,7 +77,7 @@ DAZZLE = 1.15
 
 
 def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
-    """Where the gel lies in an OCT volume, the contrast, and how much light came back.
+    """Compute an OCT volume's gel field, its contrast, and the light that came back.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Gel and lumens in micro-CT and confocal volumes: smoothing and one level."""
+"""Segment gel and lumens in micro-CT and confocal volumes: smoothing and one threshold."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from registration.segmentation.working import Working, probe
 def plain_field(
     scan: Scan, working: Working, lumens: Literal["dark", "bright"]
 ) -> tuple[GelField, float]:
-    """Where the gel lies in a volume whose grey values mean the same everywhere, and the contrast.
+    """Compute the gel field and contrast of a volume with uniform grey values.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Bright lines where light meets a wall: told from gel, and taken for half gel.
+"""Distinguish bright wall reflections from gel, and count them as half gel.
 
 An index step sends back many times what gel does, from a line one or two voxels deep where the wall
 is smooth, from a band of glints where it is rough. Counted as gel it moves the half level into the

@@ -1,4 +1,4 @@
-"""Depth response of an OCT: what roll-off and focus take, told from what the gel takes.
+"""Estimate an OCT's depth sensitivity (roll-off, focus), separately from attenuation by gel.
 
 Gel's signal falls on the way down for two reasons. Light fades in the gel above, so that gel below
 a lumen gets more of it; and the instrument shows less of whatever lies deep or out of focus. The

@@ -1,4 +1,4 @@
-"""Segmentation: the scanned surface between gel and what isn't gel, to a fraction of a voxel.
+"""Segment the surface between gel and lumen in a scan, to a fraction of a voxel.
 
 OCT: bin, take the noise floor off, compensate attenuation (Vermeer 2014; beside walls with the
 gel's light), smooth, and the surface halfway between the local levels of liquid and gel, which
@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SegmentationOptions:
-    """How a scan is segmented.
+    """Options of a segmentation.
 
     Attributes
     ----------

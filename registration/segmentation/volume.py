@@ -1,4 +1,4 @@
-"""A working volume: what is gel (above the level) and what isn't, with its place in the scan."""
+"""Segmented working volume: gel field around its threshold, and its position in the scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The working grid: how a scan's voxels are averaged and smoothed before anything is decided."""
+"""Working grid of segmentation: averaging and smoothing of a scan's voxels."""
 
 from __future__ import annotations
 

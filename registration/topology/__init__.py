@@ -1,4 +1,4 @@
-"""Topology of the printed lumens, against the design's graph."""
+"""Topology of the printed lumens, compared with the design's graph."""
 
 from registration.topology.compare import Faults, Topology, compare_topology, graph_betti
 from registration.topology.euler import Betti, betti_numbers

@@ -1,4 +1,4 @@
-"""The printed lumens' components and loops against those of the design's graph."""
+"""Compare the printed lumens' components and loops with those of the design's graph."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SPECK_MM = 0.2
 
 @dataclass(frozen=True)
 class Topology:
-    """How the lumens hang together.
+    """Components and loops of the printed lumens.
 
     Attributes
     ----------

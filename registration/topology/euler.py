@@ -1,4 +1,4 @@
-"""Components, handles and cavities of a set of voxels."""
+"""Betti numbers of a set of voxels: components, handles and cavities."""
 
 from __future__ import annotations
 

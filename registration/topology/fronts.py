@@ -1,4 +1,4 @@
-"""Fronts that grow through the designed gel from every lumen and from the outside, and meet.
+"""Grow fronts through the designed gel from all lumens and the outside, to find leak paths.
 
 Dijkstra's algorithm (1959, 10.1007/BF01386390) over the 26 neighbours of each voxel, from all
 walls at once: each voxel is reached from the wall that is nearest by cost. Two fronts that meet

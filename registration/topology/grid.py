@@ -1,4 +1,4 @@
-"""A grid in the part's frame: what is lumen by design, and what is free in the scan."""
+"""Grid in the part's frame: designed lumen, and free space in the scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Leaks to the outside and bridges between vessels: ways through the gel, with place and width."""
+"""Find leaks to the outside and bridges between vessels: paths through the gel, with widths."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _FULL = np.ones((3, 3, 3), dtype=np.bool_)
 
 @dataclass(frozen=True)
 class Leaks:
-    """Ways through the designed gel.
+    """Leaks and bridges found in a print.
 
     Attributes
     ----------

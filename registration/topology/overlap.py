@@ -1,4 +1,4 @@
-"""Overlap of designed and printed lumens."""
+"""Volume overlap of designed and printed lumens."""
 
 from __future__ import annotations
 

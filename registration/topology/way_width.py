@@ -1,4 +1,4 @@
-"""Width of a way through the gel, by the gel missing across it.
+"""Width of a leak path through the gel, from the missing gel signal across it.
 
 The area of a cut is the integral of what evidence lacks there, over what it lacks in liquid; blur
 changes it little (`EDGE`), so that a way as narrow as the resolution is measured too.

@@ -1,4 +1,4 @@
-"""Find liquid-like paths through designed gel, with their statistical significance.
+"""Find liquid-filled paths through designed gel, with their statistical significance.
 
 From every lumen's wall and from the outside fronts grow through the gel, the faster the less a
 place looks like gel (`fronts`). Where two meet they close a way. Its statistic is the mean evidence

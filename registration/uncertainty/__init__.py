@@ -1,4 +1,4 @@
-"""Uncertainty of what a scan says, after the GUM: terms, budgets, 95 % intervals."""
+"""Uncertainty of scan measurements by the GUM: terms, budgets, 95 % intervals."""
 
 from registration.uncertainty.budget import (
     Budget,

@@ -1,4 +1,4 @@
-"""Interval of the pressure that the printed network needs, by Monte Carlo."""
+"""Uncertainty interval of the pressure ratio of printed to designed network, by Monte Carlo."""
 
 from __future__ import annotations
 

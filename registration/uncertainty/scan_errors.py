@@ -1,4 +1,4 @@
-"""Errors that all measurements of one scan share: walls, depth, lateral scale."""
+"""Common errors of all measurements of one scan: walls, depth, lateral scale."""
 
 from __future__ import annotations
 

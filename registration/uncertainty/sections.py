@@ -1,4 +1,4 @@
-"""Uncertainty of the sections along a vessel, and of what is made of them."""
+"""Uncertainty of a vessel's section diameters and of quantities derived from them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Budgets as rows of JSON: terms, shares of the variance, and the largest one's remedy."""
+"""Uncertainty budgets as JSON rows: terms, shares of the variance, remedy for the largest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Raw pictures of a scan beside its numbers: B-scans and sections, with both contours.
+"""Raw pictures from a scan for the report: B-scans and sections with designed and found contours.
 
 Names are loaded when first asked for.
 """

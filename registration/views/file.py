@@ -1,4 +1,4 @@
-"""Pictures of a registration as a file of a run's folder."""
+"""Save and load a registration's pictures in a run folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Raw B-scan through a finding, with both contours."""
+"""Picture of the raw B-scan through a finding, with designed and found contours."""
 
 from __future__ import annotations
 

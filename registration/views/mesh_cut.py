@@ -1,4 +1,4 @@
-"""Lines in which a triangle mesh meets a plane across one of the axes."""
+"""Intersect a triangle mesh with a plane normal to one of the axes."""
 
 from __future__ import annotations
 

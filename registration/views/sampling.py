@@ -1,4 +1,4 @@
-"""Values of a scan at any place, and as shades of grey."""
+"""Sample a scan at arbitrary positions, and map its values to grey shades."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Raw cross-sections of all vessels, with both contours."""
+"""Pictures of raw cross-sections of all vessels, with designed and found contours."""
 
 from __future__ import annotations
 

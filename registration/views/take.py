@@ -1,4 +1,4 @@
-"""Take the pictures of a judged registration."""
+"""Make a judged registration's report pictures from its scan."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SEVERE = {"fail": 0, "undecided": 1, "pass": 2}
 
 @dataclass(frozen=True)
 class Views:
-    """All pictures of one registration.
+    """Pictures of one registration.
 
     Attributes
     ----------

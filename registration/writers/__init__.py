@@ -1,4 +1,4 @@
-"""Scan files written: Thorlabs ``.oct``, OME-Zarr, and (with its reader) TIFF."""
+"""Write scan files: Thorlabs ``.oct``, OME-Zarr, and (with its reader) TIFF."""
 
 from registration.writers.ome_zarr import write_scan_zarr
 from registration.writers.thorlabs import write_scan_oct

@@ -1,4 +1,4 @@
-"""OME-Zarr (NGFF 0.4 on Zarr 2): one level, zlib chunks, no library needed to write or read."""
+"""Write OME-Zarr (NGFF 0.4 on Zarr 2) without a library: one level, zlib chunks."""
 
 from __future__ import annotations
 

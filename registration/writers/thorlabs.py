@@ -1,4 +1,4 @@
-r"""Thorlabs ``.oct`` as ThorImage lays it out: ``Header.xml`` and ``data\Intensity.data``.
+r"""Write Thorlabs ``.oct`` as ThorImage lays it out: a zip of a header and raw data.
 
 Intensity is float32 in dB, depth fastest, then x, then y, uncompressed, so that it can be mapped.
 What Thorlabs' header has no place for stands in one element of ours, which others skip.

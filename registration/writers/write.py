@@ -1,4 +1,4 @@
-"""Write a scan, its format chosen by the name it is to have."""
+"""Write a scan; the format is chosen by the file name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Predict the ink in the bath that an executed motion lays.
+"""Predict the ink that executed motion deposits in the bath.
 
 From the plunger's motion to the flow out of the needle (`flow`), from there to what lies where
 (`predict`), and what bath and needle do with it (`bath`, `drag`). Each says what it models, by

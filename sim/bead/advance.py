@@ -1,4 +1,4 @@
-"""The firmware's own pressure advance: how far it holds the plunger ahead of E.
+"""Pressure advance of the firmware: how far it moves the plunger ahead of E.
 
 With advance K the plunger stands at E + K dE/dt while a move pushes ink along a way. Known by
 Marlin as M900 K, by RepRapFirmware as M572 S, by Klipper as SET_PRESSURE_ADVANCE ADVANCE=; it may
@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Advance:
-    """What the firmware adds.
+    """Plunger advance added by the firmware.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Bound on how far the shaft may push written ink: a figure to warn by.
+"""Upper bound on how far the shaft pushes written ink aside, for warnings.
 
 A needle that moves through a yield-stress bath carries the bath beside it along; the yielded zone
 is about as wide as the needle (Grosskopf et al., ACS Appl. Mater. Interfaces 10 (2018) 23353;

@@ -1,4 +1,4 @@
-"""Flow out of the needle from the plunger's motion, exactly, piece by piece.
+"""Exact ink outflow of the needle from piecewise constant plunger motion.
 
 Within a piece the plunger goes evenly, so the compliance's equation (`sim.bead.nozzle`) has its
 own solution: V − V_y − τ Q_p falls off as e^(−t/τ) while ink flows; while |V| ≤ V_y nothing flows
@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class NozzleFlow:
-    """What flows in each piece.
+    """Outflow of the needle in each piece of motion.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Compliance, needle and ink (which may hold pressure) between plunger and bath.
+"""Pressure model between plunger and bath: compliance, needle, ink yield pressure.
 
 Syringe, plunger and ink give way by C µL/Pa; the needle resists. With P the pressure behind it,
 

@@ -1,4 +1,4 @@
-"""Cut executed blocks in pieces of time, standing in between included."""
+"""Split executed motion into intervals of constant tip and plunger speed, pauses included."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Predict the ink that a motion lays: where, when, how thick.
+"""Predict deposited ink from motion: where, when, how thick.
 
 Modelled
 --------

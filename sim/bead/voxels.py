@@ -1,4 +1,4 @@
-"""A predicted bead in voxels, by the painters of `sim.deposit`."""
+"""Render a predicted bead as voxels, by the kernels of `sim.deposit`."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Simulated controller board, whatever its firmware: parts that every family's twin is made of."""
+"""Simulated controller board: parts shared by all simulated firmware families."""

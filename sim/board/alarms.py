@@ -1,4 +1,4 @@
-"""Alarms of a simulated board: what it says or does by its clock, without being asked."""
+"""Timed events of a simulated board: heater faults, busy messages, reports, idle timeout."""
 
 from __future__ import annotations
 

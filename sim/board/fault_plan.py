@@ -1,4 +1,4 @@
-"""Plan of a simulated board's faults: which one is due when."""
+"""Schedule a simulated board's faults: which is due when."""
 
 from __future__ import annotations
 

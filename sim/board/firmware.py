@@ -1,4 +1,4 @@
-"""Part of a simulated board that only its firmware decides: words, commands, numbers, the kill."""
+"""Firmware-specific part of a simulated board: messages, commands, line numbers, kill."""
 
 from __future__ import annotations
 

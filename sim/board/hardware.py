@@ -1,4 +1,4 @@
-"""Speed of the board that a simulated firmware runs on."""
+"""Processing speed of a simulated board."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hotend and bed of the simulated board, and the faults of theirs that make a firmware stop."""
+"""Simulated hotend and bed heaters, with the faults that halt a firmware."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _NO_ALARM: Final = HeatAlarm()
 
 
 class Heat:
-    """Both heaters.
+    """Hotend and bed heater of a board.
 
     Parameters
     ----------

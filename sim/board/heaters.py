@@ -1,4 +1,4 @@
-"""A heater with thermal mass, solved in closed form so that virtual time can jump.
+"""Simulated heater with thermal mass, solved in closed form for virtual time.
 
 While it heats, a body of heat capacity C loses heat to the room through a resistance R and takes
 the full power P: T(t) = T_end + (T_0 - T_end) exp(-t / τ) with T_end = T_room + P R and τ = R C
@@ -26,7 +26,7 @@ RUNAWAY_C: Final = 4.0
 
 @dataclass
 class Heater:
-    """One heater.
+    """Simulated heater.
 
     Attributes
     ----------

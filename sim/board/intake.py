@@ -1,4 +1,4 @@
-"""Intake of lines into a simulated board: from the receive ring into the queue, or refused."""
+"""Admit lines to a simulated board: from the receive ring to the command queue, or refused."""
 
 from __future__ import annotations
 

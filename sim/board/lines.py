@@ -1,4 +1,4 @@
-"""Lines of a simulated board: cut out of the received bytes, taken or refused."""
+"""Split a simulated board's received bytes into lines, accepted or refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated board's state: clock, motors, heaters, settings. No bytes come in here."""
+"""State of the simulated board: clock, motors, heaters, settings."""
 
 from __future__ import annotations
 

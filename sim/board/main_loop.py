@@ -1,4 +1,4 @@
-"""The simulated board's main loop: read lines, run commands, wait, report; in virtual time.
+"""Main loop of the simulated board: read lines, run commands, wait, report; in virtual time.
 
 One loop as the firmware has it: look into the receive ring, queue lines, say what is due, take
 the oldest command in hand, wait for what it waits for. The clock jumps from one event to the

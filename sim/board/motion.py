@@ -1,4 +1,4 @@
-"""Motors of the simulated board, their planner, and the modal state of the G-code that moves them.
+"""Motors of the simulated board, their planner, and the G-code modal state.
 
 No clock here: each function that depends on the time is told it, s.
 """

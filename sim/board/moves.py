@@ -1,4 +1,4 @@
-"""Straight moves and arcs (G0 to G3) of a simulated board, and renaming of its place (G92)."""
+"""Straight moves and arcs (G0 to G3) of a simulated board, and its G92."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Axes of a simulated board that have a place: firmwares that move no other."""
+"""Homed axes of a simulated board, whose firmware moves no other axis."""
 
 from __future__ import annotations
 

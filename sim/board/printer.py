@@ -1,4 +1,4 @@
-"""A simulated printer, seen from outside: bytes in, bytes out, in virtual time, no I/O.
+"""Interface of a simulated printer: bytes in, bytes out, in virtual time, no I/O.
 
 Modelled of any board, whatever its firmware:
 

@@ -1,4 +1,4 @@
-"""Reports that a simulated firmware gives without being asked, and its print timer."""
+"""Unsolicited reports of a simulated firmware (temperature, position), and its print timer."""
 
 from __future__ import annotations
 

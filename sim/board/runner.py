@@ -1,4 +1,4 @@
-"""Running of a simulated board's commands: begin one, wait for what it waits for, answer it."""
+"""Run a simulated board's commands: start one, wait until it is done, reply."""
 
 from __future__ import annotations
 

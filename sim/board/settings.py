@@ -1,4 +1,4 @@
-"""Settings of the simulated board, and the memory in which a firmware stores them (EEPROM)."""
+"""Settings of the simulated board, and their EEPROM storage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Change of head without a word or a move, as firmwares do it that leave both to macros."""
+"""Silent tool change of a simulated board: firmware that leaves motion to macros."""
 
 from __future__ import annotations
 

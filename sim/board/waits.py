@@ -1,4 +1,4 @@
-"""Things that a command waits for while the simulated board goes on reading and reporting."""
+"""Wait conditions of a simulated board's command: time, temperature, planner space, motion end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Serial line into a simulated board: bytes in flight, the receive ring, codes seen on arrival."""
+"""Serial line of a simulated board: bytes in flight, receive ring, emergency codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Work of a simulated board: commands in line, the one in hand, and what it waits for."""
+"""Command queue of a simulated board: waiting commands, and the one being executed."""
 
 from __future__ import annotations
 

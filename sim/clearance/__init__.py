@@ -1,4 +1,4 @@
-"""The needle's shaft against what is written: an independent check of embedded jobs."""
+"""Independent check of the needle's shaft against written ink, for embedded jobs."""
 
 from sim.clearance.check import check_clearance
 from sim.clearance.contact import ShaftContact

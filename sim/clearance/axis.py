@@ -1,4 +1,4 @@
-"""A vessel's axis, and the places along it that are nearest to others."""
+"""Axis of a vessel as short stretches, and the ones nearest to other vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Input of the kernels: written ink, moving tips, and the vessels' joints."""
+"""Input arrays of the shaft check kernels: written ink, moving tips, vessel joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A shaft that comes too near to ink."""
+"""Violation found by the shaft check: place, depth, ink and G-code line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results of the clearance search, by line of the job and by vessel."""
+"""Results of the shaft clearance check, by job line and by vessel."""
 
 from __future__ import annotations
 

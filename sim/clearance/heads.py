@@ -1,4 +1,4 @@
-"""Motion of each needle by row: its passes, and the kind of move."""
+"""Rows of a job by head: passes, move kinds, and positions along vessels."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ KINDS: Final = ("write", "travel", "lift", "descent", "head change")
 
 @dataclass(frozen=True)
 class Head:
-    """One head's rows.
+    """Rows of one head.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Written ink as filaments."""
+"""Written ink as filaments, for the shaft check."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ move."""
 def ink_of(
     motion: NeedleMotion, network: WrittenNetwork, heads: list[Head], pieces: Pieces
 ) -> tuple[Ink, FloatArray]:
-    """What is written, as filaments, and the radius that each row writes, (n,), mm.
+    """Return the written ink as filaments, and the radius that each row writes, (n,), mm.
 
     The network says how a vessel tapers, r_n(x), and the plunger how thick it is: r = r_n sqrt(V /
     V_n), V being pushed over `WINDOW_MM` of its pass, and V_n what the network has there.

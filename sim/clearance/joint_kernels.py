@@ -1,4 +1,4 @@
-"""Kernels: whether ink belongs to the joint at which a needle writes, or that it comes from or to.
+"""Kernels: ink that belongs to a writing needle's current, previous or next joint.
 
 A joint reaches J = sqrt(2) (R + r) + overlap from where the tip is, or from a place where two
 vessels meet (`sim.clearance.joints`): R the bare tip's radius, r the larger filament's, or the

@@ -1,4 +1,4 @@
-"""Joints of a network's vessels: nodes, and places where it overlaps itself."""
+"""Joints of a network: nodes, and places where vessel filaments overlap."""
 
 from __future__ import annotations
 

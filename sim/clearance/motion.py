@@ -1,4 +1,4 @@
-"""Motion of the needles, row by row of a program, and the rows that write."""
+"""Motion of all needles by program row, and the rows that write."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The needle as a body: what a vertical shaft fills above its tip."""
+"""Needle body: the envelope of a vertical shaft above its tip."""
 
 from __future__ import annotations
 

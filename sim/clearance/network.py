@@ -1,4 +1,4 @@
-"""The network that is written, as plain arrays: where vessels run and where they meet."""
+"""Designed network as plain arrays, for the shaft check: vessels and nodes."""
 
 from __future__ import annotations
 

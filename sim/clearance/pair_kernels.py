@@ -1,4 +1,4 @@
-"""Kernel: how near a moving shaft comes to a written filament, with joints left out.
+"""Kernel: clearance between a moving shaft and a written filament, excluding joints.
 
 A shaft S with its tip at the origin is a body of revolution about the upward axis. Its signed
 distance d_S (negative inside) is a 1-Lipschitz function of place. With the tip at b(s) on a move

@@ -1,4 +1,4 @@
-"""Passes of one needle, and how near each row is to the end of one and the start of the next."""
+"""Passes of one needle, with each row's distance to the pass ends before and after."""
 
 from __future__ import annotations
 

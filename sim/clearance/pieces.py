@@ -1,4 +1,4 @@
-"""Rows cut into short pieces."""
+"""Cut motion rows into short pieces, for the needle shaft check."""
 
 from __future__ import annotations
 

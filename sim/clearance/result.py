@@ -1,4 +1,4 @@
-"""The checker's result for a whole job."""
+"""Result of the shaft check for a whole job."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernel: every move against all ink before it, by squares of the plan."""
+"""Kernel: check every move against all ink before it, by squares of the xy plane."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels: a vertical shaft as a body, and how near it is to a filament at one place of each."""
+"""Kernels: geometry of a vertical shaft, and its distance to a filament, point to point."""
 
 from __future__ import annotations
 

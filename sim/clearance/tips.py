@@ -1,4 +1,4 @@
-"""Motion of every needle's tip, with what it writes, has left, or goes to."""
+"""Motion of all needle tips, with the ink that each writes, leaves or approaches."""
 
 from __future__ import annotations
 

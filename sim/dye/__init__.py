@@ -1,4 +1,4 @@
-"""Dye driven through a transparent print, filmed from one side."""
+"""Simulated dye video: dye driven through a transparent print, filmed from one side."""
 
 from sim.dye.camera import DyeCamera
 from sim.dye.film import Disturbance, Dye, DyeFilm, film_frames, write_film

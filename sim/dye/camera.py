@@ -1,4 +1,4 @@
-"""The simulated camera: light paths from the lumens' cells to pixels."""
+"""Simulated camera of a dye video: light paths from lumen cells to pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The film of a dye front: light table, absorption or fluorescence, and what spoils a film.
+"""Render the video of a dye front: light, absorption or fluorescence, camera disturbances.
 
 Modelled: Beer-Lambert absorption in the three colours (or fluorescence in proportion to the dye),
 a tilted camera and its perspective, uneven light, grain of the background, blur, light that
@@ -28,7 +28,7 @@ _CODES: Final = {".mp4": "mp4v", ".mov": "mp4v", ".avi": "MJPG"}
 
 @dataclass(frozen=True)
 class Dye:
-    """What is in the liquid.
+    """Dye and its optical properties.
 
     Attributes
     ----------
@@ -44,7 +44,7 @@ class Dye:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What spoils a film.
+    """Disturbances of a dye video.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class DyeFilm:
-    """A film to be made.
+    """Settings of a simulated dye video.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The lumens a dye runs through: vessels cut at their occlusions, and what flows in each."""
+"""Lumens of a simulated dye video: vessels cut at their occlusions, and the flow in each."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Lumens(Protocol):
 
 @dataclass(frozen=True)
 class Occlusion:
-    """A vessel that is closed.
+    """Closed vessel of a simulated dye video.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Dye carried along the lumens by a laminar flow.
+"""Laminar transport of dye along the lumens, for simulated dye videos.
 
 Modelled: in each vessel Poiseuille's profile, cut into annuli of equal area, each carried at its
 own speed by a second-order finite-volume scheme (upwind with minmod slopes); at a node flows mix

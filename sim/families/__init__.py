@@ -1,1 +1,1 @@
-"""Simulators and readers of firmware families: a folder for a family."""
+"""Simulators and readers of firmware families, one package each."""

@@ -1,4 +1,4 @@
-"""Parts of the simulator that belong to one firmware family, found by their files."""
+"""Load a module from a firmware family's folder of the simulator."""
 
 from __future__ import annotations
 

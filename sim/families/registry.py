@@ -1,4 +1,4 @@
-"""Simulated printers by firmware family, found by their files.
+"""Discover the simulated printers of all firmware families.
 
 A family's folder may hold ``printer.py``, whose ``PRINTER`` plays its firmware.
 """

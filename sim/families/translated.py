@@ -1,4 +1,4 @@
-"""A program file in another language, put into the words that the one G-code reader knows."""
+"""Program file in another language, translated to G-code words for the reader."""
 
 from __future__ import annotations
 

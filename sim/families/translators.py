@@ -1,4 +1,4 @@
-"""Translators of program files that aren't G-code, found by their files.
+"""Discover the translators of program files that aren't G-code.
 
 A family's folder may hold ``reading.py``, whose ``translate`` puts a file in another language into
 the words of G-code.
@@ -16,7 +16,7 @@ Translate = Callable[[bytes, Printer], Translated]
 
 
 def translator_of(printer: Printer) -> Translate | None:
-    """What puts the printer's files into the words of G-code; None where they are in them."""
+    """Return the translator of a printer's files to G-code; None if they are G-code."""
     module = family_part(printer.firmware, "reading")
     if module is None:
         return None

@@ -1,4 +1,4 @@
-"""Reading of G-code, one way for all: what leaves is rendered from what was understood.
+"""G-code parsing shared by all parts: lines are interpreted, then rendered canonically.
 
 `read_line` reads one line as the printer's firmware family reads it, or refuses it with the reason.
 `read_sent` reads back what it rendered, without asking for a printer. Pure Python, without compiled

@@ -1,4 +1,4 @@
-"""Slicers' comments: kinds of lines, layer heights, filament."""
+"""Parse slicers' comments: line types, layer heights, filament."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BEFORE_MOVING: Final = 200
 
 
 def plain_lines(gcode: bytes) -> bytes:
-    """The same with every line ended by a line feed; a carriage return ends one, too."""
+    """Return the lines ended by a line feed; a carriage return ends one, too."""
     if b"\r" not in gcode:
         return gcode
     return gcode.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
@@ -32,7 +32,7 @@ def plain_lines(gcode: bytes) -> bytes:
 
 @dataclass(frozen=True, eq=False)
 class Comments:
-    """What the comments tell.
+    """Facts read from slicer comments.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Sorts of fault for which a line is refused, and how the line is shown."""
+"""Error messages for G-code lines that the reader refuses."""
 
 from __future__ import annotations
 

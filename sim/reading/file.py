@@ -1,4 +1,4 @@
-"""Read a G-code file; collect each line's interpretation and faults."""
+"""Read a G-code file; collect each line's interpretation and errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One line of G-code as it was understood."""
+"""Parsed G-code line."""
 
 from __future__ import annotations
 

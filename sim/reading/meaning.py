@@ -1,4 +1,4 @@
-"""Refuse well-formed lines that firmwares of one family interpret differently."""
+"""Refuse valid G-code lines that firmwares of one family interpret differently."""
 
 from __future__ import annotations
 

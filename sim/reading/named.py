@@ -1,4 +1,4 @@
-"""Commands with names: ``SET_PIN PIN=valve VALUE=1``."""
+"""Parse named G-code commands: ``SET_PIN PIN=valve VALUE=1``."""
 
 from __future__ import annotations
 

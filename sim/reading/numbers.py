@@ -1,4 +1,4 @@
-"""Letters and numbers behind a code."""
+"""Parse the words (letter and number) of a G-code command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lines of a file that aren't plain moves: few, and each judged by itself."""
+"""Read a G-code file's lines other than plain moves, one by one."""
 
 from __future__ import annotations
 

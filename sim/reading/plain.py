@@ -1,4 +1,4 @@
-"""Plain moves: lines that stand as they are sent, which nearly all lines of a job are.
+"""Fast parser for plain moves, which make up most of a G-code file.
 
 Read here without all the questions that other lines are asked; `sim.reading.read` would read each
 of them alike (a test compares the two).
@@ -25,7 +25,7 @@ _LETTERS: Final = ("F", "X", "Y", "Z", "E", "F")
 
 
 def plain_move(found: re.Match[bytes]) -> GcodeLine:
-    """What a match of `PLAIN_MOVE` says."""
+    """Convert a match of `PLAIN_MOVE` to a move."""
     code, *numbers = found.groups()
     words = {
         letter: float(number)

@@ -1,4 +1,4 @@
-"""Read one line as the printer's firmware family reads it, or refuse it."""
+"""Read one G-code line by the rules of the printer's firmware family, or refuse it."""
 
 from __future__ import annotations
 

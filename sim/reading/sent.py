@@ -1,4 +1,4 @@
-"""Read back lines that were rendered by `read_line`: no firmware reads them in two ways."""
+"""Parse lines already rendered by `read_line`, unambiguous to every firmware."""
 
 from __future__ import annotations
 

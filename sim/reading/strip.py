@@ -1,4 +1,4 @@
-"""The command in a line: without comments, line number and checksum.
+"""Extract the command of a G-code line, without comments, line number and checksum.
 
 A comment begins at a semicolon; what stands in parentheses is one, too. Some builds of a firmware
 take parentheses for words (Marlin without PAREN_COMMENTS), and a semicolon in quotes for text:

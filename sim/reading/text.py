@@ -1,4 +1,4 @@
-"""Codes with a text behind them, and what would be another command of the same line.
+"""Parse commands with a free text; refuse a second command on the same line.
 
 RepRapFirmware (``StringParser.cpp``) and Smoothieware (``GcodeDispatch.cpp``) take several commands
 from one line. There a text ends with its closing quote, and what follows is carried out; only some

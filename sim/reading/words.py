@@ -1,4 +1,4 @@
-"""Words that each code knows, by firmware family.
+"""Parameter letters that each G-code accepts, by firmware family.
 
 A code that isn't in a family's table takes any well-formed word: whether it may be sent at all is
 decided elsewhere (`sim.firmware_codes`).
@@ -18,7 +18,7 @@ MOTION: Final = frozenset({"G0", "G1", "G2", "G3"})
 
 
 class Known(NamedTuple):
-    """Letters that a code knows."""
+    """Parameter letters that a code accepts."""
 
     letters: frozenset[str]
     alone: frozenset[str]

@@ -1,4 +1,4 @@
-"""Simulated scanners: volumes of what the simulated printer deposited."""
+"""Simulated scanners: volumes of the simulated deposit."""
 
 from sim.scanner.defects import Defect, with_defects
 from sim.scanner.microct import MicroCtOptions, simulate_microct

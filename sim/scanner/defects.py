@@ -1,4 +1,4 @@
-"""Defects on order: what a bad print would have, put into a deposit before it is scanned.
+"""Plant print defects in a simulated deposit before scanning.
 
 Modelled
 --------

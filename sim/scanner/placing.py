@@ -1,4 +1,4 @@
-"""Pose of the part under the scanner, drawn from a seed."""
+"""Random pose of the part under the simulated scanner."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Placing:
 
 @dataclass(frozen=True)
 class Placed:
-    """A drawn placing.
+    """Randomly drawn pose.
 
     Attributes
     ----------

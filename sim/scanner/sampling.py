@@ -1,4 +1,4 @@
-"""Kernels shared by the scanners: blur of a deposit, look-up in it, noise by counter."""
+"""Kernels of the simulated scanners: blur, sampling, reproducible noise."""
 
 from __future__ import annotations
 

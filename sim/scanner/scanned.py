@@ -1,4 +1,4 @@
-"""Output of a simulated scanner."""
+"""Output of a simulated scanner: volume, units and truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The films that measure `printctl dye` hold what is known of them."""
+"""Synthetic dye videos for benchmarks: known flow and optics."""
 
 import numpy as np
 import pytest

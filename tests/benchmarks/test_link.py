@@ -1,4 +1,4 @@
-"""The link's benchmark judges rightly: a sound print passes, a planted fault is seen."""
+"""Checkers of the link benchmark: pass a sound print, detect planted faults."""
 
 import numpy as np
 

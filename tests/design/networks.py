@@ -1,4 +1,4 @@
-"""Networks of all sorts, for the tests of file formats."""
+"""Test networks of all kinds, for file formats."""
 
 from __future__ import annotations
 

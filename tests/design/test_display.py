@@ -1,4 +1,4 @@
-"""Values in the lab's units, and back."""
+"""Conversion to display units and back."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A failed write leaves the old file, never half a new one."""
+"""Atomic file writing: a failed write leaves the old file."""
 
 import errno
 from pathlib import Path

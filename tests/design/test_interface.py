@@ -1,4 +1,4 @@
-"""Names that `import design` and `import registration` hand on."""
+"""Public names of the packages `design` and `registration`."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""The network's own arithmetic, and what it refuses."""
+"""Network class: derived quantities, and refusal of invalid input."""
 
 import numpy as np
 import pytest

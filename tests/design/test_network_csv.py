@@ -1,4 +1,4 @@
-"""`network.csv`: what is written reads back to the bit, and what is wrong is named by its line."""
+"""`network.csv`: lossless round trip, and errors named with their line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Networks by file name: the suffix chooses the format, units are never guessed."""
+"""Network files: format chosen by suffix, units never guessed."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""JSON, npz and SWC: what is written reads back; what can't be is refused."""
+"""Networks as JSON, npz and SWC: round trips, and refusal of what a format can't hold."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SimVascular's path files, read as its own reader does."""
+"""SimVascular path files, read as SimVascular's own reader does."""
 
 from __future__ import annotations
 

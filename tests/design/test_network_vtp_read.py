@@ -1,4 +1,4 @@
-"""VTP files of ours and of others, read back."""
+"""Reading VTP network files, ours and other programs'."""
 
 from __future__ import annotations
 

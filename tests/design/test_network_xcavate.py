@@ -1,4 +1,4 @@
-"""X-CAVATE's networks: read, joined on the axes, refused with the line."""
+"""X-CAVATE network files: reading, joining on axes, errors named with their line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of common changes names files that exist, and few of them."""
+"""Documentation page on common changes: names existing files, and few."""
 
 from __future__ import annotations
 

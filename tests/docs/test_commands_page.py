@@ -1,4 +1,4 @@
-"""Help of man-page quality for every command, and the page that is made of it."""
+"""Command help: complete for every command, and the documentation page made from it."""
 
 import re
 import shlex

@@ -1,4 +1,4 @@
-"""Every error that a user or a script can meet has its entry in the FAQ, and no other."""
+"""FAQ page: one entry per user-visible error class, and no other."""
 
 import ast
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The notebooks run from the first cell to the last, and are stored without what they print."""
+"""Notebooks: run without error, stored without output."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""The examples of docs/python.md do what the page says."""
+"""Python examples of docs/python.md: run as documented."""
 
 import doctest
 from pathlib import Path

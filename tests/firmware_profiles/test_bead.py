@@ -1,4 +1,4 @@
-"""Cross-sections of lines: width from area and back."""
+"""Cross-section models of printed lines: width from area, and back."""
 
 from __future__ import annotations
 

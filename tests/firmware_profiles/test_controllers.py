@@ -1,4 +1,4 @@
-"""Required and forbidden keys of an Aerotech controller's profile."""
+"""Profile of an Aerotech controller: required and forbidden keys."""
 
 from __future__ import annotations
 

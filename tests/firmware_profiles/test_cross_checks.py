@@ -1,4 +1,4 @@
-"""Profiles that are within bounds key by key, and wrong all the same."""
+"""Profiles with valid keys that contradict each other."""
 
 from __future__ import annotations
 

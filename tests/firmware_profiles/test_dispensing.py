@@ -1,4 +1,4 @@
-"""Choice of the flow: the weighed one where it fits, else by viscosity."""
+"""Choice of a pneumatic head's flow: weighed value if applicable, else from viscosity."""
 
 from __future__ import annotations
 

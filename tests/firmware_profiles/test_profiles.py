@@ -1,4 +1,4 @@
-"""Shipped profiles load; wrong ones are refused with key and value."""
+"""Shipped profiles load; invalid ones are refused with key and value."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Needle flow against velocity profiles added up ring by ring, and the textbook's limits."""
+"""Needle flow, against numerically integrated velocity profiles and textbook limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words for values that a schema refuses: ours, whatever is wrong."""
+"""Wording of schema validation errors."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""Every compiled kernel of the product, and what its source text reads, found without its key."""
+"""List every compiled kernel of the product and its dependencies, found without the cache key."""
 
 from __future__ import annotations
 

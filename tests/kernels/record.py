@@ -1,4 +1,4 @@
-"""Record which kernels each kind of work needs: writes `kernels/needed.jsonl`, in about 20 minutes.
+"""Record the kernels that each kind of work needs (`kernels/needed.jsonl`); takes 20 minutes.
 
     python -m tests.kernels.record
 

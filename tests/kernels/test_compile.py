@@ -1,4 +1,4 @@
-"""Flags of compiled kernels."""
+"""Compiler flags of the kernels."""
 
 import subprocess
 import sys

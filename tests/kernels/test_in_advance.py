@@ -1,4 +1,4 @@
-"""Kernels compiled by other processes before they are called."""
+"""Parallel kernel compilation in other processes before first use."""
 
 from __future__ import annotations
 

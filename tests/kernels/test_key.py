@@ -1,4 +1,4 @@
-"""A kernel's key changes with everything that its machine code takes in, and with nothing else."""
+"""Kernel cache key: changes with everything that the machine code depends on, nothing else."""
 
 import enum
 import importlib

@@ -1,4 +1,4 @@
-"""Memory that is kept while large arrays follow each other."""
+"""Reuse of freed memory for large arrays."""
 
 from __future__ import annotations
 

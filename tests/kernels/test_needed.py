@@ -1,4 +1,4 @@
-"""The list of kernels: its types come back as they were, and what it names is there."""
+"""List of needed kernels: types round-trip, entries exist."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiled kernels on disk: reused when the content is the same, and never otherwise."""
+"""Kernel store on disk: reused only for identical content."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Calls in a second process."""
+"""Function calls in a second process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Printing and serving start without libraries that they don't need."""
+"""Import time: printing and serving load no unneeded libraries."""
 
 from __future__ import annotations
 

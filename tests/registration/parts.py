@@ -1,4 +1,4 @@
-"""Parts for registration tests: solids by manifold3d, deposits by analytic distance."""
+"""Test parts for registration: solids by manifold3d, deposits by analytic distance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A ladder of five sizes of channel in a small block, as a segmented field with known noise.
+"""Test phantom: channels of five sizes in a block, as a segmented field with known noise.
 
 No scanner and no alignment in between: what is gauged here is gauged against analytic truth.
 """

@@ -1,4 +1,4 @@
-"""Alignment of analytic surface points: landing, mirrors, symmetry, scales."""
+"""Alignment of analytic surface points: convergence, mirror images, symmetry, scale."""
 
 from __future__ import annotations
 

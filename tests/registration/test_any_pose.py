@@ -1,4 +1,4 @@
-"""Alignment in any pose: turned over, sideways, mirrored, in part, symmetric or nearly so."""
+"""Alignment from any pose: inverted, mirrored, partial, symmetric or nearly so."""
 
 from __future__ import annotations
 

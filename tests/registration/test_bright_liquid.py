@@ -1,4 +1,4 @@
-"""Lumens whose liquid is nearly as bright as the gel around."""
+"""Segmentation where the liquid is nearly as bright as the gel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Changes beside a bridge, at both of its ends."""
+"""Diameter changes at the edges of a bridge."""
 
 from __future__ import annotations
 

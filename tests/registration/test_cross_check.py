@@ -1,4 +1,4 @@
-"""Another program's opinion of a pose."""
+"""Cross-check of a pose by another program."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Curvature of meshes, and what a blur does to a surface of known curvature."""
+"""Curvature of meshes, and the shift of a curved surface by blur."""
 
 from __future__ import annotations
 

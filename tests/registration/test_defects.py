@@ -1,4 +1,4 @@
-"""Defects of known place and size in a phantom, and none in clean ones."""
+"""Planted defects of known place and size are found; none in clean phantoms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Deviations both ways on shapes with known answers."""
+"""Surface deviation in both directions, on known shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exact distances against plain NumPy and analytic shapes."""
+"""Signed distances to surfaces, against plain NumPy and analytic shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Doubts of a pose in words."""
+"""Wording of pose uncertainty."""
 
 from __future__ import annotations
 

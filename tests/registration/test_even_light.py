@@ -1,4 +1,4 @@
-"""Light evened by the gel's own level, and lines of flat faces left out of it."""
+"""Light compensation by the gel's own level, without bright flat faces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exports read back by other readers than ours."""
+"""Exports, read back by other programs' readers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fronts through gel against Dijkstra's algorithm in plain Python."""
+"""Leak search fronts, against plain Python Dijkstra."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sections, clearances and deviations on shapes with known answers."""
+"""Vessel sections, clearances and deviations, on known shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Intervals of a fit, on surfaces whose errors are drawn."""
+"""Confidence intervals of an alignment, on surfaces with drawn errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Changes of walls within junctions, where no section is whole."""
+"""Wall changes within junctions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reasons to doubt a pose that are known only after the fit."""
+"""Pose doubts known only after the fit."""
 
 from __future__ import annotations
 

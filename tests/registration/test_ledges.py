@@ -1,4 +1,4 @@
-"""Walls of sections moved by what their roughness says of reflections."""
+"""Correction of section walls for bright reflections, by their roughness."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lumens and outer faces of a scanned surface apart."""
+"""Separation of lumens and outer faces of a scanned surface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points near vessels' walls, against all distances."""
+"""Surface points near vessel walls, against brute-force distances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Share of a vessel's designed wall that is its own."""
+"""Share of a vessel's designed wall not shared with neighbours."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A scan over G-code, on a block of straight lines whose faults are put in by hand.
+"""Scan overlay on G-code, on a block with planted line faults.
 
 The block lies in the scan turned by 90° about the vertical and shifted, in voxels that aren't the
 raster's pixels. Five layers of 0.1 mm; lines of 0.2 mm along x; a free strip from y 1.4 to 2.0.

@@ -1,4 +1,4 @@
-"""Flow through lumens as they were measured, against Poiseuille's law by hand."""
+"""Flow through measured lumens, against Poiseuille's law by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A thin-beam scan of a block in liquid that scatters a little, by the benchmarks' own code."""
+"""Registration of an independent phantom scan: block in weakly scattering liquid."""
 
 from __future__ import annotations
 

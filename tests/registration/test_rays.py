@@ -1,4 +1,4 @@
-"""Rays from a lumen to its wall, against plain NumPy."""
+"""Rays cast across a lumen to its wall, against plain NumPy."""
 
 from __future__ import annotations
 

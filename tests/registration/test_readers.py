@@ -1,4 +1,4 @@
-"""Readers: round trips, and broken files that end with a reason."""
+"""Scan readers: round trips, and errors for broken files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reflections of walls, taken out of the share of gel."""
+"""Wall reflections removed from the gel share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Depth response told from gel of different histories, and feet below lumens that rest on it."""
+"""OCT depth response, distinguished from attenuation in gel and lumens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slabs of a scan cover it once, in order, in whole bins."""
+"""Slab-wise processing: slabs cover a scan once, in order, in whole bins."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where speckle and caps on it put a half level, against draws of speckle."""
+"""Half-level shift by speckle and clipping, against random draws."""
 
 from __future__ import annotations
 

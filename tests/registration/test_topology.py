@@ -1,4 +1,4 @@
-"""Betti numbers, graphs and overlaps with known answers."""
+"""Topology: Betti numbers, graphs and overlaps of known shapes."""
 
 from __future__ import annotations
 

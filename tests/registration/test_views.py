@@ -1,4 +1,4 @@
-"""Raw pictures of findings and sections, with both contours."""
+"""Raw pictures of findings and sections, with designed and found contours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mean surface of rough walls that shine, by the mean profile across them."""
+"""Mean surface of rough reflecting walls, from the mean profile across them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shares of gel at walls that lean, against rays traced one by one."""
+"""Gel share at inclined walls, against single-ray tracing."""
 
 from __future__ import annotations
 

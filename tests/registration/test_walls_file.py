@@ -1,4 +1,4 @@
-"""The offset of walls: measured, kept, and taken out."""
+"""Wall offset calibration: measured, saved, applied."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ways through speckled gel: faint ones are found, shadows and dim gel are none."""
+"""Leak paths through speckled gel: faint ones found, shadows and dim gel excluded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The working grid, and the filters that work on it, against plain NumPy."""
+"""Working grid and its filters, against plain NumPy."""
 
 from __future__ import annotations
 

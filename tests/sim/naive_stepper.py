@@ -1,4 +1,4 @@
-"""The stepper's interrupt without any short cut: one pulse after the other, in plain Python."""
+"""Slow oracle of the stepper: one pulse at a time, in plain Python."""
 
 from sim.planner_stepper import pulses_per_interrupt, timer_interval
 

@@ -1,4 +1,4 @@
-"""An Aerotech's program file in the dry run: what it means, and what is refused."""
+"""Aerotech program file in the simulation: interpretation and refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Behaviour of a real Marlin, asked line by line, that the simulated one follows.
+"""Simulated Marlin, against answers of a real one, line by line.
 
 Source: measured 2026-11-22 on Marlin bugfix-2.1.x of 2024-10-11 (ATmega2560 under simavr), the same
 bytes to both over pseudo-terminals: some 700 lines, with and without emergency parser.

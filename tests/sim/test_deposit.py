@@ -1,4 +1,4 @@
-"""The deposit against areas, volumes and a plain painter."""
+"""Deposit model, against areas, volumes and a slow painter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Duet and Klipper dialects: what they do otherwise than Marlin, and whole prints on them."""
+"""Simulated Duet and Klipper: differences from Marlin, and complete prints."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The dry run: time against a real Marlin, and what it finds wrong in a file."""
+"""Print simulation: time against a real Marlin, faults found in files."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The simulated dye film: its flow, its transport and its film against what is known."""
+"""Simulated dye video: flow, transport and picture, against known results."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Faults from a file: read strictly, and each happens at its moment."""
+"""Fault plans of the simulated printer: strict reading, exact timing."""
 
 from __future__ import annotations
 

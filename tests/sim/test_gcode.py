@@ -1,4 +1,4 @@
-"""The G-code reader against slow, obvious oracles."""
+"""G-code reader, against slow oracles."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Several heads in the reader, the dry run and the simulated firmwares."""
+"""Several heads in reader, simulation and simulated firmwares."""
 
 from __future__ import annotations
 

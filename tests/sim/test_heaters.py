@@ -1,4 +1,4 @@
-"""The heater against Newton's law of cooling, integrated step by step."""
+"""Simulated heater, against Newton's law of cooling integrated step by step."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A block's line is the file's command, whatever a host puts in between."""
+"""Assignment of executed blocks to G-code lines, despite lines inserted by a host."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated firmware: both roads agree, motion, faults, kill, reset, heat, time."""
+"""Simulated firmware: fast and slow path agree; motion, faults, kill, reset, heat, time."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Planner and stepper against analytic cases, properties and a stepper without short cuts."""
+"""Planner and stepper, against analytic cases, properties and a slow stepper."""
 
 import math
 from itertools import pairwise

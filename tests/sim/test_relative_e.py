@@ -1,4 +1,4 @@
-"""Commands that make E relative, by firmware family.
+"""Commands that make E relative, in each firmware family.
 
 Sources: Marlin bugfix-2.1.x and Klipper (84104bbb) themselves, 2026-11-22, by their M114 after each
 line; RepRapFirmware's G-code dictionary (G91: "extrusion is NOT set to relative using G91");

@@ -1,4 +1,4 @@
-"""The simulated printer as a process of its own, spoken to with pyserial through real pipes."""
+"""Simulated printer as a separate process, driven by pyserial through real pipes."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""The recorded transcripts, replayed to the simulated printer: every row, byte for byte.
+"""Recorded Marlin transcripts, replayed to the simulated printer byte for byte.
 
 Masked, as the recording's README allows: the build's date in M115; positions and step counts in
 rows of `STOPPED_IN_MOTION`, which depend on when a stop came. Not reproduced: none of the rows.

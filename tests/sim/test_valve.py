@@ -1,4 +1,4 @@
-"""The valve as the file switches it, when ink flowed, and where it lies."""
+"""Valve of a pneumatic head: switching, ink flow times, deposit positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""G-code of a pneumatic head, against the same part by plunger."""
+"""Pneumatic head's G-code, compared with the same part by plunger."""
 
 from __future__ import annotations
 

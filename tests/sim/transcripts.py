@@ -1,4 +1,4 @@
-"""Reader of the recorded transcripts, and their replay; the benchmark uses it as well."""
+"""Read and replay recorded transcripts; used by the link benchmark, too."""
 
 import ast
 import re

@@ -1,4 +1,4 @@
-"""Run the command line as a user does, in a process of its own or, to save its start, in this."""
+"""Run the command line in a separate process, or in this one to save start-up time."""
 
 from __future__ import annotations
 

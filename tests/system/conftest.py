@@ -1,4 +1,4 @@
-"""One planar run for all tests that look at its results."""
+"""Fixture: one planar run shared by all tests of its results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A user's mistake ends in one clear message, the right exit code, and no half-written file."""
+"""Wrong input: one clear message, the right exit code, no half-written file."""
 
 import resource
 import shutil

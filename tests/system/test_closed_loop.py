@@ -1,4 +1,4 @@
-"""A recipe with artery and vein: every loop carries its share, on the exported files."""
+"""Closed artery-vein recipe: flow shares of all loops, checked on the exported files."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""Ctrl-C during a print asks, on a real terminal: detach, stop or kill."""
+"""Ctrl-C during a print on a real terminal: asks to detach, stop or kill."""
 
 import os
 import pty

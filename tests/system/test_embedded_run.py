@@ -1,4 +1,4 @@
-"""A grown tree of 200 terminals, written along its centrelines, scanned by micro-CT."""
+"""Complete embedded run: a grown tree of 200 terminals, scanned by simulated micro-CT."""
 
 import json
 from pathlib import Path

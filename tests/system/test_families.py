@@ -1,4 +1,4 @@
-"""The shipped planar example's own G-code, printed on a simulated Duet and a simulated Klipper.
+"""Planar example printed on a simulated Duet and a simulated Klipper.
 
 Its first lines, with every sort of line that it has; PRINTCTL_TEST_WHOLE=1 prints all 15,370.
 """

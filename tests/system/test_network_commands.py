@@ -1,4 +1,4 @@
-"""`view`, `convert` and `measure` as a new user runs them, in an empty directory."""
+"""Network commands end to end (`view`, `convert`, `measure`), in an empty directory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The operator's page as a person uses it: from a new recipe to the report, by clicks alone."""
+"""Web interface end to end by clicks: from a new recipe to the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The planar recipe, end to end: what its report promises."""
+"""Planar recipe end to end: contents of its report."""
 
 import hashlib
 import json

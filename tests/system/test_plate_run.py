@@ -1,4 +1,4 @@
-"""A job over a plate: read back by a reader of the test's own, and what is refused."""
+"""Plate job end to end: read back independently, and refusals."""
 
 from __future__ import annotations
 

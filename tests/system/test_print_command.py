@@ -1,4 +1,4 @@
-"""`printctl print` through the simulated printer's pseudo-terminal, well and badly."""
+"""`printctl print` through the simulated printer's pseudo-terminal, with and without faults."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A heart with some 500 branches that the recipe's needle can write."""
+"""Complete run of a heart with some 500 branches, printable by the recipe's needle."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A print whose printer was reset is gone on with from a checkpoint, by the command line alone."""
+"""Recovery after a printer reset, from a checkpoint, by the command line alone."""
 
 from __future__ import annotations
 

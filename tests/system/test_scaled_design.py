@@ -1,4 +1,4 @@
-"""An embedded print larger than its design, with a purge and a prime line, up to its report."""
+"""Complete embedded run, scaled up, with purge and prime line, up to its report."""
 
 from __future__ import annotations
 

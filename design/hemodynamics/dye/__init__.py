@@ -1,4 +1,4 @@
-"""Dye run through a network: its front, its curves at places, and what a film can see of it."""
+"""Dye transport in a vessel network: front, concentration curves, and video frame-rate check."""
 
 from design.hemodynamics.dye.carried import Carried, carried_by, downstream, ends_along
 from design.hemodynamics.dye.curves import dye_curves

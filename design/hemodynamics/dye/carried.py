@@ -1,4 +1,4 @@
-"""Transit times and downstream order of the steady flow that carries dye."""
+"""Transit times of the steady flow that carries dye, and its downstream vessel order."""
 
 from __future__ import annotations
 

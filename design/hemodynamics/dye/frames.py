@@ -1,4 +1,4 @@
-"""Check that a film's frames are close enough in time to show the front."""
+"""Check that a dye video's frame interval resolves the moving front."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FRAMES_IN_ALL: Final = 10.0
 
 @dataclass(frozen=True)
 class FrameCheck:
-    """What a frame rate shows.
+    """Result of checking a video's frame interval against the dye front.
 
     Attributes
     ----------

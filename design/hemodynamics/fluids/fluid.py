@@ -1,4 +1,4 @@
-"""Interface of a fluid: its apparent viscosity in a tube.
+"""Fluid interface: apparent viscosity of a fluid in a tube.
 
 With Γ = 4Q/(πr³), the wall shear rate of a Newtonian fluid of the same flow, steady laminar flow
 of any fluid whose viscosity follows the shear rate has a wall stress that depends on Γ alone
@@ -43,7 +43,7 @@ class Fluid(Protocol):
 
 @dataclass(frozen=True)
 class Newtonian:
-    """The same everywhere.
+    """Newtonian fluid: viscosity independent of flow and radius.
 
     Attributes
     ----------

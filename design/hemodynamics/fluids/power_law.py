@@ -1,4 +1,4 @@
-"""The power law, τ = K γ̇ⁿ."""
+"""Power-law fluid in a tube, τ = K γ̇ⁿ."""
 
 from __future__ import annotations
 

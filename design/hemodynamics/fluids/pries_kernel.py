@@ -1,4 +1,4 @@
-"""The law that trees grow by, for many radii."""
+"""Kernel: Pries' relative viscosity of blood for many radii, as used by tree growth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cells along a network's vessels."""
+"""Finite-volume cells along a network's vessels, for 1D flow."""
 
 from __future__ import annotations
 

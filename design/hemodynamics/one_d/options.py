@@ -1,4 +1,4 @@
-"""Options of the wave solver."""
+"""Options of the 1D (pulse wave) flow solver."""
 
 from __future__ import annotations
 

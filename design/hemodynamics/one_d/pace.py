@@ -1,4 +1,4 @@
-"""Number of time steps in a cycle."""
+"""Choose the number of time steps per cycle of the 1D flow solver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reach the periodic state in fewer cycles than a Windkessel takes to fill.
+"""Accelerate the convergence of 1D flow to its periodic state.
 
 A cycle is a map x → G(x) of the state at its begin to that at its end, and the periodic state its
 fixed point. Left to itself the error falls by exp(-period/RC) a cycle. Anderson's acceleration

@@ -1,4 +1,4 @@
-"""Record of a cycle: waves at chosen places, and extremes everywhere."""
+"""Record one cycle of 1D flow: waves at chosen stations, and extremes everywhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The periodic state that 1D flow ends in."""
+"""Periodic solution of 1D flow: one cycle, sampled evenly."""
 
 from __future__ import annotations
 

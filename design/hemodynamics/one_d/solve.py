@@ -1,4 +1,4 @@
-"""Waves of area and flow in a network, cycle by cycle until they repeat."""
+"""Solve 1D pulse-wave flow in a network, cycle by cycle until it repeats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Initial state of the march: the lumped model's periodic state at the cycle's begin."""
+"""Initial state of the 1D flow solver: the lumped (0D) model's periodic state at cycle start."""
 
 from __future__ import annotations
 

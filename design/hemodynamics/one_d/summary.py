@@ -1,4 +1,4 @@
-"""1D flow in a handful of numbers, and the waves at a network's ends."""
+"""Summarise a 1D flow solution: totals, extremes, and waves at inlets and outlets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""1D flow as a table, one row a vessel."""
+"""Table of a 1D flow solution, one row per vessel."""
 
 from __future__ import annotations
 

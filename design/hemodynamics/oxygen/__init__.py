@@ -1,4 +1,4 @@
-"""Oxygen and other solutes: carried by the vessels, spread and taken up in the tissue."""
+"""Transport of oxygen and other solutes: carried by vessels, diffusing and consumed in tissue."""
 
 from design.hemodynamics.oxygen.conditions import OxygenConditions, assumptions
 from design.hemodynamics.oxygen.refine import solve_refined

@@ -1,4 +1,4 @@
-"""Numbers of an oxygen problem (solubility, diffusion, uptake) and their sources.
+"""Physical constants of an oxygen problem (solubility, diffusion, uptake), with sources.
 
 Concentrations are in mM, which is nmol/µL; so flow times concentration is nmol/s, and nothing is
 converted on the way.

@@ -1,4 +1,4 @@
-"""Vessels cut into short elements, and the cells that each of them feeds."""
+"""Cut vessels into short elements and assign each to the tissue grid cells that it supplies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The coupled problem on one grid: what each cell loses, and what that changes by."""
+"""Discretised oxygen problem on one grid: residual of each cell and its derivatives."""
 
 from __future__ import annotations
 

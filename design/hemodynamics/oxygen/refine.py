@@ -1,4 +1,4 @@
-"""Solve on coarser grids first: each begins the next, and the last two tell what the grid does."""
+"""Solve for oxygen on successively finer grids and estimate the discretisation error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The solution of an oxygen problem."""
+"""Solution of an oxygen problem: fields and vessel values."""
 
 from __future__ import annotations
 

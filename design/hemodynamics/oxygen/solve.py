@@ -1,4 +1,4 @@
-"""Oxygen in vessels and tissue: Newton's method, each step by a preconditioned Krylov solver."""
+"""Solve oxygen in vessels and tissue by Newton's method with a preconditioned Krylov solver."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from design.network import FloatArray, VesselNetwork
 
 @dataclass(frozen=True)
 class SolverOptions:
-    """When to stop.
+    """Convergence limits of the oxygen solver.
 
     Attributes
     ----------

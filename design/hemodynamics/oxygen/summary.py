@@ -1,4 +1,4 @@
-"""An oxygen solution in a handful of numbers, and as a table of vessels."""
+"""Summarise an oxygen solution: totals, extremes, balance, histogram and a table of vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tissue as cells of a regular grid."""
+"""Regular grid of tissue cells for the oxygen solver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steady advection along the vessels: one sweep down the pressure."""
+"""Steady advection of a solute along the vessels, solved in one sweep in flow direction."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ STILL: Final = 1e-9
 
 @dataclass(frozen=True)
 class Transport:
-    """What a sweep takes.
+    """Vessels in flow order with their flows, as `sweep` needs them.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A field on the grid as VTK XML image data (`.vti`) for ParaView."""
+"""Write a field on the oxygen grid as VTK XML image data (`.vti`) for ParaView."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Resistance between the stream in a vessel and the grid's cells around it.
+"""Mass-transfer resistance between a vessel's blood stream and the grid cells around it.
 
 A vessel thinner than a cell is no boundary that the grid sees. Its flux is laid on the grid as a
 smooth source and what the grid then says at the vessel is read with the same weights, so that the

@@ -1,4 +1,4 @@
-"""Flow resolved in space: meshes of lumens, and finite elements on them (extra ``flow3d``)."""
+"""3D flow in lumens: meshing and finite elements (extra ``flow3d``)."""
 
 from design.hemodynamics.three_d.compare import ErrorEstimate, estimate_error
 from design.hemodynamics.three_d.harmonic import solve_harmonics

@@ -1,4 +1,4 @@
-"""Places on the axes of a network's vessels."""
+"""Sample points along the centrelines of a network's vessels."""
 
 from __future__ import annotations
 

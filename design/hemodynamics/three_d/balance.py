@@ -1,4 +1,4 @@
-"""Pressures and power at a lumen's ports."""
+"""Pressure and power at the ports of a 3D lumen mesh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Linear systems with a few unknown pressures beside the finite elements'.
+"""Solve finite-element systems bordered by a few unknown port pressures.
 
     A x + B λ = r,    Bᵀ x - D λ = s
 

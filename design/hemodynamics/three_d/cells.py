@@ -1,4 +1,4 @@
-"""Boxes sorted into cells of a grid, to find those near a place."""
+"""Sort bounding boxes into grid cells, to look up those near a point."""
 
 from __future__ import annotations
 

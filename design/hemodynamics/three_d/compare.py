@@ -1,4 +1,4 @@
-"""Difference of a solution from one of another order on the same mesh."""
+"""Estimate the discretisation error of 3D flow by solving again with another element order."""
 
 from __future__ import annotations
 

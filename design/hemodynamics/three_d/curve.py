@@ -1,4 +1,4 @@
-"""Edges on the wall bent to follow it."""
+"""Curve the mesh edges on a lumen's wall by moving their middle nodes onto it."""
 
 from __future__ import annotations
 

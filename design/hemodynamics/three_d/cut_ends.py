@@ -1,4 +1,4 @@
-"""A closed lumen cut flat where the network ends, and told apart into wall and ports."""
+"""Cut a closed lumen surface flat at the network's ends; label its faces as wall or port."""
 
 from __future__ import annotations
 

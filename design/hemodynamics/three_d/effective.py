@@ -1,4 +1,4 @@
-"""Resistances that vessels have in 3D, put back into the lumped model.
+"""Effective vessel resistances found by 3D flow, returned to the lumped (0D) model.
 
 Along a vessel, clear of the junctions, a lumen resists as Poiseuille says of its own section. At
 the junctions it doesn't: fillets and overlapping lumens widen them, turning and developing flow

@@ -1,4 +1,4 @@
-"""The finite-element engine, loaded only when 3D flow is asked for."""
+"""Finite-element engine of 3D flow, imported only when needed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A lumen's mesh in the engine: straight tetrahedra, and a deformation that curves them."""
+"""A lumen's mesh in the finite-element engine: straight tetrahedra and a curving deformation."""
 
 from __future__ import annotations
 

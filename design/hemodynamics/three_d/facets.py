@@ -1,4 +1,4 @@
-"""A wall that is given as triangles, as a smooth shape."""
+"""Smooth wall shape through a triangulated lumen surface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Velocities given at an inlet through a cycle."""
+"""Time-varying inlet velocity profiles over one cycle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A lumen as curved tetrahedra, the value that every flow engine takes."""
+"""Lumen mesh of curved (quadratic) tetrahedra: the common input of all 3D flow solvers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Estimate the memory of 3D flow before it is taken."""
+"""Estimate the memory that a 3D flow solution needs, before solving."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A network's lumens as curved tetrahedra."""
+"""Mesh a network's lumens with curved tetrahedra."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Newton's method for steady flow, damped, and led from slow flow to fast where it must be."""
+"""Newton's method for steady 3D flow: damped, and continued from slow flow if necessary."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ LAMINAR: Final = 2000.0
 
 @dataclass(frozen=True)
 class FlowOptions:
-    """How 3D flow is solved.
+    """Options of the 3D flow solver.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Conditions of flow and pressure at outlets in each time step.
+"""Flow-pressure relations of outlets (resistance, Windkessel) in each time step of 3D flow.
 
 A Windkessel's inner pressure obeys C ṗ_c = Q - (p_c - p_d)/R_d, and p = R_p Q + p_c. With second-
 order backward differences it is a resistance in each step, p = Z Q + h, which is solved with the

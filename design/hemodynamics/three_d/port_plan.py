@@ -1,4 +1,4 @@
-"""Condition at each port, from the conditions that drive the lumped models.
+"""Boundary condition of each port of a 3D mesh, derived from those of the lumped (0D) model.
 
 A port either has a velocity profile of a given flow, or a uniform traction: minus its pressure
 times its normal. With the Laplace form of viscosity that pressure is the mean pressure over a flat

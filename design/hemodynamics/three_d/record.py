@@ -19,7 +19,7 @@ from design.network import FloatArray
 
 @dataclass(frozen=True)
 class Stepping:
-    """How time is stepped.
+    """Time stepping options of pulsatile 3D flow.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Flow and pressure at cross-sections, as sums over a thin slab of elements.
+"""Flow and pressure through cross-sections of a 3D flow mesh, as sums over a slab of elements.
 
 For any function χ of the distance s along a direction that rises from 0 to 1 over a slab, the flow
 through every section in it is ∫ u·∇χ, whatever the lumen's shape, since the wall is tight: exact

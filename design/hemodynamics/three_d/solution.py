@@ -1,4 +1,4 @@
-"""Flow resolved in space, as arrays that need no engine to be read."""
+"""3D flow solution as plain arrays, readable without the finite-element engine."""
 
 from __future__ import annotations
 

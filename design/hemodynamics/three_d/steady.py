@@ -1,4 +1,4 @@
-"""Steady flow in a lumen."""
+"""Solve steady 3D flow in a lumen."""
 
 from __future__ import annotations
 

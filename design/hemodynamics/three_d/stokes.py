@@ -28,7 +28,7 @@ its effect away again."""
 
 @dataclass(frozen=True)
 class Spaces:
-    """Spaces on one mesh.
+    """Finite-element spaces of velocity and pressure on one mesh.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Triangulate the walls and ports of a network's lumens evenly."""
+"""Triangulate the walls and ports of a network's lumens with even triangles."""
 
 from __future__ import annotations
 

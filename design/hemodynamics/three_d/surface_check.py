@@ -1,4 +1,4 @@
-"""Check a wall's triangles against the lumen meant, before it is filled."""
+"""Check a lumen's triangulated wall against the intended network before meshing its inside."""
 
 from __future__ import annotations
 

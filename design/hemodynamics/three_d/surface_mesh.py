@@ -1,4 +1,4 @@
-"""A lumen that is given as a surface, scanned or made by booleans, as curved tetrahedra."""
+"""Mesh a lumen given as a surface (scanned, or made by booleans) with curved tetrahedra."""
 
 from __future__ import annotations
 

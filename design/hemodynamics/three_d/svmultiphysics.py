@@ -39,7 +39,7 @@ Fields = dict[str, Any]
 
 @dataclass(frozen=True)
 class MarchSteps:
-    """How the solver steps.
+    """Time stepping options written to svMultiPhysics' input.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A lumen as SimVascular's mesh-complete folder: linear tetrahedra in VTK's XML files, in cm."""
+"""Write a lumen as SimVascular's mesh-complete folder: linear tetrahedra in VTK XML, in cm."""
 
 from __future__ import annotations
 

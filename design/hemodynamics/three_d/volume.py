@@ -1,4 +1,4 @@
-"""Tetrahedra between the triangles of a closed surface, by Netgen."""
+"""Fill a closed triangulated surface with tetrahedra, by Netgen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow in a lumen as VTK XML (`.vtu`) of quadratic tetrahedra, as ParaView reads it."""
+"""Write 3D flow in a lumen as VTK XML (`.vtu`) of quadratic tetrahedra, for ParaView."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wall of a network's lumens as a smooth field: pieces of vessels, rounded where they meet."""
+"""Signed distance field of a network's lumen wall, rounded at the junctions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wall's field place by place: kernels of `design.hemodynamics.three_d.wall`."""
+"""Kernels: signed distance from the lumen wall, and its gradient, at points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wall shear from a velocity field: its gradient at the wall's own nodes.
+"""Wall shear from a 3D velocity field: its gradient at the wall's nodes.
 
 Of what was tried on a pipe (docs/flow.md), the direct gradient of cubic velocities is within 0.1 %
 where projections and consistent forces aren't, or cost a solve.

@@ -1,1 +1,1 @@
-"""One vessel in a reduced model: resistance, inertance, compliance, impedance."""
+"""Lumped elements of one vessel: resistance, inertance, compliance, impedance."""

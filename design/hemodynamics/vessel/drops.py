@@ -25,7 +25,7 @@ _PLACES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 @dataclass(frozen=True)
 class Drop:
-    """At certain flows, all (v,).
+    """Pressure drops and their derivatives at given flows, (v,) each.
 
     Attributes
     ----------

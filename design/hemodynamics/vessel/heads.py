@@ -9,7 +9,7 @@ from design.network import FloatArray, VesselNetwork
 
 
 def heads_of(network: VesselNetwork, probes: Probes) -> VesselNetwork:
-    """What lies of each probe's vessel before it, as a network of p unjoined vessels.
+    """Upstream part of each probe's vessel, as a network of p unjoined vessels.
 
     A head of no length is left where a probe stands on a vessel's first node.
     """

@@ -55,7 +55,7 @@ class Stenosis:
 
 @dataclass(frozen=True)
 class Losses:
-    """Which losses count.
+    """Inertial pressure losses to include.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Coefficients and results of steady flow in vessels, in one pass over their points."""
+"""Per-vessel coefficients and results of steady flow, integrated along the centreline points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Walls: how much wider a vessel gets under pressure.
+"""Vessel walls: compliance, the gain in lumen volume per pressure.
 
 Compliance C = dV/dp in µL/Pa, at the radius of rest (small strains).
 """
@@ -16,7 +16,7 @@ from design.network import FloatArray, VesselNetwork
 
 
 class Wall(Protocol):
-    """Anything that has a compliance."""
+    """Interface of vessel walls: their compliance."""
 
     def compliance(self, network: VesselNetwork) -> FloatArray:
         """Of each vessel, (v,), µL/Pa."""

@@ -1,4 +1,4 @@
-"""Flows and pressures that repeat."""
+"""Periodic flow and pressure waveforms."""
 
 from design.hemodynamics.waveforms.read import read_waveform
 from design.hemodynamics.waveforms.shapes import SHAPES, shape

@@ -1,4 +1,4 @@
-"""A waveform from the user's CSV."""
+"""Read a waveform from a user's CSV file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shapes of flow that hearts and pumps make, of mean 1 before they are scaled."""
+"""Standard flow waveforms of hearts and pumps, normalised to mean 1."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values that repeat: constant, a sine, or between samples."""
+"""Periodic waveforms: constant, sinusoidal, or interpolated between samples."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Waveform(Protocol):
 
 @dataclass(frozen=True)
 class Constant:
-    """Always the same."""
+    """Constant waveform."""
 
     value: float
 

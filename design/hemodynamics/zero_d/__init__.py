@@ -1,1 +1,1 @@
-"""Lumped flow: steady, pulsatile (`pulsatile`), and another solver's files (`svzerod`)."""
+"""Lumped (0D) flow: steady, pulsatile (`pulsatile`), svZeroDSolver's files (`svzerod`)."""

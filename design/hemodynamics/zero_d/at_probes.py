@@ -1,4 +1,4 @@
-"""Lumped solutions at probes, for comparison with other fidelities.
+"""Lumped (0D) solutions at probes, for comparison with other flow solvers.
 
 Along a vessel the pressure falls as the resistance before the probe does, exactly for tapers and
 bends of the polyline. In rigid walls the flow is the same along a vessel at every moment, and both

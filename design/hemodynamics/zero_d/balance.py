@@ -1,4 +1,4 @@
-"""Radii of connections adjusted until every loop carries its share of the flow."""
+"""Adjust the radii of connections so that every loop carries its share of the flow."""
 
 from __future__ import annotations
 

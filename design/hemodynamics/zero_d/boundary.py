@@ -1,4 +1,4 @@
-"""Conditions put onto a network's nodes, and refused where they leave a part undetermined."""
+"""Boundary conditions at a network's nodes; refuse sets that leave a part undetermined."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from kernels import jit
 
 @dataclass(frozen=True)
 class Boundary:
-    """A flow problem's unknowns.
+    """Known and unknown node pressures and flows of a flow problem.
 
     Attributes
     ----------

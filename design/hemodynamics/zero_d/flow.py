@@ -1,4 +1,4 @@
-"""The solution of a flow problem on a network."""
+"""Steady 0D flow solution of a network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wall shear held against the band that the cells want."""
+"""Compare each vessel's wall shear with the range that the cells want."""
 
 from __future__ import annotations
 

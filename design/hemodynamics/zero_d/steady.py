@@ -1,4 +1,4 @@
-"""Steady 0D flow in any graph of vessels."""
+"""Solve steady 0D flow in any graph of vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A flow solution in a handful of numbers."""
+"""Summarise a steady 0D flow solution: totals, extremes and balances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A flow solution as a table, one row a vessel, in our units and in those users know."""
+"""Write a flow solution as a CSV table, one row per vessel."""
 
 from __future__ import annotations
 

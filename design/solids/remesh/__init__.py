@@ -1,4 +1,4 @@
-"""Surfaces remade of even triangles."""
+"""Remesh surfaces with even, nearly equilateral triangles."""
 
 from design.solids.remesh.remesh import LabelledSurface, Shape, patches, remesh
 

@@ -1,4 +1,4 @@
-"""A closed triangle surface as half-edges, and the three changes that keep it one.
+"""Half-edge structure of a closed triangle surface; edge flip, split and collapse.
 
 Half-edge ``3 t + i`` runs from corner i of triangle t to its next corner; ``twin`` is the one that
 runs the other way in the neighbour. Kernels change the arrays in place.

@@ -1,4 +1,4 @@
-"""Passes over a surface's edges: split what is long, draw in what is short, turn, and relax.
+"""Remeshing passes over a surface's edges: split, collapse, flip and relax.
 
 The scheme of Botsch & Kobbelt 2004 ("A remeshing approach to multiresolution modeling"), with a
 wanted length at every vertex, and with rims between labels that stay.

@@ -1,4 +1,4 @@
-"""A closed surface remade of even triangles, of the size that is wanted at each place."""
+"""Remesh a closed surface with even triangles of a locally prescribed size."""
 
 from __future__ import annotations
 

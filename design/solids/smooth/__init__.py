@@ -1,1 +1,1 @@
-"""Junctions of vessels as closed surfaces: alone, or in a crowd."""
+"""Smooth surfaces of vessel junctions: single ones, and groups of overlapping ones."""

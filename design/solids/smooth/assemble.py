@@ -1,4 +1,4 @@
-"""Plain tubes, lone junctions and crowds sewn together at the rings they share."""
+"""Sew tubes, single junctions and groups of overlapping junctions to one closed surface."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _CRUMB = 0.1
 
 @dataclass
 class Sewing:
-    """A surface as it grows.
+    """Closed surface under assembly.
 
     Attributes
     ----------

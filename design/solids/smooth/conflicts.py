@@ -1,4 +1,4 @@
-"""Runs that overlap without being joined, by capsules around their pieces."""
+"""Find vessel runs whose walls overlap without a common junction."""
 
 from __future__ import annotations
 

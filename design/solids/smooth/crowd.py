@@ -1,4 +1,4 @@
-"""Junctions too close to one another, and vessels that cross: united exactly by manifold3d."""
+"""Unite overlapping junctions and crossing vessels exactly by manifold3d."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The vessels of a crowd as distance fields, and what of them must stay where it is."""
+"""Distance fields of a group of overlapping vessels, and the vertices that must stay fixed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Vessels around a junction as distance fields, and the rolling ball that rounds their seams.
+"""Distance fields of vessels at a junction, and the rolling-ball fillet between them.
 
 Rounding is a morphological closing: of the space outside all vessels, whatever a ball of the
 fillet's radius ρ can't reach is filled. Where two vessels go on in one line the ball reaches the

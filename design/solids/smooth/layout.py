@@ -1,4 +1,4 @@
-"""Division of a network into plain tubes, single junctions and crowds of them."""
+"""Divide a network into plain tubes, single junctions and groups of overlapping junctions."""
 
 from __future__ import annotations
 

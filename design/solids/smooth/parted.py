@@ -1,4 +1,4 @@
-"""Triangles parted at the middles of some of their edges, so that no gap stays."""
+"""Split marked edges of a triangle mesh at their midpoints, without leaving gaps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The exact union of a crowd with its seams rounded, by moving its own vertices.
+"""Round the seams of united overlapping vessels by moving the surface's vertices.
 
 A point x of the union's surface that a ball of radius ρ, rolling outside, can't reach goes to the
 ball nearest to it: with x + v the nearest place of the ball's centre (see `fillet`), to

@@ -1,4 +1,4 @@
-"""Kernels: the first directions about a junction: rings, axes, an even cover, seams."""
+"""Kernels: initial triangulation of directions about a junction: rings, axes, even cover."""
 
 from __future__ import annotations
 

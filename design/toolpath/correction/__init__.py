@@ -1,4 +1,4 @@
-"""Corrections to what is written, from earlier prints."""
+"""Corrections of a design's geometry from earlier prints (print compensation)."""
 
 from design.toolpath.correction.checks import check_outside, check_walls
 from design.toolpath.correction.corrections import NEUTRAL, Corrections

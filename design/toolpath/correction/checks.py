@@ -1,4 +1,4 @@
-"""Check that corrected lumens keep walls that the method can write.
+"""Check that compensated lumens keep walls thick enough to print.
 
 A design may be tighter somewhere than the method likes: it was accepted as it is. Refused is what
 a correction makes too thin.

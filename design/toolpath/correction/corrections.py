@@ -1,4 +1,4 @@
-"""Lumens wider or narrower, axes moved, the part larger: all that a compensation may change."""
+"""Correct a design's geometry for printing: scale, lumen widths and vessel positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A part larger or smaller by a factor along each axis."""
+"""Scale a part by one factor along each axis."""
 
 from __future__ import annotations
 

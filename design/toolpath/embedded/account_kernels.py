@@ -1,4 +1,4 @@
-"""Kernel of the account: how near a moving shaft comes to ink outside of joints.
+"""Kernel: distance between the needle's moving shaft and written ink, outside of joints.
 
 With the tip at b(s) on a straight way and the filament's axis at a(t), radius r(t), all linear, the
 approach is g(s, t) = d(a(t) - b(s)) - r(t), d the signed distance to the shaft. The shaft is
@@ -56,7 +56,7 @@ class Ink(NamedTuple):
 
 
 class Tips(NamedTuple):
-    """Pieces of the tip's way.
+    """Straight pieces of the tips' motion.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ _QUARTER = 4
 
 @dataclass(frozen=True)
 class Bundles:
-    """A network of strands.
+    """Network whose thick vessels are divided into strands.
 
     Attributes
     ----------

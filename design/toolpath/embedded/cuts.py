@@ -1,4 +1,4 @@
-"""Choose where to start when all remaining stretches block each other."""
+"""Choose where to cut a vessel when all unwritten stretches obstruct each other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A network cut into short straight elements: what the planner orders and the needle writes."""
+"""Divide a network into short straight elements, the units of embedded planning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Depth to which the bare shaft enters one element while another is written."""
+"""Depth to which the needle's shaft enters one vessel element while it writes another."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ CERTAIN_MM: Final = TOUCH_MM - 0.002
 
 @jit
 def entry_mm(i: int, j: int, elements: Elements, meetings: Meetings, needle: Needle) -> float:
-    """How deep the shaft enters element j, joints spared, while i is written, mm; 0 for not."""
+    """Depth of the shaft in element j, outside joints, while i is written, mm; 0 for none."""
     tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
     a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
     thick = max(elements.radius[j, 0], elements.radius[j, 1])

@@ -1,4 +1,4 @@
-"""Ends of passes carried on beyond their last point: what bars them, and what they bar."""
+"""Extensions of the needle's passes beyond their ends, and what the shaft would hit there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Filament law: ink and speed along a piece."""
+"""Filament law of embedded writing: ink volume and speed for a wanted thickness."""
 
 from __future__ import annotations
 

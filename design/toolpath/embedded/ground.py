@@ -1,4 +1,4 @@
-"""Height of ink seen from above with the needle's width: clearance for travel."""
+"""Height map of written ink under the needle, for clearance of travel moves."""
 
 from __future__ import annotations
 

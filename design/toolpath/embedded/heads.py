@@ -16,7 +16,7 @@ from design.toolpath.toolpath import IntArray
 
 @dataclass(frozen=True)
 class EmbeddedHeads:
-    """Several heads, or one.
+    """Heads of an embedded job, one or several.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The thickest filament that a yield-stress bath holds in its place."""
+"""Thickest filament that a yield-stress bath supports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reorder passes in rounds; each round adds rules for unclosed joints."""
+"""Improve the order of embedded writing passes in rounds, adding rules for open joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints of ordered passes: their overlaps, and obstacles to some."""
+"""Embedded writing passes with the overlaps at their joints, and the joints that failed."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Brushed(NamedTuple):
 
 @dataclass
 class Joined:
-    """Passes with their overlaps.
+    """Embedded passes extended to overlap at their joints.
 
     Attributes
     ----------

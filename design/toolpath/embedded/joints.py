@@ -1,4 +1,4 @@
-"""Joints of passes: each end at ink is carried on into it.
+"""Close the joints of embedded writing passes: extend each end into the ink that it meets.
 
 A pass that begins or ends where ink lies goes on straight by the overlap. Where the shaft would
 pass through other ink there, or later ones through the overlap, the earlier of the two goes on

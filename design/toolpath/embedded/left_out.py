@@ -1,4 +1,4 @@
-"""Vessels left out of a plan because no order keeps needle and ink apart."""
+"""Vessels omitted from embedded writing, because any order would drive the needle into ink."""
 
 from __future__ import annotations
 

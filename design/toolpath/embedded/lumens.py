@@ -23,7 +23,7 @@ Mask = NDArray[np.bool_]
 
 
 class Lumens:
-    """Which strands are one body.
+    """Groups of strands that form one lumen.
 
     Parameters
     ----------

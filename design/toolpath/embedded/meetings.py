@@ -1,4 +1,4 @@
-"""Meetings of vessels: nodes, and touching filaments; ink near both is a joint's."""
+"""Places where vessels meet (nodes and touching filaments), whose ink counts as one joint."""
 
 from __future__ import annotations
 

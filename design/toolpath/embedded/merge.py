@@ -1,4 +1,4 @@
-"""Passes that end where another begins, made one where nothing has to come between them.
+"""Merge embedded writing passes that can be made in one stroke.
 
 Two passes may become one when no chain of rules leads from the first through others to the second:
 what such a chain doesn't hold is written before both, or after.

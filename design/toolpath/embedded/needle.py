@@ -1,4 +1,4 @@
-"""The room that a vertical needle takes above its tip, and what counts as a joint."""
+"""Envelope of a vertical needle above its tip, and the reach of a joint."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ JOINT: Final = math.sqrt(2.0)
 
 
 class Needle(NamedTuple):
-    """A vertical needle.
+    """Geometry of a vertical needle.
 
     Attributes
     ----------

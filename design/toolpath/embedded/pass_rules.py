@@ -1,4 +1,4 @@
-"""Rules between whole passes."""
+"""Precedence rules between whole passes of embedded writing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a network to embedded filaments: cut, order, close the joints, write."""
+"""Plan embedded writing of a network: divide, order, close joints, write."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class _Written:
 
 @dataclass(frozen=True)
 class EmbeddedPlan:
-    """A toolpath and its numbers."""
+    """Toolpath of an embedded plan, with its report."""
 
     toolpath: Toolpath
     report: EmbeddedReport

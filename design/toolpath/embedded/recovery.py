@@ -1,4 +1,4 @@
-"""Wait until the bath has closed behind the needle, where a pass is to be written in its wake.
+"""Delay passes that cross a fresh crevice until the bath has closed behind the needle.
 
 A needle that moves through a yield-stress bath leaves a crevice, which closes within a time of the
 bath's own. Ink written into an open one runs up along it. So before a pass the needle waits, above

@@ -1,4 +1,4 @@
-"""Figures of a plan."""
+"""Report of an embedded plan: times, passes, crossings, open joints and omitted vessels."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Crossing:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A vessel that isn't written.
+    """Vessel that isn't printed.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Merged:
 
 @dataclass(frozen=True)
 class EmbeddedReport:
-    """Embedded writing in numbers.
+    """Figures of an embedded plan.
 
     Attributes
     ----------

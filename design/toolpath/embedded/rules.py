@@ -1,4 +1,4 @@
-"""Order of elements: what must be written before the shaft passes through.
+"""Precedence of vessel elements: what must be written before the shaft passes there.
 
 With the tip at b the shaft fills all above b within its radius. An element with its axis at a and
 radius r is hit when it lies within shaft and r of b in the plan, and its top is above b. The lower

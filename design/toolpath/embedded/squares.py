@@ -1,4 +1,4 @@
-"""Spatial index of elements in squares of the xy plane."""
+"""Spatial index of vessel elements in squares of the xy plane."""
 
 from __future__ import annotations
 

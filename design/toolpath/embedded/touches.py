@@ -1,4 +1,4 @@
-"""Places where a network's filaments overlap away from their nodes: its own collisions.
+"""Find places where a network's own filaments overlap away from its nodes.
 
 The measure is that of the check before a print (docs/embedded.md), so that plan and check spare the
 same ink: spots every half radius of a vessel (0.05 to 0.1 mm), pairs of them that reach a quarter
@@ -31,7 +31,7 @@ of a cell at which no spot of a straight vessel of round length lies."""
 
 
 class Touches(NamedTuple):
-    """Pairs of places.
+    """Pairs of places at which filaments overlap.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Passes through nodes: which stretches go on into which."""
+"""Continue embedded writing passes through nodes: pair the vessel stretches that meet there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shorter ways between passes: those that may are moved in their order, or turned round.
+"""Shorten travels between embedded writing passes by reordering and reversing them.
 
 Or-opt (Or 1976) with precedence: runs of up to `RUN` passes go where they make the way shortest, as
 long as every rule between two passes is kept.

@@ -1,4 +1,4 @@
-"""Write ordered passes: overlaps at their ends, travels as low as what is written allows."""
+"""Convert ordered embedded writing passes to moves: overlaps at ends, lowest safe travels."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Stretch:
 
 
 class FilamentWriter:
-    """Turns passes into moves.
+    """Converts embedded passes to moves.
 
     Parameters
     ----------

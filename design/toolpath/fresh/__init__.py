@@ -1,4 +1,4 @@
-"""FRESH: layers of lines in a support bath, with the lumens kept open."""
+"""FRESH printing: layers of lines in a support bath, with the lumens kept open."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""The needles between two sections: where the tip stands, and which head is in use.
+"""Travel and head changes between the parts of a FRESH layer.
 
 In a layer the head in use writes first, then the others: a layer costs as many changes as it has
 other heads. What is done at a change is the G-code writer's (up, raise, choose, lower, across,
@@ -47,7 +47,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Laid:
-    """Moves of one layer.
+    """Moves of one FRESH layer.
 
     Attributes
     ----------

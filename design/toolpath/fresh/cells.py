@@ -1,4 +1,4 @@
-"""Edges of contours sorted into square cells, and what crosses them."""
+"""Sort a contour's edges into grid cells, to find those that a line crosses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Print larger what shrinks, and wider what closes in: the design comes out at its size.
+"""Compensate shrinkage and narrowed lumens measured on an earlier FRESH print.
 
 Registration measures both on a print: how much each axis shrank, and by how much every lumen's
 wall stands inside the designed one.
@@ -19,7 +19,7 @@ MOST_PERCENT = 30.0
 
 @dataclass(frozen=True)
 class Compensation:
-    """What an earlier print measured.
+    """Shrinkage and wall offset measured on an earlier print.
 
     Attributes
     ----------

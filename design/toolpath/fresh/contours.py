@@ -1,4 +1,4 @@
-"""Contours of a section as flat arrays, sampled, with their inward normals."""
+"""Contours of a layer's section as flat arrays with inward normals."""
 
 from __future__ import annotations
 

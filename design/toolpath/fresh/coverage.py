@@ -1,4 +1,4 @@
-"""Share of a layer that its lines cover, measured on a fine raster.
+"""Measure how much of a layer's area its printed lines cover.
 
 Lines count as stadiums: all points within half a width of the centreline.
 """

@@ -1,4 +1,4 @@
-"""Filling of the space inside the walls."""
+"""Infill options of a FRESH part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Infill: parallel lines that abut, clipped to a region by scan conversion.
+"""Infill: parallel adjoining lines, clipped to a region by scan conversion.
 
 A line is a strip one width high. Where the region ends inside a strip, along a boundary nearly
 parallel to the lines, a whole line would leave or overfill up to half a width; there a line of
@@ -25,7 +25,7 @@ SHORTEST_WHOLE = 0.5
 
 @dataclass(frozen=True)
 class Lines:
-    """Straight lines to write.
+    """Straight infill lines of a layer.
 
     Attributes
     ----------

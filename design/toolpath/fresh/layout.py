@@ -1,4 +1,4 @@
-"""A layer's paths, laid end to end with the travels between them, as rows of moves.
+"""Join a layer's paths and the travels between them to rows of moves.
 
 Between two paths the needle goes level where they are near and no lumen lies between (a link);
 else the plunger is relieved and the needle hops, just clear of the fresh ink, or rises higher
@@ -32,7 +32,7 @@ CELL = 4.0
 
 @dataclass(frozen=True)
 class Rows:
-    """Moves of one layer.
+    """Moves of one layer as arrays.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Heights of a part's layers: all alike, or thinner where walls are slanted.
+"""Layer heights of a part: uniform, or thinner at inclined walls.
 
 A slanted wall becomes a stair. Measured across the wall a stair of layers h high is h |n_z| deep,
 n_z the vertical part of the wall's unit normal (Dolenc and Mäkelä 1994, "Slicing procedures for

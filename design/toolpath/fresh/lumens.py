@@ -1,4 +1,4 @@
-"""Refuse lumens that layers and lines can't leave open."""
+"""Refuse lumens too small for the layer height and line width."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The order of paths in a layer: few and short travels, walls from the lumens outward."""
+"""Order of a layer's paths: few and short travels, walls from the lumens outward."""
 
 from __future__ import annotations
 

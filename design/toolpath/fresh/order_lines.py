@@ -1,4 +1,4 @@
-"""The order of infill lines: nearest neighbour into chains, to and fro; then 2-opt on these."""
+"""Order infill lines by nearest neighbour into zig-zag chains, then improve them by 2-opt."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Paths to write in one layer, of any width, as flat arrays."""
+"""Paths of one layer as flat arrays: points and line widths."""
 
 from __future__ import annotations
 

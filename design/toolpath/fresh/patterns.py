@@ -1,4 +1,4 @@
-"""Infill that isn't straight lines: gyroid and concentric."""
+"""Curved infill patterns: gyroid and concentric."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a solid to FRESH layers: section, walls, infill, order, travels."""
+"""Slice a solid into FRESH layers: sections, walls, infill, order, travels."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MEASURED = 100
 
 @dataclass(frozen=True)
 class FreshPlan:
-    """A toolpath and its numbers."""
+    """Toolpath of FRESH layers, with its report."""
 
     toolpath: Toolpath
     report: FreshReport

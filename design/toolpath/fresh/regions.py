@@ -1,4 +1,4 @@
-"""Places with a filling of their own, or that another head writes."""
+"""Regions of a part with their own infill or their own head."""
 
 from __future__ import annotations
 

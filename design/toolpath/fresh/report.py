@@ -1,4 +1,4 @@
-"""Figures of a plan."""
+"""Report of FRESH layers: lengths, volumes, times and coverage."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
 
 @dataclass(frozen=True)
 class FreshReport:
-    """FRESH layers in numbers.
+    """Figures of a plan of FRESH layers.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Largest disc that touches a contour and crosses none.
+"""Largest disc that touches a contour without crossing any.
 
 The disc of radius r that touches the contour at p, its centre p + r n on the inward normal n,
 touches a point q of another edge when |q - p|² = 2 r n·(q - p); r is least over all q (the

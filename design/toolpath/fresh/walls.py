@@ -1,4 +1,4 @@
-"""Walls: lines of fixed width along every boundary, from the boundary into the material."""
+"""Wall paths: lines of fixed width along every contour, from the contour into the material."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Infill lines written in one go: to and fro, joined along the wall where they turn.
+"""Join infill lines to continuous zig-zags, with turns along the wall.
 
 Two neighbouring lines of width w, w apart, end on a wall, a distance L from each other. Both are
 shortened by s and joined by a line of length L, v wide; s = L v / 2 w leaves the volume as it is.

@@ -1,4 +1,4 @@
-"""A pneumatic head's part of a job: speeds that its flow asks for, and the valve's commands.
+"""G-code of a pneumatic head: feed rates that fit its flow, and valve commands.
 
 The pressure fixes the flow Q, so a move of length l that is to lay the volume V must take V/Q: its
 speed is Q l/V, whatever the toolpath asked for. The valve opens and closes while the head stands

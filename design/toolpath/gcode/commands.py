@@ -1,4 +1,4 @@
-"""From moves to commands: positions in the printer's frame, E as plunger travel, feeds."""
+"""Convert a toolpath's moves to G-code commands: printer coordinates, E, feed rates."""
 
 from __future__ import annotations
 

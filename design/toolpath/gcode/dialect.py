@@ -1,4 +1,4 @@
-"""Dialect of a printer's firmware."""
+"""G-code dialect of a printer's firmware."""
 
 from __future__ import annotations
 

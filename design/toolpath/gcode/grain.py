@@ -1,4 +1,4 @@
-"""Resolution of a machine's moves, for which a toolpath is planned."""
+"""Resolution of a printer's moves, for which a toolpath is planned."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A job of several heads: places for the tip in use, and the change from one head to another.
+"""G-code of a job for several heads: tip offsets, and changes of head.
 
 The toolpath says which head makes each move; its places are the tip's. What is written is the
 carriage's place, the tip's less the head's offset (`firmware_profiles.Head.offset_mm`): the header

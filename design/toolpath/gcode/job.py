@@ -1,4 +1,4 @@
-"""G-code with the map from each line to what it was made for."""
+"""G-code text with the map from each line to the design part that it prints."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from design.toolpath.toolpath import IntArray
 
 @dataclass(frozen=True)
 class Gcode:
-    r"""Bytes for the printer.
+    r"""G-code bytes and the map of their lines.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Gcode:
 
 @dataclass(frozen=True)
 class GcodeOptions:
-    """Choices of the writer.
+    """Options of the G-code writer.
 
     Attributes
     ----------

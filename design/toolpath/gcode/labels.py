@@ -1,4 +1,4 @@
-"""Comments for people in a job: what begins at a move."""
+"""Add comments to G-code where a labelled move begins."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contents of one of several heads, and its place in the job being written."""
+"""Syringe and ink of one head in a multi-head job, and the head's state between its moves."""
 
 from __future__ import annotations
 

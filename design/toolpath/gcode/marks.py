@@ -1,4 +1,4 @@
-"""Comments that say where a job may be interrupted: ends of layers and passes, reload points.
+"""Comments that mark where a job may be interrupted: layer and pass ends, reload points.
 
 ========== ====================================================================================
 mark       after the lines above it
@@ -26,7 +26,7 @@ from design.toolpath.toolpath import IntArray, MoveKind, Toolpath
 
 @dataclass(frozen=True)
 class Marks:
-    """Marks of a job.
+    """Interruption marks of a job.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Merge written moves that are too short for the firmware's planner.
+"""Merge extruding moves that are too short for the firmware's planner.
 
 Marlin drops a block of fewer than its least steps and adds it to the next one: a corner is cut
 where the firmware likes. Here the vertex is dropped whose loss bends the path least. Positions

@@ -1,4 +1,4 @@
-"""Commands as a table of whole numbers, and its text.
+"""Render a table of integer G-code words as text.
 
 A value is counted in its last digit (``12.345`` with three decimals is 12345), so that text is
 exact and nothing depends on how floats are printed.

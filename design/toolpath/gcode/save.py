@@ -1,4 +1,4 @@
-"""Keep a job as it is written: the G-code, and the map of its lines beside it."""
+"""Save a print job: stream its G-code to a file, and the map of its lines to design parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From commands to words: what changes is written, in whole last digits."""
+"""Tabulate a toolpath's commands: words that change, as integers in their last digit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The needle's way to a toolpath's first point, and away from its last."""
+"""Travel to a toolpath's first point, and away from its last."""
 
 from __future__ import annotations
 

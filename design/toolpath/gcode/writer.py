@@ -1,4 +1,4 @@
-"""A job written part by part: what each part needs to know of those before it."""
+"""Write a print job's G-code in parts, carrying the state from each to the next."""
 
 from __future__ import annotations
 

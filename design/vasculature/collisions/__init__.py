@@ -1,1 +1,1 @@
-"""Vessels that come too near to each other, in any network."""
+"""Find vessels of a network that come closer than the required clearance."""

@@ -1,4 +1,4 @@
-"""All pairs of capsules nearer than a clearance, by cells."""
+"""Find all pairs of capsules closer than a clearance, by grid cells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Vessels that come too near to each other: found among all pairs of a network's pieces."""
+"""Find collisions: pairs of a network's pieces closer than the required clearance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distance from one piece to another along the vessels."""
+"""Path length along the vessels between two pieces of a network."""
 
 from __future__ import annotations
 

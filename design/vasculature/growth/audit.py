@@ -1,4 +1,4 @@
-"""Audit a finished tree: how wide each vessel may be, and what is wider."""
+"""Audit a grown tree: allowed radius of every segment, and segments that exceed theirs."""
 
 from __future__ import annotations
 

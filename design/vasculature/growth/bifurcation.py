@@ -1,4 +1,4 @@
-"""Best branch point on a segment by the linear model at the root."""
+"""Least-cost branch point on a segment, with the tree's cost linearised at the root."""
 
 from __future__ import annotations
 

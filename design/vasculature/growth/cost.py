@@ -1,4 +1,4 @@
-r"""The exact cost of a tree, in the form that makes an update cheap.
+r"""Cost of a vessel tree, in a form that allows cheap incremental updates.
 
 A segment that feeds terminals of the relative flows q_t has the flow n = Σ q_t, in units of the
 mean terminal's; with equal terminal flows n is their number. Of the quantities of Karch et al.

@@ -1,4 +1,4 @@
-"""Places on a tissue's surface that are deep enough for a wide root."""
+"""Points on a tissue's surface with enough depth below for a wide root vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""End of a growth: the final flows and radii, and the finished tree."""
+"""Finish a grown tree: terminal flows, final radii and ratios."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A grid of cells that lists, for each, the segments whose capsules may touch it."""
+"""Grid index of a tree's segments, to find those that a capsule may touch."""
 
 from __future__ import annotations
 

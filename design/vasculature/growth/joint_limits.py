@@ -1,4 +1,4 @@
-"""Check joints against the limits on their angles and flows."""
+"""Check bifurcations against limits on branching angles and flow split."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check that vessels sharing a node diverge; collision tests skip such pairs."""
+"""Check that vessels sharing a node diverge, so that collision tests may skip them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Places for new terminals: sampled by demand, or given by the user."""
+"""Candidate positions of new terminals: sampled by demand, or given by the user."""
 
 from __future__ import annotations
 

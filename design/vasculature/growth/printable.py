@@ -1,4 +1,4 @@
-"""Trees as large as can be printed: grown to what is asked, or as far as it goes."""
+"""Grow the largest printable tree: as asked, or as far as needle and walls allow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Propose where a new terminal joins the tree: the cheapest place that fits."""
+"""Propose where a new terminal joins the tree: the cheapest feasible branch point."""
 
 from __future__ import annotations
 

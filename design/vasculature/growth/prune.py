@@ -1,4 +1,4 @@
-"""Take terminals away from a tree until what is too wide fits."""
+"""Prune terminals from a tree until all segments fit their allowed radii."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages of a growth that can't go on."""
+"""Error messages for tree growth that runs out of room."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Give terminals a new tip: those that became too thin a longer one, those in the way any."""
+"""Move the tips of terminals whose vessels are too thin or in the way of others."""
 
 from __future__ import annotations
 

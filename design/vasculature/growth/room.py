@@ -1,4 +1,4 @@
-"""Clearances that vessels must keep, and a trial bifurcation."""
+"""Required clearances of a growing tree, and the geometry of a trial bifurcation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Entry of the root into the tissue, and length of its stem."""
+"""Stem of a tree: the root's entry into the tissue, and its length."""
 
 from __future__ import annotations
 

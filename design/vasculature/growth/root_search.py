@@ -25,7 +25,7 @@ _SAMPLES = 4000
 
 @dataclass(frozen=True)
 class RootSearch:
-    """What a search found.
+    """Result of a root search.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Points to grow to: inside the tissue, in an order that keeps neighbours together in memory."""
+"""Target points for growth inside the tissue, sorted for memory locality."""
 
 from __future__ import annotations
 

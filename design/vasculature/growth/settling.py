@@ -1,4 +1,4 @@
-"""Radii and viscosities of a tree that agree: viscosity follows the diameter."""
+"""Consistent radii and viscosities of a tree: viscosity depends on diameter."""
 
 from __future__ import annotations
 

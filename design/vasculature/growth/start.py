@@ -1,4 +1,4 @@
-"""The stem and the first two terminals of a tree."""
+"""Start a tree: its stem and its first two terminals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A tree while it grows: one record a segment, its hot fields side by side."""
+"""State of a tree during growth: one record per segment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Surroundings of a tree: the vessels of others, and its own part of tissue."""
+"""Surroundings of a growing tree: vessels of other trees, and its own tissue territory."""
 
 from __future__ import annotations
 

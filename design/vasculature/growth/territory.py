@@ -1,4 +1,4 @@
-"""Parting a tissue among the roots of one kind, each with the volume its terminals need."""
+"""Divide a tissue into one territory per root, of the volume that its terminals need."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One growing tree: the loop that has it grown, audited and repaired."""
+"""Growth loop of one tree: add terminals, audit radii and repair."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An existing artery as the trunk of a tree: its segments stay, and new branches leave on them."""
+"""Start a tree from an existing artery: its segments stay, new branches leave it."""
 
 from __future__ import annotations
 

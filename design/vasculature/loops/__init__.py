@@ -1,1 +1,1 @@
-"""Trees joined to closed loops: terminals matched, ways found, curves laid."""
+"""Join trees to closed loops: match terminals, find routes, fit curves."""

@@ -1,4 +1,4 @@
-"""Lay curves between matched ends one after another, and mend what found no way."""
+"""Lay the connecting curves between matched terminals one by one; retry those that failed."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Laid:
 
 @dataclass
 class Web:
-    """Connections while they are laid.
+    """Set of connections under construction.
 
     Attributes
     ----------

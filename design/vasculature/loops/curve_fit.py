@@ -1,4 +1,4 @@
-"""Fit and cost of a connection between two terminals, Bézier or routed alike."""
+"""Kernels: fit and cost of a curve that connects two terminals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cubic Bézier curves between two terminals: candidates, of which the cheapest that fits."""
+"""Kernels: candidate cubic Bézier curves between two terminals, and the cheapest feasible one."""
 
 from __future__ import annotations
 

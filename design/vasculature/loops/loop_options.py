@@ -1,4 +1,4 @@
-"""Options of connections between trees."""
+"""Options of connecting vessels between trees."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from design.errors import GrowthError
 
 @dataclass(frozen=True)
 class LoopOptions:
-    """How terminals are joined.
+    """Options of joining terminals.
 
     All connections get the same hydraulic resistance, r⁴ ~ length: with trees of equal terminal
     pressures every loop then carries the same flow.

@@ -1,4 +1,4 @@
-"""The shortest clear way between two ends on a lattice: A* with lazily checked steps."""
+"""Shortest collision-free route between two terminals on a lattice, by A*."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A way round for what no single cubic joins: searched on a lattice, smoothed, weighed."""
+"""Route connecting vessels around obstacles: lattice search, smoothing and cost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A composite cubic through a way: uniform B-spline, relaxed where its vessels stay clear."""
+"""Fit a composite cubic curve to a route: uniform B-spline, relaxed within clearances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ends that connections begin and end at: terminals of trees."""
+"""Tips of trees: terminals at which connecting vessels begin and end."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TURNS = np.array([0.0, 60.0, -60.0, 120.0, -120.0, 180.0])
 
 @dataclass(frozen=True)
 class Tips:
-    """The ends of one side.
+    """Terminals of one side, arterial or venous.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Check a branch at its new place, and what it leaves behind."""
+"""Check whether a branch fits at its new parent, and whether the vessels left behind do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of a polish."""
+"""Options of polishing (post-growth optimisation of) a tree."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from design.vasculature.limits import check_angles
 
 @dataclass(frozen=True)
 class PolishOptions:
-    """How a tree is polished.
+    """Options of polishing a tree.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Branch points moved towards least cost, one after another, in sweeps over the whole tree."""
+"""Move branch points towards lower cost, in sweeps over the whole tree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Branch points pushed aside until vessels that grew a little too wide fit again."""
+"""Push branch points aside until slightly too wide vessels fit again."""
 
 from __future__ import annotations
 

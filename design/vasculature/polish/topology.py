@@ -1,4 +1,4 @@
-"""Cutting a branch off a tree and hanging it elsewhere, and undoing either."""
+"""Cut a branch off a tree and graft it elsewhere, with undo."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The arrays of one polish, and the loop around its kernels."""
+"""Working arrays of one tree while it is polished, and the loop over its kernels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The firmware family of Aerotech controllers."""
+"""Aerotech controllers: firmware family package."""
 
 from firmware_profiles.families.aerotech.facts import FAMILY
 

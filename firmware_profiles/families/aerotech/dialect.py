@@ -1,4 +1,4 @@
-"""Dialect of Aerotech's controllers; not verified on a machine.
+"""G-code dialect of Aerotech controllers; not verified on a machine.
 
 The file is loaded by the controller's own software. Automation1's help
 (help.aerotech.com/automation1, "G-Code Programming"): G90; G76, time in seconds, so that F is mm/s;

@@ -1,4 +1,4 @@
-"""Facts about Aerotech's controllers, which load a program file and take no lines from a host."""
+"""Facts about Aerotech controllers, which run a program file and accept no streamed lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The firmware family of Klipper."""
+"""Klipper: firmware family package."""
 
 from firmware_profiles.families.klipper.facts import FAMILY
 

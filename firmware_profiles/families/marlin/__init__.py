@@ -1,4 +1,4 @@
-"""The firmware family of Marlin 1.1 to 2.1."""
+"""Marlin 1.1 to 2.1: firmware family package."""
 
 from firmware_profiles.families.marlin.facts import FAMILY
 

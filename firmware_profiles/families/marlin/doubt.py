@@ -1,4 +1,4 @@
-"""Doubt about which line Marlin took last: phases, time limits, and the evidence heard so far."""
+"""Doubt about the last line that Marlin accepted: phases, time limits and evidence."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RENUMBER: Final = b"\n" + frame(0, b"M110 N0")
 
 
 class Phase(Enum):
-    """Where the protocol stands."""
+    """Phase of resolving a doubt."""
 
     READY = auto()
     FLIGHT = auto()

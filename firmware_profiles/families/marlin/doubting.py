@@ -1,4 +1,4 @@
-"""Way out of a doubt: drain, ask, settle, and go on from the line that was taken last."""
+"""Resolve doubt about the last accepted line: drain replies, query Marlin, resynchronise."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SLOWLY: Final = 5
 
 
 class Doubting:
-    """The asking part of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
+    """Doubt-resolving part of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Replies of a Marlin: what each means for the line in flight."""
+"""Interpret Marlin's replies (ok, resend, busy, error) for the command in flight."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PERSON: Final = b"paused for user"
 
 
 class Hearing:
-    """The listening part of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
+    """Reply handling of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
 
     Parameters
     ----------

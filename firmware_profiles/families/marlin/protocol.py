@@ -1,4 +1,4 @@
-"""Marlin 1.1 to 2.1: a numbered line in flight, or two, and one way out of every doubt.
+"""Marlin's link protocol (1.1 to 2.1): numbered lines, resends, recovery from every doubt.
 
 Every line, manual commands too, is ``N<number> <command>*<xor>``. The printer takes line N only
 after line N-1, so lines can be neither doubled nor swapped by sending one again; what remains is

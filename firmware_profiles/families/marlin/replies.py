@@ -1,4 +1,4 @@
-"""Kinds of lines from Marlin, and the frame of a line to it. Pure functions."""
+"""Parse Marlin's reply lines, and frame the lines sent to it. Pure functions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Final
 
 
 class Kind(Enum):
-    """Sort of a reply."""
+    """Kind of a Marlin reply."""
 
     OK = auto()
     BUSY = auto()

@@ -1,4 +1,4 @@
-"""Sending part of Marlin's protocol: numbered lines, one or two in flight."""
+"""Sending part of Marlin's link protocol: numbered lines, one or two in flight."""
 
 from __future__ import annotations
 

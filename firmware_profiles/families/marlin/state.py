@@ -1,4 +1,4 @@
-"""State of Marlin's line protocol: what was sent, what is known to be taken, what is in doubt."""
+"""State of Marlin's line protocol: lines sent, lines acknowledged, lines in doubt."""
 
 from __future__ import annotations
 

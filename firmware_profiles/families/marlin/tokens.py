@@ -1,4 +1,4 @@
-"""Tokens: texts that Marlin says only once it has carried out all lines before them.
+"""Synchronisation tokens: texts that Marlin echoes after it has executed all earlier lines.
 
 An ``ok`` doesn't say which line it answers, and may come at any later time. So after a doubt no ok
 is believed until a token (``M118 E1 at 33.2``) has come back: commands are carried out in the order

@@ -1,4 +1,4 @@
-"""The firmware family of Prusa-Firmware, a fork of Marlin."""
+"""Prusa-Firmware, a fork of Marlin: firmware family package."""
 
 from firmware_profiles.families.prusa.facts import FAMILY
 

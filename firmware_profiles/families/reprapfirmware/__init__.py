@@ -1,4 +1,4 @@
-"""The firmware family of RepRapFirmware."""
+"""RepRapFirmware: firmware family package."""
 
 from firmware_profiles.families.reprapfirmware.facts import FAMILY
 

@@ -1,4 +1,4 @@
-"""The firmware family of Smoothieware."""
+"""Smoothieware: firmware family package."""
 
 from firmware_profiles.families.smoothieware.facts import FAMILY
 

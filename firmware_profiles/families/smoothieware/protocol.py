@@ -1,4 +1,4 @@
-"""Smoothieware: Marlin's state machine with another answer, after its source; not tried on one.
+"""Smoothieware's link protocol: Marlin's with different replies; untested on hardware.
 
 Facts (Smoothieware `GcodeDispatch.cpp`): lines are numbered and checked as in Marlin. What is out
 of order (a repeat too) or fails its checksum is answered by ``rs N<next>`` alone: no error, no

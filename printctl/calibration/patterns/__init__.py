@@ -1,4 +1,4 @@
-"""Calibration prints: lines, spiral, joint, bridge and comb, and the sheets that go with them."""
+"""Calibration prints (lines, spiral, joint, bridge, comb) and sheets for their measurements."""
 
 from printctl.calibration.patterns.files import Mounted, Written, read_pattern
 from printctl.calibration.patterns.lines import Asked, lines_pattern, spiral_pattern

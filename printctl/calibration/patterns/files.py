@@ -1,4 +1,4 @@
-"""A pattern's file: what was printed, with what, so that its picture or widths can be read."""
+"""Read and write a calibration pattern's file: the printed lines, printer, ink and needle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lines at several speeds and flows, some with steps of speed; and one long spiral."""
+"""Calibration patterns for line width: lines at several speeds and flows, and a spiral."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TURN_MM: Final = 0.3
 
 @dataclass(frozen=True)
 class Asked:
-    """What is varied.
+    """Speeds, flows and other values varied in a pattern.
 
     Attributes
     ----------

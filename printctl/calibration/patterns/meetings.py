@@ -1,4 +1,4 @@
-"""Patterns of lines that meet or don't: gaps, joints, bridges between pillars."""
+"""Calibration patterns for contact: comb of gaps, branch joints, bridges between pillars."""
 
 from __future__ import annotations
 

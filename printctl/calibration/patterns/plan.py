@@ -1,4 +1,4 @@
-"""A calibration print: the strokes that are written, and what of them is to be measured.
+"""Plan of a calibration pattern: its strokes, and the quantities to measure on them.
 
 Coordinates are the pattern's own, mm: origin at the lower left corner of its frame, x and y as the
 printer's, z from the height of its lines. The frame is drawn in ink: the left and the bottom side
@@ -27,7 +27,7 @@ MARGIN_MM: Final = 3.0
 
 @dataclass(frozen=True)
 class Bead:
-    """The line that is commanded.
+    """Commanded width and height of a line.
 
     Attributes
     ----------

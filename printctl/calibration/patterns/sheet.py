@@ -1,4 +1,4 @@
-"""A drawing of a pattern: what is where, numbered, to lie beside the dish or the microscope."""
+"""Numbered drawing of a calibration pattern, for use beside the dish or the microscope."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sheet to type measured widths into: a CSV file for each sort of pattern."""
+"""CSV sheet for typing in the widths measured on a calibration pattern."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A calibration print as moves of the needle."""
+"""Convert a calibration pattern to moves of the needle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ink properties from a calibration print's widths: by picture, or typed in."""
+"""Ink properties from a calibration print's widths, measured in a picture or typed in."""
 
 from printctl.calibration.widths.answer import Answer, Change, Replies, Widths
 from printctl.calibration.widths.factors import Known

@@ -1,4 +1,4 @@
-"""Result of a calibration print: numbers, table, doubts, entries of a profile."""
+"""Result of a calibration pattern: fitted values, table, doubts and changes to the ink profile."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a print says.
+    """Result of a calibration pattern.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class Widths:
-    """Widths along strokes.
+    """Measured widths along strokes.
 
     Attributes
     ----------

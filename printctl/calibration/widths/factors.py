@@ -1,4 +1,4 @@
-"""From the cross-section that is found to the profile's flow factor, swelling, or bead."""
+"""Derive flow factor, filament swelling or line bead model from a measured cross-section."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MOST_EXCESS_UM = 500.0
 
 @dataclass(frozen=True)
 class Known:
-    """What the user knows besides.
+    """Values that the user supplies to the fit.
 
     Attributes
     ----------

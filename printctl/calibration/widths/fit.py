@@ -1,4 +1,4 @@
-"""The fit of each sort of pattern."""
+"""Fit the constants of each kind of calibration pattern."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow factor, swelling and lag from lines at several speeds and flows.
+"""Fit flow factor, swelling and lag from lines printed at several speeds and flows.
 
 A plunger's flow is known, so a line's cross-section is f m A: A the commanded one, m the line's own
 multiple, f the flow factor. A filament that then swells s-fold is √(f m A 4/π) s wide: widths tell

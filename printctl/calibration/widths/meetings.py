@@ -1,4 +1,4 @@
-"""Smallest gap, least overlap, longest bridge: intervals between what did and what didn't."""
+"""Fit smallest open gap, least joint overlap and longest bridge from yes/no observations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Widths and gaps of a pattern from its picture."""
+"""Measure a calibration pattern's widths and gaps in its picture."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _T95: Final = 1.96
 
 @dataclass(frozen=True)
 class Seen:
-    """What a picture shows.
+    """Widths and gaps measured in a picture.
 
     Attributes
     ----------

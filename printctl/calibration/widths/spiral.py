@@ -1,4 +1,4 @@
-"""Flow over a long line without a stop: its factor, its drift, and the lag of its begin.
+"""Fit flow factor, drift and starting lag of a spiral printed without a stop.
 
 Cross-section over the commanded one, t seconds after the begin:
 

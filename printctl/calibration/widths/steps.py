@@ -1,4 +1,4 @@
-"""The lag from lines that are written slow, fast, slow."""
+"""Fit the pressure lag from lines printed slow, fast, slow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Widths and gaps as a person typed them into the sheet."""
+"""Read the sheet of widths and gaps that a person measured on a calibration pattern."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow on MPI ranks: the engine's Python found, ranks started here, or a batch script written."""
+"""3D flow on MPI ranks: find the engine's Python, start the ranks or write a batch script."""
 
 from printctl.flow.ranks.engine import Engine, find_engine
 from printctl.flow.ranks.run import run_on_ranks

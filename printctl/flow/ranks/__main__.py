@@ -1,4 +1,4 @@
-"""``python -m printctl.flow.ranks CASE_FOLDER --ranks N``, or ``--slurm FILE``."""
+"""Run a 3D flow case on MPI ranks or by Slurm (``python -m printctl.flow.ranks CASE_FOLDER``)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A Python that has FEniCSx, and the program that starts its ranks."""
+"""Find a Python with FEniCSx, and the program that starts MPI ranks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ranks started on this machine, told as they go, and ended with us."""
+"""Run the MPI ranks of a 3D flow case on this machine, with progress and clean-up."""
 
 from __future__ import annotations
 

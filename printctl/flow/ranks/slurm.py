@@ -1,4 +1,4 @@
-"""A batch script for Slurm, beside the case that it runs."""
+"""Write a Slurm batch script beside a 3D flow case."""
 
 from __future__ import annotations
 

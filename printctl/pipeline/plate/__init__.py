@@ -1,1 +1,1 @@
-"""A run over a plate: each well's own run, the job of all, and the wells that are scanned."""
+"""Run over a well plate: each well's own run, the combined job, the scanned wells."""

@@ -1,4 +1,4 @@
-"""One well's share of the simulated motion on a whole plate."""
+"""Cut one well's part out of the executed motion of a whole plate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The dry run of a plate's job: all that one part is asked, and each well."""
+"""Simulate the G-code of a plate: all checks of a single part's job, and of each well."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check that a part fits into a well, before anything is planned."""
+"""Check that a part fits into a well, before planning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The job of a plate: every well's path where it stands, one after another."""
+"""Combine the toolpaths of all wells into the job of a plate."""
 
 from __future__ import annotations
 

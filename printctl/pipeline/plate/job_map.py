@@ -1,4 +1,4 @@
-"""Map of a plate's job besides its lines: wells, strands, all that is written."""
+"""Map of a plate job's lines to wells, strands and design parts."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ _COLUMNS: Final = (
 
 
 def collect_plate(run: PlateRun, scans: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-    """What the plate's stages say, and each well; ``scans`` are wells' report.json by name."""
+    """Collect the results of the plate's stages and wells; ``scans`` are report.json by well."""
     data = report.collect(run.whole)
     for context in run.runs.values():
         records = context.manifest.stages

@@ -1,4 +1,4 @@
-"""Run a recipe over a plate: each well by itself, one job, and the wells that are scanned."""
+"""Run a recipe over a well plate: each well by itself, one combined job, scanned wells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wells of a run: what is printed where, and a run folder for each that needs one."""
+"""Read a recipe's plate: the printed wells, and a run folder for each."""
 
 from __future__ import annotations
 

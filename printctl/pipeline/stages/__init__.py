@@ -1,1 +1,1 @@
-"""One file per stage: what it depends on, what it reads, its work."""
+"""Pipeline stages, one file each: inputs, dependencies, work."""

@@ -1,4 +1,4 @@
-"""Stage 6: the dry run, which refuses to go on when a check fails."""
+"""Stage 6: simulate the G-code and refuse to go on when a check fails."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stage 3b: flow in 3D, and fidelities side by side, where the recipe asks for it."""
+"""Stage 3b: 3D flow, and comparison of fidelities, if the recipe asks for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stage 3: 0D flow in the network, and 1D where it is asked for."""
+"""Stage 3: 0D flow in the network, and 1D flow if the recipe asks for it."""
 
 from __future__ import annotations
 

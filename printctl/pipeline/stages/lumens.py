@@ -1,4 +1,4 @@
-"""Stage 7: what the G-code leaves or makes open of each vessel; refuses what is closed or leaks.
+"""Stage 7: check in the G-code that each vessel is open and leak-free.
 
 A compensated print is held against the network as it is to be written, since that is what its lines
 should leave open; the scan will be held against the design.
@@ -41,7 +41,7 @@ LEAK_MM: Final = 0.05
 
 
 def depends(context: RunContext) -> Any:
-    """What the lines' widths and places follow from, besides the G-code."""
+    """Recipe values that the lines' widths and places depend on, besides the G-code."""
     return [
         context.recipe.toolpath.model_dump(mode="json"),
         context.syringe.model_dump(mode="json"),

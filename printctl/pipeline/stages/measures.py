@@ -1,4 +1,4 @@
-"""Stage 3b: how well the network serves the tissue, all of it and what can be printed of it."""
+"""Stage 3b: measure the network's supply of the tissue, as designed and as printable."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MEASURES = "measures.json"
 
 
 def options(context: RunContext) -> MeasureOptions:
-    """What is measured for this recipe."""
+    """Options of measuring this recipe's network."""
     part = context.recipe.vasculature
     exponent = part.murray_exponent if isinstance(part, Growth) else 3.0
     return MeasureOptions(

@@ -1,4 +1,4 @@
-"""Stage 3c: oxygen in the vessels and the tissue, where the recipe asks for it."""
+"""Stage 3c: oxygen in vessels and tissue, if the recipe asks for it."""
 
 from __future__ import annotations
 

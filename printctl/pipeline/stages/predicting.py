@@ -1,4 +1,4 @@
-"""The dry run's prediction of what will lie in the bath, for a run folder."""
+"""Predict the ink that the simulated job leaves in the bath; write it to a run folder."""
 
 from __future__ import annotations
 

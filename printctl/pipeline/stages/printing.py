@@ -1,4 +1,4 @@
-"""Stage 7: the print, through a link process that owns port and journal."""
+"""Stage 7: print, through a link process."""
 
 from __future__ import annotations
 

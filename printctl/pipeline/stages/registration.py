@@ -1,4 +1,4 @@
-"""Stage 9: segment the lumens, align the scan with the design, gauge vessel by vessel."""
+"""Stage 9: segment the lumens, align the scan with the design, measure each vessel."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from registration.walls_file import read_walls
 
 
 def depends(context: RunContext) -> Any:
-    """How it was made decides what is compared; the user's scan where it names one."""
+    """Recipe values that a registration depends on; includes the user's scan, if named."""
     part = context.scan_part
     made = [
         context.recipe.toolpath.model_dump(mode="json"),

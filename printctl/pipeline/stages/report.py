@@ -1,4 +1,4 @@
-"""Stage 10: report.html, report.json, report.pdf on request, and the deviation as PLY."""
+"""Stage 10: write the report (HTML, JSON, on request PDF) and the deviation surface (PLY)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _SECTIONS = {
 
 
 def collect(context: RunContext) -> dict[str, Any]:
-    """What the stages that have run say, with timings and provenance."""
+    """Collect the results of the finished stages, with timings and provenance."""
     records = context.manifest.stages
     data: dict[str, Any] = {"schema": 1, "recipe": context.recipe.name}
     for stage, section in _SECTIONS.items():

@@ -1,4 +1,4 @@
-"""Stage 8: the scan, from a file or simulated from what the simulated printer deposited."""
+"""Stage 8: read the scan, or simulate one of the simulated print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stage 1: the tissue."""
+"""Stage 1: load or build the tissue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stage 5: the needle's path, and the G-code for the profile's firmware."""
+"""Stage 5: plan the toolpath and write the G-code for the printer's firmware."""
 
 from __future__ import annotations
 

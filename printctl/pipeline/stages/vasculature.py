@@ -1,4 +1,4 @@
-"""Stage 2: the network, named, given or grown."""
+"""Stage 2: the vessel network: a named one, one from a file, or a grown one."""
 
 from __future__ import annotations
 

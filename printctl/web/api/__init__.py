@@ -1,1 +1,1 @@
-"""Parts of the API that belong to no room: health, news, controls, stop."""
+"""General routes of the REST API: health, event stream, control lock, stop."""

@@ -1,4 +1,4 @@
-"""Answers of every route besides its result."""
+"""Error responses shared by all routes of the REST API."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The API's description, with what the guard may answer in place of any route."""
+"""Add the access guard's error responses to the OpenAPI description of every route."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page that shows the API's description; made here, so that it needs no network."""
+"""Offline page that shows the OpenAPI description."""
 
 from __future__ import annotations
 

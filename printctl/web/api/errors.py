@@ -1,4 +1,4 @@
-"""Errors as the API answers them: ``{"error": class, "message": text}`` and a status."""
+"""Error responses of the REST API: ``{"error": class, "message": text}`` and a status."""
 
 from __future__ import annotations
 

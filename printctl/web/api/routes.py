@@ -1,4 +1,4 @@
-"""Health, who is asking, the controls, the stop and the news."""
+"""REST routes for server health, user identity, control lock, emergency stop and event stream."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The design's room: recipes, tissue, network, layers."""
+"""Design page of the web interface: recipes, tissue, network, layers."""

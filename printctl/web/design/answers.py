@@ -1,4 +1,4 @@
-"""Requests and answers of the Design room's routes."""
+"""Request and response types of the Design page's REST routes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults of a recipe, each at its field, in the product's own words."""
+"""Check a recipe for the editor: each error at its field, in plain words."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ PROFILES: Final[dict[str, type[Facts]]] = {
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong.
+    """Error in a recipe, with its place.
 
     Attributes
     ----------

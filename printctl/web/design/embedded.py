@@ -1,4 +1,4 @@
-"""Serve one of the product's offline pages so that it can stand inside ours and do no harm.
+"""Serve an embedded HTML page of the product offline, sandboxed.
 
 It runs its own scripts in a sandbox: without our origin it has neither cookies nor the API.
 """

@@ -1,4 +1,4 @@
-"""A recipe's data held against the form: read, write and remove a value at a place.
+"""Read, write and remove a value of a recipe by its path, for the recipe form.
 
 A place is a path of keys and indices, as the user's file has them.
 """
@@ -16,7 +16,7 @@ Path = tuple[str | int, ...]
 
 
 def value_at(data: Any, path: Path) -> Any:
-    """What the user said at a place; None where nothing is said."""
+    """Return the user's value at a path; None where there is none."""
     for key in path:
         if isinstance(data, dict) and isinstance(key, str):
             data = data.get(key)

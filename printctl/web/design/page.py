@@ -1,4 +1,4 @@
-"""The Design room's page."""
+"""Design page of the web interface: layout and route."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Routes of recipes."""
+"""REST routes of recipes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The workspace's recipes: listed, begun, written, renamed, thrown away and taken back."""
+"""Recipes stored in the workspace: list, create, write, rename, delete, restore."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SUFFIXES: Final = (
 
 @dataclass(frozen=True)
 class RecipeFile:
-    """A recipe of the workspace.
+    """Stored recipe of the workspace.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The Design room's part of the API: recipes and runs."""
+"""REST routes of the Design page: recipes and runs."""
 
 from __future__ import annotations
 

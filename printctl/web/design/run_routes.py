@@ -1,4 +1,4 @@
-"""Routes of runs."""
+"""REST routes of runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Service of the Design room; no web in it."""
+"""Design page's service: recipes and runs, independent of the web framework."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recipe's text: read with care, and changed in place so that comments stay."""
+"""Parse and edit a recipe's YAML text in place, so that comments stay."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The history's room: past prints, their records, and a print again."""
+"""History page of the web interface: past prints, their records, and repeats."""

@@ -1,4 +1,4 @@
-"""Every print: searched, narrowed, put in order, a page at a time."""
+"""List of past prints on the History page: search, filter, sort, paging."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts that the History page's cards share."""
+"""Layout helpers shared by the History page's cards."""
 
 from __future__ import annotations
 

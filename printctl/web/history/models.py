@@ -1,4 +1,4 @@
-"""Requests and answers of the history's API."""
+"""Request and response types of the print history's REST routes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The operator's notes of a print: lots, cells, steps, texts. Everything is shown."""
+"""Notes card of the History page: an operator's lots, cells, steps and remarks on a print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One print: what it was, what happened, what was noted, what the scan says; file it, repeat it."""
+"""Detail view of one past print on the History page: facts, events, notes, scan verdict."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The History page: every print, and one print."""
+"""History page of the web interface: list of prints, and detail view of one print."""
 
 from __future__ import annotations
 

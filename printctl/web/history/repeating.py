@@ -1,4 +1,4 @@
-"""Print the same again: what differs, then a job for the Job page. Nothing is started here."""
+"""Repeat card of the History page: list differences, then prepare the same job again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The history in the API."""
+"""REST routes of the print history."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The history as the page and the API ask for it; any thread may call, and everything may block."""
+"""Print history service for page and REST API; thread-safe, blocking."""
 
 from __future__ import annotations
 

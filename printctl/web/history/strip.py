@@ -1,4 +1,4 @@
-"""A print's states as a strip, to scale, with a legend in words."""
+"""Timeline strip of a print's states on the History page, drawn to scale with a legend."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Verify a bundle that somebody brings: drop it here; it is read, not unpacked, and not kept."""
+"""Verify card of the History page: check an uploaded record bundle, without unpacking it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words and numbers of the History page."""
+"""Texts of the History page: state names and formatted durations."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The job's room: preflight, start, pause, progress, what is done after a print."""
+"""Job page of the web interface: preflight, start, pause, progress, steps after the print."""

@@ -1,4 +1,4 @@
-"""After the print: steps to tick, warming the bath slowly, a pressure that the channels bear."""
+"""Steps after a print: checklist, slow warming of the bath, pressure limit for flushing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The card after the print: steps, warming, flushing, notes, photos."""
+"""After-print card of the Job page: steps, warming, flushing, notes, photos."""
 
 from __future__ import annotations
 

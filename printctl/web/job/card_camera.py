@@ -1,4 +1,4 @@
-"""The camera's picture, and the time-lapse of the job's print."""
+"""Camera card of the Job page: live picture and time-lapse."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The card of the jobs: upload one, choose one."""
+"""Jobs card of the Job page: upload a G-code file or choose one."""
 
 from __future__ import annotations
 

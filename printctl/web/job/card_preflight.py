@@ -1,4 +1,4 @@
-"""The card of the set-up and its checks."""
+"""Preflight card of the Job page: the form of the print set-up, and its checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The card of the print: what an operator must see, and what may be done next."""
+"""Print card of the Job page: state, progress and commands of the running print."""
 
 from __future__ import annotations
 

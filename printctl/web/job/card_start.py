@@ -1,4 +1,4 @@
-"""The card before the start: the record, the list, the last question."""
+"""Start card of the Job page: operator's record, checklist and final confirmation."""
 
 from __future__ import annotations
 

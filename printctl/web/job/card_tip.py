@@ -1,4 +1,4 @@
-"""Offset of the tip from the job's start, and a button to move there."""
+"""Tip card of the Job page: offset from the job's start, and a button to move there."""
 
 from __future__ import annotations
 

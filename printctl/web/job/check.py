@@ -1,4 +1,4 @@
-"""Looks at a job for the server, in a process of its own: ``python -m printctl.web.job.check``.
+"""Check a job in a separate process for the server (`python -m printctl.web.job.check`).
 
 A line of JSON comes in (`Question`), one goes out: what `looked_at` gives, or ``{"error": ...}``.
 The job's table (`printctl.printing.job_table`) is written beside the answer's file.

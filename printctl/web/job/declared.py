@@ -1,4 +1,4 @@
-"""Start position that a job's own first lines declare."""
+"""Start position declared in a job's first lines."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from printctl.web.job.to_start import Place
 
 
 def declared_of(path: Path, printer: str) -> Place | None:
-    """Where the job tells the firmware that the tip stands; None where it doesn't, or can't.
+    """Tip position that the job declares to the firmware; None where it doesn't, or can't.
 
     The file is read once for each printer profile; again when its size or time of change is
     another.

@@ -1,4 +1,4 @@
-"""Finds the prints of a workspace that go on, also those that the command line started."""
+"""Find running prints of a workspace, also those started from the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The job that the page shows first, and its scene made before it is asked for."""
+"""Choose the job that the Job page shows first, and prepare its 3D scene in advance."""
 
 from __future__ import annotations
 

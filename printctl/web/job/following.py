@@ -1,4 +1,4 @@
-"""Follows a print that goes on, whoever started it, and tells how far it has come."""
+"""Follow a running print, whoever started it, and publish its progress."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The jobs of a workspace: uploaded G-code files, and what runs have written."""
+"""List a workspace's jobs: uploaded G-code files and those written by runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The printer as a job needs it: what is mounted, where the tip stands, and a way to print."""
+"""Printer interface of the Job page: mounted parts, tip position, print start."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AGREES_MM = 0.05
 
 @dataclass(frozen=True)
 class Machine:
-    """A printer that is connected.
+    """Connected printer with its mounted parts.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Requests and answers of the job's API."""
+"""Request and response types of the Job page's REST routes."""
 
 from __future__ import annotations
 

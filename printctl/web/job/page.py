@@ -1,4 +1,4 @@
-"""The job's page."""
+"""Job page of the web interface: layout and route."""
 
 from __future__ import annotations
 

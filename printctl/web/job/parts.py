@@ -1,4 +1,4 @@
-"""Small parts of the job's page, and numbers as it shows them."""
+"""Layout helpers and number formats of the Job page."""
 
 from __future__ import annotations
 

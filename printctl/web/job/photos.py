@@ -1,4 +1,4 @@
-"""Photos of a print: only what PIL reads as a picture, and written anew."""
+"""Validate and re-encode uploaded photos of a print."""
 
 from __future__ import annotations
 

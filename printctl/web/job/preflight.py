@@ -1,4 +1,4 @@
-"""The list of checks before a print, made in a process of its own and remembered."""
+"""Preflight checks of a job, computed in a separate process and cached."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def row(check: Check) -> dict[str, Any]:
 
 
 class Preflights:
-    """Makes them, each once.
+    """Computes and caches preflight checks.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Commands to a print that goes on; asking twice does no harm."""
+"""Commands to a running print (pause, resume, cancel and others), safe to repeat."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The facts of a print that stand on the first screen, in words."""
+"""Facts of a print in words, for the first screen of the Job page."""
 
 from __future__ import annotations
 

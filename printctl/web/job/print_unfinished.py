@@ -1,4 +1,4 @@
-"""Choices for a print that broke off: go on, recover, give up."""
+"""Recovery choices on the Job page for an interrupted print: resume, recover, give up."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The prints of a workspace: found whoever started them, followed, and read when they are over."""
+"""Find and follow all prints of a workspace, and read their results at the end."""
 
 from __future__ import annotations
 

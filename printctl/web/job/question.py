@@ -1,4 +1,4 @@
-"""Request data for the process that inspects jobs."""
+"""Request message to the process that checks jobs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from printctl.web.job.set_up import JobSetUp
 
 @dataclass(frozen=True)
 class Question:
-    """What to look at.
+    """Job and set-up to check.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""People's records of a print: lots, cells, operator; every change is kept."""
+"""Operator's record of a print: lots, cells, operator; every change is kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The job's room in the API: jobs, and the prints of them (named by their job)."""
+"""REST routes of jobs, and of their prints."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ REFUSED: Final[dict[int | str, dict[str, Any]]] = {
 
 
 def asking(request: Request) -> Principal:
-    """Who asks; set by the guard at the door."""
+    """Return the requesting user, as set by the access guard."""
     found: Principal | None = getattr(request.state, "principal", None)
     return found or Principal("local", "this machine")
 

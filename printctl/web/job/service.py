@@ -1,4 +1,4 @@
-"""The job's room: jobs, their checks, the print that goes on, and what is written down of it."""
+"""Job page's service: jobs, checks, the running print and its record."""
 
 from __future__ import annotations
 

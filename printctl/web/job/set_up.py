@@ -1,4 +1,4 @@
-"""Set-up of a job, as the page's form and the API give it."""
+"""Print set-up of a job: form values and REST type."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The form that a job's set-up is said in."""
+"""Form of a job's print set-up: printer, mounted parts, start position, supervision."""
 
 from __future__ import annotations
 

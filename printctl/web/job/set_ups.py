@@ -1,4 +1,4 @@
-"""Set-ups of jobs, kept between visits."""
+"""Store of jobs' print set-ups, kept between visits."""
 
 from __future__ import annotations
 

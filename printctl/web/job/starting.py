@@ -1,4 +1,4 @@
-"""From a job, what is mounted and what was found to an order for the printer."""
+"""Build the print order of a job from its set-up and the printer's state."""
 
 from __future__ import annotations
 

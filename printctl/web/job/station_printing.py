@@ -1,4 +1,4 @@
-"""Prints through the workspace's station."""
+"""Print jobs through the workspace's station."""
 
 from __future__ import annotations
 

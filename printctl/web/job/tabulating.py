@@ -1,4 +1,4 @@
-"""Makes a job's table from its dry run, its moves and their layers."""
+"""Build a job's progress table from its simulated motion and layers."""
 
 from __future__ import annotations
 

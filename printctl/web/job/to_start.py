@@ -1,4 +1,4 @@
-"""The way of the tip to a job's start: straight up, over, straight down."""
+"""Travel of the tip to a job's start: straight up, across, straight down."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The clock of the cells: how long since they were mixed, and whether the print will be in time."""
+"""Remaining lifetime of the cells in the ink, compared with the print's remaining time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from printctl.web.job.record import PrintRecord
 
 @dataclass(frozen=True)
 class Viability:
-    """How the cells' time stands.
+    """State of the cells' time limit.
 
     Attributes
     ----------

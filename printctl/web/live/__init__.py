@@ -1,4 +1,4 @@
-"""The live 3D view of a print: its scene, its routes, its place in a page."""
+"""Live 3D view of a print: scene, REST routes, page element."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""The live view as an element of a NiceGUI page."""
+"""NiceGUI element that shows the live 3D view of a print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Store of a job's scene."""
+"""Store of live-view scenes, one per job."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ VERSION: Final = 1
 
 
 def cached_scene(source: JobSource) -> Path:
-    """Where a job's scene is, or will be.
+    """Path of a job's scene, whether it exists or not.
 
     Raises
     ------

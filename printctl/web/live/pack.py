@@ -1,4 +1,4 @@
-"""The binary form of a scene, version 1, all numbers little-endian.
+"""Binary format of a live view scene, version 1, little-endian.
 
 | bytes | what |
 |---|---|

@@ -1,4 +1,4 @@
-"""Routes of the live view: a job's moves, and the scripts that draw them."""
+"""REST routes of the live view: a job's scene, and its scripts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A job's moves as the live view draws them: whole numbers, in the order of writing."""
+"""Scene of the live view: a job's moves as integer coordinates, in order of writing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A job to be shown: the file, and what is mounted for it."""
+"""Job to show in the live view: G-code file and print set-up."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The printer's room: connection, manual control, console, calibration."""
+"""Printer page of the web interface: connection, manual control, console, calibration."""

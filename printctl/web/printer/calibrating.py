@@ -1,4 +1,4 @@
-"""Calibrations on the page: the same tests, fits and files as `printctl calibrate`."""
+"""Calibration service of the Printer page; same tests, fits and files as `printctl calibrate`."""
 
 from __future__ import annotations
 

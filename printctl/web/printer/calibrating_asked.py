@@ -1,4 +1,4 @@
-"""Options and readings of a calibration; the page's and the API's words."""
+"""Request types of the calibration service: options and readings."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Read(BaseModel):
 
 
 class Prepared(BaseModel):
-    """A test that was made.
+    """Written calibration test.
 
     Attributes
     ----------

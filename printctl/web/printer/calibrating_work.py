@@ -1,4 +1,4 @@
-"""Writes calibrations' tests and fits what was read; in the thread of whoever asks."""
+"""Write calibration test prints and fit their measurements, in the caller's thread."""
 
 from __future__ import annotations
 

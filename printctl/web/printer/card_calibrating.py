@@ -1,4 +1,4 @@
-"""The card of calibrations: what there is, what each needs, and the way into a wizard."""
+"""Calibration card of the Printer page: available calibrations, their needs, their wizards."""
 
 from __future__ import annotations
 

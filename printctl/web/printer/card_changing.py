@@ -1,4 +1,4 @@
-"""The wizards of a change: another syringe, another needle."""
+"""Change wizards of the Printer page: new syringe, new needle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The card that connects a printer."""
+"""Connection card of the Printer page: connect and disconnect a printer."""
 
 from __future__ import annotations
 

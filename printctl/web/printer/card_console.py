@@ -1,4 +1,4 @@
-"""The card of the console: what is typed, the replies, the refusals."""
+"""Console card of the Printer page: typed commands, replies, refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The dialog that homes axes, with the rule of the needle."""
+"""Homing dialog of the Printer page, which has the needle removed first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The card that moves the tip by hand."""
+"""Jog card of the Printer page: move the tip manually."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The card of macros, and the dialog that edits one."""
+"""Macro card of the Printer page, with the dialog that edits a macro."""
 
 from __future__ import annotations
 

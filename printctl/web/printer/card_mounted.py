@@ -1,4 +1,4 @@
-"""The card that says what is mounted."""
+"""Mounted-parts card of the Printer page: declare needle, syringe, ink and dish."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The dialog that tells the printer where its tip stands."""
+"""Dialog of the Printer page that declares the tip's position to the printer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The card of temperatures and pressures: live plots, and the heaters' targets."""
+"""Temperature and pressure card of the Printer page: live plots, heater targets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The card of the plunger: what is left, push and draw back."""
+"""Plunger card of the Printer page: remaining ink, push and draw back."""
 
 from __future__ import annotations
 

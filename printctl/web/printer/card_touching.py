@@ -1,4 +1,4 @@
-"""The card that guides through touching off: the dish's floor, and the bath's surface."""
+"""Touch-off card of the Printer page: find the dish's floor and the bath's surface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The dialog of one calibration: make the test, enter readings, see the result, write a copy."""
+"""Calibration dialog: write the test, enter readings, show the result, save a profile copy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A change of syringe or needle: what the printer must be told, and how much may be purged."""
+"""Syringe or needle change: what to declare to the printer, and how much ink may be purged."""
 
 from __future__ import annotations
 

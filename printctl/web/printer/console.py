@@ -1,4 +1,4 @@
-"""The console: what was typed by whom, what the printer said, what was refused."""
+"""Console of the Printer page: commands typed by each user, replies and refusals."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LONGEST: Final = 200
 
 @dataclass(frozen=True)
 class Entry:
-    """One line of the console.
+    """Entry of the console.
 
     Attributes
     ----------

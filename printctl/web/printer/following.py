@@ -1,4 +1,4 @@
-"""Follows a station and tells of it, at most four times a second."""
+"""Follow a station and publish its status, at most four times a second."""
 
 from __future__ import annotations
 

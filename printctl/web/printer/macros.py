@@ -1,4 +1,4 @@
-"""Macros: named lists of commands, of each printer profile its own, kept in the workspace."""
+"""Macros: named lists of G-code commands, stored in the workspace per printer profile."""
 
 from __future__ import annotations
 

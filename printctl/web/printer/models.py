@@ -1,4 +1,4 @@
-"""Requests and answers of the printer's routes."""
+"""Request and response types of the Printer page's REST routes."""
 
 from __future__ import annotations
 

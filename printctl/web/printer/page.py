@@ -1,4 +1,4 @@
-"""The printer's page."""
+"""Printer page of the web interface: layout and route."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small parts that the cards of the printer's page are made of."""
+"""Layout helpers of the Printer page's cards."""
 
 from __future__ import annotations
 

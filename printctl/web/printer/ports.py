@@ -1,4 +1,4 @@
-"""Serial ports with the profiles that fit them, and a printer's profile in words."""
+"""List serial ports with matching printer profiles; describe a profile in one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shared access of the printer page: control lock, then the station."""
+"""Access of the Printer page's services to the printer: control lock, then the station."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Manual commands by the page: move, heat, push, declare what is mounted."""
+"""Manual commands from the Printer page: move, heat, push, declare mounted parts."""
 
 from __future__ import annotations
 

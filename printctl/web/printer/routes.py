@@ -1,4 +1,4 @@
-"""The printer's part of the REST API."""
+"""REST routes of the Printer page: connection, manual control."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _SORTS: dict[str, type[Facts]] = {
 
 
 def who(request: Request) -> Principal:
-    """Who asks, as the guard at the door found."""
+    """Return the requesting user, as set by the access guard."""
     found = getattr(request.state, "principal", None)
     return found if isinstance(found, Principal) else Principal("local", "this machine")
 

@@ -1,4 +1,4 @@
-"""Routes of the calibrations."""
+"""REST routes of calibrations."""
 
 from __future__ import annotations
 

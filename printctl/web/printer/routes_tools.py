@@ -1,4 +1,4 @@
-"""Routes of console, macros, touching off and changes of syringe or needle."""
+"""REST routes of console, macros, touch-off, and syringe or needle changes."""
 
 from __future__ import annotations
 

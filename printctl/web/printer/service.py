@@ -1,4 +1,4 @@
-"""The printer's room: what the page and the API do with the printer."""
+"""Printer page's service: connection, manual control, console and calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A calibration's sheet on the page: a table to fill in."""
+"""Editable table of a calibration's readings on the Printer page."""
 
 from __future__ import annotations
 

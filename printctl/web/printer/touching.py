@@ -1,4 +1,4 @@
-"""Touching off: the tip is brought to a surface three times, and the readings must agree."""
+"""Touch-off guide: three readings of a surface, which must agree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""List of calibrations, their needs, and those possible on the page."""
+"""List of calibrations with their requirements, and those possible on the Printer page."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The scan's room: a volume, its alignment and deviation."""
+"""Scan page of the web interface: a volume, its alignment and its deviation from the design."""

@@ -1,4 +1,4 @@
-"""Requests and answers of the Scan room's routes."""
+"""Request and response types of the Scan page's REST routes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A registration's findings in words and rows."""
+"""Registration findings as text and table rows for the Scan page."""
 
 from __future__ import annotations
 

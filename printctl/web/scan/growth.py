@@ -24,7 +24,7 @@ _LONGEST_HEAD: Final = 1 << 20
 
 
 def scan_limits(most_bytes: int) -> ArchiveLimits:
-    """What may come out of a scan, of at most so many bytes."""
+    """Size limits of an unpacked scan, of at most so many bytes."""
     return ArchiveLimits(bytes=most_bytes, ratio_from=_RATIO_FROM)
 
 

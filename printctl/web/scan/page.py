@@ -1,4 +1,4 @@
-"""The Scan room's page."""
+"""Scan page of the web interface: layout and route."""
 
 from __future__ import annotations
 

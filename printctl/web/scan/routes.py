@@ -1,4 +1,4 @@
-"""The Scan room's part of the API."""
+"""REST routes of the Scan page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Service of the Scan room; no web in it."""
+"""Scan page's service: scans and registrations, independent of the web framework."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slices of a scan as pictures: windowed, what is above a threshold tinted."""
+"""Render slices of a scan as pictures: windowed, with a threshold tint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The workspace's scans: taken in, named, described by the user, found.
+"""Scans stored in the workspace: upload, name, describe, find.
 
 A scan is ``file~NAME``, a file or folder in ``scans``, or ``run~NAME``, the scan that a run made
 of its simulated print.

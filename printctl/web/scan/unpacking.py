@@ -1,4 +1,4 @@
-"""Unpack a zip of slices: never outside its folder, never more than was said.
+"""Unpack an uploaded zip of scan slices: confined to its folder, limited in size.
 
 A zip is believed in nothing: names are checked one by one, sizes are counted while they come.
 """

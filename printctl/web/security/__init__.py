@@ -1,1 +1,1 @@
-"""Access control: the guard at the door, sessions, log-in, uploads."""
+"""Access control of the web server: guard middleware, sessions, log-in, uploads."""

@@ -1,4 +1,4 @@
-"""Unpacks a zip file that came from outside, into a folder of its own and nowhere else.
+"""Unpack an untrusted zip file into a folder of its own.
 
 Refused are absolute names, ``..``, links, devices, encryption, names twice, too many files, too
 much in all, and what shrinks so well that it can only be meant to fill the disk. Sizes are counted
@@ -26,7 +26,7 @@ _FORBIDDEN: Final = frozenset('\\:*?"<>|')
 
 @dataclass(frozen=True)
 class ArchiveLimits:
-    """What may come out.
+    """Size limits of an unpacked archive.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A request as the guard sees it."""
+"""Parts of a request that the access guard decides by."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Size limits of requests."""
+"""Size limits of HTTP requests."""
 
 from __future__ import annotations
 

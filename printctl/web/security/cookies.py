@@ -1,4 +1,4 @@
-"""Cookies of a request. Standard library only: the stop door reads them, too."""
+"""Parse request cookies; standard library only, because the stop process uses it, too."""
 
 from __future__ import annotations
 

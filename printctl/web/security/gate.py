@@ -1,4 +1,4 @@
-"""Constants shared by the guard, the log-in and the stop door."""
+"""Access settings shared by the guard, the log-in and the stop process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The guard: whoever asks for anything, by HTTP or WebSocket, passes here first.
+"""Access guard: middleware that authorises every HTTP and WebSocket request.
 
 In this order: the ``Host`` must be ours; what changes something must come from our own page, or
 from what isn't a page of another; there must be a session or a token. On the loopback a visit of
@@ -54,7 +54,7 @@ class Let:
 
 @dataclass
 class Guard:
-    """Middleware around everything.
+    """Access guard middleware.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Headers that every answer has, and what its page may load and run.
+"""Security headers of every response, such as the content security policy.
 
 Scripts run only from our own files or with the page's nonce: a script in a file name or a G-code
 comment that slipped into a page as HTML would not run. Vue compiles templates in the browser,

@@ -1,4 +1,4 @@
-"""Kind of a file by its first bytes: a name can say anything."""
+"""Detect a file's type by its first bytes, whatever its name."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _SIGNS: Final[tuple[tuple[int, bytes, Kind], ...]] = (
 
 
 def kind_of(head: bytes) -> Kind:
-    """Tell a file's kind from its first `HEAD_BYTES`; ``text`` is UTF-8 without control codes."""
+    """Return a file's type from its first `HEAD_BYTES`; ``text`` is UTF-8 without control codes."""
     for place, sign, kind in _SIGNS:
         if head[place : place + len(sign)] == sign:
             return kind

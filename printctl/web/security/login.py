@@ -1,4 +1,4 @@
-"""The log-in page, and out again."""
+"""Log-in page and log-out route."""
 
 from __future__ import annotations
 

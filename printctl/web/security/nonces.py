@@ -1,4 +1,4 @@
-"""Marks the scripts of a page with its nonce (see `headers`)."""
+"""Add a content-security-policy nonce to the scripts of a page (see `headers`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Keeps secrets out of logs."""
+"""Redact secrets in log messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sessions: a browser's cookie, signed, so that neither server nor stop door keep a list.
+"""Sessions: signed browser cookies, verified without a stored list.
 
 Standard library only: the stop door reads them, too.
 """

@@ -1,4 +1,4 @@
-"""Takes files that a browser sends: never whole in memory, never under a name of its choice.
+"""Receive uploaded files: streamed to disk, size-limited, under safe names.
 
 A file is written beside its place under a temporary name and renamed when it is whole and of a
 kind that is wanted; what is refused leaves nothing behind. Nothing here is run or unpacked.
@@ -23,7 +23,7 @@ _PIECE: Final = 1 << 20
 
 @dataclass(frozen=True)
 class UploadLimits:
-    """What may be sent.
+    """Limits of an upload.
 
     Attributes
     ----------

@@ -1,1 +1,1 @@
-"""Frame of every page: header, navigation, the red stop, light and dark."""
+"""Shell of every web page: header, navigation, stop button, light and dark theme."""

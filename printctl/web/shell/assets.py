@@ -1,4 +1,4 @@
-"""The shell's own files: style and scripts, the same for every page."""
+"""Static files shared by all pages: style sheet and scripts."""
 
 from __future__ import annotations
 

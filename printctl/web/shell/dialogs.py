@@ -1,4 +1,4 @@
-"""Dialogs with a name for those who hear the page."""
+"""Dialogs with an accessible name, for screen readers."""
 
 from __future__ import annotations
 

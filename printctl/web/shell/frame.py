@@ -1,4 +1,4 @@
-"""The frame of every page: header, ways between the pages, the red stop.
+"""Frame of every web page: header, navigation, stop button.
 
 The header is plain HTML beside NiceGUI's app, with scripts of its own: it works when the app in
 the page or its connection doesn't.

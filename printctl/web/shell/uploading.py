@@ -1,4 +1,4 @@
-"""A place to drop files, for every room; Quasar's own has a button and a field without names."""
+"""Accessible file drop area, shared by all pages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Visitor of a page."""
+"""Browser session that a page is built for."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The stop's own way to the printer: a small process beside the server."""
+"""Stop process: a small HTTP server beside the main one that can always stop a print."""

@@ -1,4 +1,4 @@
-"""``python -m printctl.web.stop_door``: the stop door's process; `keeping` starts it.
+"""Entry point of the stop process (``python -m printctl.web.stop_door``).
 
 It reads its order from standard input, and says its port on standard output. When the input ends
 without a word (the server died), it stays as long as something is connected that a page might

@@ -1,4 +1,4 @@
-"""The door's few requests: ``POST /stop``, ``GET /alive``, and what a browser asks before them.
+"""Answer the stop process's requests: ``POST /stop``, ``GET /alive`` and CORS preflights.
 
 A page of the server's is of another port, so another origin: it gets CORS headers, nobody else.
 A right token or session is never made to wait for anybody's wrong ones: tokens are too long to be

@@ -1,4 +1,4 @@
-"""Starts the stop door beside the server, and again should it end."""
+"""Start the stop process beside the server, and restart it if it ends."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ log = logging.getLogger("printctl.web")
 
 
 class NoStopDoorError(PrintctlError):
-    """The stop door doesn't start."""
+    """The stop process doesn't start."""
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""HTTP/1.1 requests and answers of the stop door, as bytes. Standard library only."""
+"""Parse HTTP/1.1 requests and write responses for the stop process. Standard library only."""
 
 from __future__ import annotations
 

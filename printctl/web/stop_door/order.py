@@ -1,4 +1,4 @@
-"""Start message of the stop door: one line of JSON on its standard input."""
+"""Start message of the stop process: one line of JSON on its standard input."""
 
 from __future__ import annotations
 

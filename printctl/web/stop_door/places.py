@@ -1,4 +1,4 @@
-"""Places at the stop door: whoever may stop always finds one, however many others come.
+"""Connection limit of the stop process: authorised clients always get a place.
 
 A connection that has shown no valid session or token is *unknown*. It has a few seconds to show
 one. There are so many places for unknown connections, and so many of them for one address; the

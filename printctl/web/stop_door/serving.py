@@ -1,4 +1,4 @@
-"""The stop door's loop: one thread serves all connections, and waits for none.
+"""Event loop of the stop process: one thread serves all connections without blocking.
 
 A stop is carried out by a thread of its own, which the loop hears of through a queue: at once what
 went out, then what the printers said, two lines of JSON.

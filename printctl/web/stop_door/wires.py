@@ -1,4 +1,4 @@
-"""Connections kept open to what must hear a stop: the live prints and the station of a workspace.
+"""Stop process's open connections to the running prints and the station of a workspace.
 
 A link process and a station write where they listen into a JSON file of their folder (``address``,
 ``token``), and take JSON lines; of these only ``kill``, ``subscribe`` and ``detach`` (which asks
@@ -36,7 +36,7 @@ _SHORTLY_S: Final = 0.02
 
 @dataclass(frozen=True)
 class Sent:
-    """A stop that went out.
+    """Record of a stop that was sent.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Hold the type A share of registrations' budgets against the scatter of repeats.
+"""Compare the budgets' type A uncertainty with the observed scatter of repeated registrations.
 
 Repeats that scatter with variance s2 (df degrees of freedom) about a claim u2 have
 df s2/u2 distributed as chi-squared with df, if the claim holds. Of several vessels the mean of

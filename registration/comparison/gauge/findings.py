@@ -1,4 +1,4 @@
-"""A gauge study in sentences, as JSON and as a table for a spreadsheet."""
+"""Results of a gauge study: sentences, JSON and a spreadsheet table."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SOURCES = (
 
 
 def gauge_sentences(study: GaugeStudy) -> list[str]:
-    """What a reader wants to know first."""
+    """Return the main results of a gauge study in sentences."""
     said = [_design(study)]
     pooled = study.quantity("diameters")
     if pooled is None:

@@ -1,4 +1,4 @@
-"""Variance components of a crossed study as standard deviations, each with its 95 % interval.
+"""Variance components of a gauge study as standard deviations, each with its 95 % interval.
 
 Components from expected mean squares, those below zero set to zero (AIAG, MSA 4th ed.,
 appendix A). Intervals of a mean square: chi-squared; of sums: modified large sample (Graybill &
@@ -33,7 +33,7 @@ _DRAWS = 20_000
 
 @dataclass(frozen=True)
 class Share:
-    """A source of variation.
+    """Variance component of one source.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Mean squares of a crossed study: parts, operators, their interaction, repeats.
+"""Mean squares of a gauge study's analysis of variance: parts, operators, repeats.
 
 Random effects, y = mean + part + operator + part x operator + repeat (AIAG, Measurement Systems
 Analysis, 4th ed. 2010, chapter III B; ISO 22514-7:2021). Where cells hold unequally many repeats

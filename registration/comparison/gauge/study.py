@@ -43,7 +43,7 @@ class GaugeQuantity:
 
 @dataclass(frozen=True)
 class GaugeStudy:
-    """What a gauge study found.
+    """Result of a gauge study.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The comparison of several prints: page, drawings and tables."""
+"""Report of a comparison of several prints: page, figures and tables."""
 
 from registration.report.comparison.page import Drawn, comparison_figures, write_comparison_html
 

@@ -1,4 +1,4 @@
-"""Drawings of a comparison: quantities over the prints, vessels with their spread."""
+"""Figures of a comparison: quantities over the prints, vessels with their spread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write the comparison as one HTML file that needs nothing else."""
+"""Write the comparison of several prints as one self-contained HTML file."""
 
 from __future__ import annotations
 

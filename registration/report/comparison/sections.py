@@ -1,4 +1,4 @@
-"""Sections of a comparison's page: key figures, facts and tables."""
+"""Building blocks of a print comparison's page: key figures, facts and tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""G-code to look at: a page of all layers, and a picture of one."""
+"""Display of G-code: a page of all layers, and a picture of one."""
 
 from registration.gcode_job import Act, GcodeColour, GcodeJob, Layers, layer_sums
 from registration.report.gcode.design_outline import DesignOutline, design_outline

@@ -1,4 +1,4 @@
-"""A job in pieces that a page unpacks one at a time: whole layers, deflated, in base64.
+"""Pack a G-code job into compressed chunks that a page unpacks on demand.
 
 A piece holds the moves of one or more layers. Its places are whole µm as differences from move to
 move; 32-bit numbers are laid out byte by byte (all lowest bytes first), which deflates to half. A

@@ -1,4 +1,4 @@
-"""Colour scales of a job's lines, and their limits."""
+"""Colour scales for printed lines, by speed, width, flow and other quantities."""
 
 from __future__ import annotations
 

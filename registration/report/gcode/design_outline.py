@@ -1,4 +1,4 @@
-"""The design's outline in one layer, and how far written lines pass it."""
+"""Design outline in one layer, and how far printed lines exceed it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A picture of one layer, for a paper or the report: lines to scale, ways, an axis in mm."""
+"""Picture of one G-code layer, to scale, for a paper or the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The design's outline in every layer, packed for a page that draws one layer at a time."""
+"""Design outlines of all layers, packed for a page that draws one layer at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A page of a G-code file: its layers, to scale, with the needle's way."""
+"""HTML page of a G-code file: layers to scale, with travel moves."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _ENTRY: Final = 'import "gcode/main";'
 
 @dataclass(frozen=True)
 class GcodePage:
-    """What a page shows first.
+    """Options of a G-code page.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Pictures and page of a scan laid over the G-code."""
+"""Pictures and page of a scan overlaid on the G-code."""
 
 from registration.report.overlay.figure import PictureOf, draw_overlay
 from registration.report.overlay.page import OverlayPage, write_overlay_html

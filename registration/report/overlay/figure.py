@@ -1,4 +1,4 @@
-"""A picture of one layer: the scan with the layer's lines over it, and what follows from both."""
+"""Picture of one layer: scan, printed lines over it, and the resulting differences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page: layers to go through with a slider, and a table of their numbers."""
+"""HTML page of a scan overlaid on the G-code: layer slider and table of numbers."""
 
 from __future__ import annotations
 

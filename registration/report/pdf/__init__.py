@@ -1,4 +1,4 @@
-"""The report as a PDF: laid out by reportlab (extra ``pdf``), without a browser."""
+"""Registration report as PDF, laid out by reportlab (extra ``pdf``) without a browser."""
 
 from registration.report.pdf.library import pdf_missing, write_comparison_pdf, write_report_pdf
 

@@ -1,4 +1,4 @@
-"""Head of every PDF (name, verdict, key figures), and pairs side by side."""
+"""PDF header (title, verdict, key figures) and side-by-side blocks."""
 
 from __future__ import annotations
 

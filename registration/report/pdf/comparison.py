@@ -1,4 +1,4 @@
-"""The comparison of several prints as a PDF: what stands where."""
+"""PDF report of a comparison of several prints: order of contents."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A story as the bytes of a PDF, with a footer on every page."""
+"""Lay out PDF content on pages with a footer; return the file's bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drawings in the PDF: matplotlib's SVG as lines and letters, PNG as it is."""
+"""Convert matplotlib's SVG figures to PDF drawings; embed PNG images."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ _LIBRARY = "reportlab"
 
 
 def pdf_missing() -> str | None:
-    """What to do where the library isn't installed; None where it is."""
+    """Return the remedy where the library isn't installed; None where it is."""
     if find_spec(_LIBRARY) is not None:
         return None
     return f"a PDF needs {_LIBRARY}, which isn't installed; run: pip install 'printctl[pdf]'"

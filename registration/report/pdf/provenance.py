@@ -1,4 +1,4 @@
-"""Provenance of the numbers: recipe, scan, print, versions, digests."""
+"""Provenance section of the PDF: recipe, scan, print, software versions, file hashes."""
 
 from __future__ import annotations
 

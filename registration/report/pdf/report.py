@@ -1,4 +1,4 @@
-"""The registration report as a PDF: what stands where."""
+"""PDF of the registration report: order of contents."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of the PDF: columns as wide as they need, headings on every page."""
+"""PDF tables: automatic column widths, repeated headings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Uncertainty of the fitted registration, as rows and facts."""
+"""Uncertainty of the fitted pose, as table rows and facts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A predicted print to play back: a slider over its time, in a page of its own or in the report."""
+"""Playback of a predicted print by a time slider, as a page of its own or in the report."""
 
 from registration.report.play.file import load_played, save_played
 from registration.report.play.page import write_play_html

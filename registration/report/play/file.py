@@ -1,4 +1,4 @@
-"""A print to play back as a file between the dry run and the report."""
+"""Save and load the playback data of a predicted print."""
 
 from __future__ import annotations
 

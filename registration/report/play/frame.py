@@ -1,4 +1,4 @@
-"""One frame of a predicted print, for paper and for a page without JavaScript."""
+"""Still frame of a predicted print, for paper and for pages without JavaScript."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A print to play back as JSON values with deflated arrays."""
+"""Serialise the playback of a predicted print as JSON with deflated arrays."""
 
 from __future__ import annotations
 

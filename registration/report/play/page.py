@@ -1,4 +1,4 @@
-"""A page of its own with the slider."""
+"""Write the playback of a predicted print as an HTML page of its own."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ class PlayNote:
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """A print to play back.
+    """Playback data of a predicted print.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The slider as a part of a page: its data, scripts, style and the frame for paper."""
+"""Playback of a predicted print as a part of the report page."""
 
 from __future__ import annotations
 

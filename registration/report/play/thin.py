@@ -1,4 +1,4 @@
-"""Fewer stretches for a page: joined where a picture wouldn't show the difference."""
+"""Thin the playback data of a predicted print within display accuracy."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Reading of Aerotech controllers' programs."""
+"""Reader of Aerotech controllers' program files."""

@@ -1,4 +1,4 @@
-"""An Aerotech controller's program file, put into the words that the one G-code reader knows.
+"""Translate an Aerotech program file to G-code words.
 
 Read are the commands that such a job needs, one to a line, and nothing is guessed: what isn't
 named here is handed on by its name, for the dry run to refuse.

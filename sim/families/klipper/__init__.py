@@ -1,1 +1,1 @@
-"""Simulated Klipper."""
+"""Simulated Klipper firmware."""

@@ -1,4 +1,4 @@
-"""Klipper's own part of a simulated board: where it differs from Marlin. Not verified.
+"""Simulated Klipper firmware on a board: differences from Marlin; written from its source.
 
 Modelled, after its source (`klippy/gcode.py`, 2025): line numbers are skipped and checksums taken
 off unchecked, so a garbled line is done as it came; an ``ok`` to each line; ``// Unknown

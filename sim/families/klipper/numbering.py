@@ -1,4 +1,4 @@
-"""Klipper's line numbers and checksums, which it doesn't check."""
+"""Klipper's treatment of line numbers and checksums: read, but not verified."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _NUMBER: Final = re.compile(rb"[Nn]\d+\s*")
 
 
 class KlipperNumbering:
-    """Takes everything.
+    """Klipper's line numbering: accepts any line.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Klipper's places: where the head is, and the offsets that a job's places are shifted by.
+"""Klipper's coordinate offsets: head position, and shifts applied to a job's coordinates.
 
 What a job calls a place is the head's own place less all shifts. ``shift`` of the modal state leads
 from the planner's count to the job's, and `Offsets` keeps what leads from that count to the head's.
@@ -12,7 +12,7 @@ from sim.board.motion import Motion
 
 
 class Offsets:
-    """SET_KINEMATIC_POSITION and SET_GCODE_OFFSET.
+    """Coordinate offsets by SET_KINEMATIC_POSITION and SET_GCODE_OFFSET.
 
     Parameters
     ----------

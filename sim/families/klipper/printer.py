@@ -1,4 +1,4 @@
-"""A simulated printer with Klipper; `sim.families.klipper.firmware` says what is modelled."""
+"""Simulated printer with Klipper firmware, modelled in `sim.families.klipper.firmware`."""
 
 from __future__ import annotations
 

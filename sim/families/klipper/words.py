@@ -1,4 +1,4 @@
-"""Words of Klipper's commands with names: ``X=5 EXTRUDER=extruder1``."""
+"""Parse parameters of Klipper's named commands: ``X=5 EXTRUDER=extruder1``."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Simulated Marlin."""
+"""Simulated Marlin firmware."""

@@ -1,4 +1,4 @@
-"""Commands of Marlin but for moves and changes of head: a function per code, found by its name.
+"""Marlin's commands other than moves and head changes: one function per code.
 
 Wordings and line ends are those of the recorded build (`tests/sim/data/marlin`).
 """

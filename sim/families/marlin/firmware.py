@@ -1,4 +1,4 @@
-"""Marlin's own part of a simulated board: its words, its commands, its kill."""
+"""Marlin's part of a simulated board: messages, commands, kill."""
 
 from __future__ import annotations
 

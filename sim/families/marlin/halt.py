@@ -1,4 +1,4 @@
-"""Marlin's kill: the processor waits 0.6 s for its words to get out, and the motors go on.
+"""Marlin's kill: 0.6 s delay for its message, motors running on.
 
 The wait is counted in the main thread's own time, and the step interrupts are still on: what the
 planner holds is made meanwhile, and each step event makes the wait longer. Measured on

@@ -1,4 +1,4 @@
-"""Marlin's line numbers and checksums, and its request to send a line again."""
+"""Marlin's line numbers, checksums and resend requests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fast path for consecutive plain moves, bypassing the simulated main loop."""
+"""Fast path of the simulated Marlin for consecutive plain moves."""
 
 from __future__ import annotations
 

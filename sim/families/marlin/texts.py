@@ -1,4 +1,4 @@
-"""Longer texts of the recorded build (`tests/sim/data/marlin`): M115 and the boot banner.
+"""Long replies of a real Marlin build (`tests/sim/data/marlin`): M115 and boot banner.
 
 The settings' image in the EEPROM isn't modelled: its size and CRC are those of the recorded build.
 """

@@ -1,4 +1,4 @@
-"""Change of head as Marlin 2.1 does it (``tool_change``), and the offsets that it adds (M218).
+"""Marlin 2.1's head change (``tool_change``), with head offsets (M218).
 
 The motors stand first. The place gets another name, by the difference of the two heads' offsets;
 where all axes are homed and S1 wasn't said, the carriage then goes so that the new tip is where the

@@ -1,4 +1,4 @@
-"""Codes that act before their turn in Marlin: M108, M112 and M410.
+"""Marlin's emergency codes, which bypass the queue: M108, M112 and M410.
 
 With EMERGENCY_PARSER they act as their bytes arrive, wherever they stand in the line of commands;
 without, as their line enters the queue.

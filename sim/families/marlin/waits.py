@@ -1,4 +1,4 @@
-"""Commands of Marlin that wait: dwells, homing, the user, heat, the motors, the EEPROM.
+"""Marlin's waiting commands: dwells, homing, user confirmation, heating, EEPROM.
 
 A function is a generator that yields what it waits for, or does its work at once.
 """

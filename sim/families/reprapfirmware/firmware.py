@@ -1,4 +1,4 @@
-"""RepRapFirmware's own part of a simulated board: where it differs from Marlin. Not verified.
+"""Simulated RepRapFirmware on a board: differences from Marlin; written from its source.
 
 Modelled, after its source (`StringParser.cpp`, 3.x): a line with N and a checksum of one to three
 digits (XOR) or five (CRC-16) is checked; a bad one is dropped without a word; numbers aren't

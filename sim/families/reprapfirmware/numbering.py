@@ -1,4 +1,4 @@
-"""RepRapFirmware's two checksums; its line numbers aren't compared."""
+"""RepRapFirmware's two checksum types; line numbers aren't compared."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def crc16(data: bytes) -> int:
 
 
 class DuetNumbering:
-    """Takes what isn't provably wrong.
+    """RepRapFirmware's line numbering: accepts what isn't provably wrong.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A simulated Duet; `sim.families.reprapfirmware.firmware` says what is modelled."""
+"""Simulated Duet with RepRapFirmware, modelled in `sim.families.reprapfirmware.firmware`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small networks with known answers."""
+"""Small test networks with known checker results."""
 
 from __future__ import annotations
 

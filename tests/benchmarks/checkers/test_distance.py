@@ -1,4 +1,4 @@
-"""Distances against a minimiser that knows nothing of cases."""
+"""Checkers' exact distances, against numerical minimisation."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The embedded print's checker: crossings counted, open joints named, clean prints passed."""
+"""Checker of embedded prints: counts crossings, names open joints, passes clean prints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Places of an embedded print belong to the axis on which they lie."""
+"""Checker of embedded prints: assigns each place to the nearest vessel axis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The judge of strokes sees what is wrong."""
+"""Checker of print strokes: detects wrong ones."""
 
 from types import SimpleNamespace
 

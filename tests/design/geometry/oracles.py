@@ -1,4 +1,4 @@
-"""Slow, obvious distances."""
+"""Slow oracles for distances."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Faces that pass through one another: against every pair by exact arithmetic."""
+"""Self-intersections of triangle meshes, against every pair by exact arithmetic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small networks built by hand."""
+"""Small handmade networks for flow tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lumped solutions between the ends of vessels."""
+"""Lumped (0D) solutions at probes between vessel ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow problems without a solution are refused with the reason."""
+"""Flow problems without a unique solution: refused with the reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fluids whose viscosity isn't one number, in tubes and in networks."""
+"""Non-Newtonian fluids in tubes and in networks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Losses at stenoses and bifurcations."""
+"""Pressure losses at stenoses and bifurcations."""
 
 from __future__ import annotations
 

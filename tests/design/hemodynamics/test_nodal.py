@@ -1,4 +1,4 @@
-"""The elimination of graphs against dense algebra, real and complex."""
+"""Graph elimination in the flow solver, against dense linear algebra, real and complex."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow of a print that is larger or smaller than its design."""
+"""Flow of a print scaled up or down from its design."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pulsatile flow against transfer functions, a dense solution and another solver's numbers."""
+"""Pulsatile 0D flow, against transfer functions, a dense solution and another solver's results."""
 
 from __future__ import annotations
 

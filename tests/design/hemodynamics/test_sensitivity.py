@@ -1,4 +1,4 @@
-"""Derivatives of flows by radii, against differences of whole solutions."""
+"""Sensitivity of flows to radii, against finite differences."""
 
 from __future__ import annotations
 

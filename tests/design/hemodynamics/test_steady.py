@@ -1,4 +1,4 @@
-"""Flow against closed forms and a dense oracle, and its conservation."""
+"""Steady 0D flow: closed forms, a dense oracle, mass conservation."""
 
 from __future__ import annotations
 

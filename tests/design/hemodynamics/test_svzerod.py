@@ -1,4 +1,4 @@
-"""Cases of svZeroDSolver: its own numbers, and there and back."""
+"""svZeroDSolver cases: published results, and round trips of files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table and summary a user reads."""
+"""Flow table and summary for users."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Elements of a vessel against numerical integration, and Womersley's flow against its equation."""
+"""Resistance, inertance and compliance of a vessel; Womersley flow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Waveforms, and what isn't one."""
+"""Waveforms, and refusal of invalid ones."""
 
 from __future__ import annotations
 

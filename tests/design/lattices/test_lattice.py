@@ -1,4 +1,4 @@
-"""Lattices: their nets, what fits, their ports."""
+"""Lattices: unit cells, clipping, ports."""
 
 from __future__ import annotations
 

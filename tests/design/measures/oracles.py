@@ -1,4 +1,4 @@
-"""Measures computed the plain way."""
+"""Slow oracles for network measures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Orders, elements, forks, ways and terminals, against their definitions."""
+"""Strahler orders, bifurcations, paths and terminals, against their definitions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distances, vessels per section and oxygen, against closed forms and slow oracles."""
+"""Supply measures (distances, vessels per section, oxygen), against closed forms and oracles."""
 
 from __future__ import annotations
 

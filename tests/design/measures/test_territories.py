@@ -1,4 +1,4 @@
-"""Supply of terminals over the demand of the tissue nearest to each."""
+"""Terminals' supply compared with the demand of the tissue nearest to each."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Small networks and bodies built by hand."""
+"""Test networks and bodies for solids."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lumens against closed forms: volume, cross-section, joints, handles."""
+"""Lumen solids, against closed forms: volume, cross-section, joints, handles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Crossings of a rounded surface: taken away where that moves it little, else told."""
+"""Repair of self-intersections after rounding: removed by small moves if possible, or reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Crowds of junctions with rounded seams."""
+"""Rounded seams of groups of overlapping junctions."""
 
 from __future__ import annotations
 

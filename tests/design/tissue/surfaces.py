@@ -1,4 +1,4 @@
-"""Surfaces for tests: spheres, tori, shells."""
+"""Test surfaces: spheres, tori, shells."""
 
 import numpy as np
 from manifold3d import Manifold

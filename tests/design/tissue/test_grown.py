@@ -1,4 +1,4 @@
-"""Trees in tissues that were cut, read from images or repaired stay in them."""
+"""Growth in cut, imaged or repaired tissues: trees stay inside."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The planner's steps before ordering a network, part by part."""
+"""Embedded planner's preparatory steps, called one by one for tests."""
 
 from __future__ import annotations
 

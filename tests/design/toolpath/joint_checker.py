@@ -1,4 +1,4 @@
-"""A slow checker of joints that knows moves alone: what was written holds together where it meets.
+"""Slow checker of embedded joints, from moves alone.
 
 A later pass holds on to an earlier one where its path runs nearly half the thinner radius inside
 the ink of the earlier one, whose ends are taken as flat.

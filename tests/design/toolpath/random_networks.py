@@ -1,4 +1,4 @@
-"""Random networks of six kinds, and needles: what planner and check are held against."""
+"""Random networks of six kinds, and needles, for planner and checker tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A slow checker of the needle's shaft that knows moves and the network, not the planner.
+"""Slow checker of the needle's shaft, from moves and network alone.
 
 What is written is kept as balls on a fine sampling; of every place of the tip all of them are
 looked at. Touching is meant within a joint: where ink is near the tip along the network, or both

@@ -1,4 +1,4 @@
-"""Solids and networks whose geometry is known in closed form."""
+"""Test solids and networks of closed-form geometry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Corrections of a network and a solid, against places and sizes worked out by hand."""
+"""Compensation of a network and a solid, against results worked out by hand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A job's text for each firmware family before its first move and after its last."""
+"""Start and end G-code of a job, for each firmware family."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Vessels written as strands side by side."""
+"""Embedded writing of thick vessels as strands side by side."""
 
 from __future__ import annotations
 

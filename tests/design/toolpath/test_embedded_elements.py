@@ -1,4 +1,4 @@
-"""Vessels cut into elements: nothing lost, nothing bent, nothing too long."""
+"""Division of vessels into elements: complete, straight, of limited length."""
 
 from __future__ import annotations
 

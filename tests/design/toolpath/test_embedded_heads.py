@@ -1,4 +1,4 @@
-"""Arteries by one head, veins by another, in as few changes as the order allows."""
+"""Embedded writing with two heads: arteries by one, veins by the other, few changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Side of a joint that goes on into the other, on passes laid by hand."""
+"""Choice of the pass to extend at an embedded joint, on passes laid by hand."""
 
 from __future__ import annotations
 

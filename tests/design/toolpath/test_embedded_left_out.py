@@ -1,4 +1,4 @@
-"""Vessels left out where no order keeps needle and ink apart, and joints that stay open."""
+"""Vessels omitted when no order avoids the needle; joints left open."""
 
 from __future__ import annotations
 

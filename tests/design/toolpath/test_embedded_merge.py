@@ -1,4 +1,4 @@
-"""Passes made one without breaking a rule."""
+"""Merging of embedded passes: keeps all precedence rules."""
 
 from __future__ import annotations
 

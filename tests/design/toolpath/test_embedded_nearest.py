@@ -1,4 +1,4 @@
-"""Way along a vessel to the place that is nearest to another one."""
+"""Nearest place of a vessel to another vessel, along its centreline."""
 
 from __future__ import annotations
 

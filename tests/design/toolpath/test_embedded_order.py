@@ -1,4 +1,4 @@
-"""Ways between passes made short without breaking a rule."""
+"""Shortened travels between embedded passes: keep all precedence rules."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""No pass is written in a wake that the bath hasn't closed yet."""
+"""Waiting for the bath to close behind the needle before writing across its path."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints and rules against slow oracles that sample tips and ink densely."""
+"""Joints and precedence rules, against slow oracles that sample tip and ink densely."""
 
 from __future__ import annotations
 

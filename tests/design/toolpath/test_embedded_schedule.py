@@ -1,4 +1,4 @@
-"""Passes: every element once, in trails, and nothing before what must come first."""
+"""Embedded schedule: every element written once, precedence kept."""
 
 from __future__ import annotations
 

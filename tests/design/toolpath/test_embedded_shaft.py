@@ -1,4 +1,4 @@
-"""Signed distance to a needle's shaft, and its slopes."""
+"""Signed distance to a needle's shaft, and its gradient."""
 
 from __future__ import annotations
 

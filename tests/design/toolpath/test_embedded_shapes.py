@@ -1,4 +1,4 @@
-"""Shapes that make the shaft's way hard: judged by checkers that know moves and networks alone."""
+"""Embedded plans of difficult networks, judged by independent checkers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Travels: above all that lies under their way, no higher than they must, slow near ink."""
+"""Embedded travels: above obstacles, as low as possible, slow near ink."""
 
 from __future__ import annotations
 

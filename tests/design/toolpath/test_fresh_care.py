@@ -1,4 +1,4 @@
-"""Clean lumens: leads into the material, hops, and compensation of shrinkage."""
+"""Clean lumens in FRESH layers: leads into material, hops over lumens, shrinkage compensation."""
 
 from __future__ import annotations
 

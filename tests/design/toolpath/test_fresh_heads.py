@@ -1,4 +1,4 @@
-"""Layers in several inks: each head writes its own side of a border, and nothing of the other's."""
+"""FRESH layers in several inks: each head stays on its side of a border."""
 
 from __future__ import annotations
 

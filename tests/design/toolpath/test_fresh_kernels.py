@@ -1,4 +1,4 @@
-"""Scan conversion, order and cover against slow, obvious oracles."""
+"""FRESH kernels (scan conversion, ordering, coverage), against slow oracles."""
 
 from __future__ import annotations
 

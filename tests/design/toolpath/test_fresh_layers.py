@@ -1,4 +1,4 @@
-"""Layers as a whole: volume, cover, heights, order, refusals."""
+"""Complete FRESH layers: volume, coverage, heights, order, refusals."""
 
 from __future__ import annotations
 

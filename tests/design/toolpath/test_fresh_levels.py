@@ -1,4 +1,4 @@
-"""Layers that follow slopes: heights as the stair allows, floors met, volumes by each height."""
+"""Adaptive layer heights: stair-step limit, floors met exactly, volume by height."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lumens keep their size: checked with exact stadium-shaped lines."""
+"""Lumen size in FRESH layers, checked with exact stadium-shaped lines."""
 
 from __future__ import annotations
 

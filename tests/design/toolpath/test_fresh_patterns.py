@@ -1,4 +1,4 @@
-"""Infill patterns: on the surface they claim, as dense as asked, inside the walls."""
+"""Infill patterns: correct surface, requested density, inside the walls."""
 
 from __future__ import annotations
 

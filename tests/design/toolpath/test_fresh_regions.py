@@ -1,4 +1,4 @@
-"""Regions with a filling of their own: only what is in them changes, and only inside the walls."""
+"""Regions with their own infill: changes only inside the region and inside walls."""
 
 from __future__ import annotations
 

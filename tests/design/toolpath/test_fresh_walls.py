@@ -1,4 +1,4 @@
-"""Walls that share thin places, gaps, moves long enough for the firmware: against slow oracles."""
+"""Walls in thin places, gap filling, minimum move length: against slow oracles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Infill lines joined into zig-zags: volume, the wall kept, no joint over a lumen."""
+"""Zig-zag infill: volume, wall clearance, no turn over a lumen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The writer, held against an independent reader."""
+"""G-code writer, checked by an independent reader."""
 
 from __future__ import annotations
 

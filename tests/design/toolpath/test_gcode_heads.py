@@ -1,4 +1,4 @@
-"""Jobs of two heads: who pushes, where each tip goes, and how heads are changed."""
+"""Two-head jobs: active plunger, tip positions, head changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text, digits and merging against slow, obvious oracles."""
+"""G-code text, digits and merging of moves, against slow oracles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Marks: where a job may be interrupted, told by comments that change nothing."""
+"""Interruption marks: comments that don't change the commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A job written part by part is, byte for byte, the job written as a whole."""
+"""Streamed G-code: byte for byte equal to the job written as a whole."""
 
 from __future__ import annotations
 

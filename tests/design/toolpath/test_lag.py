@@ -1,4 +1,4 @@
-"""A plunger driven ahead of a lag, against the lag's equation stepped in small times."""
+"""Lag compensation of the plunger, against the lag equation integrated in small steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slow, obvious counterparts of the kernels."""
+"""Slow oracles for growth kernels."""
 
 import heapq
 

@@ -1,4 +1,4 @@
-"""Distance of the chosen bifurcation from a resolved search's best, by depth.
+"""Accuracy of the chosen bifurcation, against an exhaustive search, by tree depth.
 
 As in the paper's figure 2C. Accuracy is the part of what can be gained over the segment's middle
 that the chosen place gains, both by the exact cost of the whole tree.

@@ -1,4 +1,4 @@
-"""Terminals, or their flows, follow what the tissue asks for."""
+"""Terminals and flows distributed by the tissue's demand."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Terminals that the user gave are all reached, or named."""
+"""User-given terminals: all reached, or reported."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Limits on angles and flows hold at every joint of a finished tree."""
+"""Limits on branching angles and flow split, in finished trees."""
 
 import pytest
 

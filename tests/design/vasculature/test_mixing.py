@@ -1,4 +1,4 @@
-"""Three and four trees at shared nodes."""
+"""Mixing networks: three and four trees at shared nodes."""
 
 import numpy as np
 import pytest

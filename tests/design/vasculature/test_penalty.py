@@ -1,4 +1,4 @@
-"""A penalty keeps branch points where the user wants them."""
+"""Position penalty on branch points."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Trees that keep what can be printed, as large as they can be."""
+"""Largest printable trees: limits of lumen and wall kept."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Pruning of a tree whose vessels are too wide, and its rest."""
+"""Pruning of trees with too-wide vessels."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A root searched for is the cheapest of those tried."""
+"""Root search: the cheapest root of those tried."""
 
 from dataclasses import replace
 

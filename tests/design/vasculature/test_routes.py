@@ -1,4 +1,4 @@
-"""Ways round what a single cubic can't pass, and terminals that nothing joins."""
+"""Routed connections around obstacles, and terminals that stay unjoined."""
 
 import numpy as np
 import pytest

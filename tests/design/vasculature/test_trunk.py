@@ -1,4 +1,4 @@
-"""Growth goes on from a given artery, and in stages."""
+"""Growth from a given artery, and in stages."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Radii by a viscosity that follows the diameter."""
+"""Radii under diameter-dependent viscosity."""
 
 import numpy as np
 import pytest

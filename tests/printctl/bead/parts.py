@@ -1,4 +1,4 @@
-"""A tapered vessel, 1.0 to 0.3 mm over 20 mm, as G-code with its map."""
+"""Test job: a tapered vessel, 1.0 to 0.3 mm over 20 mm, as G-code with its map."""
 
 from __future__ import annotations
 

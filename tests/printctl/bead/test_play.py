@@ -1,4 +1,4 @@
-"""The page with the slider, as `printctl simulate --out` writes it."""
+"""Playback page of a predicted print, as `printctl simulate --out` writes it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl simulate --out`: files, figures, and what a wrong option is told."""
+"""`printctl simulate --out`: files, figures, and messages for wrong options."""
 
 from __future__ import annotations
 

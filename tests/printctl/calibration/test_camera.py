@@ -1,4 +1,4 @@
-"""`printctl calibrate board` and `camera`, and widths scaled by a board instead of the frame."""
+"""`printctl calibrate board` and `camera`: widths scaled by a board."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl calibrate`: the test it writes is printable, and what is measured comes back mended."""
+"""`printctl calibrate`: printable test prints, and correct fits of their measurements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Known truths, with noise, come back within the stated intervals as often as these promise."""
+"""Calibration fits: coverage of the stated intervals on noisy synthetic readings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl calibrate offset --printer`: the offset of a second head, with its sign."""
+"""`printctl calibrate offset --printer`: offset of a second head, with its sign."""
 
 from __future__ import annotations
 

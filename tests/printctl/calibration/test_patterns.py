@@ -1,4 +1,4 @@
-"""`printctl calibrate pattern`: what is printed is what the sheet and the pattern's file say."""
+"""`printctl calibrate pattern`: G-code, sheet and pattern file agree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl calibrate widths`: constants come back from widths that they made."""
+"""`printctl calibrate widths`: constants recovered from synthetic widths."""
 
 from __future__ import annotations
 

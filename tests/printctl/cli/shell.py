@@ -1,4 +1,4 @@
-"""Commands by the command line's own entry, in this process and a folder of the test's."""
+"""Helper: run a command in this process, in a temporary folder."""
 
 from __future__ import annotations
 

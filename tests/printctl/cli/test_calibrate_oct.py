@@ -1,4 +1,4 @@
-"""`printctl calibrate oct`, and the options of `register` that say how a scan is read."""
+"""`printctl calibrate oct`, and the `register` options on scan geometry."""
 
 from __future__ import annotations
 

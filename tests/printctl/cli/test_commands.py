@@ -1,4 +1,4 @@
-"""Subcommands are found, and only the one that is asked for is loaded."""
+"""Subcommand discovery: only the requested subcommand is imported."""
 
 from __future__ import annotations
 

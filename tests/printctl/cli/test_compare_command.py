@@ -1,4 +1,4 @@
-"""`compare` by the command line's own entry, on folders as `run` and `register` leave them."""
+"""`printctl compare`, on folders as `run` and `register` leave them."""
 
 from __future__ import annotations
 

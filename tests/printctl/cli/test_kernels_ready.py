@@ -1,4 +1,4 @@
-"""Before a command: what isn't compiled is compiled, and said."""
+"""Kernel compilation before a command, with a message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl lumens` by the command line's own entry."""
+"""`printctl lumens`: the command on G-code files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages of the command line on failures."""
+"""Command-line error messages."""
 
 import errno
 

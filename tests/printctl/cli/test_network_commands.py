@@ -1,4 +1,4 @@
-"""`view`, `convert` and `measure` by the command line's own entry, in an empty directory."""
+"""`printctl view`, `convert` and `measure`, in an empty directory."""
 
 from __future__ import annotations
 

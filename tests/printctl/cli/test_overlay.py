@@ -1,4 +1,4 @@
-"""`overlay` by the command line's own entry, on a run folder and a scan made by hand.
+"""`printctl overlay`, on a handmade run folder and scan.
 
 A block of 4 × 3 × 0.5 mm in five layers with a slot from y 1.4 to 1.6; when it was scanned, one
 line of the second layer had given no ink, and the fifth layer wasn't printed.

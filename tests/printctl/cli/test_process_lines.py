@@ -1,4 +1,4 @@
-"""Time and ink as the command line says them."""
+"""Command-line text about print time and ink."""
 
 from __future__ import annotations
 

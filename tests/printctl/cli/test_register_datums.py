@@ -1,4 +1,4 @@
-"""`printctl register --datums`: what is wrong with them is wrong use, told before any scan."""
+"""`printctl register --datums`: wrong values reported before any scan is read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl slice`: from a mesh file to G-code that passes the dry run."""
+"""`printctl slice`: from a mesh file to G-code that passes the simulation."""
 
 from __future__ import annotations
 

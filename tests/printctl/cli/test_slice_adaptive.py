@@ -1,4 +1,4 @@
-"""`printctl slice --thinnest-layer-um`: heights said in the file, and taken from there."""
+"""`printctl slice --thinnest-layer-um`: adaptive layer heights in the file."""
 
 from __future__ import annotations
 

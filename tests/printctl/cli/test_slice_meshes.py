@@ -1,4 +1,4 @@
-"""`printctl slice` of several meshes and modifiers: heads and fillings in their places."""
+"""`printctl slice` of several meshes and modifiers: heads and infill per region."""
 
 from __future__ import annotations
 

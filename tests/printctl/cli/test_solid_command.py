@@ -1,4 +1,4 @@
-"""`solid` by the command line's own entry, in an empty directory."""
+"""`printctl solid`, in an empty directory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A print whose lines were all taken, but between another program's: not told as proved."""
+"""Print disturbed by another program's commands: not reported as proven complete."""
 
 from __future__ import annotations
 

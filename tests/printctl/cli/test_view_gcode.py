@@ -1,4 +1,4 @@
-"""`view FILE.gcode` by the command line's own entry, in an empty directory."""
+"""`printctl view FILE.gcode`, in an empty directory."""
 
 import io
 import json

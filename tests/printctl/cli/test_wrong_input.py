@@ -1,4 +1,4 @@
-"""A new user's mistakes: one message, the right exit code, no traceback."""
+"""Wrong command-line input: one message, the right exit code, no traceback."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Findings of the doctor, and an exit code that says whether they block."""
+"""Findings of `printctl doctor`, and its exit code."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""`printctl dye --predict`, as a new user meets it."""
+"""`printctl dye --predict`, from the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A printer and a scanner of known faults, without either: what would be registered of a print.
+"""Simulated laboratory: a printer and scanner of known errors, as registration results.
 
 Prints come out `shrink` times as large as written, with lumens wider by `spread_mm` and, of single
 vessels, by `faults_mm`, and axes pushed by `push_mm`, the same in every print; `noise_mm` differs

@@ -1,4 +1,4 @@
-"""A small recipe, run as far as its G-code, and the registration that a lab would have made."""
+"""Small recipe run up to its G-code, with a synthetic registration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults of one print among faults of all; prints that don't go together."""
+"""Compensation: errors of one print told from errors of all; incompatible prints refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Print, scan, correct, print again, on a printer whose faults are known."""
+"""Compensation: repeated print-scan-correct cycles on a printer of known errors."""
 
 from __future__ import annotations
 

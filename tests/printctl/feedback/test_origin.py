@@ -1,4 +1,4 @@
-"""Origin of a scanned part in `register`: its run, or that none is known."""
+"""Origin of a scanned part in `printctl register`: its run, or none known."""
 
 from __future__ import annotations
 

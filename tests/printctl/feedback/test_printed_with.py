@@ -1,4 +1,4 @@
-"""From a run to a compensation, and into the next run's G-code."""
+"""Compensation file from a run, applied to the next run's G-code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A registered network's flow beside the design's: lumens, closed vessels, the door."""
+"""Flow of a registered print, compared with the design: measured lumens, closed vessels."""
 
 from __future__ import annotations
 

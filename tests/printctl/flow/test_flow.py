@@ -1,4 +1,4 @@
-"""`flow.pulse` in a recipe and `printctl flow`, as a new user meets them."""
+"""Pulsatile flow: recipe section `flow.pulse` and `printctl flow`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`flow.one_d` in a recipe and `printctl flow --one-d`, as a new user meets them."""
+"""1D flow: recipe section `flow.one_d` and `printctl flow --one-d`."""
 
 from __future__ import annotations
 

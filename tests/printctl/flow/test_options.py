@@ -1,4 +1,4 @@
-"""Inlets by pressure, outlets one by one, fluids, losses and the band of wall shear, as typed."""
+"""Options of `printctl flow`: inlet pressure, outlets, fluids, losses, wall shear range."""
 
 from __future__ import annotations
 

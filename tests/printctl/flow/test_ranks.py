@@ -1,4 +1,4 @@
-"""Ranks started and ended, batch scripts, and the engine itself where FEniCSx is installed."""
+"""MPI ranks: start, end, batch scripts; the solver itself where FEniCSx is installed."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""The lumen in a scan's surface: found in its own size, drawn out to the ends."""
+"""Lumen surface from a scan: true size, ends extended to the ports."""
 
 from __future__ import annotations
 

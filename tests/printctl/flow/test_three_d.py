@@ -1,4 +1,4 @@
-"""Flow in 3D, fidelities side by side and the matched split, as a user meets them."""
+"""3D flow, comparison of fidelities and matched split, by recipe and command."""
 
 from __future__ import annotations
 

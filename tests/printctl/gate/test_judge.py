@@ -1,4 +1,4 @@
-"""Passes of the gate, by each door and in each state."""
+"""G-code gate: allowed and refused codes, by origin and printer state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Soft limits against an oracle that looks at many points of the way."""
+"""Soft limits of manual moves, against an oracle that samples the path."""
 
 from __future__ import annotations
 

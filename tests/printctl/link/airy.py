@@ -1,4 +1,4 @@
-"""A job for a pneumatic head, and who watches its valve."""
+"""Test job for a pneumatic head, with an observer of its valve."""
 
 from __future__ import annotations
 

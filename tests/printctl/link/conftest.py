@@ -1,4 +1,4 @@
-"""Closing of what tests of the link open."""
+"""Fixtures that close what link tests open."""
 
 from __future__ import annotations
 

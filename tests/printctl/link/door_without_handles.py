@@ -1,4 +1,4 @@
-"""A local door where no file handle is left: in a process of its own, whose limit is lowered.
+"""Command socket without free file handles: run in a process with a lowered limit.
 
 ``python -m tests.printctl.link.door_without_handles NAME FOLDER`` runs one of the functions below.
 """

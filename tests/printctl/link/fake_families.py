@@ -1,4 +1,4 @@
-"""Small RepRapFirmware, Klipper and Smoothieware for the link's own tests.
+"""Fake RepRapFirmware, Klipper and Smoothieware for link tests.
 
 They take, drop and answer lines as their sources say (see each protocol's module). No motion and
 no time; what matters is what they executed, in which order.

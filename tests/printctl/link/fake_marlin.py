@@ -1,4 +1,4 @@
-"""A small Marlin for the link's own tests: it takes, refuses and answers lines as the recorded one.
+"""Fake Marlin for link tests: accepts, refuses and answers lines like the recorded one.
 
 With a generator it also empties its receive buffer in mid-line when it refuses a line.
 

@@ -1,4 +1,4 @@
-"""Jobs of tests: read for a Klipper where they have its named commands, else for a Marlin."""
+"""Test jobs, parsed by the firmware family that their commands need."""
 
 from __future__ import annotations
 

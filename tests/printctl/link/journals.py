@@ -1,4 +1,4 @@
-"""Journals of tests, all closed at each test's end (`tests/printctl/link/conftest.py`)."""
+"""Test journals, closed at each test's end (`tests/printctl/link/conftest.py`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A job with marks, and prints of it that are interrupted by a script."""
+"""Test job with marks, and scripted interruptions of its print."""
 
 from __future__ import annotations
 

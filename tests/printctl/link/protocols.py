@@ -1,4 +1,4 @@
-"""A family's state machine, made as the link does."""
+"""Construct a firmware family's link protocol as the link does."""
 
 from __future__ import annotations
 

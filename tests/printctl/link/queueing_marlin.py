@@ -1,4 +1,4 @@
-"""A small Marlin that takes lines at once and carries them out later.
+"""Fake Marlin that accepts lines immediately and executes them later.
 
 As the real one: what it has taken waits in a queue of four, its ok comes when it is carried out,
 and a line with a wrong number is answered at once, before all that. While the queue is full it

@@ -1,4 +1,4 @@
-"""A bad wire to the simulated printer whose noise the checksum always shows."""
+"""Noisy simulated serial line; all errors are detectable by the checksum."""
 
 from __future__ import annotations
 

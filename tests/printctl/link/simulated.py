@@ -1,4 +1,4 @@
-"""A job of moves, and prints of it on the simulated Marlin in virtual time."""
+"""Test job of moves, and its prints on the simulated Marlin in virtual time."""
 
 from __future__ import annotations
 

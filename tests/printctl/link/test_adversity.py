@@ -1,4 +1,4 @@
-"""Adversity around a print: ports lost, full disks and wires, clocks."""
+"""Print failures: lost ports, full disks, bad connections, clock jumps."""
 
 from __future__ import annotations
 

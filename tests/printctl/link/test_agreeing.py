@@ -1,4 +1,4 @@
-"""The firmware's state and the tip's place before a start, on the simulated printer."""
+"""Pre-start agreement of firmware settings and tip position, on the simulated printer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The same alarm again is counted, and who stopped a print is told."""
+"""Repeated alarms are counted; whoever stopped a print is reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands that a person types into a print: judged, and none of them ends it."""
+"""Manual commands during a print: judged by the gate, never ending the print."""
 
 from __future__ import annotations
 

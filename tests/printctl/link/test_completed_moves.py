@@ -1,4 +1,4 @@
-"""Lines that were certainly carried out: never more than were, all once the printer stands."""
+"""Count of certainly executed lines: a lower bound, exact at standstill."""
 
 from __future__ import annotations
 

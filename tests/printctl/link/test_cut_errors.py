@@ -1,4 +1,4 @@
-"""An error message that a read cuts in two: no further line leaves before its end is heard."""
+"""Error message split between two reads: no line is sent before its end."""
 
 from __future__ import annotations
 

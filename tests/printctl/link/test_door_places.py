@@ -1,4 +1,4 @@
-"""A local door beside a crowd: who comes in, who leaves, and that no file handle is needed."""
+"""Command socket under load: admission, eviction, no free file handle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Prints on small printers of the other families, through the streamer, in virtual time."""
+"""Prints on fakes of Klipper, RepRapFirmware and Smoothieware, in virtual time."""
 
 from __future__ import annotations
 

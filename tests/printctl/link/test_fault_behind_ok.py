@@ -1,4 +1,4 @@
-"""An ok and, behind it in the same read, an error, a halt or a reset: no further line leaves."""
+"""Error, halt or reset right behind an ok in the same read: no further line is sent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each fault of the simulated printer ends a print in its documented state, in time, safely."""
+"""Planned faults of the simulated printer: each ends a print in its documented state."""
 
 from __future__ import annotations
 

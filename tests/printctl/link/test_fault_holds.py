@@ -1,4 +1,4 @@
-"""An error and its ok in one read: no further line of the job leaves."""
+"""Error and ok in one read: no further job line is sent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Port and baud rate are found without guessing, and nothing that moves is ever sent."""
+"""Port and baud rate detection; nothing that moves is sent."""
 
 from __future__ import annotations
 

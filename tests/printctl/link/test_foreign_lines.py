@@ -1,4 +1,4 @@
-"""Lines that another program writes to the printer in mid-print."""
+"""Commands from another program to the printer during a print."""
 
 from __future__ import annotations
 

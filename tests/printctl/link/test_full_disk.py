@@ -1,4 +1,4 @@
-"""Disk that becomes full in mid-print: the journal keeps room for what must still be told."""
+"""Disk full during a print: the journal keeps reserved space for final records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Any words of a printer, in any family: no crash, wrong line or move."""
+"""Fuzzed printer replies, in any family: no crash, wrong line or move."""
 
 from __future__ import annotations
 

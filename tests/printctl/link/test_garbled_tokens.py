@@ -1,4 +1,4 @@
-"""A garbled echo of a token: the printer is asked again at once."""
+"""Garbled echo of a synchronisation token: queried again at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sent lines lie more than a flipped bit away from a stop."""
+"""Sent lines: no single flipped bit turns one into a stop code."""
 
 from __future__ import annotations
 

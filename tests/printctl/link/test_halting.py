@@ -1,4 +1,4 @@
-"""Time for which motors run on after a kill: as on a real Marlin, within 20 %."""
+"""Run-on time of motors after a kill: within 20 % of a real Marlin's."""
 
 from __future__ import annotations
 

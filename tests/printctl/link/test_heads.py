@@ -1,4 +1,4 @@
-"""Two heads: paused, stopped, reloaded, and found again after the host died at any moment."""
+"""Two-head prints: pause, stop, syringe change, and resumption after the host's death."""
 
 from __future__ import annotations
 

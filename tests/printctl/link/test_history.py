@@ -1,4 +1,4 @@
-"""The history of prints: an index that the journals can always make again."""
+"""History of prints: index rebuilt from the journals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hosts that die in a print on the simulated printer, and others that go on with it."""
+"""Host death during a print on the simulated printer, and resumption."""
 
 from __future__ import annotations
 

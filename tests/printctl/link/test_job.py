@@ -1,4 +1,4 @@
-"""Jobs that may be sent, the needle's place, and the way out."""
+"""Job files: accepted commands, needle position, path out of the bath."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The journal: what is in it is true, and a torn tail does no harm."""
+"""Print journal: correct content, tolerant of a torn last record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words on a print whose link process was killed: what the printer may go on doing, by family."""
+"""Message about a print whose link process was killed: the printer's behaviour, by family."""
 
 from __future__ import annotations
 

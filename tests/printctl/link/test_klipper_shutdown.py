@@ -1,4 +1,4 @@
-"""Klipper says why it has shut down only when it is asked."""
+"""Klipper's shutdown reason, queried after the shutdown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Oks that come late: no later line is answered by them."""
+"""Late oks: none is taken as the answer to a later line."""
 
 from __future__ import annotations
 

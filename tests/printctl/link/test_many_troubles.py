@@ -1,4 +1,4 @@
-"""Pauses, changes of syringe and deaths of the host in one print, at random moments."""
+"""Random sequences of pauses, syringe changes and host deaths in one print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Marks in a job: ours and the slicers', and where a print is held for them."""
+"""Interruption marks in a job (ours and slicers'), and holds at them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Meaning of each line of a real Marlin, and framing of lines to it."""
+"""Interpretation of a real Marlin's replies, and framing of lines to it."""
 
 from __future__ import annotations
 

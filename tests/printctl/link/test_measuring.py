@@ -1,4 +1,4 @@
-"""Force or pressure is asked for, and ends a print above a limit."""
+"""Watched gauges (force, pressure): queried during a print, ending it above a limit."""
 
 from __future__ import annotations
 

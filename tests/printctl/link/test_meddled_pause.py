@@ -1,4 +1,4 @@
-"""Commands of another program while a print on the simulated Marlin is paused, then `resume`."""
+"""Other programs' commands during a pause on the simulated Marlin, then `resume`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Modes and settings that another program changes in mid-print, on the simulated Marlin."""
+"""Other programs' changes of modes and settings during a print on the simulated Marlin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A job's past by its text: relief, settings."""
+"""Commanded state after some lines of a job: position, relief, settings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Notes belong to their print, whichever print is later in its folder."""
+"""Operator's notes stay with their print when its folder is reused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commands of another client of a Klipper in mid-print, whose answers this one never hears."""
+"""Another Klipper client's commands during a print, whose replies the link never receives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two lines in flight: which leave together, and what doubt makes of them."""
+"""Two lines in flight: which pairs are sent together, and recovery from doubt."""
 
 from __future__ import annotations
 

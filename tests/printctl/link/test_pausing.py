@@ -1,4 +1,4 @@
-"""Pauses at any moment and at marks: every line once and in order, rejoined at the exact point."""
+"""Pauses at any moment and at marks: every line once, in order, resumed at the exact point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The other families by properties; noise that a family's own check wouldn't find is left out."""
+"""Link protocols of other families, property-based; only noise that their checks detect."""
 
 from __future__ import annotations
 

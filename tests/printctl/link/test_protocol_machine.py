@@ -1,4 +1,4 @@
-"""Marlin by properties: whatever the wire does, no line is lost, doubled or swapped."""
+"""Marlin's link protocol, property-based: no line lost, doubled or swapped by noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The protocol, byte by byte: what it says to what a real Marlin answers."""
+"""Marlin's link protocol, byte by byte, against recorded replies."""
 
 from __future__ import annotations
 

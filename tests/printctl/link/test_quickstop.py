@@ -1,4 +1,4 @@
-"""A controlled stop on a Marlin: M410 drops what the planner holds; the way out begins there."""
+"""Controlled stop on Marlin: M410 discards planned moves; the retreat starts there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rest of a job after a power cut: from a checkpoint that was moved, by a way from above."""
+"""Recovery of a job after a power cut: from a chosen checkpoint, approached from above."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A line of the job that the printer refuses isn't counted as done, and `recover` begins at it."""
+"""Job line refused by the printer: not counted as done, `recover` starts at it."""
 
 from __future__ import annotations
 

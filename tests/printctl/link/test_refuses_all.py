@@ -1,4 +1,4 @@
-"""A printer that answers everything behind an error with another error: its own words end it."""
+"""Printer that answers everything after an error with another error: the print ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Change of syringe in mid-print: planned, made, interrupted by the host's death in the middle."""
+"""Syringe change during a print: planned, made, interrupted by the host's death."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Time for which motors run on after a kill: as told, within 20 %, and never longer."""
+"""Run-on time of motors after a kill: predicted within 20 %, never too short."""
 
 from __future__ import annotations
 

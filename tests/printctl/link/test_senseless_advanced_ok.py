@@ -1,4 +1,4 @@
-"""An ADVANCED_OK whose fields make no sense counts as a plain ok, told once."""
+"""Invalid ADVANCED_OK fields: treated as a plain ok, reported once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The link process's door: who may come in, what is understood, and that nobody holds up a kill."""
+"""Link process's command socket: access, understood requests, kill never delayed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A job whose last move is too short for the firmware to make it."""
+"""Job whose last move is too short for the firmware to execute."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Complete prints on the simulated printer, in virtual time: the file is executed."""
+"""Complete prints on the simulated printer, in virtual time: every move executed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words that noise changed past the checksum, found by comparing positions."""
+"""Lines garbled past the checksum: found by comparing positions."""
 
 from __future__ import annotations
 

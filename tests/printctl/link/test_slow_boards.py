@@ -1,4 +1,4 @@
-"""Late and bunched oks, a board that stalls or runs slow: done comes behind the last step."""
+"""Late or bunched oks and slow boards: done is reported after the last motor step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A stop in an arc: Marlin makes its pieces one by one, and goes on making them after M410."""
+"""Stop during an arc: Marlin continues generating segments after M410."""
 
 from __future__ import annotations
 

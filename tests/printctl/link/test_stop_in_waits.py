@@ -1,4 +1,4 @@
-"""A stop within a wait of the link's own, on the simulated Marlin: what its motors do then."""
+"""Stop during a wait of the link itself, on the simulated Marlin: motor behaviour."""
 
 from __future__ import annotations
 

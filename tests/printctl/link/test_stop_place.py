@@ -1,4 +1,4 @@
-"""Place in a job of a stopped printer, and the rest by `recover`."""
+"""Stop position of a printer in its job, and the rest by `recover`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The streamer against a small Marlin, in virtual time."""
+"""Streamer against a fake Marlin, in virtual time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Link and station are composed: short chains of classes, private attributes with one owner."""
+"""Code structure of link and station: short inheritance, private attributes with one owner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Declared start of the tip in a job's first lines; later ones move no check."""
+"""Declared tip position (G92) in a job's first lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wires: what they give, and what they say when they break."""
+"""Transports: data and error behaviour."""
 
 from __future__ import annotations
 

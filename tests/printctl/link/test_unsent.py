@@ -1,4 +1,4 @@
-"""An Aerotech controller takes no lines: everything that would send some says so, and why."""
+"""Aerotech controllers: every command that would send lines refuses, with the reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A pneumatic head: the valve is shut before anything lifts, and opened where the tip is back."""
+"""Pneumatic head: valve shut before any lift, reopened at the returned position."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wire log: bounded, in order, and kept where something went wrong."""
+"""Wire log: bounded, ordered, kept after a failure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A second line that leaves but for its end: run only once its end follows, else refused."""
+"""Line sent without its end: executed only once the end follows, else refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs as our own writer writes them: held at their marks, the needle stands free there."""
+"""Jobs of our own writer: held at their marks with the needle clear of ink."""
 
 from __future__ import annotations
 

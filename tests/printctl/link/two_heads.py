@@ -1,4 +1,4 @@
-"""A job of two heads from the product's own writer, and prints of it on the simulated Marlin."""
+"""Two-head job of the product's writer, and its prints on the simulated Marlin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hypothesis plays the wire and the firmware's moods; what must hold is each family's own."""
+"""Hypothesis state machine of wire and firmware faults, with the invariants of each family."""
 
 from __future__ import annotations
 

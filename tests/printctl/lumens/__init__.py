@@ -1,1 +1,1 @@
-"""Tests of the lumen report."""
+"""Tests of the lumen checks in G-code."""

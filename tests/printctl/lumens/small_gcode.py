@@ -1,4 +1,4 @@
-"""Small prints as G-code, written by hand: what is written is known exactly."""
+"""Handwritten small prints as G-code, of known geometry."""
 
 from __future__ import annotations
 

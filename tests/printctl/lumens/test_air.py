@@ -1,4 +1,4 @@
-"""Lines of a pneumatic head: from feeds, and as the dry run lays them."""
+"""Pneumatic head's line widths: from feed rates, and as simulated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Open vessels of an embedded print, from filaments that are known exactly."""
+"""Lumen openings of an embedded print, from known filaments."""
 
 from __future__ import annotations
 

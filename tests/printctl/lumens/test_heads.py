@@ -1,4 +1,4 @@
-"""Ink of several heads is read at their own tips' places."""
+"""Ink of several heads, read at each tip's own position."""
 
 from __future__ import annotations
 

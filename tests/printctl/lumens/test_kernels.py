@@ -1,4 +1,4 @@
-"""The ray, the widest circle and the runs against slow and obvious ones."""
+"""Lumen kernels (rays, widest circle, connected runs), against slow oracles."""
 
 from __future__ import annotations
 

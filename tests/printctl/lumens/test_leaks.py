@@ -1,4 +1,4 @@
-"""Ways out of the lumens, and those that are none."""
+"""Lumen openings and leaks: real ones found, none invented."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Written lines read from G-code."""
+"""Printed lines read from G-code."""
 
 from __future__ import annotations
 

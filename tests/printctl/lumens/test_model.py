@@ -1,4 +1,4 @@
-"""Lumens of a part without a network, and where the part stands."""
+"""Lumens of a part without a network, and the part's position."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Open lumens among lines that are known exactly."""
+"""Lumen openings among known printed lines."""
 
 from __future__ import annotations
 

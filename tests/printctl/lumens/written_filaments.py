@@ -1,4 +1,4 @@
-"""Filaments of known width as G-code, for a plunger and for a valve."""
+"""Test filaments of known width as G-code, for a plunger and for a valve."""
 
 from __future__ import annotations
 

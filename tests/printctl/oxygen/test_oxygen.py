@@ -1,4 +1,4 @@
-"""`oxygen:` in a recipe and `printctl oxygen`, as a new user meets them."""
+"""Oxygen: recipe section `oxygen` and `printctl oxygen`."""
 
 from __future__ import annotations
 

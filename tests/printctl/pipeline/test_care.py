@@ -1,4 +1,4 @@
-"""A recipe's settings for watching its print reach the link process."""
+"""Recipe settings on print supervision reach the link process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stage of 3D flow runs where the recipe asks, and anew when what it depends on changes."""
+"""Pipeline stage of 3D flow: runs on request, reruns when its inputs change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recipe's network from any file that is read, and vessels of it that run into each other."""
+"""Recipe's network from a file of any format; overlapping vessels in it."""
 
 from __future__ import annotations
 

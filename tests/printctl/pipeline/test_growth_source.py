@@ -1,4 +1,4 @@
-"""The recipe's words on growth become the design's options, its files read."""
+"""Recipe's growth section: conversion to growth options, files read."""
 
 from pathlib import Path
 

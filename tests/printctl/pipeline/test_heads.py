@@ -1,4 +1,4 @@
-"""Several heads in a recipe: what each holds, and which vessels it writes."""
+"""Several heads in a recipe: their contents, and the vessels they write."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Layers in two inks, from the recipe to the checked G-code."""
+"""FRESH layers in two inks, from recipe to checked G-code."""
 
 from __future__ import annotations
 

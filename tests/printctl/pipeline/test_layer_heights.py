@@ -1,4 +1,4 @@
-"""Layers that follow slopes, from the recipe to the checked G-code."""
+"""Adaptive layer heights, from recipe to checked G-code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of layers, from the G-code itself."""
+"""Layer pictures drawn from the G-code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The lock of a run folder."""
+"""Lock of a run folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stage that holds the G-code against the network."""
+"""Pipeline stage that checks lumens in the G-code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measurement record: what is stated is kept, what isn't is said so, what is wrong is noted."""
+"""Measurement record: stated facts kept, missing or wrong ones reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plate's verdict from its wells'."""
+"""Verdict on a plate, from the verdicts on its wells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Limits of needle, bath and method."""
+"""Printability limits of needle, bath and method."""
 
 from __future__ import annotations
 

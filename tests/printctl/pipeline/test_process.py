@@ -1,4 +1,4 @@
-"""A whole dry run against the time that cells have, and its ink."""
+"""Print time against cell lifetime, and ink use, on a complete simulated job."""
 
 from __future__ import annotations
 

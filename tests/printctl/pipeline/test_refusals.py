@@ -1,4 +1,4 @@
-"""Recipes that their profiles and given network refuse, before anything is built."""
+"""Recipes refused before any computation, for their profiles or given network."""
 
 from __future__ import annotations
 

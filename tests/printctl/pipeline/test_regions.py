@@ -1,4 +1,4 @@
-"""Regions from a recipe's words."""
+"""Regions with their own infill or head, from a recipe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recipe's defects on order, where they come to lie."""
+"""Recipe's simulated print defects: their positions in the printer's frame."""
 
 from __future__ import annotations
 

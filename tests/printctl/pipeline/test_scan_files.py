@@ -1,4 +1,4 @@
-"""A run's memory of the user's scan: any change of it makes the stage run again."""
+"""Rerun of a run's scan stage after any change of the user's scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Input of the simulated scanner."""
+"""Pipeline stage of the simulated scanner: its input."""
 
 from __future__ import annotations
 

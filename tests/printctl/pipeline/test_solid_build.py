@@ -1,4 +1,4 @@
-"""A recipe's solid section: fittings, tubes, chambers, marks."""
+"""Recipe section on the solid: fittings, tubes, chambers, marks."""
 
 from __future__ import annotations
 

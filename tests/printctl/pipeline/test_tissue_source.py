@@ -1,4 +1,4 @@
-"""From the recipe's tissue section to a tissue, with files beside the recipe."""
+"""Tissue built from a recipe's section, with files beside the recipe."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""From a place of the print back to the lines that made it."""
+"""Trace from a place of the print to its G-code lines."""
 
 from __future__ import annotations
 

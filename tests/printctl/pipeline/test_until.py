@@ -1,4 +1,4 @@
-"""A run that ends at a stage, and what it tells other programs meanwhile."""
+"""Runs that end at a given stage, and their progress for other programs."""
 
 from __future__ import annotations
 

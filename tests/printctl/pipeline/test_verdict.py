@@ -1,4 +1,4 @@
-"""Pass, fail, and what can't be told."""
+"""Verdict on a print: pass, fail, undecided."""
 
 from __future__ import annotations
 

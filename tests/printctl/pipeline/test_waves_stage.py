@@ -1,4 +1,4 @@
-"""The flow stage follows waves where the recipe asks, in the print's size."""
+"""Pipeline stage of flow: 1D waves on request, at the print's size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plates as they stand, names of wells, ways between them, and what goes into which."""
+"""Well plates: positions, well names, travels, assignment."""
 
 from __future__ import annotations
 

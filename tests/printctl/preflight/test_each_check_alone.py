@@ -1,4 +1,4 @@
-"""Each check refuses, or warns, of one thing and nothing else does: a job in order, and one wrong.
+"""Preflight checks one by one: each refuses or warns about exactly one fault.
 
 What a job in order is warned of (none of our inks is measured, say) is taken away first.
 """

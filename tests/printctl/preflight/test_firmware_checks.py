@@ -1,4 +1,4 @@
-"""Preflight on jobs for the wrong firmware, or for one without watchdogs."""
+"""Preflight of jobs for the wrong firmware, or for one without watchdogs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Needles that don't write, against bath, ink and wall; heads raised and lowered in time."""
+"""Idle needles against bath, ink and wall; timely raising and lowering of heads."""
 
 from __future__ import annotations
 

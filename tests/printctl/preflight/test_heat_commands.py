@@ -1,4 +1,4 @@
-"""Heat in a job, by whatever command: another head's, without a target, out of reach."""
+"""Heater commands in a job: of another head, without a target, beyond the limit."""
 
 from __future__ import annotations
 

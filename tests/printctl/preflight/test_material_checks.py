@@ -1,4 +1,4 @@
-"""Ink, bath, dish and force: each refusal names the key or line, value, limit and remedy."""
+"""Checks of ink, bath, dish and force: each refusal names place, value, limit and remedy."""
 
 from __future__ import annotations
 

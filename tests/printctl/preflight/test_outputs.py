@@ -1,4 +1,4 @@
-"""Outputs that a controller's program file sets."""
+"""Digital outputs set by a controller's program file: checks."""
 
 from __future__ import annotations
 

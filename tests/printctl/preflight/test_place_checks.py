@@ -1,4 +1,4 @@
-"""Places that a job tells the firmware: once, and no other later."""
+"""Tip positions declared in a job: once, before the first move."""
 
 from __future__ import annotations
 

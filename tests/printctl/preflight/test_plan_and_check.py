@@ -1,4 +1,4 @@
-"""The plan's own account of its path says what the check of its G-code says, on any network."""
+"""Embedded plan's own collision report agrees with the check of its G-code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A pneumatic head's checks: each refuses a job or a set-up that is wrong in that alone."""
+"""Checks of a pneumatic head: each refuses one faulty job or set-up."""
 
 from __future__ import annotations
 

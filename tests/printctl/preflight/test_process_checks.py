@@ -1,4 +1,4 @@
-"""Time against the cells' time, ink against fillings, motor steps against moves."""
+"""Checks of time against cell lifetime, ink against syringe, motor steps against moves."""
 
 from __future__ import annotations
 

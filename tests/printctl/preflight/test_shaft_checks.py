@@ -1,4 +1,4 @@
-"""A job that crosses isn't printed unless somebody says so, and then the journal keeps it."""
+"""Job with shaft collisions: refused unless confirmed, which the journal records."""
 
 from __future__ import annotations
 

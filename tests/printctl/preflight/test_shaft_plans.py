@@ -1,4 +1,4 @@
-"""Planned jobs pass the checker, but for what the plan's report names."""
+"""Planned embedded jobs pass the shaft checker, except where the plan reports it."""
 
 from __future__ import annotations
 

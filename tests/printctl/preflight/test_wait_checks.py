@@ -1,4 +1,4 @@
-"""Waits for a temperature that no heater can bring about."""
+"""Temperature waits that no heater can satisfy."""
 
 from __future__ import annotations
 

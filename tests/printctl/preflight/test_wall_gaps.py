@@ -1,4 +1,4 @@
-"""Gaps to a dish's wall: of many moves and of one alone."""
+"""Clearance between needle and dish wall, for single and for many moves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wells of a plate against jobs of a few lines, written by hand."""
+"""Checks of plate wells, on handwritten jobs."""
 
 from __future__ import annotations
 

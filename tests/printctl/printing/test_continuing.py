@@ -1,4 +1,4 @@
-"""A new syringe that is told to a print whose link process died before there was room for one."""
+"""Syringe change reported to a print whose link process died beforehand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs that are printing, printed or interrupted already."""
+"""Finding prints of a job: running, printed or interrupted."""
 
 import os
 import signal

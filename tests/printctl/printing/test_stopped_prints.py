@@ -1,4 +1,4 @@
-"""The one truth of a stopped print: `stood`, where it is certain, says how much was made."""
+"""True state of a stopped print: `stood`, if certain, says how much was printed."""
 
 from __future__ import annotations
 

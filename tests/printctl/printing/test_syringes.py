@@ -1,4 +1,4 @@
-"""A job that needs more than one syringe: refused with an offer, or planned with changes."""
+"""Job needing several syringes: refused with an offer, or planned with changes."""
 
 from __future__ import annotations
 

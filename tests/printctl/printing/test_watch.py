@@ -1,4 +1,4 @@
-"""Prints followed from the command line."""
+"""Following a print from the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A printer's own settings against a profile, asked over the link's channel."""
+"""Printer settings compared with a profile, queried over the link's channel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Datums in a recipe."""
+"""Recipe section on datums."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recipe says how a tree grows; what can't be is refused with key, value and remedy."""
+"""Recipe section on tree growth: invalid values refused with key and remedy."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""A recipe asks for a lattice."""
+"""Recipe section on lattices."""
 
 from typing import Any, get_args
 

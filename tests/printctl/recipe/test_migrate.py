@@ -1,4 +1,4 @@
-"""Recipes of an older schema are brought to today's; those of a newer one are refused.
+"""Migration of recipes from older schemas; refusal of newer ones.
 
 The old recipe is a real one: the cylinder as it was asked for before `radius_mm` became
 `diameter_mm`, when schemas weren't counted. It is called schema 0 here.

@@ -1,4 +1,4 @@
-"""A recipe is refused with the key's path, the value, the limit and the remedy."""
+"""Recipe validation errors: key path, value, limit and remedy."""
 
 from copy import deepcopy
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A recipe that is written out with all its defaults says the same when it is read again."""
+"""Recipe round trip: written with all defaults and read back equal."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The tissue section: zones, demand, label images, each refused with its place when wrong."""
+"""Recipe section on tissue: zones, demand, label images; errors named with their place."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Prints as they leave their folders, for the tests of records."""
+"""Test prints with their folders, for records."""
 
 from __future__ import annotations
 

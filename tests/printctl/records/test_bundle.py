@@ -1,4 +1,4 @@
-"""Bundles: the same content gives the same bytes, and no changed byte goes unseen."""
+"""Record bundles: reproducible bytes, every change detected."""
 
 from __future__ import annotations
 

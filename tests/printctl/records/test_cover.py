@@ -1,4 +1,4 @@
-"""The cover of a bundle, for the screen and for paper."""
+"""Cover page of a record bundle, as HTML and PDF."""
 
 from __future__ import annotations
 

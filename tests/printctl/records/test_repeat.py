@@ -1,4 +1,4 @@
-"""A print done again: the same bytes or none, and what differs today is told."""
+"""Repeat of a print: identical G-code or none; differences reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CSV of the history, and a print's time line."""
+"""History as CSV, and a print's timeline."""
 
 from __future__ import annotations
 

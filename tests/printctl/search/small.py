@@ -1,4 +1,4 @@
-"""A small search: a few thin trees in a small block, a handful of milliseconds each."""
+"""Small test search: a few thin trees in a small block, milliseconds each."""
 
 from __future__ import annotations
 

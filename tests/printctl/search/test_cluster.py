@@ -1,4 +1,4 @@
-"""Searches on several processes, on a cluster by its address, and killed on the way."""
+"""Search workers: several processes, a cluster, and interruption."""
 
 from __future__ import annotations
 

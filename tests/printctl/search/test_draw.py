@@ -1,4 +1,4 @@
-"""Candidates as they are drawn."""
+"""Drawn search candidates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The order of candidates, against a slow oracle and by hand."""
+"""Ranking of search candidates, against a slow oracle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Complete searches in this process: results kept, resumed, the best as a recipe."""
+"""Complete searches: stored, resumed, best candidate as a recipe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wrong search files and their messages."""
+"""Search file errors and their messages."""
 
 from __future__ import annotations
 

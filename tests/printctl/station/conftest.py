@@ -1,4 +1,4 @@
-"""Stations: of the simulated printer, and of a small fake one behind a pseudo-terminal."""
+"""Station fixtures: with the simulated printer, and with a fake behind a pseudo-terminal."""
 
 from __future__ import annotations
 

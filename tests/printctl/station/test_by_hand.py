@@ -1,4 +1,4 @@
-"""A simulated printer connected, moved by hand and refused what isn't safe."""
+"""Manual moves of an idle simulated printer; unsafe ones refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lines that another program writes to a station's printer: its place is no longer known."""
+"""Another program's lines to an idle printer: its position becomes unknown."""
 
 from __future__ import annotations
 

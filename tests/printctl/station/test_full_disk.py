@@ -1,4 +1,4 @@
-"""A disk that is full when a station begins or ends."""
+"""Full disk at a station's start or end."""
 
 from __future__ import annotations
 

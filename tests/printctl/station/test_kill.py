@@ -1,4 +1,4 @@
-"""M112 from every state; what follows; and a printer or a host that goes away."""
+"""Emergency stop (M112) from every state, and recovery; loss of printer or host."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Declarations about the machine, and their effect on what was known."""
+"""Declarations about the printer (mounted parts, positions), and what they invalidate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bed levelling and skew correction that a firmware has on, before the start and behind homing."""
+"""Bed levelling and skew correction active in the firmware: refused or switched off."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A print on the port that is open, and standing by again afterwards."""
+"""Print on a station's open port, and return to standby."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Last word of a station whose record couldn't be written."""
+"""Station whose final record couldn't be written: last message."""
 
 from __future__ import annotations
 

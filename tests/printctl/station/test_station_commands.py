@@ -1,4 +1,4 @@
-"""`printctl station`: a printer connected, asked and moved from the command line."""
+"""`printctl station` from the command line: connect, query, move."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Temperatures by firmware, and the limits of what is mounted."""
+"""Temperatures by firmware, and limits of mounted materials."""
 
 from __future__ import annotations
 

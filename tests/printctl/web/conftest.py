@@ -1,4 +1,4 @@
-"""A browser for the tests of pages."""
+"""Browser fixture for page tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A print under way in a workspace, to a printer behind a pseudo-terminal."""
+"""Fixture: a running print of a workspace, on a printer behind a pseudo-terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A server for tests: as an app in this process, or as a process of its own."""
+"""Test server, in this process or as a separate one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Requests by the API's own description never make the server fail.
+"""Fuzzing of the REST API by its own description: no server errors.
 
 A minute long, so it runs with `make test-browser`, beside the tests that want Chromium.
 """

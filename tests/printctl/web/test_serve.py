@@ -1,4 +1,4 @@
-"""`printctl serve`, as it is started."""
+"""`printctl serve`: start-up and options."""
 
 from __future__ import annotations
 

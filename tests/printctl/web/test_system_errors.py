@@ -1,4 +1,4 @@
-"""The system's refusals are answered with a remedy, never by a bare 500."""
+"""Operating system errors: answered with a remedy, never a bare 500."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Comparison of prints: known variances and trends come back, strangers are refused."""
+"""Comparison of prints: recovers known variances and trends, refuses unrelated prints."""
 
 from __future__ import annotations
 

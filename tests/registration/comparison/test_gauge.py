@@ -1,4 +1,4 @@
-"""Gauge study: a published example, known components, claims of budgets."""
+"""Gauge study: a published example, known variance components, tested budgets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small simulated films, and the marks that belong to them."""
+"""Small simulated dye videos with their marks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Beside closed vessels the others are held to the flow that those leave."""
+"""Dye flow beside closed vessels."""
 
 from __future__ import annotations
 

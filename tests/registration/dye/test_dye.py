@@ -1,4 +1,4 @@
-"""Arrivals and patency on films whose flow is known."""
+"""Dye arrivals and patency, on videos of known flow."""
 
 import dataclasses
 from pathlib import Path

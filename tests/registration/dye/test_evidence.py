@@ -1,4 +1,4 @@
-"""Nothing that a film doesn't show is said or passed."""
+"""Dye verdict: nothing claimed that the video doesn't show."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A film through a lens that distorts, with the camera's calibration and without."""
+"""Dye video through a distorting lens, with and without the camera's calibration."""
 
 from __future__ import annotations
 

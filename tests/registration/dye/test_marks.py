@@ -1,4 +1,4 @@
-"""Errors of marks and files that can't be used."""
+"""Dye marks and files: errors reported."""
 
 import dataclasses
 from pathlib import Path

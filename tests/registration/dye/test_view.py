@@ -1,4 +1,4 @@
-"""Views by four marks or more: tilted cameras, and marks that can't tell of one."""
+"""Camera views from four or more marks: tilted cameras, ambiguous marks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A block with three straight channels, printed with a known deviation, as a segmented field.
+"""Test print: a block with three straight channels of known deviation, as a segmented field.
 
 No scanner in between: zones are held against analytic truth.
 """

@@ -1,4 +1,4 @@
-"""The part's frame laid on datums."""
+"""Reference frame of a part, laid on datums."""
 
 from __future__ import annotations
 

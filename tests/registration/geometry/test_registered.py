@@ -1,4 +1,4 @@
-"""Datums through the front door: a scan of lumens alone, laid on its axes and mouths."""
+"""Datums by recipe and command: a scan of lumens alone, laid on its axes and mouths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Zones of known shapes: a tilted axis, a shifted channel, a barrel, a leaning face."""
+"""Tolerance zones of known shapes: tilted axis, shifted channel, barrel, leaning face."""
 
 from __future__ import annotations
 

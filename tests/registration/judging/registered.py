@@ -1,4 +1,4 @@
-"""Numbers of a registration made by hand."""
+"""Handmade registration numbers for judging tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sections, vessels and prints held against their tolerances."""
+"""Decisions on sections, vessels and prints against tolerances."""
 
 from __future__ import annotations
 
@@ -182,8 +182,8 @@ def test_a_lumen_far_beside_its_axis_never_passes_without_a_limit(
     told = [reason(f) for f in found["judging"]["features"] if f["name"] == "offset"]
     if decision == "undecided":
         assert told == [
-            "Vessel 0, 2.5 mm along: the lumen lies 245 ± 20 µm beside its designed axis, more than "
-            "half its radius, and no limit is given; say what is allowed (offset_um)"
+            "Vessel 0, 2.5 mm along: the lumen lies 245 ± 20 µm beside its designed axis, "
+            "more than half its radius, and no limit is given; say what is allowed (offset_um)"
         ]
 
 

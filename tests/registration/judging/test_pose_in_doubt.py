@@ -1,4 +1,4 @@
-"""Of a doubtful pose no number that is written says fail."""
+"""Doubtful pose: no decision says fail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Geometric characteristics held against their tolerances."""
+"""Decisions on geometric characteristics."""
 
 from __future__ import annotations
 

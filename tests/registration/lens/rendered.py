@@ -1,4 +1,4 @@
-"""Pictures through a lens that is known, rendered ray by ray by nothing of the product's."""
+"""Test pictures through a known lens, ray-traced independently of the product."""
 
 from __future__ import annotations
 

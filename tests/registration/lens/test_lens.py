@@ -1,4 +1,4 @@
-"""A lens that is known comes back from rendered pictures of a board."""
+"""Lens calibration from rendered board pictures."""
 
 from __future__ import annotations
 

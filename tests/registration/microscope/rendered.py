@@ -1,4 +1,4 @@
-"""Pictures of lines whose widths are known: painted pixel by pixel, by nothing of the product's."""
+"""Test pictures of lines with known widths, painted pixel by pixel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Widths and gaps come back from pictures that were painted with known ones."""
+"""Widths and gaps measured in synthetic pictures."""
 
 from __future__ import annotations
 

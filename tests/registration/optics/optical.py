@@ -1,4 +1,4 @@
-"""Scans of plain targets as a device with a known fault would show them."""
+"""Synthetic scans of calibration targets, by a device with a known distortion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The beam's way: Snell, inverse, bounds, and a scan laid out anew."""
+"""Refraction of the OCT beam: Snell's law, inverse, bounds, resampled scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibration: a known fault is found from a grid and a step, and the file keeps it."""
+"""OCT calibration: known distortion recovered from a grid and a step; file round trip."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ray caster against plain arithmetic: a fine row of spheres instead of each rounded cone."""
+"""Ray caster of rounded tubes, against rows of spheres in plain arithmetic."""
 
 from collections.abc import Sequence
 from typing import Any

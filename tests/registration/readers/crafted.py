@@ -1,4 +1,4 @@
-"""Files written byte by byte, as the formats' descriptions say and without our writers."""
+"""Test scan files written byte by byte from the formats' specifications."""
 
 from __future__ import annotations
 

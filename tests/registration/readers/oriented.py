@@ -1,4 +1,4 @@
-"""A labelled phantom laid into files in any orientation, by the libraries' own writers."""
+"""Labelled phantom written to files in any orientation, by the libraries' own writers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bioptigen and Heidelberg files, made after their public descriptions."""
+"""Readers of Bioptigen and Heidelberg files."""
 
 from __future__ import annotations
 

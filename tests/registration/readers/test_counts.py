@@ -1,4 +1,4 @@
-"""Counts that hold dB, saturation, and scales that were mixed up."""
+"""Grey values that encode dB, saturation, and confused scales."""
 
 from __future__ import annotations
 

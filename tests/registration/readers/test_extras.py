@@ -1,4 +1,4 @@
-"""DICOM, HDF5, MATLAB and OME-Zarr: what the extra `scans` reads, and what is refused without."""
+"""Readers of DICOM, HDF5, MATLAB and OME-Zarr, with and without the extra `scans`."""
 
 from __future__ import annotations
 

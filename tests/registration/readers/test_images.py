@@ -1,4 +1,4 @@
-"""OME-TIFF, ImageJ, NIfTI, NRRD, raw, npz: axes, units, handedness, broken files."""
+"""Readers of OME-TIFF, ImageJ, NIfTI, NRRD, raw and npz: axes, units, broken files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mosaics: parts cut from one scene find their places again."""
+"""Mosaics: positions of overlapping scans recovered."""
 
 from __future__ import annotations
 

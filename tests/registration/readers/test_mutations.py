@@ -1,4 +1,4 @@
-"""Any file with a few bytes wrong is read or refused; nothing else comes out of a reader."""
+"""Fuzzed scan files: read or refused, never another exception."""
 
 from __future__ import annotations
 

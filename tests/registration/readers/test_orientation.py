@@ -1,4 +1,4 @@
-"""Orientation of every format: all 48 come back identical in space, or are refused."""
+"""Orientation in every format: all 48 recovered, or refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Spectra with known reflectors: depth, width, background, dispersion."""
+"""OCT spectra with known reflectors: depth, width, background, dispersion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Thorlabs `.oct`: what the header says, and headers that lie."""
+"""Reader of Thorlabs `.oct`: headers, also wrong ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Thorlabs files that hold raw spectra: chirp, background, sizes, refusals."""
+"""Thorlabs files with raw spectra: chirp, background, sizes, refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A small job for the tests of its page: two layers of four lines, and a job of three passes."""
+"""Small test job for the G-code page: two layers of four lines, and three passes."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A predicted print for the tests of its slider: two layers, and three passes of two inks."""
+"""Small test prediction for the playback page: two layers, and three passes of two inks."""
 
 import numpy as np
 

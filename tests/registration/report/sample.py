@@ -1,4 +1,4 @@
-"""A report as a run of the planar network would give it, with made-up but consistent numbers."""
+"""Sample report.json contents, made up but consistent."""
 
 from __future__ import annotations
 

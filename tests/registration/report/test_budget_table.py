@@ -1,4 +1,4 @@
-"""Budgets and the pressure ratio as the report words them."""
+"""Report text on uncertainty budgets and the pressure ratio."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distances of drawn lines beyond the design's outline."""
+"""Excess of printed lines over the design's outline."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Defects, both ways, topology and flow on the page."""
+"""Report parts on defects, deviation, topology and perfusion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The table of what the G-code leaves open."""
+"""Report table of predicted lumen openings."""
 
 from __future__ import annotations
 

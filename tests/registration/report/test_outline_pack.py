@@ -1,4 +1,4 @@
-"""Outlines packed for a page: what its script unpacks is what was drawn."""
+"""Packed layer outlines: unpacked by the page's script as drawn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The PDF: what it says, its pages, its bytes; read back by another program (pypdf)."""
+"""PDF report: text, pages, reproducible bytes; read back by pypdf."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page's section viewer in Chromium: a click on a vessel's drawing shows that section."""
+"""Section viewer of the report in Chromium: a click on a plot shows that section."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shared parts of pages and drawings: head, scripts, small multiples, drawings made once."""
+"""Shared parts of pages and figures: head, scripts, small multiples, caching."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The band of wall shear among the report's first figures."""
+"""Wall shear range among the report's key figures."""
 
 from __future__ import annotations
 

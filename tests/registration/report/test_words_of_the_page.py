@@ -1,4 +1,4 @@
-"""Words of the page: of findings, of its file of numbers, above its pictures."""
+"""Report wording: findings, numbers file, picture captions."""
 
 from __future__ import annotations
 

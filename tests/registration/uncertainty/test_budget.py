@@ -1,4 +1,4 @@
-"""Budgets: combination, degrees of freedom, and what vessels make of their sections' errors."""
+"""Uncertainty budgets: combination, degrees of freedom, propagation from sections to vessels."""
 
 from __future__ import annotations
 

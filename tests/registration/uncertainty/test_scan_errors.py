@@ -1,4 +1,4 @@
-"""Errors common to all measurements of a scan, by its light."""
+"""Errors common to all measurements of a scan."""
 
 from __future__ import annotations
 

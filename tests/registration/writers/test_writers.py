@@ -1,4 +1,4 @@
-"""Writers: what is written is read back, and says of itself what others read."""
+"""Scan writers: round trip, and metadata for other readers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bath's effects against statics by hand, and ink that the shaft passes."""
+"""Bath effects on filaments, against statics by hand; ink displaced by the shaft."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow out of the needle against the exponential law, and volumes against each other."""
+"""Needle outflow, against the exponential law; volumes conserved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Predicted ink against volumes and the exponential law along a path."""
+"""Predicted ink along a path, against volumes and the exponential law."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The checker's oracle: every place of the tip against every place of ink, sampled."""
+"""Slow oracle of the shaft checker: samples all tip places against all ink."""
 
 from __future__ import annotations
 

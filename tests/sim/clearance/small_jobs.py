@@ -1,4 +1,4 @@
-"""Jobs of a few lines, written by hand as G-code, with the network that they are of."""
+"""Handwritten small jobs with their networks, for the shaft checker."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random jobs: the checker says what sampling says."""
+"""Shaft checker, against dense sampling on random jobs."""
 
 from __future__ import annotations
 

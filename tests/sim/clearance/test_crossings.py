@@ -1,4 +1,4 @@
-"""Planted crossings are flagged with their depth and line; what is clear isn't."""
+"""Planted shaft collisions: flagged with depth and line; clear jobs pass."""
 
 from __future__ import annotations
 

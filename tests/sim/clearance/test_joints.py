@@ -1,4 +1,4 @@
-"""Joints that are meant are spared, and nothing else of the vessels that meet."""
+"""Intended joints are exempt from the shaft check, nothing else is."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stretches of vessels that the moves of a job write."""
+"""Assignment of a job's moves to stretches of vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A whole file against its lines, one by one, and against a slow oracle of what is sent."""
+"""Reading of whole G-code files, against line-by-line reading and a slow oracle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One line of G-code, as each firmware family reads it."""
+"""Reading of single G-code lines, by firmware family."""
 
 from __future__ import annotations
 

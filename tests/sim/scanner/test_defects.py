@@ -1,4 +1,4 @@
-"""Defects on order: where they are and how large, counted in voxels."""
+"""Planted print defects: position and size, counted in voxels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulated scanners: physics of the signal, truth of the pose, same seed same bytes."""
+"""Simulated scanners: signal physics, true pose, reproducibility."""
 
 from __future__ import annotations
 

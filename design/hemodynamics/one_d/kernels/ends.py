@@ -1,4 +1,4 @@
-"""Flow at junctions and ends: mass, pressure and the arriving waves.
+"""1D flow at junctions and vessel ends: mass, pressure and the incoming waves.
 
 A vessel's end brings its outgoing invariant W = u + 4c (u towards the node); what its area and
 flow become there has the same. In terms of c everything is a polynomial: p = 2ϱc² - K,

@@ -1,4 +1,4 @@
-"""A network's state through time: Runge-Kutta steps of third order that keep it stable.
+"""Time-step the 1D flow of a network by the third-order Runge-Kutta method of Shu and Osher.
 
 Shu & Osher's (1988, doi 10.1016/0021-9991(88)90177-5): U₁ = U + Δt L(U),
 U₂ = ¾U + ¼(U₁ + Δt L(U₁)), U = ⅓U + ⅔(U₂ + Δt L(U₂)); L is asked at t, t + Δt and t + Δt/2.
@@ -24,7 +24,7 @@ from kernels import jit
 
 
 class State(NamedTuple):
-    """What changes.
+    """Cross-sections and flows of all cells, and the outlets' state, at one time.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Radii adjusted until flow in 3D divides as it is wanted."""
+"""Adjust vessel radii until 3D flow divides among the branches as wanted."""
 
 from design.hemodynamics.three_d.match.loop import match_split
 from design.hemodynamics.three_d.match.options import Matched, MatchOptions, Round

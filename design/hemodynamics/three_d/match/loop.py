@@ -1,4 +1,4 @@
-"""Radii adjusted until flow in 3D divides as it is wanted.
+"""Iterate mesh, 3D flow and vessel radii until the flow divides as wanted.
 
 The reduced model is told in each round what every vessel resists in 3D (`effective`), then finds
 the radii at which it has the wanted flows; with these the lumen is meshed and solved again

@@ -1,4 +1,4 @@
-"""Options and result of adjusting radii."""
+"""Options and result of adjusting vessel radii to wanted 3D flows."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from design.network import FloatArray, VesselNetwork
 
 @dataclass(frozen=True)
 class MatchOptions:
-    """How radii are adjusted.
+    """Options of adjusting vessel radii to wanted 3D flows.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Adjustable radii, their limits, and their values by the reduced model."""
+"""Adjustable vessel radii: their limits, and their next values by the reduced (0D) model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flows that are wanted of a network."""
+"""Target flows of a network's vessels, to which its radii are adjusted."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from design.network import FloatArray, IntArray, VesselNetwork
 
 @dataclass(frozen=True)
 class Target:
-    """Flows that are wanted.
+    """Target flows of a network.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The same finite elements on MPI ranks: a case in files, an engine, its result."""
+"""3D flow on MPI ranks: case files, the solver program, and its result."""
 
 from design.hemodynamics.three_d.ranks.case import (
     PortCondition,

@@ -1,4 +1,4 @@
-"""A case for an engine on MPI ranks: what it is told, in files."""
+"""Case files for the 3D flow solver on MPI ranks: mesh, ports, fluid and options."""
 
 from __future__ import annotations
 

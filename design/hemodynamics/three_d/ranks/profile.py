@@ -1,4 +1,4 @@
-"""Profiles of the flow through a mesh's ports, at the mesh's own nodes."""
+"""Velocity profiles at the nodes of a mesh's ports, for a given flow."""
 
 from __future__ import annotations
 

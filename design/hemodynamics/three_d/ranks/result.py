@@ -1,4 +1,4 @@
-"""Read back the ranks' results."""
+"""Read the results that the MPI ranks wrote."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from design.network import FloatArray
 
 @dataclass(frozen=True)
 class RankResult:
-    """What the ranks found.
+    """Result of a 3D flow solution on MPI ranks.
 
     Attributes
     ----------

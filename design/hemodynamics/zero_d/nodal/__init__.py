@@ -1,1 +1,1 @@
-"""Linear systems of any graph: branches folded away, what loops leave factorised."""
+"""Direct solver of network equations on any graph: trees folded, loops factorised."""

@@ -1,4 +1,4 @@
-"""Core of a graph: its loops, solved by elimination and a sparse rest."""
+"""Solve the looped core of a graph: node elimination, then a sparse factorisation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Branches of a network folded onto what they hang on, in linear time and without cancellation.
+"""Eliminate the dead-end branches of a graph, leaf by leaf, without cancellation.
 
 A node i of pressure p_i with one vessel left, of conductance g to node j, and with all else on it
 summed up as a conductance G to ground and a source s (Norton's equivalent), obeys

@@ -1,4 +1,4 @@
-"""Kernels that apply a star-mesh elimination to conductances, sources and potentials."""
+"""Kernels that apply a star-mesh elimination to conductances, sources and pressures."""
 
 from __future__ import annotations
 

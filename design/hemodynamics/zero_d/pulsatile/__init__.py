@@ -1,4 +1,4 @@
-"""Pulsatile flow: a network or a circuit under waves."""
+"""Pulsatile 0D flow in a network, or in a circuit of resistances, inertances and capacitances."""
 
 from design.hemodynamics.zero_d.pulsatile.circuit import Circuit
 from design.hemodynamics.zero_d.pulsatile.conditions import (

@@ -1,4 +1,4 @@
-"""A network under conditions as a circuit."""
+"""Build the electrical-analogue circuit of a network under its boundary conditions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Vessels and outlets as branches between nodes: the problem that all pulsatile solvers take."""
+"""Electrical-analogue circuit of vessels and outlets: the input of all pulsatile 0D solvers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Boundary conditions of pulsatile flow, and the vessels' walls."""
+"""Boundary conditions and wall compliance of pulsatile 0D flow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A circuit as plain branches (R and L in series) and capacitors at nodes, for steps in time."""
+"""Circuit of R-L branches and grounded capacitors, prepared for time stepping."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from design.network import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Ladder:
-    """What `march` steps.
+    """Branches and capacitors, prepared for `march`.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A circuit stepped through time by the generalised-α method, one factorisation for all steps.
+"""Time-step a circuit by the generalised-α method, with one factorisation for all steps.
 
 For C ṗ + Σ Q = s at nodes and L Q̇ + R Q = Δp in branches, Jansen, Whiting & Hulbert 2000, doi
 10.1016/S0045-7825(00)00203-6, with ρ the spectral radius at infinite steps:
@@ -33,7 +33,7 @@ PERIODIC = 1e-6
 
 @dataclass(frozen=True)
 class MarchOptions:
-    """How time is stepped.
+    """Time stepping options of the circuit solver.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class MarchOptions:
 
 @dataclass(frozen=True)
 class Marched:
-    """The last cycle.
+    """Last cycle of a time-stepped circuit.
 
     Attributes
     ----------

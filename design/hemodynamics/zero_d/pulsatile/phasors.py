@@ -1,4 +1,4 @@
-"""The periodic state of a circuit, a linear solve for each frequency.
+"""Periodic state of a circuit in the frequency domain, one linear solve per harmonic.
 
 The circuit is linear, so each harmonic of what drives it is answered by itself. Solving for the
 answer gives the periodic state with no transient to wait for: a Windkessel whose time constant is

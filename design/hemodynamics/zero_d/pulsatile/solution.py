@@ -1,4 +1,4 @@
-"""Pulsatile flow in a network, in its periodic state."""
+"""Solve pulsatile 0D flow in a network for its periodic state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A periodic state in a handful of numbers, and the waves at the network's ends."""
+"""Summarise a pulsatile 0D solution: totals, extremes, and waves at inlets and outlets."""
 
 from __future__ import annotations
 

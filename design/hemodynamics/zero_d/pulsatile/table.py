@@ -1,4 +1,4 @@
-"""Pulsatile flow as a table, one row a vessel."""
+"""Table of a pulsatile 0D solution, one row per vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Input of svZeroDSolver read, run and written, and its output's columns."""
+"""svZeroDSolver's files: read, run and write its input; write its output columns."""
 
 from design.hemodynamics.zero_d.svzerod.case import SvZeroDCase
 from design.hemodynamics.zero_d.svzerod.read import read_svzerod

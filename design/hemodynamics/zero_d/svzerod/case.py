@@ -1,4 +1,4 @@
-"""An input file of svZeroDSolver as a circuit."""
+"""Convert an svZeroDSolver input file to a circuit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read svZeroDSolver's JSON.
+"""Read svZeroDSolver's JSON input.
 
 Vessels are R, then C to ground, then L (its `BloodVessel`); junctions join them without loss;
 boundary conditions are FLOW, PRESSURE, RESISTANCE and RCR. Format: the project's documentation

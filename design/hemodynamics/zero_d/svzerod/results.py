@@ -1,4 +1,4 @@
-"""A case run, with the columns that svZeroDSolver writes."""
+"""Run an svZeroDSolver case and write the columns that svZeroDSolver writes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Views of a run: key figures, network and layers, two runs compared."""
+"""Views of a run for the Design page: key figures, network, layers, comparison of two runs."""
 
 from printctl.web.design.look.compare import Comparison, compare_runs
 from printctl.web.design.look.figures import Figure, key_figures

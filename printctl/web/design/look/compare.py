@@ -1,4 +1,4 @@
-"""Two runs beside each other: what their recipes say otherwise, and what came of it."""
+"""Compare two runs: differences of their recipes and key figures."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What differs between two runs.
+    """Differences between two runs.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""A run's key figures, from what its stages have said."""
+"""Key figures of a run, read from the results of its stages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Stages = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure.
+    """Key figure of a run.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Makes pages of a run for the server: ``python -m printctl.web.design.look.make SORT RUN PAGE``.
+"""Write a run's view pages in a separate process (`python -m printctl.web.design.look.make`).
 
 What can't be made is said in the last line of standard error, with exit code 1.
 """

@@ -1,4 +1,4 @@
-"""Pages of a run's network and of its layers, kept until the run changes."""
+"""Cached view pages of a run's network and layers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs of recipes as processes of the command line, found again by a new server."""
+"""Pipeline runs started by the web server as separate processes that survive its restart."""
 
 from printctl.web.design.making.detached import Detached
 from printctl.web.design.making.progress import RunProgress, StageProgress, read_progress

@@ -1,4 +1,4 @@
-"""A command of ours as a process of its own, which outlives the server and is found again.
+"""Detached process of one of our commands, found again by a restarted server.
 
 It writes its progress into its folder (`printctl.progress_file`) and holds the folder's lock.
 """

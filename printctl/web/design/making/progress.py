@@ -1,4 +1,4 @@
-"""Progress of a run, from the file that it writes (`printctl.progress_file`)."""
+"""Read a running pipeline's progress from the file that it writes (`printctl.progress_file`)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ RunState = Literal["never", "starting", "running", "done", "failed", "interrupte
 
 @dataclass(frozen=True)
 class StageProgress:
-    """One stage.
+    """Progress of one stage.
 
     Attributes
     ----------

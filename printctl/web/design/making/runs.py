@@ -1,4 +1,4 @@
-"""Start, follow, cancel and continue runs.
+"""Start, follow, cancel and continue pipeline runs from the Design page.
 
 A run is a process of the command line in a session of its own: the server may die and another
 finds it by its folder's lock and progress.

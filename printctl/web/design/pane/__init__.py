@@ -1,1 +1,1 @@
-"""The Design page's parts: the recipe's editor, making, looking, comparing."""
+"""Widgets of the Design page: recipe editor, run control, run views, comparison."""

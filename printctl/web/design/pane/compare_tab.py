@@ -1,4 +1,4 @@
-"""The tab where two runs stand beside each other."""
+"""Compare tab of the Design page: two runs beside each other."""
 
 from __future__ import annotations
 

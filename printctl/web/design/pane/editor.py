@@ -1,4 +1,4 @@
-"""The recipe that a browser edits: text and data in step, checked after each change."""
+"""Recipe being edited in the browser: text and data kept in step, validated on each change."""
 
 from __future__ import annotations
 

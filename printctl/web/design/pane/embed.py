@@ -1,4 +1,4 @@
-"""One of the product's pages inside ours, in our light or dark."""
+"""Embed one of the product's HTML pages in a frame, following the light or dark theme."""
 
 from __future__ import annotations
 

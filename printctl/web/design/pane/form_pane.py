@@ -1,4 +1,4 @@
-"""The recipe's form: its sections, each made when it is opened."""
+"""Recipe form: its sections, each built when it is first opened."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An input for one value of a recipe."""
+"""Input widget for one value of a recipe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tab where a run is looked at: figures, network in 3D, layers, dry run, files."""
+"""View tab of the Design page: key figures, 3D network, layers, simulation, files of a run."""
 
 from __future__ import annotations
 

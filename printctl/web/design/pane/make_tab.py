@@ -1,4 +1,4 @@
-"""The tab where a design is made: stages with their bars, and what comes after the print."""
+"""Make tab of the Design page: start a run, follow its stages, continue after the print."""
 
 from __future__ import annotations
 

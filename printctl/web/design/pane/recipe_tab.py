@@ -1,4 +1,4 @@
-"""The tab where a recipe is edited: form and text beside each other, and what is to mend."""
+"""Recipe tab of the Design page: form and text side by side, with the list of errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bar of recipes: choose, begin, copy, rename, import, delete and undo."""
+"""Recipe toolbar of the Design page: choose, create, copy, rename, import, delete, undo."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Between what is typed into an input and what a recipe says."""
+"""Convert between the text of an input field and a recipe's value."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from printctl.web.design.schema import FormField, Node
 
 
 def typed(node: Node, text: str) -> Any:
-    """What a typed text says; a text that isn't a number stays one, and the check says so."""
+    """Parse typed text; what isn't a number stays text, and the check reports it."""
     text = text.strip()
     if node.sort == "number":
         return _number(text)

@@ -1,4 +1,4 @@
-"""The recipe's own schema as a tree that a form can be made from; no list of fields by hand."""
+"""Convert a recipe's JSON schema to a tree from which the form is built."""
 
 from printctl.web.design.schema.nodes import FormField, Node, Option
 from printctl.web.design.schema.walk import recipe_form

@@ -1,4 +1,4 @@
-"""Elements of a form."""
+"""Node types of the recipe form's schema tree."""
 
 from __future__ import annotations
 

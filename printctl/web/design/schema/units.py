@@ -1,4 +1,4 @@
-"""Units from the suffixes of keys: every number of a recipe carries its unit there."""
+"""Physical unit of a recipe key, from its suffix."""
 
 from __future__ import annotations
 

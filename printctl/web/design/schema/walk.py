@@ -1,4 +1,4 @@
-"""From pydantic's models to a form's tree."""
+"""Convert pydantic models to the recipe form's schema tree."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The camera at the printer: a picture about once a second, a time-lapse of each print."""
+"""Camera at the printer: a live picture about once a second, and a time-lapse per print."""

@@ -1,4 +1,4 @@
-"""Camera process: source on its first input line, pictures on its output."""
+"""Entry point of the camera process: reads its source from input, writes pictures to output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A camera as the server knows it: the newest picture, or since when and why there is none."""
+"""Server's record of a camera: latest picture, or since when and why there is none."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ State = Literal["starting", "there", "lost"]
 
 @dataclass(frozen=True)
 class Still:
-    """A picture.
+    """Latest picture of a camera.
 
     Attributes
     ----------

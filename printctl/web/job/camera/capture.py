@@ -1,4 +1,4 @@
-"""Looks through a camera by OpenCV; runs in a process of its own, which may hang in a driver."""
+"""Capture pictures from a camera by OpenCV, in a separate process in case the driver hangs."""
 
 from __future__ import annotations
 

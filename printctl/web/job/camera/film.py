@@ -1,4 +1,4 @@
-"""Makes a film of a time-lapse's pictures: an animated WebP, which every browser plays.
+"""Encode a time-lapse's pictures as an animated WebP video.
 
 Runs as a process of its own (``python -m printctl.web.job.camera.film FOLDER FILM``): a long film
 takes a minute of a processor.

@@ -1,4 +1,4 @@
-"""Messages of the camera's process: a line of JSON, then a picture."""
+"""Message format of the camera process: a line of JSON, then a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The camera and the time-lapses in the API."""
+"""REST routes of camera and time-lapses."""
 
 from __future__ import annotations
 

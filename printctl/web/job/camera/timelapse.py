@@ -1,4 +1,4 @@
-"""The time-lapse of a print: a picture at each layer's or vessel's end, a film after the print."""
+"""Record a print's time-lapse: one picture per layer or vessel, a video at the end."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _WAITING: Final = 16
 
 @dataclass(frozen=True)
 class Told:
-    """A time-lapse as it stands.
+    """State of a time-lapse.
 
     Attributes
     ----------

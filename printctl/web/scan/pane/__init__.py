@@ -1,1 +1,1 @@
-"""The Scan page's parts: slices, registration, what came of it."""
+"""Widgets of the Scan page: slices, registration, result."""

@@ -1,4 +1,4 @@
-"""Result of a registration: verdict, alignment, vessels, report, files."""
+"""Result view of the Scan page: verdict, alignment, vessels, report, files."""
 
 from __future__ import annotations
 

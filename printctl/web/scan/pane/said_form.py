@@ -1,4 +1,4 @@
-"""Asks what a scan's file doesn't say: voxel size and kin."""
+"""Form for the metadata that a scan's file lacks, such as voxel size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Three planes of a scan, each with a slider; window, level and threshold for all."""
+"""Slice card of the Scan page: three planes, with sliders for position, window and threshold."""
 
 from __future__ import annotations
 

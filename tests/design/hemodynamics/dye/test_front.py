@@ -1,4 +1,4 @@
-"""The front of dye against what one tube, two in series and a split do by the formulas."""
+"""Dye front: analytic results for one tube, two in series and a bifurcation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Set-ups of Boileau et al. 2015, doi 10.1002/cnm.2732, and a wall for two kinds of vessels.
+"""Networks and walls of the 1D flow cases of Boileau et al. 2015, doi 10.1002/cnm.2732.
 
 Where the inputs come from: the single pulse as restated by github.com/bubnicbf/cfd-python (the
 paper's equations 3 and 14 and its table 2); of the three arteries the lengths, resistances,

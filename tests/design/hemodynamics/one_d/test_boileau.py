@@ -1,4 +1,4 @@
-"""Set-ups of Boileau et al. 2015 whose inputs are known; see cases.py for where from.
+"""1D flow benchmark cases of Boileau et al. 2015, those whose inputs are known.
 
 The paper's own waves aren't at hand as numbers. What is asserted is what its set-ups say of
 themselves (the beds are tuned so that diastole is at the pressure that the wall is given at), what

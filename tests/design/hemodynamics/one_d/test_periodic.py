@@ -1,4 +1,4 @@
-"""Periodic states, against linear theory and the lumped model."""
+"""Periodic states of 1D flow, against linear theory and the lumped model."""
 
 from __future__ import annotations
 

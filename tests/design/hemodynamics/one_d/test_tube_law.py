@@ -1,4 +1,4 @@
-"""Grid and wall are the lumped model's, cut finer."""
+"""1D flow grid and tube law, against the lumped (0D) model."""
 
 from __future__ import annotations
 

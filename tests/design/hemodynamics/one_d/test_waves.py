@@ -1,4 +1,4 @@
-"""Single waves: shocks, reflections, friction, rest, mass, order."""
+"""Single waves of 1D flow: shocks, reflections, friction, rest, mass, convergence order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Networks cut into cells and marched by hand, where a test isn't about periodic states."""
+"""Build and time-step small 1D flow networks without the periodic solver."""
 
 from __future__ import annotations
 

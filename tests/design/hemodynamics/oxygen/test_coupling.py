@@ -1,4 +1,4 @@
-"""Coupling of vessels of any size, place and direction with grid and stream."""
+"""Oxygen exchange of vessels with grid cells: any size, position and direction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Against Krogh's cylinder, and against slabs and wells with closed solutions."""
+"""Oxygen solver, against Krogh's cylinder and closed solutions of slabs and wells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers for the report, and the field for ParaView."""
+"""Outputs of oxygen solutions: summary numbers, and the ParaView field."""
 
 from __future__ import annotations
 

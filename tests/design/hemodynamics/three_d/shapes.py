@@ -1,4 +1,4 @@
-"""Networks for meshes, and sizes of meshes by integrals of their own."""
+"""Test networks for 3D meshes, and volumes and areas by independent integrals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Resistances found in 3D, and the reduced model that has them."""
+"""Effective resistances from 3D flow, and the reduced model built from them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Curved elements: a certain bound against dense sampling, and straightening."""
+"""Curved elements: guaranteed bound of the Jacobian, against sampling; straightening."""
 
 from __future__ import annotations
 

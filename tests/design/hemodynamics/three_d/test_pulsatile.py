@@ -1,4 +1,4 @@
-"""Pulsatile flow in a lumen against Womersley's, a Windkessel by hand, and in the slow limit."""
+"""Pulsatile 3D flow, against Womersley's, a Windkessel computed by hand, and the slow limit."""
 
 from __future__ import annotations
 

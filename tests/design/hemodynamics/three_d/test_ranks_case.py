@@ -1,4 +1,4 @@
-"""Cases for MPI ranks: profiles at ports, and files that hold together."""
+"""Cases for MPI ranks: port profiles and consistent files."""
 
 import ast
 import json

@@ -1,4 +1,4 @@
-"""Sections, polynomials and files, against fields that are known."""
+"""Cross-sections, polynomials and files of 3D flow, against known fields."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steady flow in a lumen against Poiseuille's law, by-hand resistances and its own balances."""
+"""Steady 3D flow, against Poiseuille's law, known resistances and its own balances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lumens that are given as surfaces: facets, voxels, and what can't be meshed."""
+"""Lumens meshed from surfaces: facets, voxels, and surfaces that can't be meshed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wall's field against distances from tubes and cones, and what is laid onto it."""
+"""Signed distance field of lumen walls, against tubes and cones; projection onto it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shapes with known size, and rough surfaces of them."""
+"""Test shapes of known size, with rough surfaces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each change of a half-edge surface leaves it one, whatever came before."""
+"""Half-edge operations: the mesh stays valid after any sequence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Remeshing keeps a surface's form and handles, and gives the triangles that are wanted."""
+"""Remeshing: preserves shape and genus, produces the wanted triangles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The form that is made from the recipe's schema, held against the shipped recipes."""
+"""Recipe form built from the schema, checked on the shipped recipes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Design room in a real browser: from a new recipe to its network and layers."""
+"""Design page in a real browser: from a new recipe to its network and layers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recipes of a workspace."""
+"""Stored recipes of a workspace."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The API of recipes and runs: what it gives, and what it gives to nobody."""
+"""REST routes of recipes and runs, with access control."""
 
 from __future__ import annotations
 

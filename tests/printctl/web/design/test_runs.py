@@ -1,4 +1,4 @@
-"""Runs as processes of their own: started, found by another server, cancelled, refused."""
+"""Detached runs: started, found by a restarted server, cancelled, refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The list's address: what a form says is found again, and nonsense is left out."""
+"""History filter: form values and URL round trip; invalid ones dropped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The history in the API."""
+"""REST API of the print history, used as a script would."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A workspace with jobs, and a real simulated printer behind a station."""
+"""Fixtures: a workspace with jobs, and a simulated printer behind a station."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A print whose process is killed: all doors tell the same of it, and it goes on."""
+"""Killed print process: page, API and command line agree, and the print continues."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A declared start is found without reading every line as a command."""
+"""Declared start position of a large job, found quickly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Table, progress and remaining time against slow, obvious answers."""
+"""Job table, progress and remaining time, against slow oracles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Notes after a print's end are in the history, and stay with their print."""
+"""Notes made after a print's end: in the history, with their print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scene of the job that is shown first is made before it is asked for."""
+"""Scene of the first shown job, prepared in advance."""
 
 from __future__ import annotations
 

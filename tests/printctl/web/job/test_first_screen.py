@@ -1,4 +1,4 @@
-"""The first screen of page Job: all that an operator must see, and a way on when it broke off."""
+"""First screen of the Job page: all important facts, and recovery choices."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Uploads, checks, records and what comes after a print, without a printer."""
+"""Job service without a printer: uploads, checks, records, steps after the print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The job's page in a real browser: upload, check, start, hold, go on, cancel."""
+"""Job page in a real browser: upload, check, start, pause, resume, cancel."""
 
 from __future__ import annotations
 

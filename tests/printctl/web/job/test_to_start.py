@@ -1,4 +1,4 @@
-"""The way of the tip to a job's start, and what the set-up says of it."""
+"""Tip travel to a job's start, and its description in the set-up."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""State of a print on a full disk: it is told, and its end is noted later."""
+"""Print on a full disk: state reported, end recorded later."""
 
 from __future__ import annotations
 

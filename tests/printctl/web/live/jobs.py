@@ -1,4 +1,4 @@
-"""Jobs for the live view's tests."""
+"""Test jobs for the live view."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scene of a file in plain Python: one line after the other, no array, no compiled code."""
+"""Live view scene in plain Python: slow oracle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A page with nothing but the live view, as an application of its own; for tests and benchmarks."""
+"""Stand-alone live view page, for tests and benchmarks."""
 
 from __future__ import annotations
 

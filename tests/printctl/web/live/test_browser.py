@@ -1,4 +1,4 @@
-"""The view in a real browser; `make test-browser` runs these."""
+"""Live view in a real browser (`make test-browser`)."""
 
 from __future__ import annotations
 

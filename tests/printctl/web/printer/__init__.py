@@ -1,1 +1,1 @@
-"""Tests of the printer's room."""
+"""Tests of the Printer page."""

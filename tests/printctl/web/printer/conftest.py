@@ -1,4 +1,4 @@
-"""A room with a simulated printer behind a real station."""
+"""Fixtures: Printer page service with a simulated printer behind a station."""
 
 import time
 from collections.abc import Callable, Iterator

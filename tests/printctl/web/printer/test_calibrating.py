@@ -1,4 +1,4 @@
-"""Calibrations on the page give what the command line gives."""
+"""Calibrations on the page: same results as the command line."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A change of syringe or needle."""
+"""Syringe or needle change on the Printer page."""
 
 import pytest
 

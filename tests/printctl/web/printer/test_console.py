@@ -1,4 +1,4 @@
-"""Console and macros."""
+"""Console and macros of the Printer page."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The printer's page in Chromium, with a server and a simulated printer as real processes."""
+"""Printer page in Chromium, with server and simulated printer as real processes."""
 
 import contextlib
 from collections.abc import Callable, Iterator

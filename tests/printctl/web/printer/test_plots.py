@@ -1,4 +1,4 @@
-"""The ring of the last ten minutes."""
+"""Ring buffer of the last ten minutes' readings."""
 
 from printctl.station import StationState, StationStatus, Temperature
 from printctl.web.printer.plots import KEPT_S, Plots

@@ -1,4 +1,4 @@
-"""Moves, heaters, plunger and connection, with a simulated printer behind a real station."""
+"""Manual moves, heaters, plunger and connection, with a simulated printer."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The printer's REST API, as a script would use it."""
+"""REST routes of the printer, used as a script would."""
 
 from collections.abc import Iterator
 

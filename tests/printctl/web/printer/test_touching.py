@@ -1,4 +1,4 @@
-"""Touching off: three readings that agree, and nothing less."""
+"""Touch-off: three readings must agree."""
 
 import pytest
 from hypothesis import given

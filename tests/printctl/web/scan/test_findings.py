@@ -1,4 +1,4 @@
-"""A registration's findings, in words."""
+"""Registration findings in words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scans that unpack to far more than was sent are refused, whatever they are packed by."""
+"""Decompression bombs: scans that unpack to far more than was sent are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Scan room in a real browser: a volume is added, looked at and registered."""
+"""Scan page in a real browser: upload, view and register a volume."""
 
 from __future__ import annotations
 

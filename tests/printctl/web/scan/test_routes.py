@@ -1,4 +1,4 @@
-"""The API of scans."""
+"""REST routes of scans."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slices of a scan against plain NumPy."""
+"""Slice pictures of a scan, against plain NumPy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scans as they arrive: named, unpacked, refused."""
+"""Uploaded scans: naming, unpacking, refusal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Access by the guard, tried on every route that changes something."""
+"""Access guard, tried on every route that changes something."""
 
 import logging
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Files from a browser: limited, checked, never outside their folder."""
+"""File uploads: size-limited, checked, confined to their folder."""
 
 import asyncio
 import io

@@ -1,4 +1,4 @@
-"""Chromium for tests of pages."""
+"""Chromium fixture for page tests."""
 
 from __future__ import annotations
 

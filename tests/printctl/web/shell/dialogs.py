@@ -1,4 +1,4 @@
-"""Axe's findings on an open dialog."""
+"""Accessibility findings (axe) on an open dialog."""
 
 from __future__ import annotations
 

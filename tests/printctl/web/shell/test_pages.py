@@ -1,4 +1,4 @@
-"""The frame of every page, in a real browser."""
+"""Frame of every web page, in a real browser."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""A class that no style sheet knows has no effect: each that a page names is in one."""
+"""CSS classes used by the pages: each exists in a style sheet."""
 
 from __future__ import annotations
 

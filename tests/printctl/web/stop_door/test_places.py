@@ -1,4 +1,4 @@
-"""Places at the stop door, without sockets that speak."""
+"""Connection limit of the stop process, without real sockets."""
 
 from __future__ import annotations
 

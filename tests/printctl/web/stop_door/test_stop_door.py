@@ -1,4 +1,4 @@
-"""The stop reaches the printer whatever the server does."""
+"""Emergency stop: reaches the printer whatever the server does."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Connections of the stop door: which of them belong to one machine."""
+"""Connections of the stop process: those that lead to the same machine."""
 
 from __future__ import annotations
 

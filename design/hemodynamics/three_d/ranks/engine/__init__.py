@@ -1,4 +1,4 @@
-"""Steady flow in a lumen on MPI ranks, by FEniCSx and PETSc.
+"""Solve steady 3D flow in a lumen on MPI ranks, by FEniCSx and PETSc.
 
 ::
 

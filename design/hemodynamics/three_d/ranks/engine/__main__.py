@@ -1,4 +1,4 @@
-"""Solve the case of the folder named on the command line."""
+"""Entry point of the MPI flow solver: solve the case of the folder named on the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Linear solvers: MUMPS, or multigrid in a Krylov method; what couples ports."""
+"""Linear solvers of 3D flow on MPI ranks: MUMPS, or Krylov with multigrid; coupled ports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Newton's method, started from the lifted boundary values, with each step logged."""
+"""Newton's method of the MPI flow solver, started from lifted boundary values, logged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A case's mesh divided among the ranks, with the labels of its boundary."""
+"""Partition a case's mesh among the MPI ranks, with its boundary labels."""
 
 from __future__ import annotations
 

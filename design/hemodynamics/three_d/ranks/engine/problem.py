@@ -1,4 +1,4 @@
-"""The discrete problem on a rank: spaces, forms and given values."""
+"""Discrete 3D flow problem on one MPI rank: function spaces, forms, boundary values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gather results on the first rank and write them."""
+"""Gather the MPI ranks' results on the first rank and write them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A case from its files to its result."""
+"""Solve a case on MPI ranks, from reading its files to writing its result."""
 
 from __future__ import annotations
 

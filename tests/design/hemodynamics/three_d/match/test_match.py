@@ -1,4 +1,4 @@
-"""Radii adjusted until 3D has the wanted flows."""
+"""Vessel radii adjusted to wanted 3D flows."""
 
 from __future__ import annotations
 

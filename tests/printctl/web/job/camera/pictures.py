@@ -1,4 +1,4 @@
-"""Sources that a camera can look at, written by OpenCV; and a wait."""
+"""Test camera sources, written by OpenCV."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A camera that is a real file, read by OpenCV in the camera's own process."""
+"""Camera process, reading a video file by OpenCV."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The camera and the time-lapse on the job's page, in a real browser."""
+"""Camera and time-lapse on the Job page, in a real browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The time-lapse of a print on the real simulated printer, seen by a real file."""
+"""Time-lapse of a print on the simulated printer, with a video file as camera."""
 
 from __future__ import annotations
 
