@@ -24,8 +24,9 @@ from rich.console import Console
 
 from design.errors import GrowthError
 from kernels.key import called_kernels, signature_text
+from kernels.folder import kernel_of
 from kernels.needed import Needed, found, types_of, types_text, write
-from kernels.stored import kernel_of, signature_in
+from kernels.stored import signature_in
 from printctl.pipeline.run import design_recipe, run_recipe
 from printctl.recipe import parse_recipe
 
