@@ -23,8 +23,8 @@ import numpy as np
 from rich.console import Console
 
 from design.errors import GrowthError
-from kernels.key import called_kernels, signature_text
 from kernels.folder import kernel_of
+from kernels.key import called_kernels, signature_text
 from kernels.needed import Needed, found, types_of, types_text, write
 from kernels.stored import signature_in
 from printctl.pipeline.run import design_recipe, run_recipe
