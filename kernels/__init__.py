@@ -1,8 +1,17 @@
 """Compiled kernels: the decorators that own numba's flags, and the store on disk."""
 
+from kernels.bare import without_numba
 from kernels.beside import beside
 from kernels.compile import jit, pjit
-from kernels.memory import freed_memory_kept
-from kernels.stored import cache_dir
+from kernels.folder import cache_dir
+from kernels.memory import freed_memory_kept, freed_memory_returned
 
-__all__ = ["beside", "cache_dir", "freed_memory_kept", "jit", "pjit"]
+__all__ = [
+    "beside",
+    "cache_dir",
+    "freed_memory_kept",
+    "freed_memory_returned",
+    "jit",
+    "pjit",
+    "without_numba",
+]

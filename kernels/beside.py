@@ -6,8 +6,6 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
-import numba
-
 T = TypeVar("T")
 
 _SAFE = ("tbb", "omp")
@@ -20,6 +18,8 @@ def beside() -> Executor:
 
     Which layer there is, is known once a parallel kernel has run.
     """
+    import numba  # loaded long since, where a parallel kernel has run
+
     try:
         layer = numba.threading_layer()
     except ValueError:

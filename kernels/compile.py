@@ -1,57 +1,14 @@
-"""Decorators that compile the product's numerical kernels.
-
-Flags, and why:
-
-- kept on disk (`kernels.stored`): compiled once and then loaded, under a key that holds everything
-  that the machine code depends on (`kernels.key`).
-- no ``fastmath``: NaN and inf must keep their meaning; a NaN in a network is refused, not
-  optimised away.
-- ``nogil=True``: a kernel touches no Python object, so threads (progress bars, the link's stop
-  path) go on while it runs.
-- ``error_model="numpy"``: division by zero gives inf or NaN, as in NumPy, and costs no branch.
-"""
+"""The decorators under which every numerical kernel of the product is compiled."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any, TypeVar
 
-# Threads that wait for a kernel's next loop would spin and keep their core from what goes on
-# beside; OpenMP reads this once, when numba loads it.
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-
-import numba
-
-from kernels.stored import KernelStore
+from kernels.bare import BareKernel, wanted
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-
-def _list_array_functions() -> None:
-    """Import numba's array functions, which loads scipy's BLAS only to know whether it is there.
-
-    That takes 0.2 s of each process and 20 MB. It is there, and a kernel that multiplies matrices
-    loads it when it is compiled or called; tests/kernels holds both.
-    """
-    linalg: Any = import_module("numba.np.linalg")
-    load, linalg.ensure_blas = linalg.ensure_blas, lambda: None
-    try:
-        import_module("numba.np.arraymath")
-    finally:
-        linalg.ensure_blas = load
-
-
-_list_array_functions()
-
-
-def _compile(function: F, **flags: bool) -> F:
-    compiled: Any = numba.njit(nogil=True, error_model="numpy", **flags)(function)
-    # Numba has no public seam for another cache; tests/kernels holds this one.
-    compiled._cache = KernelStore(compiled)
-    kernel: F = compiled
-    return kernel
 
 
 def jit(function: F) -> F:
@@ -66,3 +23,13 @@ def pjit(function: F) -> F:
     its own place; no floating-point reduction across iterations).
     """
     return _compile(function, parallel=True)
+
+
+def _compile(function: F, **flags: bool) -> F:
+    kernel: Any
+    if wanted() and not flags:
+        kernel = BareKernel(function)
+    else:  # Loads numba, 0.3 CPU s and 90 MB
+        kernel = import_module("kernels.with_numba").compiled(function, **flags)
+    made: F = kernel
+    return made

@@ -17,8 +17,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
+from kernels.folder import cache_dir, kernel_of
 from kernels.needed import Needed, found, types_of
-from kernels.stored import cache_dir, kernel_of
 
 _SOURCES: Final = Path(__file__).resolve().parent.parent
 _MOST_PROCESSES: Final = 8

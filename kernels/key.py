@@ -18,16 +18,18 @@ import hashlib
 import inspect
 import platform
 import re
+import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
+from importlib import import_module
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
-from typing import Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
-import llvmlite
-import numba
 import numpy as np
-from numba.core import types
-from numba.core.dispatcher import Dispatcher
+
+if TYPE_CHECKING:
+    from numba.core import types
+    from numba.core.dispatcher import Dispatcher
 
 _SETTINGS: Final = ("OPT", "BOUNDSCHECK", "LOOP_VECTORIZE", "SLP_VECTORIZE", "DEBUGINFO_DEFAULT")
 """Settings of numba, from its environment variables, that change machine code."""
@@ -41,7 +43,7 @@ _TAKES_CONSTANT: Final = frozenset(dis.hasconst)
 
 _ADDRESS: Final = re.compile(r"\b0x[0-9a-f]{6,}\b")
 
-Memo = dict[Dispatcher, tuple[str, tuple[Dispatcher, ...]]]
+Memo = dict["Dispatcher", tuple[str, tuple["Dispatcher", ...]]]
 """Description of a kernel alone, and the kernels that it calls directly."""
 
 
@@ -57,6 +59,11 @@ def kernel_key(kernel: Dispatcher, memo: Memo) -> str:
     `UnkeepableError` where kernels call each other in a circle (numba's loader crashes on those)
     or stand in a script.
     """
+    return digest([_environment(), *content_parts(kernel, memo)])
+
+
+def content_parts(kernel: Dispatcher, memo: Memo) -> list[str]:
+    """Describe ``kernel`` with all that it takes in, but for what compiles it; see `kernel_key`."""
     parts = [_alone(kernel, memo)[0]]
     callees = called_kernels(kernel, memo)
     for callee in callees | {kernel}:
@@ -64,8 +71,12 @@ def kernel_key(kernel: Dispatcher, memo: Memo) -> str:
             raise UnkeepableError(f"{_function_name(callee.py_func)} stands in a script")
         if any(callee in called_kernels(one, memo) for one in _others(callee, memo)):
             raise UnkeepableError(f"{_function_name(callee.py_func)} is called by what it calls")
-    parts += sorted(_alone(callee, memo)[0] for callee in callees)
-    return _digest([_environment(), *parts])
+    return parts + sorted(_alone(callee, memo)[0] for callee in callees)
+
+
+def is_kernel(value: Any) -> bool:
+    """Whether a value is numba's dispatcher, or stands for one (`kernels.bare`)."""
+    return hasattr(value, "py_func") and hasattr(value, "targetoptions")
 
 
 def _others(kernel: Dispatcher, memo: Memo) -> list[Dispatcher]:
@@ -93,7 +104,7 @@ def signature_text(signature: Iterable[types.Type], memo: Memo) -> str:
 
 
 def _type_text(numba_type: types.Type, memo: Memo, around: tuple[types.Type, ...] = ()) -> str:
-    if isinstance(numba_type, types.Dispatcher):
+    if isinstance(numba_type, _types().Dispatcher):
         return f"kernel {kernel_key(numba_type.dispatcher, memo)}"
     text = str(numba_type)
     if _ADDRESS.search(text):
@@ -101,7 +112,7 @@ def _type_text(numba_type: types.Type, memo: Memo, around: tuple[types.Type, ...
     parts = [text]
     instance_class = getattr(numba_type, "instance_class", None)
     if isinstance(instance_class, type):
-        parts.append(_class_text(instance_class))
+        parts.append(class_text(instance_class))
     for _, value in sorted(vars(numba_type).items()):
         parts += [
             _type_text(one, memo, (*around, numba_type))
@@ -112,15 +123,20 @@ def _type_text(numba_type: types.Type, memo: Memo, around: tuple[types.Type, ...
 
 
 def _types_in(value: Any) -> Iterator[types.Type]:
-    if isinstance(value, types.Type):
+    if isinstance(value, _types().Type):
         yield value
     elif isinstance(value, tuple | list | dict):
         for one in value.values() if isinstance(value, dict) else value:
             yield from _types_in(one)
 
 
+def _types() -> Any:
+    return import_module("numba.core.types")
+
+
 @cache
 def _environment() -> str:
+    numba, llvmlite = import_module("numba"), import_module("llvmlite")
     settings = [f"{name}={getattr(numba.config, name, None)}" for name in _SETTINGS]
     python = (platform.python_implementation(), platform.python_version())
     versions = (numba.__version__, llvmlite.__version__, np.__version__)
@@ -136,12 +152,12 @@ def _alone(kernel: Dispatcher, memo: Memo) -> tuple[str, tuple[Dispatcher, ...]]
         texts += [_value_text(one) for one in (function.__defaults__, function.__kwdefaults__)]
         callees = []
         for name, value in _values_read(function):
-            if isinstance(value, Dispatcher):
+            if is_kernel(value):
                 callees.append(value)
                 texts.append(f"{name}: kernel {_function_name(value.py_func)}")
             else:
                 texts.append(f"{name}: {_described(value, name, function)}")
-        memo[kernel] = (_digest(texts), tuple(callees))
+        memo[kernel] = (digest(texts), tuple(callees))
     return memo[kernel]
 
 
@@ -215,7 +231,7 @@ def _code_text(code: CodeType) -> str:
     shape = (code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags)
     names = (arguments, code.co_names, code.co_freevars, code.co_cellvars)
     exceptions = getattr(code, "co_exceptiontable", b"")
-    return _digest([code.co_code.hex(), exceptions.hex(), repr(shape), repr(names), *inner])
+    return digest([code.co_code.hex(), exceptions.hex(), repr(shape), repr(names), *inner])
 
 
 def _loads_first_constant(code: CodeType) -> bool:
@@ -232,7 +248,7 @@ def _loads_first_constant(code: CodeType) -> bool:
 def _value_text(value: Any) -> str:
     """Describe a frozen value; raise `TypeError` for a kind that isn't known."""
     if isinstance(value, enum.Enum):
-        return f"{_class_text(type(value))}.{value.name}"
+        return f"{class_text(type(value))}.{value.name}"
     if value is None or value is Ellipsis or isinstance(value, bool | int | str | bytes):
         return f"{type(value).__name__} {value!r}"
     if isinstance(value, float | complex | np.generic):
@@ -246,10 +262,10 @@ def _value_text(value: Any) -> str:
         return f"array {value.dtype.descr!r} {value.shape} {value.flags.c_contiguous} {data}"
     if isinstance(value, np.dtype):
         return f"dtype {value.descr!r} {value.itemsize}"
-    if isinstance(value, types.Type):
+    if "numba.core.types" in sys.modules and isinstance(value, _types().Type):
         return f"type {value}"
     if isinstance(value, type):
-        return _class_text(value)
+        return class_text(value)
     if isinstance(value, ModuleType) and _is_external(value):
         return f"module {value.__name__}"
     if callable(value) and str(getattr(value, "__module__", "")).partition(".")[0] in _EXTERNAL:
@@ -267,12 +283,13 @@ def _number_text(value: Any) -> str:
 
 
 def _collection_text(value: Any) -> str:
-    kind = _class_text(type(value)) if hasattr(value, "_fields") else type(value).__name__
+    kind = class_text(type(value)) if hasattr(value, "_fields") else type(value).__name__
     items = [_value_text(one) for one in value]
     return f"{kind} {sorted(items) if isinstance(value, frozenset) else items}"
 
 
-def _class_text(value: Any) -> str:
+def class_text(value: Any) -> str:
+    """Describe a class by its name and what it holds; raise `TypeError` for an unknown kind."""
     name = f"class {value.__module__}.{value.__qualname__}"
     if value.__module__ == "__main__" or "<locals>" in value.__qualname__:
         raise UnkeepableError(f"{name} can't be found by its name in another process")
@@ -292,8 +309,9 @@ def _function_name(function: Any) -> str:
     return f"{function.__module__}.{function.__qualname__}"
 
 
-def _digest(texts: Iterable[str]) -> str:
-    digest = hashlib.sha256()
+def digest(texts: Iterable[str]) -> str:
+    """Return a digest of texts, in their order, 32 hex digits."""
+    found = hashlib.sha256()
     for text in texts:
-        digest.update(f"{len(text)}:{text}".encode())
-    return digest.hexdigest()[:32]
+        found.update(f"{len(text)}:{text}".encode())
+    return found.hexdigest()[:32]

@@ -37,6 +37,24 @@ def freed_memory_kept() -> Iterator[None]:
         library.malloc_trim(0)
 
 
+@contextmanager
+def freed_memory_returned() -> Iterator[None]:
+    """Have arrays above 1 MB mapped by themselves, so that each is given back when it is freed.
+
+    Glibc raises that limit to the largest array that was freed, and what lies between smaller ones
+    stays with the process. For work that handles a large input once and goes on with small arrays.
+    """
+    library = _glibc()
+    if library is not None:
+        library.mallopt(_MMAP_THRESHOLD, 1 << 20)
+    try:
+        yield
+    finally:
+        if library is not None:
+            for parameter, value in _USUAL:
+                library.mallopt(parameter, value)
+
+
 def _glibc() -> Any:
     try:
         library = ctypes.CDLL(None)

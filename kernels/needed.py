@@ -15,9 +15,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numba.np.numpy_support import as_dtype, from_dtype
-
-types: Any = import_module("numba.core.types")  # its names are unknown to type checkers
 
 LIST: Final = Path(__file__).with_name("needed.jsonl")
 
@@ -76,7 +73,13 @@ def types_of(text: str) -> tuple[Any, ...]:
     return tuple(_numba_type(one) for one in json.loads(text))
 
 
+def _numba(module: str) -> Any:
+    """A module of numba, once types are asked for: reading the list alone needs none."""
+    return import_module(f"numba.{module}")
+
+
 def _described(one: Any) -> Any:
+    types = _numba("core.types")
     if isinstance(one, types.Bytes):
         return {"bytes": one.dtype.name}
     if type(one) is types.Array and one.aligned:  # not an array within a record
@@ -89,7 +92,7 @@ def _described(one: Any) -> Any:
         named = one.instance_class
         return {"named": [f"{named.__module__}:{named.__qualname__}", items]}
     if isinstance(one, types.Record):
-        return {"record": _fields(as_dtype(one))}
+        return {"record": _fields(_numba("np.numpy_support").as_dtype(one))}
     plain = isinstance(one, types.Integer | types.Float | types.Boolean | types.NoneType)
     if plain and not isinstance(one, types.Literal):
         return {types.boolean: "boolean", types.none: "none"}.get(one, one.name)
@@ -97,6 +100,7 @@ def _described(one: Any) -> Any:
 
 
 def _numba_type(data: Any) -> Any:
+    types = _numba("core.types")
     if isinstance(data, str):
         return getattr(types, data)
     ((kind, value),) = data.items()
@@ -127,7 +131,7 @@ def _record(data: list[Any]) -> Any:
     names, forms, shapes, offsets = zip(*fields, strict=True)
     formats = [(form, tuple(shape)) for form, shape in zip(forms, shapes, strict=True)]
     parts: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": size}
-    return from_dtype(np.dtype(parts, align=aligned))
+    return _numba("np.numpy_support").from_dtype(np.dtype(parts, align=aligned))
 
 
 def found(name: str) -> Any:

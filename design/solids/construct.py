@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.solids.facets import FACET_TOLERANCE_MM, facet_count
-from design.solids.manifolds import solid_manifold, subtract, to_manifold
-from design.solids.merge import merge_equal
+from design.solids.manifolds import solid_manifold, subtract
 from design.solids.snap import solid_from_manifold, solid_from_mesh
 from design.solids.solid import Solid
+from design.solids.surface import checked_surface
 
 Vector = Sequence[float] | NDArray[np.float64]
 
@@ -47,35 +47,8 @@ def solid_from_surface(vertices: NDArray[np.floating], faces: NDArray[np.integer
     SolidError
         When the surface isn't closed and oriented, or is inside out.
     """
-    merged, triangles, manifold = _checked(vertices, faces)
+    merged, triangles, manifold = checked_surface(vertices, faces)
     return solid_from_mesh(merged, triangles, "the tissue's surface", manifold)
-
-
-def sections_solid(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Solid:
-    """Make a solid for sections alone of a closed, oriented surface: with the file's own vertices.
-
-    Sheets that touch, or faces that cross, are left: sections don't mind them, files that are
-    written do. Parameters and errors are those of `solid_from_surface`.
-    """
-    merged, triangles, _ = _checked(vertices, faces)
-    return Solid(merged, triangles.astype(np.int32))
-
-
-def _checked(
-    vertices: NDArray[np.floating], faces: NDArray[np.integer]
-) -> tuple[NDArray[np.float64], NDArray[np.int64], Manifold]:
-    """Equal vertices merged, collapsed faces dropped; and the manifold that it is."""
-    merged, index = merge_equal(np.asarray(vertices, np.float64))
-    triangles = index[np.asarray(faces)]
-    a, b, c = triangles.T
-    triangles = triangles[(a != b) & (b != c) & (c != a)]
-    manifold = to_manifold(merged, triangles, "the tissue's surface")
-    volume = manifold.volume()
-    if volume <= 0:
-        raise SolidError(
-            f"the tissue's surface encloses {volume:g} mm³: it is inside out; reverse its faces"
-        )
-    return merged, triangles, manifold
 
 
 def construct_solid(

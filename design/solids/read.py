@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import SolidError
-from design.solids.construct import sections_solid, solid_from_surface
 from design.solids.merge import merge_equal
 from design.solids.solid import Solid
 from design.solids.stl import read_corners
+from design.solids.surface import sections_solid
 from design.units import MM_PER, LengthUnit
 
 if TYPE_CHECKING:
@@ -76,9 +76,13 @@ def read_solid(path: Path, unit: LengthUnit | None, *, for_sections: bool = Fals
 
 
 def _solid(vertices: FloatArray, faces: IntArray, path: Path, for_sections: bool) -> Solid:
-    make = sections_solid if for_sections else solid_from_surface
     try:
-        return make(vertices, faces)
+        if for_sections:
+            return sections_solid(vertices, faces)
+        # Loads the kernels that mend a surface; sections need none of them.
+        from design.solids.construct import solid_from_surface
+
+        return solid_from_surface(vertices, faces)
     except SolidError as exc:
         raise SolidError(f"{path}: {exc}") from exc
 

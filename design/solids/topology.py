@@ -29,14 +29,17 @@ class EdgeFaults:
         return self.open + self.wrong > 0
 
 
-def is_closed(faces: NDArray[np.integer]) -> bool:
-    """Whether each edge of ``faces`` (m, 3) is walked once in either direction; two sorts."""
+def is_closed(faces: NDArray[np.integer], *, touching: bool = False) -> bool:
+    """Whether each edge of ``faces`` (m, 3) is walked once in either direction; two sorts.
+
+    With ``touching`` as often in one as in the other: sheets may share an edge.
+    """
     tail = np.asarray(faces, dtype=np.int64)
     head = np.roll(tail, -1, axis=1).ravel()
     tail = tail.ravel()
     count = int(tail.max(initial=0)) + 1
     there, back = np.sort(tail * count + head), np.sort(head * count + tail)
-    return bool(np.array_equal(there, back) and np.all(there[1:] != there[:-1]))
+    return bool(np.array_equal(there, back) and (touching or np.all(there[1:] != there[:-1])))
 
 
 def edge_faults(faces: NDArray[np.integer]) -> EdgeFaults:

@@ -63,6 +63,9 @@ CALLED_WITH: dict[str, dict[str, Any]] = {
 }
 """Of commands that hand on what they are given."""
 
+WITHOUT_NUMBA: frozenset[str] = frozenset({"slice"})
+"""Commands that call few kernels, which are loaded without numba."""
+
 
 class LazyGroup(TyperGroup):
     """The subcommands of `COMMANDS`, in their order, each imported when it is used."""
@@ -82,6 +85,8 @@ class LazyGroup(TyperGroup):
         module = f"printctl.cli.{module}"
         if self._listing:
             return TyperCommand(cmd_name, help=summary(module, attribute))
+        if cmd_name in WITHOUT_NUMBA:
+            import_module("kernels").without_numba()
         found = getattr(import_module(module), attribute)
         if isinstance(found, typer.Typer):
             command: Any = typer.main.get_group(found)

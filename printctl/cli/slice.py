@@ -7,6 +7,7 @@ from typing import Any
 
 from design.toolpath.fresh import Adaptive, Filling, FreshOptions
 from firmware_profiles import Dish, Printer, load
+from kernels import freed_memory_returned
 from printctl.cli import slice_options as options
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import (
@@ -57,21 +58,22 @@ def slice_mesh(
     chosen = head_of_each(heads, len(models), profile)
     have_kernels("slice")
     modifiers = [read_modifier(text, profile.head_count) for text in modifier or ()]
-    job = SliceJob(
-        assemble(models, chosen, modifiers, filling, unit),
-        profile,
-        loads_of(profile, syringe, ink, needle),
-        _lines_mm(profile, line_um),
-        FreshOptions(
-            layer_height_mm=layer_um * 1e-3,
-            adaptive=_adaptive(profile, thinnest_um, stair_um),
-            walls=walls,
-            filling=filling,
-            write_speed_mm_s=speed,
-        ),
-        None if dish is None else load(Dish, dish),
-    )
-    written = slice_parts(job, out)
+    with freed_memory_returned():
+        job = SliceJob(
+            assemble(models, chosen, modifiers, filling, unit),
+            profile,
+            loads_of(profile, syringe, ink, needle),
+            _lines_mm(profile, line_um),
+            FreshOptions(
+                layer_height_mm=layer_um * 1e-3,
+                adaptive=_adaptive(profile, thinnest_um, stair_um),
+                walls=walls,
+                filling=filling,
+                write_speed_mm_s=speed,
+            ),
+            None if dish is None else load(Dish, dish),
+        )
+        written = slice_parts(job, out)
     for note in _notes(job, written):
         messages().print(f"note: {note}", markup=False)
     _tell(_facts(job, written, models, out), as_json)

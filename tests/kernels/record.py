@@ -23,9 +23,10 @@ import numpy as np
 from rich.console import Console
 
 from design.errors import GrowthError
+from kernels.folder import kernel_of
 from kernels.key import called_kernels, signature_text
 from kernels.needed import Needed, found, types_of, types_text, write
-from kernels.stored import kernel_of, signature_in
+from kernels.stored import signature_in
 from printctl.pipeline.run import design_recipe, run_recipe
 from printctl.recipe import parse_recipe
 

@@ -1,8 +1,8 @@
 """Merge extruding moves that are too short for the firmware's planner.
 
 Marlin drops a block of fewer than its least steps and adds it to the next one: a corner is cut
-where the firmware likes. Here the vertex is dropped whose loss bends the path least. Positions
-and E are absolute, so dropping a vertex loses neither place nor ink.
+where the firmware likes. Here those vertices stay that leave moves long enough and cut off least
+in all. Positions and E are absolute, so dropping a vertex loses neither place nor ink.
 """
 
 from __future__ import annotations
@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
+
+#: Vertices left out one after the other stand along at most so many least moves, given a choice.
+LONGEST = 10.0
 
 
 @jit
@@ -23,47 +26,67 @@ def _steps(a: FloatArray, b: FloatArray) -> float:
 
 
 @jit
-def _bend(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
-    """Squared distance in steps of b from the stretch a to c, XYZ."""
-    along = length = 0.0
+def _cut(position: FloatArray, begin: int, end: int, most: float) -> float:
+    """What a stretch from one vertex to a later one cuts off, steps³; it may stop beyond ``most``.
+
+    Squared distances of the vertices between, XYZ, times half of the way beside them.
+    """
+    a, c = position[begin], position[end]
+    length = total = 0.0
     for k in range(3):
-        along += (b[k] - a[k]) * (c[k] - a[k])
         length += (c[k] - a[k]) ** 2
-    share = min(1.0, max(0.0, along / length)) if length > 0 else 0.0
-    total = 0.0
-    for k in range(3):
-        total += (b[k] - a[k] - share * (c[k] - a[k])) ** 2
+    for v in range(begin + 1, end):
+        b = position[v]
+        along = beside = 0.0
+        for k in range(3):
+            along += (b[k] - a[k]) * (c[k] - a[k])
+            beside += abs(b[k] - position[v - 1][k]) + abs(b[k] - position[v + 1][k])
+        share = min(1.0, max(0.0, along / length)) if length > 0 else 0.0
+        for k in range(3):
+            total += 0.5 * beside * (b[k] - a[k] - share * (c[k] - a[k])) ** 2
+        if total > most:
+            break
     return total
+
+
+@jit
+def _merge(
+    position: FloatArray, begin: int, end: int, least: float, keep: NDArray[np.bool_]
+) -> None:
+    """Choose the vertices of a run that cut off least in all, from its first to its last."""
+    best = np.full(end - begin + 1, np.inf)
+    before = np.zeros(end - begin + 1, np.int64)
+    best[0] = 0.0
+    for v in range(begin + 1, end + 1):
+        way = 0.0
+        for u in range(v - 1, begin - 1, -1):
+            if u + 2 < v:
+                way += _steps(position[u + 1], position[u + 2])
+            if way > LONGEST * least and best[v - begin] < np.inf:
+                break
+            if best[u - begin] == np.inf or _steps(position[u], position[v]) < least:
+                continue
+            lost = _cut(position, u, v, best[v - begin])
+            if best[u - begin] + lost < best[v - begin]:
+                best[v - begin], before[v - begin] = best[u - begin] + lost, u - begin
+    keep[begin : end - 1] = False
+    v = before[end - begin]  # 0 where the run as a whole is too short
+    while v > 0:
+        keep[begin + v - 1] = True
+        v = before[v]
 
 
 @jit
 def _keep(position: FloatArray, run: IntArray, least: float) -> NDArray[np.bool_]:
     """Whether each move's end stays; ``position`` (n + 1, 4) in steps, run -1 isn't merged."""
-    count = len(run)
-    keep = np.ones(count, np.bool_)
-    last, before = 0, -1  # vertices: move k goes from vertex k to vertex k + 1
-    for k in range(count):
-        v = k + 1
-        if run[k] < 0 or (k > 0 and run[k] != run[k - 1]):
-            last, before = k, -1
-        if run[k] < 0 or _steps(position[last], position[v]) >= least:
-            before, last = last, v
-            continue
-        if k + 1 == count or run[k + 1] != run[k]:
-            # The end of a run stays; the vertex before it goes, when it isn't the run's start.
-            if before >= 0:
-                keep[last - 1] = False
-                last = v
-        elif (
-            before >= 0
-            and _steps(position[before], position[v]) >= least
-            and _bend(position[before], position[last], position[v])
-            < _bend(position[last], position[v], position[v + 1])
-        ):
-            keep[last - 1] = False
-            last = v
-        else:
-            keep[k] = False
+    keep = np.ones(len(run), np.bool_)
+    begin, short = 0, False  # move k goes from vertex k to vertex k + 1
+    for k in range(len(run)):
+        if k > 0 and run[k] != run[k - 1]:
+            begin, short = k, False
+        short = short or _steps(position[k], position[k + 1]) < least
+        if short and run[k] >= 0 and (k + 1 == len(run) or run[k + 1] != run[k]):
+            _merge(position, begin, k + 1, least, keep)
     return keep
 
 

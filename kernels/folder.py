@@ -1,0 +1,28 @@
+"""Folder of compiled kernels."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from pathlib import Path
+
+
+def cache_dir() -> Path:
+    """Return the folder of compiled kernels, below the user's cache.
+
+    ``PRINTCTL_CACHE`` moves it (the Makefile puts it into the virtual environment).
+    """
+    base = os.environ.get("PRINTCTL_CACHE")
+    root = Path(base) if base else Path.home() / ".cache" / "printctl"
+    return _absolute(root) / "kernels"
+
+
+@cache
+def _absolute(root: Path) -> Path:
+    """Where ``root`` was when it was first asked for: a process may change its folder."""
+    return root.absolute()
+
+
+def kernel_of(file: Path) -> str:
+    """Return module and name of the kernel that a file of the store holds."""
+    return file.name.rpartition("-")[0]

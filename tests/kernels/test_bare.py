@@ -1,0 +1,148 @@
+"""Kernels run without numba: the same values, and numba where there is no file or no way."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from kernels import jit
+from kernels.bare import BareKernel
+
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux" or os.uname().machine != "x86_64",
+    reason="machine code is loaded by the product on Linux on x86-64 alone",
+)
+
+KINDS = """
+from typing import NamedTuple
+import numpy as np
+from kernels import jit
+class Law(NamedTuple):
+    {fields}
+@jit
+def inner(x):
+    return {factor} * np.hypot(x, 4.0)
+@jit
+def outer(values, law, on):
+    found = np.zeros((len(values), 2))
+    for k in range(len(values)):
+        found[k, 0] = inner(values[k]) + law.slope
+        found[k, 1] = np.sin(values[k]) if on else law.offset
+    return found, found[0] > 1.0
+@jit
+def adds(n):
+    return n + 1
+@jit
+def refuses(n):
+    if n > 2:
+        raise ValueError("too many")
+    return [1.0] * n, ("a", n)
+@jit
+def hashes(n):
+    return len({{"a", "b"}}) + n
+@jit
+def fills(values):
+    values[:] = 7
+"""
+RUN = """
+import sys
+import kernels
+{before}
+import kinds, numpy as np
+even = np.arange(6.0)[::2]
+fixed = np.arange(3.0); fixed.flags.writeable = False
+found, above = kinds.outer(np.arange(3.0), kinds.Law({values}), True)
+print(found.tolist(), above.tolist(), found.flags.owndata)
+for values in (even, fixed):
+    print(kinds.outer(values, kinds.Law({values}), False)[0].tolist())
+print([type(one).__name__ for one in (kinds.adds(3), kinds.adds(2.5), kinds.adds(True))])
+print(kinds.adds(np.arange(3)).tolist(), kinds.refuses(1))
+rows = np.zeros((2, 3), order="F"); kinds.fills(rows); print(rows.tolist())
+loaded = "numba.core" in sys.modules
+print(kinds.hashes(3))
+try:
+    kinds.refuses(3)
+except ValueError as exc:
+    print(exc)
+print(loaded, file=sys.stderr)
+"""
+SLOPE, OFFSET = "slope: float\n    offset: float", "offset: float\n    slope: float"
+
+
+def _run(folder: Path, *, bare: bool, **kinds: str) -> tuple[str, bool]:
+    """What a program prints, and whether it had loaded numba before it had to."""
+    text = KINDS.format(**{"fields": SLOPE, "factor": "1.5"} | kinds)
+    (folder / "kinds.py").write_text(text)
+    before = "kernels.without_numba()" if bare else ""
+    return _python(folder, RUN.format(before=before, values="2.0, 3.0"))
+
+
+def _python(folder: Path, text: str) -> tuple[str, bool]:
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_")}
+    environment = {
+        **kept,
+        "PRINTCTL_CACHE": str(folder / "cache"),
+        "PYTHONPATH": f"{folder}{os.pathsep}{Path(__file__).parents[2]}",
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", text],
+        env=environment,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout, done.stderr.strip().endswith("True")
+
+
+def test_values_are_those_of_numba_and_the_second_run_loads_none_of_it(tmp_path: Path) -> None:
+    by_numba, loaded = _run(tmp_path, bare=False)
+    assert loaded
+    assert _run(tmp_path, bare=True) == (by_numba, True)  # no files yet
+    assert _run(tmp_path, bare=True) == (by_numba, False)
+
+
+def test_a_changed_kernel_below_and_changed_fields_give_new_values(tmp_path: Path) -> None:
+    for change in ({}, {"factor": "2.5"}, {"fields": OFFSET}):
+        _run(tmp_path, bare=True, **change)
+        by_numba, _ = _run(tmp_path, bare=False, **change)
+        assert _run(tmp_path, bare=True, **change) == (by_numba, False)
+
+
+@pytest.mark.parametrize("cut", [0, 100, -50])
+def test_a_damaged_file_is_left_to_numba(tmp_path: Path, cut: int) -> None:
+    first, _ = _run(tmp_path, bare=True)
+    for path in (tmp_path / "cache").rglob("*.nbo"):
+        path.write_bytes(path.read_bytes()[:cut])
+    assert _run(tmp_path, bare=True) == (first, True)
+
+
+def test_another_kernels_file_is_not_run(tmp_path: Path) -> None:
+    right, _ = _run(tmp_path, bare=True)
+    one, other = (next((tmp_path / "cache").rglob(f"kinds.{n}-*.nbo")) for n in ("adds", "fills"))
+    other.write_bytes(one.read_bytes())
+    assert _run(tmp_path, bare=True)[0] == right
+
+
+def test_numbas_own_settings_leave_the_kernels_to_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from kernels import bare
+
+    monkeypatch.setattr(bare, "_ASKED", {"bare"})
+    monkeypatch.chdir(tmp_path)
+    for name in [name for name in os.environ if name.startswith("NUMBA_")]:
+        monkeypatch.delenv(name)
+    assert bare.wanted()
+    monkeypatch.setenv("NUMBA_BOUNDSCHECK", "1")
+    assert not bare.wanted()
+
+
+def test_flags_are_those_of_the_kernels_that_numba_makes() -> None:
+    def same(n: float) -> float:
+        return n
+
+    assert BareKernel(same).targetoptions == jit(same).targetoptions  # type: ignore[attr-defined]
