@@ -42,6 +42,8 @@ class Recovery:
     ----------
     begin : int
         Command lines of the job that aren't printed again.
+    line : int
+        Of the job's file, from 1: the first that is.
     gcode : bytes
         The rest of the job, with a way to it.
     steps : tuple of str
@@ -51,6 +53,7 @@ class Recovery:
     """
 
     begin: int
+    line: int
     gcode: bytes
     steps: tuple[str, ...]
     start: tuple[float, float, float] | None
@@ -110,7 +113,7 @@ def plan_recovery(
         *by_hand(printer, frame),
         *what_is_there(job, history, found, printer, ul_per_mm),
     )
-    return Recovery(begin, gcode, steps, frame.start)
+    return Recovery(begin, job.file_lines[begin], gcode, steps, frame.start)
 
 
 def _untouched(

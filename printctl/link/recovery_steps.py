@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from firmware_profiles import Printer
+from printctl.link.completed_moves import moves_ahead, surely_moved
 from printctl.link.heads import head_at
 from printctl.link.job import Job
 from printctl.link.job_frame import JobFrame
@@ -82,8 +83,23 @@ def what_is_there(
             "would be written twice. Look at the part; to begin later, give --from-line"
             + _later(job, history.done)
             + "."
+            + _through_vessels(job, history, begin, printer)
         )
     return tuple(steps)
+
+
+def _through_vessels(job: Job, history: JournalledPrint, begin: int, printer: Printer) -> str:
+    """Tell a print of vessels how the needle passes through the least of its fresh ink."""
+    if not job.marks.of(MarkKind.VESSEL):
+        return ""
+    told = " Vessels that are written twice are passed through by the needle."
+    made = surely_moved(job.lines, history.done, moves_ahead(printer), history.made)
+    if not begin < made < len(job):
+        return told
+    return (
+        f"{told} It does so least with --from-line {job.file_lines[made]}, the first line whose "
+        "move may not have been made; the needle comes down there where it stood when it wrote."
+    )
 
 
 def _later(job: Job, done: int) -> str:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import zipfile
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from design.files import write_bytes
+import numpy as np
+
+from design.files import replacing, write_bytes
 from firmware_profiles import Printer, ProfileError, Syringe, load
 from printctl.errors import PrintctlError
 from printctl.link.care import Care
@@ -19,6 +22,10 @@ from printctl.link.recovering import Recovery, plan_recovery
 from printctl.link.recovery_begin import NoCheckpoint
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
+
+MAP: Final = ".map.npz"
+OF_LINES: Final = ("source", "move", "kind")
+"""What a job's map has of each line (`design.toolpath.gcode.save_gcode`)."""
 
 
 def _ul_per_mm(care: Care) -> float | None:
@@ -81,6 +88,8 @@ def planned(folder: Path, from_line: int | None = None) -> Recovery:
 def write_rest(folder: Path, plan: Recovery, file: Path | None = None) -> dict[str, Any]:
     """Write the rest of a print's job; return where, what to do first, and how to print it.
 
+    With its map, where the job has one: the needle's shaft is checked by it.
+
     Parameters
     ----------
     folder : Path
@@ -91,7 +100,13 @@ def write_rest(folder: Path, plan: Recovery, file: Path | None = None) -> dict[s
     """
     record = load_record(folder)
     place = file or Path(record.job).with_suffix(".rest.gcode")
+    arrays = _map_of_rest(Path(record.job), plan)
     write_bytes(place, plan.gcode)
+    if arrays is None:
+        place.with_suffix(MAP).unlink(missing_ok=True)  # that of an earlier rest
+    else:
+        with replacing(place.with_suffix(MAP)) as draft, draft.open("wb") as handle:
+            np.savez(handle, **arrays)
     start = ",".join(f"{value:g}" for value in plan.start) if plan.start else ""
     command = f"printctl print {place} --printer {record.profile} --port {record.port}"
     return {
@@ -100,3 +115,24 @@ def write_rest(folder: Path, plan: Recovery, file: Path | None = None) -> dict[s
         "lines_left_out": plan.begin,
         "command": command + (f" --start {start}" if start else ""),
     }
+
+
+def _map_of_rest(job: Path, plan: Recovery) -> dict[str, Any] | None:
+    """Make the rest's map of the job's; None where there is none that can be used."""
+    try:
+        with np.load(job.with_suffix(MAP), allow_pickle=False) as found:
+            arrays: dict[str, Any] = {name: found[name] for name in found.files}
+        lines = _line_count(job.read_bytes())
+        if {arrays[name].shape for name in OF_LINES} != {(lines,)}:
+            return None
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+        return None
+    kept = lines - plan.line + 1
+    for name in OF_LINES:
+        way_in = np.full(_line_count(plan.gcode) - kept, -1, dtype=arrays[name].dtype)
+        arrays[name] = np.append(way_in, arrays[name][lines - kept :])
+    return arrays
+
+
+def _line_count(data: bytes) -> int:
+    return data.count(b"\n") + (not data.endswith(b"\n"))

@@ -10,17 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.pass_rules import PassRules, pass_ends, pass_rules, turned
+from design.toolpath.embedded.pass_rules import (
+    PassRules,
+    contracted,
+    pass_ends,
+    pass_rules,
+    turned,
+)
 from design.toolpath.embedded.rules import Rules
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.walk import Leg
 from design.toolpath.toolpath import IntArray
 from kernels import jit
 
-TRIES, PATIENCE = 16, 3
+TRIES, PATIENCE = 64, 16
 """Times that passes are split and made one in another order; at most so many in vain in a row."""
-AT_NODES, WITHIN = 0.25, 0.05
-"""Of a pass's nodes, and of its legs, the share at which it is split."""
+SPLIT = 0.2
+"""Share of the places between two legs at which passes are split."""
 
 
 def fewest(
@@ -32,86 +38,107 @@ def fewest(
 ) -> list[Pass]:
     """Merge passes; then split them here and there and merge again, as long as that saves some.
 
-    Large neighbourhood search (Shaw 1998, LNCS 1520, 417).
+    Large neighbourhood search (Shaw 1998, LNCS 1520, 417). As many passes in another order are
+    taken, too: they lead on to fewer.
     """
-    best, vain = merged(passes, elements, rules, head), 0
+    legs = [leg for one in passes for leg in one.legs]
+    graph = pass_rules([Pass((leg,)) for leg in legs], elements, rules)
+    number = {leg.middle: k for k, leg in enumerate(legs)}
+    best, vain = merged(passes, _of_legs(passes, number, graph), elements, head), 0
     for _ in range(TRIES):
         if vain == PATIENCE or len(best) < 3:
             break
-        tried = merged(_split(best, random), elements, rules, head, random)
+        parts = _split(best, elements, random)
+        tried = merged(parts, _of_legs(parts, number, graph), elements, head, random)
         vain = 0 if len(tried) < len(best) else vain + 1
-        best = tried if len(tried) < len(best) else best
-    return best
+        best = tried if len(tried) <= len(best) else best
+    return [_in_one(one, elements) for one in best]
+
+
+def _of_legs(passes: list[Pass], number: dict[int, int], graph: PassRules) -> PassRules:
+    """Rules of passes, from those of their legs, which ``number`` knows by their middles."""
+    own = np.empty(len(number), dtype=np.int64)
+    for k, one in enumerate(passes):
+        for leg in one.legs:
+            own[number[leg.middle]] = k
+    return contracted(graph, own)
 
 
 def merged(
     passes: list[Pass],
+    graph: PassRules,
     elements: Elements,
-    rules: Rules,
     head: IntArray,
     random: np.random.Generator | None = None,
 ) -> list[Pass]:
     """Fewer passes in an order that keeps the same rules; `random` chooses which come first."""
+    ends = np.array([pass_ends(one, elements) for one in passes], dtype=np.int64)
+    tool = np.array([head[elements.vessel[one.legs[0].element]] for one in passes])
     while len(passes) > 1:
-        graph = pass_rules(passes, elements, rules)
-        ends = [pass_ends(one, elements) for one in passes]
-        tool = [int(head[elements.vessel[one.legs[0].element]]) for one in passes]
         pairs = _pairs(ends, tool, graph.turns)
         if random is not None:
             pairs = pairs[random.permutation(len(pairs))]
         order, chosen = _merge(len(passes), pairs, graph)
         if not len(chosen):
             break
-        passes = _rebuilt(passes, elements, order, pairs[chosen])
+        pairs = pairs[chosen]
+        passes = _rebuilt(passes, order, pairs)
+        one, side, other, there = pairs.T
+        ends[one] = np.column_stack([ends[one, 1 - side], ends[other, 1 - there]])
+        stays = ~np.isin(order, other)
+        number = np.empty(len(order), dtype=np.int64)
+        number[order] = np.cumsum(stays) - 1  # a pass follows that into which it has gone
+        ends, tool, graph = ends[order[stays]], tool[order[stays]], contracted(graph, number)
     return passes
 
 
-def _split(passes: list[Pass], random: np.random.Generator) -> list[Pass]:
+def _split(passes: list[Pass], elements: Elements, random: np.random.Generator) -> list[Pass]:
+    """Cut passes at some of their nodes; a vessel once written in a row stays so."""
+    cut = iter((random.random(sum(len(one.legs) for one in passes)) < SPLIT).tolist())
     found: list[Pass] = []
     for one in passes:
-        legs: list[Leg] = []
-        draws = random.random((len(one.legs), 3))
-        for leg, (node, within, at) in zip(one.legs, draws.tolist(), strict=True):
-            if legs and node < AT_NODES:
-                found.append(Pass(tuple(legs)))
-                legs = []
-            cut = 1 + int(at * (leg.size - 1))
-            if within < WITHIN and cut < leg.size:
-                found.append(Pass((*legs, Leg(leg.element, leg.step, cut))))
-                legs = []
-                leg = Leg(leg.element + leg.step * cut, leg.step, leg.size - cut)
-            legs.append(leg)
-        found.append(Pass(tuple(legs)))
+        begin, cuts = 0, [next(cut) for _ in one.legs]
+        for k in range(1, len(cuts)):
+            if cuts[k] and not _goes_on(one.legs[k - 1], one.legs[k], elements):
+                found.append(Pass(one.legs[begin:k]))
+                begin = k
+        found.append(Pass(one.legs[begin:]))
     return found
 
 
-def _pairs(ends: list[tuple[int, int]], tool: list[int], turns: NDArray[np.bool_]) -> IntArray:
+def _pairs(ends: IntArray, tool: IntArray, turns: NDArray[np.bool_]) -> IntArray:
     """Passes of which one can end where the other begins, those nearest in the order first.
 
     (k, 4): the one to be written first, which of its ends (0, 1), the next, and which of its. That
     is the later one first where neither can be turned so that the earlier leads on to it.
     """
-    at: dict[int, list[tuple[int, int]]] = {}
-    for number, pair in enumerate(ends):
-        for side, point in enumerate(pair):
-            at.setdefault(point, []).append((number, side))
-    found = []
-    for meet in at.values():
-        for k, (one, side) in enumerate(meet):
-            for other, there in meet[k + 1 :]:
-                if one == other or tool[one] != tool[other]:
-                    continue
-                if (side == 1 or turns[one]) and (there == 0 or turns[other]):
-                    found.append((one, side, other, there))
-                elif (there == 1 or turns[other]) and (side == 0 or turns[one]):
-                    found.append((other, there, one, side))
-    found.sort(key=lambda p: (abs(p[2] - p[0]), p))
-    return np.array(found, dtype=np.int64).reshape(-1, 4)
+    found = _meeting(ends.ravel(), np.argsort(ends.ravel(), kind="stable"), tool, turns)
+    return found[np.lexsort((*found.T[::-1], abs(found[:, 2] - found[:, 0])))]
 
 
-def _rebuilt(
-    passes: list[Pass], elements: Elements, order: IntArray, chosen: IntArray
-) -> list[Pass]:
+@jit
+def _meeting(point: IntArray, rows: IntArray, tool: IntArray, turns: NDArray[np.bool_]) -> IntArray:
+    """Rows of `_pairs`; ``point`` (2 p,) of each pass's both ends, ``rows`` sorted by these."""
+    found = [(0, 0, 0, 0)][:0]
+    for k in range(len(rows)):
+        one, side = rows[k] // 2, rows[k] % 2
+        for m in range(k + 1, len(rows)):
+            if point[rows[m]] != point[rows[k]]:
+                break
+            other, there = rows[m] // 2, rows[m] % 2
+            if one == other or tool[one] != tool[other]:
+                continue
+            if (side == 1 or turns[one]) and (there == 0 or turns[other]):
+                found.append((one, side, other, there))
+            elif (there == 1 or turns[other]) and (side == 0 or turns[one]):
+                found.append((other, there, one, side))
+    out = np.empty((len(found), 4), np.int64)
+    for k in range(len(found)):
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = found[k]
+    return out
+
+
+def _rebuilt(passes: list[Pass], order: IntArray, chosen: IntArray) -> list[Pass]:
     follows = {row[0]: row[1:] for row in chosen.tolist()}
     gone = set(chosen[:, 2].tolist())
     found = []
@@ -121,20 +148,28 @@ def _rebuilt(
             side, other, there = follows[number]
             head = one if side == 1 else turned(one)
             tail = passes[other] if there == 0 else turned(passes[other])
-            one = _one(head, tail, elements)
+            one = Pass(head.legs + tail.legs)
         if number not in gone:
             found.append(one)
     return found
 
 
-def _one(one: Pass, other: Pass, elements: Elements) -> Pass:
-    """Both in a row; legs that go on along the same vessel are one."""
-    last, leg = one.legs[-1], other.legs[0]
-    same = elements.vessel[last.last] == elements.vessel[leg.element]
-    if same and last.step == leg.step and last.last + last.step == leg.element:
-        joined = Leg(last.element, last.step, last.size + leg.size)
-        return Pass((*one.legs[:-1], joined, *other.legs[1:]))
-    return Pass(one.legs + other.legs)
+def _in_one(one: Pass, elements: Elements) -> Pass:
+    """The same pass; legs that go on along the same vessel are one."""
+    legs = [one.legs[0]]
+    for leg in one.legs[1:]:
+        last = legs[-1]
+        if _goes_on(last, leg, elements):
+            legs[-1] = Leg(last.element, last.step, last.size + leg.size)
+        else:
+            legs.append(leg)
+    return Pass(tuple(legs))
+
+
+def _goes_on(leg: Leg, after: Leg, elements: Elements) -> bool:
+    """Whether a leg begins in the same vessel where one ends."""
+    row = leg.last + leg.step == after.element and leg.step == after.step
+    return row and bool(elements.vessel[leg.last] == elements.vessel[after.element])
 
 
 @jit

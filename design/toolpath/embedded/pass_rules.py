@@ -39,11 +39,21 @@ def pass_rules(passes: list[Pass], elements: Elements, rules: Rules) -> PassRule
             low, high = sorted((leg.element, leg.last))
             number[low : high + 1] = k
     first, after = number[owners(rules)], number[rules.after]
-    turns = np.ones(len(passes), dtype=np.bool_)
+    return _of_pairs(first, after, np.ones(len(passes), dtype=np.bool_))
+
+
+def contracted(graph: PassRules, number: IntArray) -> PassRules:
+    """Rules of passes made from those of a graph; ``number`` (p,) of the one each has gone into."""
+    turns = np.ones(int(number.max()) + 1, dtype=np.bool_)
+    turns[number[~graph.turns]] = False
+    return _of_pairs(np.repeat(number, np.diff(graph.after_begin)), number[graph.after], turns)
+
+
+def _of_pairs(first: IntArray, after: IntArray, turns: NDArray[np.bool_]) -> PassRules:
+    """Rules from pairs, and which of the passes may turn; one with a rule within itself may not."""
     turns[first[first == after]] = False
-    return PassRules(
-        *_grouped(first, after, len(passes)), *_grouped(after, first, len(passes)), turns
-    )
+    count = len(turns)
+    return PassRules(*_grouped(first, after, count), *_grouped(after, first, count), turns)
 
 
 @jit

@@ -167,32 +167,43 @@ def depth_at(
     """
     a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
     thick = max(elements.radius[j, 0], elements.radius[j, 1])
-    if _harm(tip, a, b, thick, 0.0, 1.0, needle) == 0.0:
+    room = _room(tip, a, b, thick, 0.0, 1.0, needle)
+    if room <= 0.0:
         return 0.0
     reach = joint_reach(needle, max(thick, radius))
     low, high = outside_joints(vessel, at, j, reach, elements, meetings, far)
     if low >= high:
         return 0.0
-    return _harm(tip, a, b, thick, low, high, needle)
+    if low > 0.0 or high < 1.0:
+        room = _room(tip, a, b, thick, low, high, needle)
+    return _harm(room, tip, a, b, thick, low, high, needle)
 
 
 @jit
-def _harm(
+def _room(
     tip: FloatArray, a: FloatArray, b: FloatArray, thick: float, low: float, high: float,
     needle: Needle,
 ) -> float:  # fmt: skip
-    """How much of the height of a part of a filament the shaft fills, grazes made light, mm."""
-    top = max(a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])) + thick
-    height = top - tip[2]
+    """How deep the shaft, clearance included, reaches into a part of a filament, mm; 0 for not."""
+    height = max(a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])) + thick - tip[2]
     if height <= 0.0:
         return 0.0
     room = radius_at(needle, height) + thick - flat_gap(tip[0], tip[1], a, b, low, high)
     if room <= 0.0:
         return 0.0
-    room = thick - off_part(tip, a, b, low, high, needle)
+    return max(thick - off_part(tip, a, b, low, high, needle), 0.0)
+
+
+@jit
+def _harm(
+    room: float, tip: FloatArray, a: FloatArray, b: FloatArray, thick: float, low: float,
+    high: float, needle: Needle,
+) -> float:  # fmt: skip
+    """How much of the height of a part the shaft fills, grazes made light, mm; by its `_room`."""
     if room <= 0.0:
         return 0.0
-    filled = min(height, 2.0 * thick)
+    top = max(a[2] + low * (b[2] - a[2]), a[2] + high * (b[2] - a[2])) + thick
+    filled = min(top - tip[2], 2.0 * thick)
     if room < 2.0 * (needle.tip_mm - needle.bare_mm):  # else the bare needle is in it, too
         room = thick - off_part(tip, a, b, low, high, without_clearance(needle))
     return filled if room > 0.0 else GRAZE * filled
@@ -233,8 +244,10 @@ def _pair_depth(i: int, j: int, elements: Elements, meetings: Meetings, needle: 
     """Most harm that the shaft does to element j while i is written, mm."""
     tail, head = elements.point[elements.end[i, 0]], elements.point[elements.end[i, 1]]
     radius = max(elements.radius[i, 0], elements.radius[i, 1])
-    most = 0.0
+    most, all_of_it = 0.0, 2.0 * max(elements.radius[j, 0], elements.radius[j, 1])
     for k in range(TIPS):
+        if most >= all_of_it:
+            break
         share = k / (TIPS - 1.0)
         tip = tail + share * (head - tail)
         at = elements.arc[i] + share * elements.length[i]

@@ -25,6 +25,11 @@ class Leg(NamedTuple):
         """The element it ends with."""
         return self.element + self.step * (self.size - 1)
 
+    @property
+    def middle(self) -> int:
+        """Its first and last element's sum: the same whichever way it is written."""
+        return self.element + self.last
+
     def elements(self) -> IntArray:
         """Numbers of all, in order."""
         return self.element + self.step * np.arange(self.size)

@@ -102,7 +102,7 @@ def test_a_network_of_which_nothing_can_be_written_is_refused():
         plan_embedded(polylines([spiral], 0.1), options)
 
 
-@pytest.mark.parametrize("seed", [0, 2, 4])
+@pytest.mark.parametrize("seed", [2, 4, 8])
 def test_what_is_written_of_a_crowded_tree_crosses_nothing(seed):
     net = random_tree(30, 5, seed, 0.12)
     options = replace(LEAVES, open_joints=99)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.embedded.merge import fewest, merged
-from design.toolpath.embedded.pass_rules import pass_rules
+from design.toolpath.embedded.pass_rules import contracted, pass_rules
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.walk import Leg
 from tests.design.toolpath.embedded_parts import pairs_of, parts_of, rules_of
@@ -42,7 +42,8 @@ def test_a_later_pass_that_leads_to_an_earlier_one_goes_first_where_it_may(later
         pairs[ends[1][0], ends[0][0]] = 1.0
     rules = rules_of(pairs, len(elements.end))
     head = np.zeros(2, dtype=np.int64)
-    found = merged([forward(ends[1]), forward(ends[0])], elements, rules, head)
+    passes = [forward(ends[1]), forward(ends[0])]
+    found = merged(passes, pass_rules(passes, elements, rules), elements, head)
     assert len(found) == count
     if count == 1:
         assert written(found) == list(range(len(elements.end)))
@@ -54,7 +55,8 @@ def test_a_chain_of_rules_over_a_third_pass_keeps_two_apart():
     pairs |= {(ends[1][0], ends[2][0]): 1.0, (ends[2][0], ends[0][0]): 1.0}
     rules = rules_of(pairs, len(elements.end))
     order = [forward(ends[k]) for k in (1, 2, 0)]
-    found = merged(order, elements, rules, np.array([0, 0, 1]))  # the third by another head
+    graph = pass_rules(order, elements, rules)
+    found = merged(order, graph, elements, np.array([0, 0, 1]))  # the third by another head
     assert len(found) == 3
 
 
@@ -97,3 +99,21 @@ def test_rules_of_passes_are_those_of_their_elements(seed, vessels, count):
         assert after == sorted({b for a, b in said if a == k != b})
         assert before == sorted({a for a, b in said if b == k != a})
         assert found.turns[k] == ((k, k) not in said)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 9999), count=st.integers(0, 60))
+def test_rules_of_passes_made_one_are_those_of_their_elements(seed, count):
+    rng = np.random.default_rng(seed)
+    elements, ends = chain(9)
+    drawn = rng.integers(0, len(elements.end), (count, 2))
+    rules = rules_of({(int(a), int(b)): 1.0 for a, b in drawn}, len(elements.end))
+    legs = [forward(one) for one in ends]
+    number = np.concatenate([np.arange(4), rng.integers(0, 4, 5)])
+    whole = [
+        Pass(tuple(leg for k in np.flatnonzero(number == n) for leg in legs[k].legs))
+        for n in range(4)
+    ]
+    found = contracted(pass_rules(legs, elements, rules), number)
+    for one, other in zip(found, pass_rules(whole, elements, rules), strict=True):
+        assert np.array_equal(one, other)
