@@ -8,8 +8,13 @@ from typing import Annotated
 import typer
 
 from printctl.cli.network_options import UnitOption
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.errors import UsageError
+from printctl.cli.options import (
+    JsonFlag,
+    messages,
+    print_json,
+    print_lines,
+    refuse_input_as_output,
+)
 from printctl.networks import LOSSES, check_target, read_noted, write_network
 
 
@@ -40,8 +45,7 @@ def convert(
     for SWC (µm) and SimVascular's (cm). An old file is replaced only by a whole new one.
     """
     check_target(target)
-    if target.exists() and source.exists() and target.samefile(source):
-        raise UsageError(f"{target} is the network itself; give another name")
+    refuse_input_as_output(target, source)
     network, notes = read_noted(source, unit, ends)
     write_network(target, network)
     loss = LOSSES.get(target.suffix.lower())

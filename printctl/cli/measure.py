@@ -21,7 +21,13 @@ from printctl.cli.network_options import (
     UnitOption,
     ViscosityOption,
 )
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.options import (
+    JsonFlag,
+    messages,
+    print_json,
+    print_lines,
+    refuse_input_as_output,
+)
 from printctl.errors import UsageError
 from printctl.networks import READ, Drive, load_source
 from printctl.run_folder.artefacts import SURFACE
@@ -58,6 +64,7 @@ def measure(
 
     A run folder brings its tissue and flow; beside a network's file name the tissue, too.
     """
+    refuse_input_as_output(out, network)
     source = load_source(network, unit, Drive(inlet_flow_ml_min, viscosity_mpa_s))
     options = MeasureOptions(
         samples=samples,

@@ -92,6 +92,21 @@ def two_numbers(text: str, option: str) -> tuple[float, float]:
     return low, high
 
 
+def refuse_input_as_output(out: Path | None, *inputs: Path) -> None:
+    """Refuse to write over a file that the command reads.
+
+    Raises
+    ------
+    UsageError
+        Where ``out`` is one of ``inputs``, by whatever name.
+    """
+    if out is None or not out.exists():
+        return
+    for one in inputs:
+        if one.exists() and out.samefile(one):
+            raise UsageError(f"{out} is what this command reads; give another name to write to")
+
+
 def read_gcode_file(path: Path) -> bytes:
     """Read a G-code file that the user named.
 

@@ -8,7 +8,13 @@ from typing import Annotated
 
 import typer
 
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.options import (
+    JsonFlag,
+    messages,
+    print_json,
+    print_lines,
+    refuse_input_as_output,
+)
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import SafetyError
 from printctl.link.record import load_record
@@ -37,7 +43,9 @@ def recover(
     """
     folder = print_folder(run)
     plan = planned(folder, from_line)
-    file = out or Path(load_record(folder).job).with_suffix(".rest.gcode")
+    job = Path(load_record(folder).job)
+    refuse_input_as_output(out, job)
+    file = out or job.with_suffix(".rest.gcode")
     messages().print(
         *(f"{k}. {text}" for k, text in enumerate(plan.steps, 1)), sep="\n", markup=False
     )

@@ -16,11 +16,14 @@ from printctl.cli.options import (
     messages,
     print_json,
     print_lines,
+    refuse_input_as_output,
 )
 from printctl.errors import UsageError
 from printctl.set_up.by_name import loads_of, of_each
 from printctl.slicing import SliceJob, Written, assemble, head_of_each, read_modifier, slice_parts
 
+_HEIGHT_PART = 0.01
+"""Of the part's height: what layers may be off by before it is told."""
 _LINES_UM = (10.0, 5000.0)
 
 
@@ -53,6 +56,7 @@ def slice_mesh(
     """
     if out.is_dir():
         raise UsageError(f"{out} is a folder; give the name of a .gcode file in it")
+    refuse_input_as_output(out, *models)
     profile = load(Printer, printer)
     filling = Filling(infill, infill_percent * 1e-2)
     chosen = head_of_each(heads, len(models), profile)
@@ -103,7 +107,7 @@ def _lines_mm(printer: Printer, text: str) -> tuple[float, ...]:
 
 def _notes(job: SliceJob, written: Written) -> list[str]:
     """What a person should know before printing."""
-    found = []
+    found = _height_note(written)
     for number, ul in enumerate(written.report.written_ul_of_heads):
         barrel = job.loads[number].syringe
         if ul > barrel.volume_ul:
@@ -118,6 +122,18 @@ def _notes(job: SliceJob, written: Written) -> list[str]:
             "have them changed above it"
         )
     return found
+
+
+def _height_note(written: Written) -> list[str]:
+    """Say where whole layers make the part more than a hundredth higher or lower."""
+    off = written.height_mm - written.part_mm
+    if abs(off) <= _HEIGHT_PART * written.part_mm:
+        return []
+    return [
+        f"the part is {written.part_mm:.4g} mm high and its {written.report.layers} layers "
+        f"{written.height_mm:.4g} mm: {abs(off):.2g} mm {'more' if off > 0 else 'less'} than "
+        "designed; choose --layer-um so that whole layers fill it"
+    ]
 
 
 def _facts(job: SliceJob, written: Written, models: list[Path], out: Path) -> dict[str, Any]:

@@ -11,7 +11,13 @@ import typer
 from design.solids import lumen_solid, tube_solid, validate_file, write_step
 from design.solids.read import SUFFIXES
 from printctl.cli.network_options import UnitOption
-from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.options import (
+    JsonFlag,
+    messages,
+    print_json,
+    print_lines,
+    refuse_input_as_output,
+)
 from printctl.errors import UsageError
 from printctl.networks import read_noted
 from printctl.pipeline.solid_files import WRITERS
@@ -50,6 +56,7 @@ def solid(
         raise UsageError(f"{out}: give a file that ends in .step, .{', .'.join(WRITERS)}")
     if kind == "step" and (fillet_ratio or wall_mm is not None):
         raise UsageError("--fillet-ratio and --wall-mm are for triangles; STEP has sharp lumens")
+    refuse_input_as_output(out, source)
     network, notes = read_noted(source, unit)
     for note in notes:
         messages().print(note, style="dim", markup=False)

@@ -10,7 +10,15 @@ from typing import Annotated
 import typer
 
 from design.files import replacing
-from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines, tell
+from printctl.cli.options import (
+    JsonFlag,
+    RecipeArg,
+    messages,
+    print_json,
+    print_lines,
+    refuse_input_as_output,
+    tell,
+)
 from printctl.cli.plan_lines import plan_lines
 from printctl.cli.process_lines import process_lines
 from printctl.errors import UsageError
@@ -30,6 +38,7 @@ def toolpath(
     """
     if out.is_dir():
         raise UsageError(f"{out} is a folder; give the name of a .gcode file in it")
+    refuse_input_as_output(out, recipe)
     loaded = load_recipe(recipe, tell)
     with tempfile.TemporaryDirectory() as scratch:
         data = toolpath_recipe(loaded, recipe.resolve().parent, Path(scratch), messages())

@@ -70,12 +70,16 @@ class Written:
         Where the part's origin stands in the printer's frame.
     heights_mm : (float, float), mm
         Of the lowest and the highest layer.
+    height_mm, part_mm : float, mm
+        Of all layers, and of the part: whole layers come as near as they can.
     """
 
     report: FreshReport
     lines: int
     place_mm: FloatArray
     heights_mm: tuple[float, float]
+    height_mm: float
+    part_mm: float
 
 
 def slice_parts(job: SliceJob, out: Path) -> Written:
@@ -95,7 +99,15 @@ def slice_parts(job: SliceJob, out: Path) -> Written:
     parts = stream_gcode(layers, *machine, layers.top_mm)
     lines = save_gcode(out, out.with_suffix(".map.npz"), parts)
     heights = np.diff(layers.levels)
-    return Written(layers.report(), lines, place, (float(heights.min()), float(heights.max())))
+    low, high = job.parts.bounds
+    return Written(
+        layers.report(),
+        lines,
+        place,
+        (float(heights.min()), float(heights.max())),
+        float(np.ptp(layers.levels)),
+        float(high[2] - low[2]),
+    )
 
 
 def _options_of(job: SliceJob, number: int) -> FreshOptions:

@@ -57,3 +57,41 @@ def test_a_syringe_too_small_is_told(
     words = ["slice", str(model), "--unit", "mm", "--out", str(out), "--layer-um", "300"]
     assert run(monkeypatch, *words, "--line-um", "600") == 0
     assert "more than Hamilton" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["cube.stl", "./cube.stl"])
+def test_a_mesh_is_never_written_over(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_stl(tmp_path / "cube.stl", block_solid(np.array([3.0, 2.0, 0.6])))
+    before = (tmp_path / "cube.stl").read_bytes()
+    assert run(monkeypatch, "slice", "cube.stl", "--unit", "mm", "--out", name) == 2
+    assert "is what this command reads; give another name" in capsys.readouterr().err
+    assert (tmp_path / "cube.stl").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("height", "told"),
+    [
+        (0.2, "0.2 mm high and its 3 layers 0.18 mm: 0.02 mm less than designed"),
+        (1.0, "1 mm high and its 17 layers 1.02 mm: 0.02 mm more than designed"),
+        (0.6, ""),
+    ],
+)
+def test_a_height_that_layers_cant_make_is_told(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    height: float,
+    told: str,
+) -> None:
+    model, out = tmp_path / "flat.stl", tmp_path / "flat.gcode"
+    write_stl(model, block_solid(np.array([3.0, 2.0, height])))
+    assert run(monkeypatch, "slice", str(model), "--unit", "mm", "--out", str(out)) == 0
+    said = capsys.readouterr().err
+    assert told in said
+    assert bool(told) == ("than designed" in said)
