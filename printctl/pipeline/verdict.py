@@ -13,6 +13,8 @@ Finding = tuple[Decision, str]
 
 MOST_REASONS: Final = 12
 """Of one decision; the page's tables have all."""
+_OF_PLACE: Final = ("position_um", "profile_um")
+"""Zones that an axis may not leave, or a wall."""
 _ORDER: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass")
 
 
@@ -44,6 +46,7 @@ def verdict(registration: Record) -> dict[str, Any]:
         *(_in_this_pose(registration, *one) for one in _flow(registration)),
         *_pose(registration),
         *_proven(registration, features),
+        *_not_judged(registration["judging"]["tolerances"]),
     ]
     whole = worst(decision for decision, _ in [*of_features, *others])
     return {
@@ -113,6 +116,19 @@ def _proven(registration: Record, features: Sequence[Record]) -> list[Finding]:
         out.append(("pass", "No leak, and no bridge between vessels, was found"))
     rms = [f for f in features if f["name"] == "rms" and f["decision"] == "pass"]
     return [*out, *(("pass", reason(f)) for f in rms)]
+
+
+def _not_judged(tolerances: Record) -> list[Finding]:
+    """Say what no limit was given for, so that a pass isn't read as one of place and shape."""
+    own = any(key in row for row in tolerances["vessels"] for key in _OF_PLACE)
+    of = "lumens without a limit of their own" if own else "lumens"
+    lacking = [
+        *([] if any(k in tolerances for k in _OF_PLACE) else [f"where {of} lie (position_um)"]),
+        *([] if "face_profile_um" in tolerances else ["outer faces (face_profile_um)"]),
+    ]
+    if not lacking:
+        return []
+    return [("pass", f"Not judged, for want of a limit in --tolerance: {', '.join(lacking)}")]
 
 
 def _flow(registration: Record) -> list[Finding]:
