@@ -13,6 +13,8 @@ Finding = tuple[Decision, str]
 
 MOST_REASONS: Final = 12
 """Of one decision; the page's tables have all."""
+_OF_PLACE: Final = ("offset_um", "position_um", "profile_um")
+"""How far an axis may be off, zones that it may not leave, or a wall."""
 _ORDER: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass")
 
 
@@ -44,6 +46,7 @@ def verdict(registration: Record) -> dict[str, Any]:
         *(_in_this_pose(registration, *one) for one in _flow(registration)),
         *_pose(registration),
         *_proven(registration, features),
+        *_not_judged(registration),
     ]
     whole = worst(decision for decision, _ in [*of_features, *others])
     return {
@@ -112,20 +115,31 @@ def _proven(registration: Record, features: Sequence[Record]) -> list[Finding]:
     ):  # in doubt none is listed
         out.append(("pass", "No leak, and no bridge between vessels, was found"))
     rms = [f for f in features if f["name"] == "rms" and f["decision"] == "pass"]
-    return [*out, *(("pass", reason(f)) for f in rms), *_outer_faces(registration)]
+    return [*out, *(("pass", reason(f)) for f in rms)]
 
 
-def _outer_faces(registration: Record) -> list[Finding]:
-    """Say how far outer faces are off where the RMS alone judges them."""
-    found = registration.get("by_surface", {}).get("outer_faces", {}).get("scaled", {})
-    limited = "face_profile_um" in registration["judging"]["tolerances"]
-    if limited or not found.get("max_um"):
+def _not_judged(registration: Record) -> list[Finding]:
+    """Say what no limit was given for, so that a pass isn't read as one of place and shape."""
+    tolerances = registration["judging"]["tolerances"]
+    own = any(key in row for row in tolerances["vessels"] for key in _OF_PLACE)
+    of = "lumens without a limit of their own" if own else "lumens"
+    lacking = [
+        *([] if any(k in tolerances for k in _OF_PLACE) else [f"where {of} lie (position_um)"]),
+        *([] if "face_profile_um" in tolerances else [_outer_faces(registration)]),
+    ]
+    if not lacking:
         return []
-    text = (
-        f"Outer faces are judged by the RMS alone (no face_profile_um is given): 95 % of them lie "
-        f"within {found['p95_um']:.0f} µm, the farthest place is {found['max_um']:.0f} µm off"
+    return [("pass", f"Not judged, for want of a limit in --tolerance: {'; '.join(lacking)}")]
+
+
+def _outer_faces(registration: Record) -> str:
+    found = registration.get("by_surface", {}).get("outer_faces", {}).get("scaled", {})
+    if not found.get("max_um"):
+        return "outer faces (face_profile_um)"
+    return (
+        f"outer faces (face_profile_um), of which 95 % lie within {found['p95_um']:.0f} µm and the "
+        f"farthest place is {found['max_um']:.0f} µm off"
     )
-    return [("pass", text)]
 
 
 def _flow(registration: Record) -> list[Finding]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from printctl.pipeline.verdict import MOST_REASONS, verdict
-from registration.judging import Tolerances, judge, judge_plain
+from registration.judging import Tolerances, VesselLimits, judge, judge_plain
 from tests.registration.judging.registered import change, registration, vessel
 
 FLOW = {
@@ -38,13 +38,25 @@ def test_good_print_passes_and_says_why() -> None:
     assert any("2 of 2 vessels pass" in reason for reason in result["reasons"])
 
 
-@pytest.mark.parametrize(("limits", "told"), [({}, True), ({"face_profile_um": 200.0}, False)])
-def test_outer_faces_that_nobody_limits_are_told(limits: dict[str, float], told: bool) -> None:
+def not_judged(tolerances: Tolerances) -> list[str]:
     faces = {"outer_faces": {"scaled": {"p95_um": 21.2, "max_um": 508.0}}}
     numbers = registration(good(0), good(1), perfusion=FLOW, by_surface=faces)
-    reasons = verdict(judge(numbers, Tolerances(**limits)))["reasons"]
-    said = [reason for reason in reasons if "within 21 µm, the farthest place is 508" in reason]
-    assert bool(said) == told
+    reasons = verdict(judge(numbers, tolerances))["reasons"]
+    return [reason for reason in reasons if reason.startswith("Not judged")]
+
+
+def test_a_pass_says_that_place_and_outer_faces_were_not_judged() -> None:
+    (said,) = not_judged(Tolerances())
+    assert "where lumens lie (position_um)" in said
+    assert "outer faces (face_profile_um), of which 95 % lie within 21 µm" in said
+    assert said.endswith("the farthest place is 508 µm off")
+
+
+def test_what_has_a_limit_is_not_called_unjudged() -> None:
+    placed = VesselLimits(position_um=60.0)
+    (said,) = not_judged(Tolerances(placed))
+    assert "position_um" not in said
+    assert not_judged(Tolerances(placed, face_profile_um=100.0)) == []
 
 
 def test_closed_vessel_fails() -> None:
