@@ -114,7 +114,13 @@ class Inspection:
 def inspect(case: Inspection) -> Findings:
     """Gauge every vessel, look for defects, compare topology and volume, solve the flow."""
     field, fit = case.segmentation.field, case.alignment.scaled
-    traces = trace_vessels(case.network, case.segmentation, fit, case.section_mm)
+    traces = trace_vessels(
+        case.network,
+        case.segmentation,
+        fit,
+        case.section_mm,
+        None if case.model_is_lumen else case.surface,
+    )
     traces, errors, wall_mm = with_ledges(traces, case.segmentation, case.errors)
     margin = _margin(case)
     grid = _grid(case, margin)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from registration.alignment import Fit
+from registration.distance import ModelSurface
 from registration.gauging.neighbours import Neighbours
 from registration.gauging.planes import clearances, stations, to_scan
 from registration.gauging.sections import Planes, Sections, cut
@@ -18,6 +19,8 @@ from registration.segmentation.volume import sample
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+_RING, _MOST_OF_RING = 12, 0.75
+"""Points around a lumen, and the share of them in the part where it is one of its sections."""
 _FREE_WALL = 0.95
 """Less of a wall of its own, and the median of the rays across a section could meet another's."""
 
@@ -85,7 +88,11 @@ class VesselTrace:
 
 
 def trace_vessels(
-    network: VesselNetwork, segmentation: Segmentation, fit: Fit, spacing_mm: float
+    network: VesselNetwork,
+    segmentation: Segmentation,
+    fit: Fit,
+    spacing_mm: float,
+    part: ModelSurface | None = None,
 ) -> tuple[VesselTrace, ...]:
     """Cut every vessel of a network across, in an aligned scan.
 
@@ -99,6 +106,9 @@ def trace_vessels(
         Scan to part; the scaled one, so that sections follow the print.
     spacing_mm : float, mm
         Between sections.
+    part : ModelSurface, optional
+        The designed part: an axis may run on past its face, where there is no wall to measure.
+        Without it lumens open where their axes end.
     """
     neighbours = Neighbours(network)
     degree = network.degree()[network.vessel_nodes]
@@ -114,7 +124,7 @@ def trace_vessels(
             trim[vessel],
             degree[vessel] == 1,
             border,
-            (segmentation, fit, neighbours),
+            (segmentation, fit, neighbours, part),
         )
         for vessel in range(network.vessel_count)
     )
@@ -127,18 +137,19 @@ def _trace(
     trim: FloatArray,
     free: BoolArray,
     border: float,
-    scene: tuple[Segmentation, Fit, Neighbours],
+    scene: tuple[Segmentation, Fit, Neighbours, ModelSurface | None],
 ) -> VesselTrace:
     along, centre, tangent, radius = where
-    segmentation, fit, neighbours = scene
+    segmentation, fit, neighbours, part = scene
+    mouths = np.zeros(2) if part is None else _mouths(part, where, length, border) * free
     planes = to_scan(centre, tangent, radius, fit)
     sections = cut(segmentation.field, planes)
-    apart = (along > trim[0]) & (along < length - trim[1])
+    apart = (along > mouths[0] + trim[0]) & (along < length - mouths[1] - trim[1])
     # Beside a vessel that leaves at a narrow angle there is still no gel thick enough to be told.
     apart &= neighbours.free_wall(vessel, centre, tangent, radius + border) == 1.0
     # Within a junction there is no gel around to send light back.
     seen = sections.in_field & (_reached(segmentation, planes) | ~apart)
-    ways = np.where(free[:, None], [along, length - along], np.inf)
+    ways = np.where(free[:, None], [along - mouths[0], length - mouths[1] - along], np.inf)
     to_end = np.asarray(ways.min(axis=0))
     # Light that goes past an upright face makes the last of a lumen as bright as gel.
     seen &= sections.open | (to_end > 2 * border)
@@ -156,6 +167,31 @@ def _trace(
         vessel, length, along, centre, radius, planes, sections, seen, apart, counted, own, to_end,
         short,
     )  # fmt: skip
+
+
+def _mouths(
+    part: ModelSurface,
+    where: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    length: float,
+    border: float,
+) -> FloatArray:
+    """How far before the part's face each end of an axis lies, (2,), mm; 0 where it doesn't.
+
+    A station is within the part where most of a ring around its lumen is. Ends are looked for
+    in their own half; a vessel with hardly any wall has none.
+    """
+    along, centre, tangent, radius = where
+    helper = np.where(np.abs(tangent[:, 2:]) < 0.8, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    first = np.cross(helper, tangent)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    across = np.stack([first, np.cross(tangent, first)], axis=1)
+    angle = 2 * np.pi * np.arange(_RING) / _RING
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    ring = centre[:, None] + (radius + border)[:, None, None] * (circle @ across)
+    inside = part.query(ring.reshape(-1, 3)).distance.reshape(-1, _RING) < 0
+    within = inside.mean(axis=1) >= _MOST_OF_RING
+    half, step = (len(along) + 1) // 2, length / len(along)
+    return np.array([step * np.argmax(end[:half]) for end in (within, within[::-1])])
 
 
 def _reached(segmentation: Segmentation, planes: Planes) -> BoolArray:
