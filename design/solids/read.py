@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from design.errors import SolidError
 from design.solids.merge import merge_equal
 from design.solids.solid import Solid
-from design.solids.stl import read_corners
+from design.solids.stl import cut_short, read_corners
 from design.solids.surface import sections_solid
 from design.units import MM_PER, LengthUnit
 
@@ -76,6 +76,9 @@ def read_solid(path: Path, unit: LengthUnit | None, *, for_sections: bool = Fals
 
 
 def _solid(vertices: FloatArray, faces: IntArray, path: Path, for_sections: bool) -> Solid:
+    bad = int((~np.isfinite(vertices)).any(axis=1).sum())
+    if bad:
+        raise SolidError(f"{path}: {bad} corners aren't numbers (NaN or infinite); export it again")
     try:
         if for_sections:
             return sections_solid(vertices, faces)
@@ -102,6 +105,8 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
     kind = path.suffix.lower()
     if kind not in SUFFIXES:
         raise SolidError(f"{path}: {kind or 'no suffix'} isn't one of {', '.join(SUFFIXES)}")
+    if kind == ".stl" and (missing := cut_short(path)):
+        raise SolidError(f"{path}: {missing}; export or copy it again")
     with path.open("rb") as handle:
         try:
             mesh = trimesh.load_mesh(handle, file_type=kind[1:], process=False)

@@ -37,6 +37,23 @@ def write_stl(path: Path, solid: Solid) -> None:
     write_bytes(path, _HEADER.ljust(80) + count + triangles.tobytes())
 
 
+def cut_short(path: Path) -> str:
+    """Say what is missing of a binary STL whose header counts more than it holds; else empty.
+
+    Raises
+    ------
+    OSError
+        When the file can't be opened.
+    """
+    with path.open("rb") as file:
+        start = file.read(_START_BYTES)
+    held = (path.stat().st_size - _START_BYTES) // _TRIANGLE.itemsize
+    count = int.from_bytes(start[80:84], "little")
+    if len(start) < _START_BYTES or start.lstrip().startswith(b"solid") or held >= count:
+        return ""
+    return f"the file is cut short: its header counts {count} triangles, and it holds {held}"
+
+
 def read_corners(path: Path) -> NDArray[np.float64] | None:
     """Corners (n, 3, 3) of a binary STL's triangles; None where the file isn't exactly one.
 

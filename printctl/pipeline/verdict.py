@@ -133,8 +133,9 @@ def _not_judged(registration: Record) -> list[Finding]:
 
 
 def _outer_faces(registration: Record) -> str:
-    found = registration.get("by_surface", {}).get("outer_faces", {}).get("scaled", {})
-    if not found.get("max_um"):
+    surfaces = registration.get("by_surface") or {}
+    found = (surfaces.get("outer_faces") or {}).get("scaled") or {}
+    if found.get("max_um") is None:
         return "outer faces (face_profile_um)"
     return (
         f"outer faces (face_profile_um), of which 95 % lie within {found['p95_um']:.0f} µm and the "

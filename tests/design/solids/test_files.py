@@ -268,3 +268,21 @@ def test_a_binary_stl_reads_alike_with_and_without_the_mesh_library(tmp_path: Pa
     )
     path.write_bytes(path.read_bytes() + b"x")
     assert read_corners(path) is None
+
+
+@pytest.mark.parametrize("for_sections", [True, False])
+def test_a_damaged_stl_is_refused_by_what_is_wrong_with_it(
+    construct: Solid, tmp_path: Path, for_sections: bool
+) -> None:
+    whole = tmp_path / "part.stl"
+    write_stl(whole, construct)
+    data = whole.read_bytes()
+    cut = tmp_path / "cut.stl"
+    cut.write_bytes(data[: 84 + 50 * 7 + 11])
+    with pytest.raises(SolidError, match=rf"counts {len(construct.faces)} triangles.* holds 7"):
+        read_solid(cut, "mm", for_sections=for_sections)
+    holed = bytearray(data)
+    holed[84 + 12 : 84 + 16] = np.float32(np.nan).tobytes()
+    (tmp_path / "nan.stl").write_bytes(holed)
+    with pytest.raises(SolidError, match="1 corners aren't numbers"):
+        read_solid(tmp_path / "nan.stl", "mm", for_sections=for_sections)

@@ -52,6 +52,16 @@ def test_a_pass_says_that_place_and_outer_faces_were_not_judged() -> None:
     assert said.endswith("the farthest place is 508 µm off")
 
 
+@pytest.mark.parametrize(
+    "surfaces",
+    [None, {}, {"outer_faces": None}, {"outer_faces": {"scaled": {"max_um": None}}}],
+)
+def test_outer_faces_that_were_not_seen_are_named_without_a_figure(surfaces: Any) -> None:
+    numbers = registration(good(0), good(1), perfusion=FLOW, by_surface=surfaces)
+    reasons = verdict(judge(numbers, Tolerances()))["reasons"]
+    assert any(reason.endswith("outer faces (face_profile_um)") for reason in reasons)
+
+
 def test_what_has_a_limit_is_not_called_unjudged() -> None:
     placed = VesselLimits(position_um=60.0)
     (said,) = not_judged(Tolerances(placed))
