@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from design.hemodynamics import scaled_network
 from design.lattices import build_lattice
@@ -71,6 +74,7 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
             network, clearance = planar_four_vessel(), 0.0
         case GivenNetwork():
             network, notes = read_given(context.recipe_folder / part.network, part.unit)
+            notes += parts_told(network)
             clearance = part.clearance_mm
             if part.overlaps == "tell":
                 notes += overlaps_told(network, clearance)
@@ -100,6 +104,27 @@ def overlaps_told(network: VesselNetwork, clearance_mm: float) -> tuple[str, ...
         f"Places where vessels are nearer than {clearance_mm:g} mm without meeting: {found.count} "
         f"(overlaps: tell); nearest are vessels {one} and {two}, {found.gap_mm[worst]:.3g} mm "
         f"apart at ({x:.4g}, {y:.4g}, {z:.4g}) mm",
+    )
+
+
+def parts_told(network: VesselNetwork) -> tuple[str, ...]:
+    """A sentence on parts that share no node, and how near their nodes come; none of one part."""
+    ends = network.vessel_nodes
+    used = np.unique(ends)
+    links = coo_matrix((np.ones(len(ends)), ends.T), shape=(len(network.nodes),) * 2)
+    number = connected_components(links, directed=False)[1]
+    parts = np.unique(number[used])
+    if len(parts) == 1:
+        return ()
+    largest = parts[np.argmax([np.count_nonzero(number[used] == one) for one in parts])]
+    apart = used[number[used] != largest]
+    near = cKDTree(network.nodes[used[number[used] == largest]])
+    away, _ = near.query(network.nodes[apart])
+    place = network.nodes[apart[int(np.argmin(away))]]
+    return (
+        f"The network has {len(parts)} parts that share no node; {len(np.unique(apart))} nodes "
+        f"aren't joined to the largest, the nearest of them {away.min():.3g} mm from it, at "
+        "({:.4g}, {:.4g}, {:.4g}) mm: each part needs an inlet of its own".format(*place),
     )
 
 

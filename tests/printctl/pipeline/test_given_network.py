@@ -16,6 +16,7 @@ from design.network_json import write_network_json
 from design.network_vtp import write_network_vtp
 from printctl.pipeline.growth_source import read_given
 from printctl.pipeline.run import toolpath_recipe
+from printctl.pipeline.stages.vasculature import parts_told
 from printctl.recipe import parse_recipe
 
 # A straight vessel, and another that runs 0.3 mm above it: radii of 0.2 mm, 0.1 mm in each other.
@@ -67,3 +68,16 @@ def test_vessels_that_run_into_each_other_are_refused_or_told_of(tmp_path: Path)
     assert "vessels 0 and 1, -0.1 mm apart at (5, 3, 2.15) mm" in note
     kept = read_network_csv(tmp_path / "run" / "network.csv", unit="mm")
     assert kept.vessel_count == 2
+
+
+@pytest.mark.parametrize(
+    ("gap", "said"), [(0.005, "0.005 mm from it, at (5.005, 0, 0)"), (0.0, "")]
+)
+def test_parts_that_share_no_node_are_told_with_how_near_they_come(gap: float, said: str) -> None:
+    nodes = np.array([[0.0, 0, 0], [5, 0, 0], [3, 2, 0], [5 + gap, 0, 0], [9, 0, 0]])
+    vessels = np.array([[0, 1], [1, 2], [3 if gap else 1, 4]])
+    radius, zeros = np.full(3, 0.2), np.zeros(3)
+    network = VesselNetwork.from_segments(nodes, vessels, radius, zeros, zeros)
+    told = parts_told(network)
+    assert len(told) == bool(said)
+    assert said in "".join(told)
