@@ -63,7 +63,8 @@ def test_vessels_that_run_into_each_other_are_refused_or_told_of(tmp_path: Path)
         NetworkError, match=r"vessels 0 and 1 overlap by 0\.1 mm at \(5, 3, 2\.15\)"
     ):
         _made(tmp_path)
-    (note,) = _made(tmp_path, overlaps="tell")["network"]["notes"]
+    parts, note = _made(tmp_path, overlaps="tell")["network"]["notes"]
+    assert parts.startswith("The network has 2 parts that share no node")
     assert note.startswith("Places where vessels are nearer than 0 mm without meeting: 1 ")
     assert "vessels 0 and 1, -0.1 mm apart at (5, 3, 2.15) mm" in note
     kept = read_network_csv(tmp_path / "run" / "network.csv", unit="mm")
