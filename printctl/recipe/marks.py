@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final
 
 from pydantic import Field
-
-ProfileSort = Literal["printers", "needles", "syringes", "inks", "baths", "dishes", "plates"]
 
 FILE: Final[dict[str, Any]] = {"file": True}
 """For ``json_schema_extra`` of a path that is relative to the recipe."""

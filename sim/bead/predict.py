@@ -103,11 +103,6 @@ class Bead:
         return _rate(self.flow.out_ul, self.pieces.duration)
 
     @property
-    def plunger_flow_ul_s(self) -> FloatArray:
-        """What the plunger pushes, (n,), µL/s; an advance's jumps are spread over their piece."""
-        return _rate(self.pieces.push_ul + self.pieces.jump_ul, self.pieces.duration)
-
-    @property
     def pressure_pa(self) -> FloatArray:
         """Behind the needle, mean of each piece, (n,), Pa; NaN where the needle isn't known."""
         nozzle = self.nozzle

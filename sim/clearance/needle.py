@@ -64,11 +64,6 @@ class NeedleBody:
             )
 
     @property
-    def room_mm(self) -> float:
-        """Radius that is to stay free around the shaft, mm."""
-        return self.radius_mm + self.clearance_mm
-
-    @property
     def tip_mm(self) -> float:
         """Outer radius at the tip, mm."""
         return self.radius_mm if self.tip_radius_mm is None else self.tip_radius_mm

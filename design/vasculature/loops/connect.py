@@ -45,7 +45,7 @@ _SKETCH = 5
 
 
 @dataclass(frozen=True)
-class Laid:
+class RemovedConnection:
     """A connection as it was, so that it can be put back."""
 
     partner: int
@@ -314,8 +314,8 @@ class Web:
                 self._stand(n, was.curve, was.radius, routed=was.routed)
         return False
 
-    def _laid(self, number: int) -> Laid:
-        return Laid(
+    def _laid(self, number: int) -> RemovedConnection:
+        return RemovedConnection(
             int(self.partner[number]),
             self.curve[number],
             float(self.radius[number]),

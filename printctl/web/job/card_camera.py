@@ -9,7 +9,7 @@ from urllib.parse import quote
 from nicegui import ui
 
 from printctl.web.api.answers import API
-from printctl.web.job.camera.timelapse import Told
+from printctl.web.job.camera.timelapse import TimeLapseState
 from printctl.web.job.parts import Folds, live, size, small, tried
 from printctl.web.job.service import JobService
 
@@ -52,7 +52,7 @@ def _picture(service: JobService) -> None:
     ui.timer(_LOOK_AGAIN_S, refresh)
 
 
-def _lapse(service: JobService, job: str, first: Told | None) -> None:
+def _lapse(service: JobService, job: str, first: TimeLapseState | None) -> None:
     told = small()
     place = f"{API}/prints/{quote(job, safe='~')}/timelapse/film"
     film = ui.element("img").classes("job-camera")
@@ -60,7 +60,7 @@ def _lapse(service: JobService, job: str, first: Told | None) -> None:
     down = ui.link("Download the time-lapse (WebP)", place).classes("job-way")
     down.props["download"] = f"{job.partition('~')[2].removesuffix('.gcode')}_timelapse.webp"
 
-    def show(found: Told | None) -> None:
+    def show(found: TimeLapseState | None) -> None:
         told.set_text(_words(found))
         there = found is not None and found.film
         for one in (film, down):
@@ -77,15 +77,15 @@ def _lapse(service: JobService, job: str, first: Told | None) -> None:
     ui.timer(_LAPSE_AGAIN_S, look)
 
 
-def _timelapse(service: JobService, job: str) -> Told:
+def _timelapse(service: JobService, job: str) -> TimeLapseState:
     return service.watching.timelapse(job, service.heard(job))
 
 
-def _of(place: str, found: Told) -> str:
+def _of(place: str, found: TimeLapseState) -> str:
     return f"{place}?frames={found.frames}&bytes={found.bytes}"
 
 
-def _words(found: Told | None) -> str:
+def _words(found: TimeLapseState | None) -> str:
     if found is None or not found.frames:
         return "Time-lapse: a picture is kept at the end of each layer or vessel of a print."
     kept = f"Time-lapse: {found.frames} pictures, {size(found.bytes)}"

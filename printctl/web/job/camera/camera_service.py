@@ -8,7 +8,7 @@ from printctl.records.films import film_file
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError
 from printctl.web.job.camera.camera import CameraProcess, Seen, Still
-from printctl.web.job.camera.timelapse import TimeLapse, Told
+from printctl.web.job.camera.timelapse import TimeLapse, TimeLapseState
 from printctl.web.job.following import Heard
 
 
@@ -65,7 +65,7 @@ class CameraService:
             raise ConflictError(seen.message)
         return seen.still
 
-    def timelapse(self, job: str, heard: Heard | None) -> Told:
+    def timelapse(self, job: str, heard: Heard | None) -> TimeLapseState:
         """The time-lapse of a job's last print.
 
         Raises

@@ -26,7 +26,7 @@ _WAITING: Final = 16
 
 
 @dataclass(frozen=True)
-class Told:
+class TimeLapseState:
     """State of a time-lapse.
 
     Attributes
@@ -88,7 +88,7 @@ class TimeLapse:
             self._keep(frames)
             self._make(frames)
 
-    def told(self, heard: Heard) -> Told:
+    def told(self, heard: Heard) -> TimeLapseState:
         """The time-lapse of a print; makes its film where a server before couldn't."""
         frames = frames_folder(heard.folder, heard.journal.started)
         kept = sorted(frames.glob("*.jpg"))
@@ -98,7 +98,7 @@ class TimeLapse:
             self._make(frames)
         size = sum(path.stat().st_size for path in kept)
         message = "" if film else self._said.get(frames, "")
-        return Told(len(kept), size, film, frames in self._making, message)
+        return TimeLapseState(len(kept), size, film, frames in self._making, message)
 
     def close(self) -> None:
         """Keep no more."""
