@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-import zipfile
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
-import numpy as np
-
-from design.files import replacing, write_bytes
+from design.files import write_bytes
 from firmware_profiles import Printer, ProfileError, Syringe, load
 from printctl.errors import PrintctlError
 from printctl.link.care import Care
@@ -22,10 +19,6 @@ from printctl.link.recovering import Recovery, plan_recovery
 from printctl.link.recovery_begin import NoCheckpoint
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
-
-MAP: Final = ".map.npz"
-OF_LINES: Final = ("source", "move", "kind")
-"""What a job's map has of each line (`design.toolpath.gcode.save_gcode`)."""
 
 
 def _ul_per_mm(care: Care) -> float | None:
@@ -100,13 +93,11 @@ def write_rest(folder: Path, plan: Recovery, file: Path | None = None) -> dict[s
     """
     record = load_record(folder)
     place = file or Path(record.job).with_suffix(".rest.gcode")
-    arrays = _map_of_rest(Path(record.job), plan)
+    # Loads numpy, which a print's status needs none of.
+    from printctl.printing.map_of_rest import write_map
+
     write_bytes(place, plan.gcode)
-    if arrays is None:
-        place.with_suffix(MAP).unlink(missing_ok=True)  # that of an earlier rest
-    else:
-        with replacing(place.with_suffix(MAP)) as draft, draft.open("wb") as handle:
-            np.savez(handle, **arrays)
+    write_map(Path(record.job), plan, place)
     start = ",".join(f"{value:g}" for value in plan.start) if plan.start else ""
     command = f"printctl print {place} --printer {record.profile} --port {record.port}"
     return {
@@ -115,24 +106,3 @@ def write_rest(folder: Path, plan: Recovery, file: Path | None = None) -> dict[s
         "lines_left_out": plan.begin,
         "command": command + (f" --start {start}" if start else ""),
     }
-
-
-def _map_of_rest(job: Path, plan: Recovery) -> dict[str, Any] | None:
-    """Make the rest's map of the job's; None where there is none that can be used."""
-    try:
-        with np.load(job.with_suffix(MAP), allow_pickle=False) as found:
-            arrays: dict[str, Any] = {name: found[name] for name in found.files}
-        lines = _line_count(job.read_bytes())
-        if {arrays[name].shape for name in OF_LINES} != {(lines,)}:
-            return None
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
-        return None
-    kept = lines - plan.line + 1
-    for name in OF_LINES:
-        way_in = np.full(_line_count(plan.gcode) - kept, -1, dtype=arrays[name].dtype)
-        arrays[name] = np.append(way_in, arrays[name][lines - kept :])
-    return arrays
-
-
-def _line_count(data: bytes) -> int:
-    return data.count(b"\n") + (not data.endswith(b"\n"))
