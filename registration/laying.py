@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from design.network import VesselNetwork
 from registration.alignment import Alignment
+from registration.distance import ModelSurface
 from registration.gauging import VesselTrace, trace_vessels
 from registration.gauging.outlines import outlines
 from registration.geometry import Cut, Datum, Face, Frame, Scene, best_fit, lay_on_datums
@@ -25,6 +26,8 @@ class Ground:
     errors : ScanErrors
     section_mm : float, mm
         Between sections.
+    part : ModelSurface or None
+        The designed part; None where the model is the lumens alone.
     """
 
     network: VesselNetwork
@@ -32,6 +35,7 @@ class Ground:
     faces: tuple[Face, ...]
     errors: ScanErrors
     section_mm: float
+    part: ModelSurface | None
 
 
 def laid(datums: tuple[Datum, ...], alignment: Alignment, ground: Ground) -> Frame:
@@ -47,7 +51,11 @@ def laid(datums: tuple[Datum, ...], alignment: Alignment, ground: Ground) -> Fra
     cuts: tuple[Cut, ...] = ()
     if any(datum.kind != "face" for datum in datums):
         traces = trace_vessels(
-            ground.network, ground.segmentation, alignment.scaled, ground.section_mm
+            ground.network,
+            ground.segmentation,
+            alignment.scaled,
+            ground.section_mm,
+            ground.part,
         )
         cuts = tuple(map(_cut, traces))
     scene = Scene(ground.network, ground.faces, cuts, ground.errors)

@@ -104,7 +104,8 @@ def _laid(case: Prepared) -> _Lying:
     """Find the pose, and lay the part's frame on the print."""
     alignment = _aligned(case)
     faces = () if case.is_lumen else _faces(case, alignment)
-    ground = Ground(case.network, case.segmentation, faces, case.errors, case.section_mm)
+    part = None if case.is_lumen else case.surface
+    ground = Ground(case.network, case.segmentation, faces, case.errors, case.section_mm, part)
     frame = laid(case.options.datums, alignment, ground)
     return _Lying(replace(alignment, rigid=frame.fit), faces, frame)
 

@@ -13,8 +13,8 @@ Finding = tuple[Decision, str]
 
 MOST_REASONS: Final = 12
 """Of one decision; the page's tables have all."""
-_OF_PLACE: Final = ("offset_um", "position_um", "profile_um")
-"""How far an axis may be off, zones that it may not leave, or a wall."""
+_OF_PLACE: Final = ("position_um", "profile_um")
+"""Zones that an axis may not leave, or a wall."""
 _ORDER: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass")
 
 

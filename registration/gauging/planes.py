@@ -52,11 +52,15 @@ def to_scan(centre: FloatArray, tangent: FloatArray, radius: FloatArray, fit: Fi
     Positions follow the fitted map; lengths stay those of the scan, so that diameters are those
     of the print as it is.
     """
-    direction = tangent @ fit.rotation
+    return Planes(fit.invert(centre), across(tangent @ fit.rotation), radius)
+
+
+def across(direction: FloatArray) -> FloatArray:
+    """Two unit vectors across each unit direction (n, 3) and each other, (n, 2, 3)."""
     helper = np.where(np.abs(direction[:, 2:]) < 0.8, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(helper, direction)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return Planes(fit.invert(centre), np.stack([first, np.cross(direction, first)], axis=1), radius)
+    return np.stack([first, np.cross(direction, first)], axis=1)
 
 
 def clearances(network: VesselNetwork) -> FloatArray:

@@ -11,7 +11,7 @@ from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging.neighbours import Neighbours
-from registration.gauging.planes import clearances, stations, to_scan
+from registration.gauging.planes import across, clearances, stations, to_scan
 from registration.gauging.sections import Planes, Sections, cut
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import sample
@@ -181,13 +181,9 @@ def _mouths(
     in their own half; a vessel with hardly any wall has none.
     """
     along, centre, tangent, radius = where
-    helper = np.where(np.abs(tangent[:, 2:]) < 0.8, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    first = np.cross(helper, tangent)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    across = np.stack([first, np.cross(tangent, first)], axis=1)
     angle = 2 * np.pi * np.arange(_RING) / _RING
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    ring = centre[:, None] + (radius + border)[:, None, None] * (circle @ across)
+    ring = centre[:, None] + (radius + border)[:, None, None] * (circle @ across(tangent))
     inside = part.query(ring.reshape(-1, 3)).distance.reshape(-1, _RING) < 0
     within = inside.mean(axis=1) >= _MOST_OF_RING
     half, step = (len(along) + 1) // 2, length / len(along)

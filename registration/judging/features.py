@@ -214,11 +214,13 @@ def _mean_half(series: Series) -> float:
 def offset_feature(row: Record, limits: VesselLimits) -> list[Feature]:
     """Judge the lumen's mean distance from the designed axis, where a limit is given.
 
-    Where none is, a lumen that lies farther aside than half its radius is undecided: nobody has
-    said that this is allowed.
+    Where no place along it is limited, a lumen that anywhere lies farther aside than half its
+    radius is undecided: nobody has said that this is allowed, and a mean hides it.
     """
+    placed = math.isfinite(min(limits.position_um, limits.profile_um))
+    far = [] if placed else _far_aside(row)
     if math.isinf(limits.offset_um):
-        return _far_aside(row) if math.isinf(limits.position_um) else []
+        return far
     value, half = row.get("offset_um"), row.get("offset_interval_95_um")
     # Without a stated interval nothing is proven of an offset.
     u = math.nan if half is None else float(np.max(half))
@@ -231,7 +233,8 @@ def offset_feature(row: Record, limits: VesselLimits) -> list[Feature]:
             u_um=u,
             upper_um=limits.offset_um,
             limit=_upto(limits.offset_um),
-        )
+        ),
+        *far,
     ]
 
 

@@ -26,7 +26,7 @@ def reason(feature: Record) -> str:
     if name == "offset" and feature.get("doubt") == "no limit":
         return (
             f"{_place(feature)}: the lumen lies {_measured(feature)} beside its designed axis, "
-            "more than half its radius, and no limit is given; say what is allowed (offset_um)"
+            "more than half its radius, and no limit is given; say what is allowed (position_um)"
         )
     if name == "offset":
         return f"{_place(feature)}: axis off by {_measured(feature)} of {feature['limit']}" + _end(

@@ -161,7 +161,8 @@ def test_the_interval_of_an_rms_never_goes_below_nothing(u: float, said: str) ->
         (120.0, {}, "pass"),  # less than half the radius of 250 µm
         (140.0, {}, "pass"),  # not beyond it by more than U
         (245.0, {}, "undecided"),
-        (245.0, {"offset_um": 60.0}, "pass"),  # of the mean, which the user limits
+        (245.0, {"offset_um": 60.0}, "undecided"),  # the mean is within it, which hides the place
+        (245.0, {"profile_um": 600.0}, "pass"),
         (245.0, {"position_um": 600.0}, "pass"),
     ],
 )
@@ -179,11 +180,11 @@ def test_a_lumen_far_beside_its_axis_never_passes_without_a_limit(
     )
     found = judge(registration(row), Tolerances(VesselLimits(**limits)))
     assert found["vessels"][0]["decision"] == decision
-    told = [reason(f) for f in found["judging"]["features"] if f["name"] == "offset"]
+    told = [reason(f) for f in found["judging"]["features"] if f.get("doubt") == "no limit"]
     if decision == "undecided":
         assert told == [
             "Vessel 0, 2.5 mm along: the lumen lies 245 ± 20 µm beside its designed axis, "
-            "more than half its radius, and no limit is given; say what is allowed (offset_um)"
+            "more than half its radius, and no limit is given; say what is allowed (position_um)"
         ]
 
 
