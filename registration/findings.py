@@ -132,7 +132,8 @@ def inspect(case: Inspection) -> Findings:
     # Fronts that look for leaks run on one core; what needs none of them is done beside.
     with beside() as other:
         search = LeakSearch(grid, case.surface, case.model_is_lumen, _wall(case),
-                            case.false_alarm, field, evidence, liquid, fit)  # fmt: skip
+                            case.false_alarm, field, evidence, liquid, fit,
+                            case.network)  # fmt: skip
         leaking = other.submit(find_leaks, search, traces)
         closures = find_closures(traces, Ends(field, fit, wall_mm, errors))
         scale = float(np.mean(fit.scale))
@@ -148,6 +149,7 @@ def inspect(case: Inspection) -> Findings:
         rigid = overlap(scanned_with(grid, field, case.alignment.rigid), near)
         leaks = leaking.result()
     through = [*closures, *leaks.defects]
+    changes = [*changes, *leaks.swellings]
     defects = (*through, *without_brinks(changes, through, traces))
     return Findings(
         vessels=vessels,

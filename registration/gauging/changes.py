@@ -268,6 +268,10 @@ def _defect(series: _Series, sign: int, run: NDArray[np.int64]) -> Defect:
     else:
         worst = int(run[np.argmax(wall)])
     size, along = _peak(series, worst)
+    if sign * size < 0:
+        # Of an oval, walls stand out to both sides: what it is its area says.
+        sign = -sign
+        wall = (sign * np.nan_to_num(series.wall[run])).max(axis=1)
     rest = 2 * float(trace.radius[worst]) + series.base
     half = trace.spacing / 2
     extent = float(trace.along[run[0]]) - half, float(trace.along[run[-1]]) + half

@@ -179,6 +179,8 @@ def band_of(series: Series, limit: Limit) -> Band:
     below, above = limit.around(series.designed_um)
     n = int(np.isfinite(series.u_um).sum())
     u_fail = np.fmax(fail_width(series.common_um, series.random_um, n), series.u_um)
+    # Of a section without an interval nothing is proven, whatever the others share.
+    u_fail = np.where(np.isnan(series.u_um), np.nan, u_fail)
     # A closed section has no noise: it is beyond any lower limit.
     closed = series.measured_um == 0
     u = np.where(closed, 0.0, series.u_um)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging.changes import bordered
@@ -17,6 +18,7 @@ from registration.segmentation import GelField
 from registration.segmentation.evidence import SIGMA_MM, GelEvidence, told_apart
 from registration.topology.grid import LumenGrid
 from registration.topology.shade import may_be_shade
+from registration.topology.swollen_joints import Swelling, swelling
 from registration.topology.way_width import outline_width, width
 from registration.topology.ways import (
     LEAST_MM,
@@ -45,6 +47,8 @@ class Leaks:
     ----------
     defects : tuple of Defect
         Leaks and bridges.
+    swellings : tuple of Defect
+        Bulges: joints that fill their crotch, with no gel between.
     bridges : (n, 3) int64
         Voxels (z, y, x) of the grid that bridges consist of.
     examined : float
@@ -52,6 +56,7 @@ class Leaks:
     """
 
     defects: tuple[Defect, ...]
+    swellings: tuple[Defect, ...]
     bridges: IntArray
     examined: float
 
@@ -81,6 +86,8 @@ class LeakSearch:
         Evidence for gel in the lumens.
     fit : Fit
         Scan to part.
+    network : VesselNetwork
+        The design.
     """
 
     grid: LumenGrid
@@ -92,6 +99,7 @@ class LeakSearch:
     evidence: GelEvidence
     liquid: float
     fit: Fit
+    network: VesselNetwork
 
 
 def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
@@ -105,9 +113,17 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     ways = [_measured(way, scene, search) for way in find_ways(scene, search.false_alarm)]
     # What stands out from the gel right beside it; a face that lies elsewhere doesn't.
     ways = [f for f in ways if f[1] > LEAST_MM / 3 and (f[0].significance > _SURE or f[1] > f[2])]
+    swollen = [swelling(way, search.network, search.field, search.fit, clear) for way, *_ in ways]
+    swellings = [
+        _swollen(way, one, search, traces)
+        for (way, *_), one in zip(ways, swollen, strict=True)
+        if one is not None
+    ]
+    ways = [found for found, one in zip(ways, swollen, strict=True) if one is None]
     between = [_voxels(way, scene) for way, *_ in ways if way.ends[1] != OUTSIDE]
     return Leaks(
         tuple(_defect(*found, _shade(*found[:2], scene, search), traces) for found in ways),
+        tuple(swellings),
         np.concatenate([np.empty((0, 3), dtype=np.int64), *between]),
         scene.examined,
     )
@@ -162,4 +178,35 @@ def _defect(
         significance=way.significance,
         seen=bordered(trace, (at - half, at + half)),
         shade=shade,
+    )
+
+
+def _swollen(
+    way: Way, found: Swelling, search: LeakSearch, traces: tuple[VesselTrace, ...]
+) -> Defect:
+    """Bulge of the narrower vessel by as much as the joint reaches out beyond the design."""
+    trace = min(
+        (traces[vessel] for vessel in way.ends), key=lambda one: float(np.median(one.radius))
+    )
+    at = 0.0 if search.network.vessel_nodes[trace.vessel][0] == found.node else trace.length
+    radius = float(trace.radius[0 if at == 0.0 else -1])
+    far = float(
+        np.clip(np.linalg.norm(found.tip_mm - search.network.nodes[found.node]), 0, trace.length)
+    )
+    error = float(np.hypot(search.grid.step_mm / np.sqrt(12), search.wall_mm))
+    x, y, z = found.tip_mm.tolist()
+    return Defect(
+        kind="bulge",
+        vessel=trace.vessel,
+        other=None,
+        from_mm=0.0 if at == 0.0 else trace.length - far,
+        to_mm=far if at == 0.0 else trace.length,
+        at_mm=at,
+        point_mm=(x, y, z),
+        size_um=1e3 * found.out_mm,
+        error_um=1.96e3 * error,
+        percent=100 * found.out_mm / (2 * radius),
+        wall_um=1e3 * found.out_mm,
+        significance=found.out_mm / error,
+        seen=True,
     )

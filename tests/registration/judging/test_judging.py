@@ -365,3 +365,13 @@ def test_a_vessel_at_its_limit_fails_in_fewer_than_one_of_a_hundred() -> None:
     found = judged(*rows)
     failed = sum(row["decision"] == "fail" for row in found["vessels"])
     assert failed <= 0.01 * trials
+
+
+def test_a_section_without_an_interval_fails_nothing() -> None:
+    """Though what the vessel's sections share is known."""
+    row = vessel(0, np.where(np.arange(30) == 4, 400.0, noise(30, 3.0)), u_um=SURE)
+    row["interval_95_um"][4] = None
+    row["measured_interval_95_um"] = SURE
+    found = judged(row)
+    assert found["vessels"][0]["decision_along"][4] == "undecided"
+    assert found["judging"]["decision"] == "undecided"
