@@ -13,9 +13,9 @@ import numpy as np
 from benchmarks.checkers.link_order import Taken, body_of
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortLost
-from printctl.link.transport_simulated import SimulatedTransport
 from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import Troubles
+from tests.printctl.link.simulated_transport import SimulatedTransport
 
 
 @dataclass

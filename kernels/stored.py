@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numba.cpython.hashing  # noqa: F401 - adds symbols of kernels that hash
 from numba.core import types
@@ -26,19 +26,11 @@ from kernels.folder import cache_dir
 from kernels.key import Memo, UnkeepableError, kernel_key, signature_text
 
 _MEMO: Memo = {}
-_SIGNATURE: Final = 3
-"""Place of the signature in what numba's `CompileResult` is kept as."""
 
 # Numba numbers the functions that a process compiles from 1 and puts the number into their
 # symbols. Files of two processes would hold different functions under one symbol, and the second
 # to be loaded would run the first one's code. So each process counts from a place of its own.
 FunctionIdentity._unique_ids = itertools.count(secrets.randbits(60))
-
-
-def signature_in(file: Path) -> Sequence[types.Type] | None:
-    """Return the argument types of the kernel that a file of the store holds; None if damaged."""
-    payload = read_whole(file)
-    return None if payload is None else payload[_SIGNATURE].args
 
 
 class KernelStore(NullCache):

@@ -23,14 +23,16 @@ import numpy as np
 from rich.console import Console
 
 from design.errors import GrowthError
+from kernels.files import read_whole
 from kernels.folder import kernel_of
 from kernels.key import called_kernels, signature_text
 from kernels.needed import Needed, found, types_of, types_text, write
-from kernels.stored import signature_in
 from printctl.pipeline.run import design_recipe, run_recipe
 from printctl.recipe import parse_recipe
 
 ROOT: Final = Path(__file__).parents[2]
+_SIGNATURE: Final = 3
+"""Place of the signature in what numba's `CompileResult` is kept as."""
 EXAMPLES: Final = ROOT / "examples"
 
 LAYERED: dict[str, Any] = {
@@ -183,9 +185,10 @@ def row(file: Path) -> tuple[str, str] | None:
 
     None too for a file of another commit whose types this one doesn't know.
     """
-    types = signature_in(file)
-    if types is None:
+    payload = read_whole(file)
+    if payload is None:
         return None
+    types = payload[_SIGNATURE].args
     try:
         takes = types_text(types)
     except TypeError:

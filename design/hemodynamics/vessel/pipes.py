@@ -22,7 +22,7 @@ class Pipes:
     radius : float64, mm
         Mean over the length.
     per_viscosity : float64, mm⁻³
-        Resistance for viscosity 1, (8/π) ∫ ds/r⁴ (`geometric_resistance`).
+        Resistance for viscosity 1, (8/π) ∫ ds/r⁴ (`vessel_resistance`).
     """
 
     network: VesselNetwork

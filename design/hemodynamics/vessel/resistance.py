@@ -5,21 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.vessel.geometry import POWERS, integral_of_power, integrals
+from design.hemodynamics.vessel.geometry import POWERS, integrals
 from design.network import FloatArray, VesselNetwork
 
 
-def geometric_resistance(network: VesselNetwork) -> FloatArray:
-    """Resistance of each vessel for viscosity 1, (8/π) ∫ ds/r⁴, (v,), mm⁻³.
+def vessel_resistance(network: VesselNetwork, viscosity_pa_s: float) -> FloatArray:
+    """Resistance of each vessel, (v,), Pa·s/µL: viscosity times (8/π) ∫ ds/r⁴.
 
     Along a piece of length ℓ whose radius goes linearly from a to b the integral is
     ℓ (a² + a b + b²) / (3 a³ b³). Valid for gentle tapers and fully developed laminar flow.
-    """
-    return (8.0 / np.pi) * integral_of_power(network, -4)
-
-
-def vessel_resistance(network: VesselNetwork, viscosity_pa_s: float) -> FloatArray:
-    """Resistance of each vessel, (v,), Pa·s/µL.
 
     Raises
     ------

@@ -25,7 +25,7 @@ TIP_MM: Final = 0.2
 MAX_SQUARES: Final = 1_000_000
 
 
-class Laid(NamedTuple):
+class WrittenMoves(NamedTuple):
     """What the moves that write lay.
 
     Attributes
@@ -70,14 +70,18 @@ class _Pieces(NamedTuple):
 
 
 def account(
-    toolpath: Toolpath, laid: Laid, spared: Spared, needles: Sequence[Needle], look_mm: float
+    toolpath: Toolpath,
+    laid: WrittenMoves,
+    spared: Spared,
+    needles: Sequence[Needle],
+    look_mm: float,
 ) -> list[Entry]:
     """Find all entries and all that comes nearer than ``look_mm``, one for each piece and vessel.
 
     Parameters
     ----------
     toolpath : Toolpath
-    laid : Laid
+    laid : WrittenMoves
         Of its moves that write, in their order.
     spared : Spared
     needles : sequence of Needle
@@ -112,7 +116,7 @@ def _mixed(ends: FloatArray, pieces: _Pieces) -> FloatArray:
     return np.where(both[:, None], low + share * (high - low), np.inf)
 
 
-def _ink(toolpath: Toolpath, rows: IntArray, laid: Laid) -> Ink:
+def _ink(toolpath: Toolpath, rows: IntArray, laid: WrittenMoves) -> Ink:
     pieces = _cut(toolpath.lengths[rows], INK_MM)
     place = _mixed(np.stack([toolpath.start[rows], toolpath.end[rows]], axis=1), pieces)
     return Ink(
@@ -127,7 +131,7 @@ def _ink(toolpath: Toolpath, rows: IntArray, laid: Laid) -> Ink:
 
 
 def _tips(
-    toolpath: Toolpath, writes: NDArray[np.bool_], laid: Laid, tool: int
+    toolpath: Toolpath, writes: NDArray[np.bool_], laid: WrittenMoves, tool: int
 ) -> tuple[Tips, IntArray]:
     """Ways of one head's tip, and the moves that they are of."""
     number = np.cumsum(toolpath.kind == MoveKind.WRITE) - 1

@@ -8,7 +8,7 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.network import VesselNetwork
-from design.toolpath.embedded.account import Entry, Laid, account
+from design.toolpath.embedded.account import Entry, WrittenMoves, account
 from design.toolpath.embedded.bundles import Bundles
 from design.toolpath.embedded.elements import Elements, elements_of, longest_mm
 from design.toolpath.embedded.entering import TOUCH_MM
@@ -121,7 +121,7 @@ class Scene:
 
     def met(self, toolpath: Toolpath, writer: FilamentWriter, heads: EmbeddedHeads) -> Met:
         """What the shaft meets on a path: the bare needle, and what it must keep free."""
-        laid = Laid(*self.lumens.of_design(*writer.laid()))
+        laid = WrittenMoves(*self.lumens.of_design(*writer.laid()))
         spared = spared_of(self.design, self.collisions, self.lumens.lumen_mm)
         look = max(one.clearance_mm for one in heads.options)
         found = account(toolpath, laid, spared, heads.needles(), look)

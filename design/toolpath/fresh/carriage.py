@@ -46,7 +46,7 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Laid:
+class LayerMoves:
     """Moves of one FRESH layer.
 
     Attributes
@@ -86,7 +86,7 @@ class Carriage:
         self._used: set[int] = set()
         self._layers = 0
 
-    def write(self, sections: Sequence[Section], tip_mm: float, height_mm: float) -> Laid:
+    def write(self, sections: Sequence[Section], tip_mm: float, height_mm: float) -> LayerMoves:
         """Lay sections of a layer with the tip at ``tip_mm``, the one of the head in use first."""
         self._heads = [one.in_layer(height_mm) for one in self._heads]
         start, changes = self._tip, 0
@@ -103,7 +103,7 @@ class Carriage:
         if start is None:
             start = np.append(self._corner, tip_mm)
         whole = np.concatenate([np.zeros(0, dtype=np.int64), *tools])
-        return Laid(start, _joined(laid), whole, changes)
+        return LayerMoves(start, _joined(laid), whole, changes)
 
     def _section(self, section: Section, z: float) -> tuple[Rows, IntArray, FloatArray]:
         """Rows of one section, the head of each, and where they begin."""

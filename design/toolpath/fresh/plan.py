@@ -11,7 +11,7 @@ from manifold3d import CrossSection
 
 from design.errors import ToolpathError
 from design.solids.solid import Solid
-from design.toolpath.fresh.carriage import Carriage, Laid, Section
+from design.toolpath.fresh.carriage import Carriage, LayerMoves, Section
 from design.toolpath.fresh.coarsen import without_short_moves
 from design.toolpath.fresh.coverage import FINENESS, Coverage, measure_coverage
 from design.toolpath.fresh.filling import Filling
@@ -174,7 +174,7 @@ class FreshLayers:
     def _inset_mm(self, height_mm: float) -> float:
         return self._options.in_layer(height_mm).inset_mm
 
-    def _counted(self, layer: Layer, laid: Laid, lines: int) -> Toolpath:
+    def _counted(self, layer: Layer, laid: LayerMoves, lines: int) -> Toolpath:
         toolpath = _toolpath(layer, laid, differs=self._options.adaptive is not None)
         self._tally.add(toolpath, laid, lines)
         return toolpath
@@ -253,7 +253,7 @@ def _infill(
             return infill_paths(rings(inside), width, angle, origin, density)
 
 
-def _coverage(layer: Layer, laid: Laid, heads: Sequence[FreshOptions]) -> Coverage:
+def _coverage(layer: Layer, laid: LayerMoves, heads: Sequence[FreshOptions]) -> Coverage:
     rows = laid.rows
     wrote = rows.kind == MoveKind.WRITE
     begin = np.vstack([laid.start, rows.end])[:-1][wrote, :2]
@@ -267,7 +267,7 @@ def _coverage(layer: Layer, laid: Laid, heads: Sequence[FreshOptions]) -> Covera
     return measure_coverage(rings(layer.material), begin, end, width, pitch)
 
 
-def _toolpath(layer: Layer, laid: Laid, *, differs: bool) -> Toolpath:
+def _toolpath(layer: Layer, laid: LayerMoves, *, differs: bool) -> Toolpath:
     """Moves of one layer."""
     rows = laid.rows
     return Toolpath(

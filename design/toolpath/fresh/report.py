@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from design.toolpath.fresh.carriage import Laid
+from design.toolpath.fresh.carriage import LayerMoves
 from design.toolpath.fresh.coverage import Coverage
 from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
 
@@ -72,7 +72,7 @@ class Tally:
         self._coverage: list[Coverage] = []
         self._measured_mm: list[float] = []
 
-    def add(self, toolpath: Toolpath, laid: Laid, lines: int) -> None:
+    def add(self, toolpath: Toolpath, laid: LayerMoves, lines: int) -> None:
         """Count the moves of one layer."""
         length, wrote = toolpath.lengths, toolpath.kind == MoveKind.WRITE
         self.moves += len(toolpath)

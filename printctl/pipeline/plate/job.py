@@ -33,7 +33,7 @@ NOWHERE: Final = -1
 
 
 @dataclass
-class Laid:
+class WellPaths:
     """What is known of the wells once their paths are laid.
 
     Attributes
@@ -82,7 +82,7 @@ def _depends(run: PlateRun) -> Any:
 
 def write_job(run: PlateRun, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Lay the paths end to end, write them as one job with a label at each well, and its map."""
-    whole, laid = run.whole, Laid()
+    whole, laid = run.whole, WellPaths()
     kept = {name: load_toolpath(of.folder / PATH) for name, of in run.runs.items()}
     paths = {well.name: kept[run.run_of(well).folder.name] for well in run.wells}
     bundles = bundles_of(run)
@@ -114,7 +114,7 @@ def write_job(run: PlateRun, report: Report) -> tuple[dict[str, Any], Sequence[s
 
 
 def _parts(
-    run: PlateRun, paths: dict[str, Toolpath], laid: Laid, sources: Iterator[int]
+    run: PlateRun, paths: dict[str, Toolpath], laid: WellPaths, sources: Iterator[int]
 ) -> Iterator[Toolpath]:
     """Each well's path with the way to it, in the printer's frame."""
     at: FloatArray | None = None
@@ -142,7 +142,7 @@ def _trip(run: PlateRun, before: RunContext, to: RunContext) -> Trip:
 def _marked(
     run: PlateRun,
     parts: Iterator[Gcode],
-    laid: Laid,
+    laid: WellPaths,
     beside: dict[str, NDArray[Any]],
     report: Report,
 ) -> Iterator[Gcode]:

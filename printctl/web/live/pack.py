@@ -39,9 +39,6 @@ import json
 import struct
 from typing import Final
 
-import numpy as np
-
-from printctl.web.live.errors import SceneError
 from printctl.web.live.kept import VERSION
 from printctl.web.live.scene import LiveScene
 
@@ -63,27 +60,3 @@ def pack_scene(scene: LiveScene) -> bytes:
             scene.time_s.astype("<f4").tobytes(),
         ]
     )
-
-
-def unpack_scene(data: bytes) -> LiveScene:
-    """Turn `pack_scene` back.
-
-    Raises
-    ------
-    SceneError
-        When the bytes are no scene of this version, or not all of one.
-    """
-    if len(data) < _HEAD.size or data[:8] != MAGIC:
-        raise SceneError("this file is no scene of a live view; delete it, it is made again")
-    _, version, size = _HEAD.unpack_from(data)
-    if version != VERSION:
-        raise SceneError(f"scene of version {version}, this program reads {VERSION}; delete it")
-    at = _HEAD.size + size
-    about = json.loads(data[_HEAD.size : at])
-    moves = int(about.pop("moves"))
-    if len(data) != at + 16 * (moves + 1) + 8 * moves:
-        raise SceneError(f"scene of {moves} moves holds {len(data)} bytes; delete it")
-    points = np.frombuffer(data, "<u2", 8 * (moves + 1), at).reshape(-1, 8)
-    at += points.nbytes
-    command = np.frombuffer(data, "<u4", moves, at)
-    return LiveScene(points, command, np.frombuffer(data, "<f4", moves, at + command.nbytes), about)

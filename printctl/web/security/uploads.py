@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import AsyncIterable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,16 +68,6 @@ def save_upload(
     """
     with _receiving(folder, name, limits) as receiving:
         for piece in _pieces(stream):
-            receiving.take(piece)
-        return receiving.finish()
-
-
-async def save_stream(
-    stream: AsyncIterable[bytes], folder: Path, name: str, limits: UploadLimits
-) -> Path:
-    """As `save_upload`, from a request's own stream."""
-    with _receiving(folder, name, limits) as receiving:
-        async for piece in stream:
             receiving.take(piece)
         return receiving.finish()
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from printctl.link.clock import VirtualClock
-from printctl.link.transport_simulated import SimulatedTransport
 from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import Troubles
 from tests.printctl.link.fake_marlin import slips_through
+from tests.printctl.link.simulated_transport import SimulatedTransport
 
 
 class SimTransport(SimulatedTransport):

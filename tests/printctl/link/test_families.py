@@ -17,12 +17,12 @@ from printctl.link.journal import Journal
 from printctl.link.journalled_print import read_journal
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
-from printctl.link.transport_scripted import ScriptedTransport
 from printctl.link.wiring import Wiring
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie, xmodem
 from tests.printctl.link.fake_marlin import zigzag
 from tests.printctl.link.jobs import parse_job, with_codes
 from tests.printctl.link.protocols import STREAMED, made_protocol
+from tests.printctl.link.scripted_transport import ScriptedTransport
 
 FAKES = {"reprapfirmware": FakeDuet, "klipper": FakeKlipper, "smoothieware": FakeSmoothie}
 JOB = [b"G90", b"M82", b"G92 E0", b"G1 Z0.5 F300", *zigzag(40)]

@@ -20,7 +20,6 @@ from printctl.link.families import protocol_for
 from printctl.link.journal import Journal
 from printctl.link.states import Status
 from printctl.link.streamer import Streamer
-from printctl.link.transport_simulated import SimulatedTransport
 from printctl.link.wiring import Wiring
 from sim.board.fault_plan import FaultPlan
 from sim.executed import ExecutedMotion
@@ -28,6 +27,7 @@ from sim.families.marlin.printer import MarlinPrinter
 from sim.families.registry import simulated_printer
 from sim.faults import Fault, FaultFile
 from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.simulated_transport import SimulatedTransport
 
 REPO = Path(__file__).parents[3]
 PRINTER = load(Printer, "generic_marlin")

@@ -22,12 +22,12 @@ from printctl.link.clock import VirtualClock
 from printctl.link.families import protocol_for
 from printctl.link.journal import Journal
 from printctl.link.streamer import Streamer
-from printctl.link.transport_scripted import ScriptedTransport
 from printctl.link.wiring import Wiring
 from tests.printctl.link.fake_families import FakeDuet, FakeKlipper, FakeSmoothie
 from tests.printctl.link.fake_marlin import FakeMarlin, zigzag
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.protocols import STREAMED
+from tests.printctl.link.scripted_transport import ScriptedTransport
 
 WORDS = [
     b"ok\n",

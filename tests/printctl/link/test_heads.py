@@ -25,12 +25,12 @@ from printctl.link.recovering import plan_recovery
 from printctl.link.reloading import plan_head_reloads, plunger_travel
 from printctl.link.retreat import Retreat, heaters_off
 from printctl.link.states import LinkState
-from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import Arming, Script, doomed, played
 from tests.printctl.link.sim_transport import SimTransport
+from tests.printctl.link.simulated_transport import HostDiedError
 from tests.printctl.link.two_heads import (
     DATA,
     FORESEEN,

@@ -12,7 +12,6 @@ from printctl.link.clock import VirtualClock
 from printctl.link.journalled_print import read_journal
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
-from printctl.link.transport_simulated import HostDiedError
 from printctl.link.wiring import Wiring
 from sim.dryrun import dry_run
 from sim.families.marlin.printer import MarlinPrinter
@@ -21,6 +20,7 @@ from tests.printctl.link.journals import journal_in
 from tests.printctl.link.layered import doomed
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.simulated import PRINTER, START, gcode, printed, wire
+from tests.printctl.link.simulated_transport import HostDiedError
 
 
 def resumed(data: bytes, folder: Path, transport: SimTransport) -> Status:

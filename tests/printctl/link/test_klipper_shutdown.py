@@ -12,8 +12,8 @@ from firmware_profiles.families.klipper.protocol import KlipperProtocol
 from printctl.link.clock import VirtualClock
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
-from printctl.link.transport_scripted import ScriptedTransport
 from tests.printctl.link.fake_families import FakeKlipper
+from tests.printctl.link.scripted_transport import ScriptedTransport
 from tests.printctl.link.test_families import JOB, streamer_of
 
 WHY = b"// MCU 'mcu' shutdown: Timer too close\n// This often indicates the host is overloaded.\n"

@@ -11,7 +11,6 @@ from printctl.link.journalled_print import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
-from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.jobs import parse_job
@@ -23,6 +22,7 @@ from tests.printctl.link.layered import (
     layered,
     played,
 )
+from tests.printctl.link.simulated_transport import HostDiedError
 
 DATA = layered(5, 20)
 JOB = parse_job(DATA, "test.gcode")

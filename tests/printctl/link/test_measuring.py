@@ -15,7 +15,6 @@ from printctl.link.journal import read_records
 from printctl.link.journalled_print import read_journal
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
-from printctl.link.transport_simulated import HostDiedError
 from printctl.preflight.firmware import firmware_checks
 from sim.dryrun import dry_run
 from sim.families.marlin.printer import MarlinPrinter
@@ -24,6 +23,7 @@ from sim.gauges import Gauge as SimGauge
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, START, Script, layered, played
 from tests.printctl.link.sim_transport import SimTransport
+from tests.printctl.link.simulated_transport import HostDiedError
 
 WATCHED = Watched(query="M871", regex=r"Force: ([-+.\d]+) N", unit="N", high=12.5, every_s=0.5)
 WATCHING = PRINTER.model_copy(update={"watch": (WATCHED,), "extra_commands": ("M871",)})

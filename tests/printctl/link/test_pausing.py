@@ -18,8 +18,6 @@ from printctl.link.marks import MarkKind
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
-from printctl.link.transport_scripted import ScriptedTransport
-from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.fake_marlin import FakeTransport
@@ -34,7 +32,9 @@ from tests.printctl.link.layered import (
     played,
 )
 from tests.printctl.link.protocols import made_protocol
+from tests.printctl.link.scripted_transport import ScriptedTransport
 from tests.printctl.link.sim_transport import SimTransport
+from tests.printctl.link.simulated_transport import HostDiedError
 from tests.printctl.link.test_families import FAKES, facts
 
 

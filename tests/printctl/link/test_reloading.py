@@ -21,7 +21,6 @@ from printctl.link.reloading import plan_reloads, plunger_travel
 from printctl.link.requests import Request
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
-from printctl.link.transport_simulated import HostDiedError
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
 from sim.families.marlin.printer import MarlinPrinter
@@ -36,6 +35,7 @@ from tests.printctl.link.layered import (
     played,
 )
 from tests.printctl.link.sim_transport import SimTransport
+from tests.printctl.link.simulated_transport import HostDiedError
 
 DATA = layered(4, 20)
 JOB = parse_job(DATA, "test.gcode")

@@ -9,11 +9,11 @@ import pytest
 
 from printctl.link.clock import VirtualClock
 from printctl.link.states import LinkState
-from printctl.link.transport_simulated import SimulatedTransport
 from sim.dryrun import dry_run
 from sim.families.marlin.printer import MarlinPrinter
 from sim.faults import Fault, Troubles
 from tests.printctl.link.simulated import PRINTER, START, gcode, printed, same_motion
+from tests.printctl.link.simulated_transport import SimulatedTransport
 
 MOVES = 40
 LATE = Fault(fault="late_oks", line=30, seconds=5.0)

@@ -19,10 +19,10 @@ from printctl.link.journal import Journal
 from printctl.link.journalled_print import read_journal
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
-from printctl.link.transport_scripted import ScriptedTransport
 from printctl.link.wiring import Wiring
 from tests.printctl.link.fake_marlin import FakeMarlin, FakeTransport, zigzag
 from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.scripted_transport import ScriptedTransport
 
 
 def job_of(lines: list[bytes]) -> Job:

@@ -16,7 +16,6 @@ from printctl.link.recovering import plan_recovery
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
-from printctl.link.transport_simulated import HostDiedError
 from printctl.link.valve import is_about_valve, is_open, reopen, shut, shut_and_wait
 from sim.families.marlin.printer import MarlinPrinter
 from sim.reading import read_line
@@ -25,6 +24,7 @@ from tests.printctl.link.fake_marlin import FakeTransport
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, Arming, Script, played
 from tests.printctl.link.sim_transport import SimTransport
+from tests.printctl.link.simulated_transport import HostDiedError
 
 DATA = airy(3, 12)
 JOB = parse_job(DATA, "test.gcode")

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from printctl.link.clock import VirtualClock
-from printctl.link.transport_scripted import ScriptedTransport
 from printctl.link.wire_log import RING_BYTES, LoggedTransport, WireLog
+from tests.printctl.link.scripted_transport import ScriptedTransport
 
 
 def traffic(text: str) -> list[tuple[str, bytes]]:

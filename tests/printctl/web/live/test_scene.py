@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from printctl.gcode_view import LineMap, read_line_map
 from printctl.web.live import LiveScene, SceneError, make_scene
 from printctl.web.live.make import write_scene
-from printctl.web.live.pack import pack_scene, unpack_scene
+from printctl.web.live.pack import pack_scene
 from printctl.web.live.scene import ACT, HEAD, LAYER, NONE, VESSEL, WIDTH
 from registration.report.gcode import Act
 from tests.printctl.link.jobs import parse_job
@@ -36,23 +36,6 @@ def test_packed_numbers_are_those_of_a_plain_reader(tmp_path: Path) -> None:
     assert times == sorted(times)
     assert times[-1] == pytest.approx(about["duration_s"], rel=1e-6)
     assert about["layers"] == pytest.approx([0.2, 0.4, 0.6, 0.8])
-
-
-def test_unpacking_gives_back_what_was_packed(tmp_path: Path) -> None:
-    scene = scene_of(tmp_path, jobs.squares(3))
-    again = unpack_scene(pack_scene(scene))
-    assert np.array_equal(again.points, scene.points)
-    assert np.array_equal(again.command, scene.command)
-    assert np.array_equal(again.time_s, scene.time_s)
-    assert again.about == scene.about
-
-
-@pytest.mark.parametrize("harm", ["cut", "other", "version"])
-def test_bytes_that_are_no_scene_are_refused(tmp_path: Path, harm: str) -> None:
-    data = pack_scene(scene_of(tmp_path, jobs.squares(1)))
-    broken = {"cut": data[:-3], "other": b"PNG" + data[3:], "version": data[:8] + b"\2" + data[9:]}
-    with pytest.raises(SceneError, match="delete"):
-        unpack_scene(broken[harm])
 
 
 COMMENTED = (

@@ -1,4 +1,4 @@
-"""In-process transport to the simulated printer: for tests, benchmarks and rehearsals.
+"""In-process transport to the simulated printer, for tests and benchmarks.
 
 Clock and printer move together: what the host waits, the printer lives through, by its own pace
 (`sim.pace`). What the cable does to the bytes is `sim.bad_line`'s.
