@@ -47,8 +47,6 @@ class Sections:
 
     Attributes
     ----------
-    in_field : (n,) bool
-        The designed lumen and its wall lie in the field of view.
     open : (n,) bool
         Free of gel somewhere within the designed lumen.
     closed_outline : (n,) bool
@@ -73,7 +71,6 @@ class Sections:
         Standard error of the diameter, by the scatter of the rays about a smooth outline.
     """
 
-    in_field: BoolArray
     open: BoolArray
     closed_outline: BoolArray
     diameter: FloatArray
@@ -113,7 +110,6 @@ def cut(field: GelField, planes: Planes) -> Sections:
     median = _true(2 * np.median(radii, axis=1), field.blur_mm, walls)
     oval, noise = _shape(radii, field.blur_mm)
     return Sections(
-        in_field=_in_field(field, planes, circle),
         open=is_open,
         closed_outline=outline,
         diameter=diameter,
@@ -226,9 +222,3 @@ def _centroid(radii: FloatArray, circle: FloatArray) -> FloatArray:
     twice = corner[..., 0] * ahead[..., 1] - corner[..., 1] * ahead[..., 0]
     moment = ((corner + ahead) * twice[..., None]).sum(axis=1) / 3.0
     return np.asarray(moment / np.maximum(twice.sum(axis=1), 1e-12)[:, None])
-
-
-def _in_field(field: GelField, planes: Planes, circle: FloatArray) -> BoolArray:
-    """Whether the wall of the designed lumen lies within the volume all round."""
-    rim = planes.radius[:, None, None] * 1.2 * circle[::6]
-    return np.asarray(np.isfinite(field.above_level(_positions(planes, rim))).all(axis=1))

@@ -21,6 +21,8 @@ BoolArray = NDArray[np.bool_]
 
 _RING, _MOST_OF_RING = 12, 0.75
 """Points around a lumen, and the share of them in the part where it is one of its sections."""
+_ANGLE = 2 * np.pi * np.arange(_RING) / _RING
+_CIRCLE = np.stack([np.cos(_ANGLE), np.sin(_ANGLE)], axis=1)
 _FREE_WALL = 0.95
 """Less of a wall of its own, and the median of the rays across a section could meet another's."""
 
@@ -141,14 +143,17 @@ def _trace(
 ) -> VesselTrace:
     along, centre, tangent, radius = where
     segmentation, fit, neighbours, part = scene
-    mouths = np.zeros(2) if part is None else _mouths(part, where, length, border) * free
+    rim = centre[:, None] + (radius + border)[:, None, None] * (_CIRCLE @ across(tangent))
+    inside = _inside(part, rim)
+    mouths = _mouths(inside, length) * free
     planes = to_scan(centre, tangent, radius, fit)
     sections = cut(segmentation.field, planes)
     apart = (along > mouths[0] + trim[0]) & (along < length - mouths[1] - trim[1])
     # Beside a vessel that leaves at a narrow angle there is still no gel thick enough to be told.
     apart &= neighbours.free_wall(vessel, centre, tangent, radius + border) == 1.0
     # Within a junction there is no gel around to send light back.
-    seen = sections.in_field & (_reached(segmentation, planes) | ~apart)
+    seen = _in_field(segmentation, fit.invert(rim.reshape(-1, 3)), inside)
+    seen &= _reached(segmentation, planes) | ~apart
     ways = np.where(free[:, None], [along - mouths[0], length - mouths[1] - along], np.inf)
     to_end = np.asarray(ways.min(axis=0))
     # Light that goes past an upright face makes the last of a lumen as bright as gel.
@@ -169,25 +174,32 @@ def _trace(
     )  # fmt: skip
 
 
-def _mouths(
-    part: ModelSurface,
-    where: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
-    length: float,
-    border: float,
-) -> FloatArray:
+def _inside(part: ModelSurface | None, rim: FloatArray) -> BoolArray:
+    """Which points (n, `_RING`, 3) of the rims around lumens lie in the part; all without one."""
+    if part is None:
+        return np.ones(rim.shape[:2], dtype=np.bool_)
+    return np.asarray(part.query(rim.reshape(-1, 3)).distance.reshape(rim.shape[:2]) < 0)
+
+
+def _mouths(inside: BoolArray, length: float) -> FloatArray:
     """How far before the part's face each end of an axis lies, (2,), mm; 0 where it doesn't.
 
-    A station is within the part where most of a ring around its lumen is. Ends are looked for
+    A station is within the part where most of the rim around its lumen is. Ends are looked for
     in their own half; a vessel with hardly any wall has none.
     """
-    along, centre, tangent, radius = where
-    angle = 2 * np.pi * np.arange(_RING) / _RING
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    ring = centre[:, None] + (radius + border)[:, None, None] * (circle @ across(tangent))
-    inside = part.query(ring.reshape(-1, 3)).distance.reshape(-1, _RING) < 0
     within = inside.mean(axis=1) >= _MOST_OF_RING
-    half, step = (len(along) + 1) // 2, length / len(along)
+    half, step = (len(within) + 1) // 2, length / len(within)
     return np.array([step * np.argmax(end[:half]) for end in (within, within[::-1])])
+
+
+def _in_field(segmentation: Segmentation, rim: FloatArray, inside: BoolArray) -> BoolArray:
+    """Whether the wall around a lumen lies in the field of view, wherever the design has one.
+
+    An axis that meets the part's face at a slant has its last stations half in the bath, where
+    there is no wall to be seen.
+    """
+    known = np.isfinite(segmentation.field.above_level(rim)).reshape(inside.shape)
+    return np.asarray((known | ~inside).all(axis=1))
 
 
 def _reached(segmentation: Segmentation, planes: Planes) -> BoolArray:
@@ -196,9 +208,7 @@ def _reached(segmentation: Segmentation, planes: Planes) -> BoolArray:
         return np.ones(len(planes.centre), dtype=np.bool_)
     field, strength = segmentation.field, segmentation.strength
     margin = 2 * float(field.voxel_mm.max())
-    angle = 2 * np.pi * np.arange(12) / 12
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    ring = (planes.radius + margin)[:, None, None] * (circle @ planes.across)
+    ring = (planes.radius + margin)[:, None, None] * (_CIRCLE @ planes.across)
     where = (planes.centre[:, None] + ring - field.origin_mm) / field.voxel_mm
     flat = np.ascontiguousarray(where.reshape(-1, 3))
     around = sample(strength.signal, flat).reshape(where.shape[:2])

@@ -55,11 +55,6 @@ def test_plug_is_closed_and_beside_it_open() -> None:
     assert found.diameter[1] == 0
 
 
-def test_lumen_beyond_the_field_is_not_in_it() -> None:
-    found = cut(bore(0.3), planes(0.3, [1.0, 5.0]))
-    np.testing.assert_array_equal(found.in_field, [True, False])
-
-
 def test_known_blur_is_undone_to_first_order() -> None:
     radius, blur = 0.3, 0.08
     field = bore(radius - blur**2 / (2 * radius))
