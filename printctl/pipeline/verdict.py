@@ -46,6 +46,7 @@ def verdict(registration: Record) -> dict[str, Any]:
         *(_in_this_pose(registration, *one) for one in _flow(registration)),
         *_pose(registration),
         *_proven(registration, features),
+        *_places(registration),
         *_not_judged(registration),
     ]
     whole = worst(decision for decision, _ in [*of_features, *others])
@@ -140,6 +141,26 @@ def _outer_faces(registration: Record) -> str:
     return (
         f"outer faces (face_profile_um), of which 95 % lie within {found['p95_um']:.0f} µm and the "
         f"farthest place is {found['max_um']:.0f} µm off"
+    )
+
+
+def _places(registration: Record) -> list[Finding]:
+    """Where outer faces stand out: the three largest places."""
+    surfaces = registration.get("by_surface") or {}
+    found = (surfaces.get("outer_faces") or {}).get("places") or []
+    if not found:
+        return []
+    said = "; ".join(_place_words(one) for one in found[:3])
+    more = f"; {len(found) - 3} more" if len(found) > 3 else ""
+    return [("pass", f"Away from lumens the print stands out from the design: {said}{more}")]
+
+
+def _place_words(place: Record) -> str:
+    x, y, z = (f"{value:.1f}".replace("-", "−") for value in place["at_mm"])
+    off = place["deviation_um"]
+    return (
+        f"{'gel missing' if off > 0 else 'gel in excess'} by {abs(off):.0f} µm over "
+        f"{place['area_mm2']:.1f} mm² at x {x}, y {y}, z {z} mm"
     )
 
 

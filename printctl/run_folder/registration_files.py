@@ -21,7 +21,8 @@ from registration.exports import (
     write_surface_vtp,
     write_tables,
 )
-from registration.gauging.near_lumen import apart
+from registration.gauging.face_places import places_off
+from registration.gauging.near_lumen import apart, near_lumen
 from registration.result import scaled_vertices
 
 DEVIATION = "deviation.ply"
@@ -38,14 +39,16 @@ def design_facts(network: Path) -> dict[str, str]:
 
 
 def surface_facts(found: RegistrationReport, network: VesselNetwork) -> dict[str, Any]:
-    """Deviations of lumens and of outer faces apart."""
+    """Deviations of lumens and of outer faces apart, and where outer faces stand out."""
     known = found.seen & np.isfinite(found.scaled_deviation_um)
-    return apart(
-        scaled_vertices(found)[known],
-        network,
-        found.deviation_um[known],
-        found.scaled_deviation_um[known],
-    )
+    vertices = scaled_vertices(found)
+    lumen = near_lumen(vertices[known], network)
+    facts = apart(lumen, found.deviation_um[known], found.scaled_deviation_um[known])
+    if facts["outer_faces"]:
+        outer_um = np.full(len(vertices), np.nan)
+        outer_um[known] = np.where(lumen, np.nan, found.scaled_deviation_um[known])
+        facts["outer_faces"]["places"] = places_off(vertices, found.faces, outer_um)
+    return facts
 
 
 def scan_facts(scan: Scan) -> dict[str, Any]:

@@ -145,6 +145,7 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
         "key_figures": key_figures(data),
         "fit_rows": [*sections.fit_rows(registration), *two_way_rows(registration)],
         "surface_rows": sections.surface_rows(registration),
+        "place_rows": sections.place_rows(registration),
         "budget_table": budget_table(registration),
         "zone_table": zone_table(registration),
         "zone_note": ZONE_NOTE,

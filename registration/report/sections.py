@@ -183,6 +183,16 @@ def surface_rows(registration: Mapping[str, Any]) -> list[tuple[str, str, str, s
     return rows
 
 
+def place_rows(registration: Mapping[str, Any]) -> list[tuple[str, str, str, str, str]]:
+    """Places where outer faces stand out: deviation, area, x, y, z."""
+    places = records(mapping(mapping(registration, "by_surface"), "outer_faces"), "places")
+    return [
+        (fixed(one["deviation_um"], 0), fixed(one["area_mm2"], 2), x, y, z)
+        for one in places
+        for x, y, z in [[fixed(value, 2) for value in one["at_mm"]]]
+    ]
+
+
 def vessel_summary(registration: Mapping[str, Any]) -> list[Fact]:
     """The vessels together: how many are open, how far off they are at most and on average."""
     rows = records(registration, "vessels")

@@ -24,6 +24,7 @@ from registration.report.record import record_facts
 from registration.report.sections import (
     fit_rows,
     mapping,
+    place_rows,
     surface_rows,
     vessel_summary,
     vessel_table,
@@ -127,7 +128,19 @@ def _apart(registration: Mapping[str, Any]) -> list[Flowable]:
         return []
     heads = ["", "Lumens,\nrigid", "Lumens,\nscaled", "Outer faces,\nrigid", "Outer faces,\nscaled"]
     table = grid(heads, rows, [False, True, True, True, True])
-    return [KeepTogether([text("Lumens and outer faces apart", MINOR), table])]
+    return [
+        KeepTogether([text("Lumens and outer faces apart", MINOR), table]),
+        *_places(registration),
+    ]
+
+
+def _places(registration: Mapping[str, Any]) -> list[Flowable]:
+    rows = place_rows(registration)
+    if not rows:
+        return []
+    heads = ["Deviation / µm", "Area / mm²", "x / mm", "y / mm", "z / mm"]
+    head = text("Where outer faces stand out (positive: gel is missing)", MINOR)
+    return [KeepTogether([head, grid(heads, rows, [True] * 5)])]
 
 
 def _uncertainty(registration: Mapping[str, Any]) -> list[Flowable]:

@@ -52,6 +52,18 @@ def test_a_pass_says_that_place_and_outer_faces_were_not_judged() -> None:
     assert said.endswith("the farthest place is 508 µm off")
 
 
+def test_places_that_stand_out_are_told_with_or_without_a_limit() -> None:
+    pit = {"at_mm": [1.0, -2.04, 2.6], "deviation_um": 350.4, "area_mm2": 0.8}
+    excess = {"at_mm": [0.0, 0.0, 0.0], "deviation_um": -120.0, "area_mm2": 0.3}
+    faces = {"outer_faces": {"scaled": {"max_um": None}, "places": [pit, excess, pit, pit]}}
+    numbers = registration(good(0), good(1), perfusion=FLOW, by_surface=faces)
+    for tolerances in (Tolerances(), Tolerances(face_profile_um=500.0)):
+        (said,) = (r for r in verdict(judge(numbers, tolerances))["reasons"] if "Away" in r)
+        assert "gel missing by 350 µm over 0.8 mm² at x 1.0, y −2.0, z 2.6 mm" in said
+        assert "gel in excess by 120 µm over 0.3 mm²" in said
+        assert said.endswith("; 1 more")
+
+
 @pytest.mark.parametrize(
     "surfaces",
     [None, {}, {"outer_faces": None}, {"outer_faces": {"scaled": {"max_um": None}}}],
