@@ -16,6 +16,7 @@ from registration.gauging.deviation import (
     histogram,
     within_curve,
 )
+from registration.gauging.face_places import Place
 from registration.geometry import Characteristic, Frame
 from registration.notes import (
     contrast_notes,
@@ -60,6 +61,8 @@ class Registered:
         Between our pose and another program's.
     spread : int
         Points on the design from which the scanned surface was looked for.
+    places : tuple of Place
+        Where the surface away from lumens stands out.
     """
 
     segmentation: Segmentation
@@ -67,6 +70,7 @@ class Registered:
     is_lumen: bool
     cross_um: float | None
     spread: int
+    places: tuple[Place, ...]
     rigid: BothWays
     scaled: BothWays
     findings: Findings
@@ -115,6 +119,7 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
         curve_um=CURVE_UM,
         curve_rigid=within_curve(rigid.there_mm),
         curve_scaled=within_curve(scaled.there_mm),
+        places=found.places,
         frame=found.frame,
         characteristics=found.characteristics,
         vessels=findings.vessels,

@@ -15,6 +15,8 @@ from registration.alignment import Alignment, Fit, align, cross_check, later_dou
 from registration.assemble import BothWays, Registered, assemble
 from registration.findings import Findings, Inspection, inspect
 from registration.gauging import ScannedSurface, deviations, surface_points
+from registration.gauging.face_places import Place, ScannedFaces
+from registration.gauging.near_lumen import near_lumen
 from registration.geometry import (
     Characteristic,
     Face,
@@ -24,6 +26,7 @@ from registration.geometry import (
     cuts_of,
     outer_faces,
 )
+from registration.geometry.faces import RIM_BLURS, RIM_MM
 from registration.laying import Ground, laid
 from registration.options import RegistrationOptions
 from registration.prepared import Prepared
@@ -82,6 +85,7 @@ def _registered(case: Prepared, other: Executor) -> Registered:
         case.is_lumen,
         measured.cross_um.result(),
         measured.spread,
+        measured.places.result(),
         measured.rigid.result(),
         measured.scaled,
         findings,
@@ -140,12 +144,15 @@ class _Measured:
     cross_um : Future of float or None, µm
     spread : int
         Points on the design from which the scanned surface was looked for.
+    places : Future of tuple of Place
+        Where the surface away from lumens stands out.
     """
 
     rigid: Future[BothWays]
     scaled: BothWays
     cross_um: Future[float | None]
     spread: int
+    places: Future[tuple[Place, ...]]
 
 
 def _measured(case: Prepared, alignment: Alignment, other: Executor) -> _Measured:
@@ -155,7 +162,20 @@ def _measured(case: Prepared, alignment: Alignment, other: Executor) -> _Measure
     rigid = other.submit(_both_ways, case, scanned, alignment.rigid, spread)
     cross_um = other.submit(cross_check, surface, spread, points, alignment.scaled)
     scaled = _both_ways(case, scanned, alignment.scaled, spread)
-    return _Measured(rigid, scaled, cross_um, len(spread))
+    places = other.submit(_places, case, alignment.scaled, scaled)
+    return _Measured(rigid, scaled, cross_um, len(spread), places)
+
+
+def _places(case: Prepared, fit: Fit, found: BothWays) -> tuple[Place, ...]:
+    """Where outer faces stand out; none where only lumens were scanned or errors aren't known."""
+    segmentation, blur_mm = case.segmentation, case.segmentation.field.blur_mm
+    if case.is_lumen or not np.isfinite(case.errors.outer_mm):
+        return ()
+    vertices = fit.apply(segmentation.vertices)
+    outer = segmentation.seen & ~near_lumen(vertices, case.network)
+    off_um = np.where(outer, 1e3 * found.all_mm, np.nan)
+    rims = case.surface.near_rims(vertices, max(RIM_BLURS * blur_mm, RIM_MM))
+    return ScannedFaces(vertices, segmentation.faces, off_um, rims, 1e3 * blur_mm).places_off()
 
 
 def _both_ways(case: Prepared, scanned: ScannedSurface, fit: Fit, spread: FloatArray) -> BothWays:

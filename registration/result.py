@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from registration.alignment import AXES, Rival, Uncertainty
 from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
+from registration.gauging.face_places import Place
 from registration.geometry import Characteristic, Frame
 from registration.json_ready import json_ready
 from registration.topology import Overlap, Topology
@@ -84,6 +85,8 @@ class RegistrationReport:
         beyond.
     curve_um, curve_rigid, curve_scaled : (k,) float64
         Tolerances, and the share of the seen surface within each.
+    places : tuple of Place
+        Where the surface away from lumens stands out, the largest first.
     frame : Frame
         How the part's frame was laid: best fit or datums.
     characteristics : tuple of Characteristic
@@ -138,6 +141,7 @@ class RegistrationReport:
     curve_um: FloatArray
     curve_rigid: FloatArray
     curve_scaled: FloatArray
+    places: tuple[Place, ...]
     frame: Frame
     characteristics: tuple[Characteristic, ...]
     vessels: tuple[VesselGauge, ...]

@@ -5,6 +5,7 @@ Apart from the stage, so that `printctl register` needn't load all that makes a 
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,7 @@ from registration.exports import (
     write_surface_vtp,
     write_tables,
 )
-from registration.gauging.face_places import places_off
-from registration.gauging.near_lumen import apart, near_lumen
+from registration.gauging.near_lumen import apart
 from registration.result import scaled_vertices
 
 DEVIATION = "deviation.ply"
@@ -41,13 +41,14 @@ def design_facts(network: Path) -> dict[str, str]:
 def surface_facts(found: RegistrationReport, network: VesselNetwork) -> dict[str, Any]:
     """Deviations of lumens and of outer faces apart, and where outer faces stand out."""
     known = found.seen & np.isfinite(found.scaled_deviation_um)
-    vertices = scaled_vertices(found)
-    lumen = near_lumen(vertices[known], network)
-    facts = apart(lumen, found.deviation_um[known], found.scaled_deviation_um[known])
+    facts = apart(
+        scaled_vertices(found)[known],
+        network,
+        found.deviation_um[known],
+        found.scaled_deviation_um[known],
+    )
     if facts["outer_faces"]:
-        outer_um = np.full(len(vertices), np.nan)
-        outer_um[known] = np.where(lumen, np.nan, found.scaled_deviation_um[known])
-        facts["outer_faces"]["places"] = places_off(vertices, found.faces, outer_um)
+        facts["outer_faces"]["places"] = [asdict(place) for place in found.places]
     return facts
 
 

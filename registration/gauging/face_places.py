@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,50 +11,89 @@ from scipy.sparse.csgraph import connected_components
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
+BoolArray = NDArray[np.bool_]
 
 _LEAST_UM, _SPREADS = 50.0, 4.0
 """A place's edge is off by this, and by this many robust standard deviations of the faces."""
 _DEEPEST = 2.0
-"""The worst of it is off by this many times as much: a blur alone rounds a part's edges by less."""
+"""The worst of it is off by this many times as much."""
+_RIM_BLURS = 2.0
+"""An edge may be rounded by this many standard deviations of the blur: half a pixel and the
+instrument's own come on top of the 0.5 to 0.8 by which the blur of the work rounds it."""
 _AREA_MM2 = 0.05
 """Smaller ones are speckle."""
 _MOST = 20
 """Listed places."""
 
 
-def places_off(
-    vertices: FloatArray, faces: IntArray, deviation_um: FloatArray
-) -> list[dict[str, Any]]:
-    """List the connected places that are off the design, largest volume first.
+@dataclass(frozen=True)
+class Place:
+    """A connected place where the scanned surface is off the design, away from lumens.
 
-    Parameters
+    Attributes
+    ----------
+    at_mm : (x, y, z), mm
+        Where it is farthest off, part frame.
+    deviation_um : float, µm
+        The 95th percentile over its area, positive where gel is missing.
+    area_mm2 : float, mm²
+    """
+
+    at_mm: tuple[float, float, float]
+    deviation_um: float
+    area_mm2: float
+
+
+@dataclass(frozen=True)
+class ScannedFaces:
+    """The scanned surface away from lumens.
+
+    Attributes
     ----------
     vertices : (n, 3) float64, mm
-        Of the scanned surface, part frame.
+        Part frame.
     faces : (m, 3) int32
     deviation_um : (n,) float64, µm
         Positive where gel is missing; NaN on lumens and where nothing is known.
-
-    Returns
-    -------
-    list of dict
-        Each with ``at_mm`` ([x, y, z], where it is farthest off), ``deviation_um`` (the 95th
-        percentile over its area, signed) and ``area_mm2``; at most 20.
+    near_rims : (n,) bool
+        Beside sharp edges, which a blur rounds.
+    blur_um : float, µm
     """
-    known = deviation_um[np.isfinite(deviation_um)]
-    if not len(known):
-        return []
-    spread = 1.4826 * float(np.median(np.abs(known - np.median(known))))
-    limit = max(_LEAST_UM, _SPREADS * spread)
-    shares = _areas(vertices, faces)
-    found = [
-        place
-        for side in (deviation_um, -deviation_um)
-        for place in _connected(faces, np.nan_to_num(side, nan=-np.inf) > limit)
-        if side[place].max() > _DEEPEST * limit and shares[place].sum() > _AREA_MM2
-    ]
-    found.sort(key=lambda place: -float((shares * np.abs(deviation_um))[place].sum()))
-    return [_told(vertices, deviation_um, shares, place) for place in found[:_MOST]]
+
+    vertices: FloatArray
+    faces: IntArray
+    deviation_um: FloatArray
+    near_rims: BoolArray
+    blur_um: float
+
+    def places_off(self) -> tuple[Place, ...]:
+        """List the connected places that are off the design, largest volume first; at most 20."""
+        off = self.deviation_um
+        known = off[np.isfinite(off)]
+        if not len(known):
+            return ()
+        off = np.sign(off) * (np.abs(off) - np.where(self.near_rims, _RIM_BLURS * self.blur_um, 0))
+        off = np.where(off * self.deviation_um > 0, off, 0.0)
+        spread = 1.4826 * float(np.median(np.abs(known - np.median(known))))
+        limit = max(_LEAST_UM, _SPREADS * spread)
+        shares = _areas(self.vertices, self.faces)
+        found = [
+            place
+            for side in (off, -off)
+            for place in _connected(self.faces, np.nan_to_num(side, nan=0.0) > limit)
+            if side[place].max() > _DEEPEST * limit and shares[place].sum() > _AREA_MM2
+        ]
+        volume = shares * np.abs(self.deviation_um)
+        found.sort(key=lambda place: -float(volume[place].sum()))
+        return tuple(self._told(place, shares) for place in found[:_MOST])
+
+    def _told(self, place: NDArray[np.intp], shares: FloatArray) -> Place:
+        here = self.deviation_um[place]
+        x, y, z = self.vertices[place[np.abs(here).argmax()]].round(3).tolist()
+        size = float(np.percentile(np.abs(here), 95))
+        return Place(
+            (x, y, z), round(float(np.sign(here[0])) * size, 1), float(shares[place].sum())
+        )
 
 
 def _connected(faces: IntArray, off: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
@@ -78,15 +117,3 @@ def _areas(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return np.asarray(
         np.bincount(faces.ravel(), np.repeat(third, 3), minlength=len(vertices)), dtype=np.float64
     )
-
-
-def _told(
-    vertices: FloatArray, deviation_um: FloatArray, shares: FloatArray, place: NDArray[np.intp]
-) -> dict[str, Any]:
-    here = deviation_um[place]
-    sign = float(np.sign(here[0]))
-    return {
-        "at_mm": vertices[place[np.abs(here).argmax()]].round(3).tolist(),
-        "deviation_um": round(sign * float(np.percentile(np.abs(here), 95)), 1),
-        "area_mm2": round(float(shares[place].sum()), 4),
-    }

@@ -24,13 +24,19 @@ _REACH_MM = 0.2
 """A face belongs to a lumen when it lies within this, or a third of the radius, of its wall."""
 
 
-def apart(lumen: NDArray[np.bool_], rigid_um: FloatArray, scaled_um: FloatArray) -> dict[str, Any]:
+def apart(
+    vertices: FloatArray,
+    network: VesselNetwork,
+    rigid_um: FloatArray,
+    scaled_um: FloatArray,
+) -> dict[str, Any]:
     """Summarise lumens and outer faces apart, as registration.json holds them.
 
     Parameters
     ----------
-    lumen : (n,) bool
-        Which seen places of the scanned surface lie near a lumen's wall (`near_lumen`).
+    vertices : (n, 3) float64, mm
+        Seen places of the scanned surface, part frame.
+    network : VesselNetwork
     rigid_um, scaled_um : (n,) float64, µm
         Their deviations after both fits.
 
@@ -40,6 +46,7 @@ def apart(lumen: NDArray[np.bool_], rigid_um: FloatArray, scaled_um: FloatArray)
         ``lumens`` and ``outer_faces``, each with ``points``, ``rigid``, ``scaled``, ``histogram``
         and ``within_curve``; one without points is None.
     """
+    lumen = near_lumen(vertices, network)
     return {
         name: {
             "points": int(which.sum()),

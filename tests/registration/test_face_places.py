@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from registration.gauging.face_places import places_off
+from registration.gauging.face_places import Place, ScannedFaces
 from registration.report.sections import place_rows
 
 SIDE, STEP = 200, 0.025
@@ -23,32 +25,47 @@ def face() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return vertices, np.concatenate(triangles).astype(np.int32), 12 * noise.ravel() / noise.std()
 
 
-def away(vertices: np.ndarray, x: float, y: float) -> np.ndarray:
+def listed(off: np.ndarray, rims: np.ndarray | None = None) -> tuple[Place, ...]:
+    vertices, triangles, _ = face()
+    none = np.zeros(len(off), dtype=bool)
+    return ScannedFaces(vertices, triangles, off, none if rims is None else rims, 50).places_off()
+
+
+def away(x: float, y: float) -> np.ndarray:
+    vertices = face()[0]
     return np.hypot(vertices[:, 0] - x, vertices[:, 1] - y)
 
 
-def test_speckle_and_a_rounded_rim_are_no_places() -> None:
-    vertices, triangles, off = face()
-    rim = vertices[:, 0] < 0.1
-    assert places_off(vertices, triangles, off + 50 * rim) == []
-    assert places_off(vertices, triangles, np.full(len(off), np.nan)) == []
+def test_speckle_and_what_is_not_known_are_no_places() -> None:
+    off = face()[2]
+    assert listed(off) == ()
+    assert listed(np.full(len(off), np.nan)) == ()
+
+
+def test_a_rim_rounded_by_the_blur_is_no_place_and_a_chipped_one_is() -> None:
+    vertices, _, off = face()
+    rim = vertices[:, 0] < 0.2
+    rounded = off + 110 * (vertices[:, 0] < 0.1)
+    assert listed(rounded, rim) == ()
+    chipped = rounded + 250 * (away(0.0, 2.5) < 0.3)
+    (chip,) = listed(chipped, rim)
+    np.testing.assert_allclose(chip.at_mm, [0.1, 2.5, 0], atol=0.3)
 
 
 def test_a_pit_and_a_bump_are_listed_with_sign_size_and_place() -> None:
-    vertices, triangles, off = face()
-    off = off + 300 * (away(vertices, 3.0, 1.5) < 0.4) - 200 * (away(vertices, 1.0, 4.0) < 0.3)
-    pit, bump = places_off(vertices, triangles, off)
-    assert pit["deviation_um"] == pytest.approx(300, abs=30)
-    assert bump["deviation_um"] == pytest.approx(-200, abs=30)
-    assert pit["area_mm2"] == pytest.approx(np.pi * 0.4**2, rel=0.1)
-    np.testing.assert_allclose(pit["at_mm"], [3.0, 1.5, 0], atol=0.4)
-    np.testing.assert_allclose(bump["at_mm"], [1.0, 4.0, 0], atol=0.3)
-    rows = place_rows({"by_surface": {"outer_faces": {"places": [pit, bump]}}})
+    off = face()[2] + 300 * (away(3.0, 1.5) < 0.4) - 200 * (away(1.0, 4.0) < 0.3)
+    pit, bump = listed(off)
+    assert pit.deviation_um == pytest.approx(300, abs=30)
+    assert bump.deviation_um == pytest.approx(-200, abs=30)
+    assert pit.area_mm2 == pytest.approx(np.pi * 0.4**2, rel=0.1)
+    np.testing.assert_allclose(pit.at_mm, [3.0, 1.5, 0], atol=0.4)
+    np.testing.assert_allclose(bump.at_mm, [1.0, 4.0, 0], atol=0.3)
+    rows = place_rows({"by_surface": {"outer_faces": {"places": [asdict(pit), asdict(bump)]}}})
     assert [float(row[1]) for row in rows] == pytest.approx([0.5, 0.28], abs=0.05)
 
 
 def test_lumens_cut_a_place_in_two_and_stay_out_of_it() -> None:
-    vertices, triangles, off = face()
-    off = off + 300 * (away(vertices, 2.5, 2.5) < 0.6)
+    vertices, _, off = face()
+    off = off + 300 * (away(2.5, 2.5) < 0.6)
     lumen = np.abs(vertices[:, 0] - 2.5) < 0.1
-    assert len(places_off(vertices, triangles, np.where(lumen, np.nan, off))) == 2
+    assert len(listed(np.where(lumen, np.nan, off))) == 2
