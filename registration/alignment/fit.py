@@ -13,8 +13,9 @@ from registration.distance.closest import UNKNOWN
 
 FloatArray = NDArray[np.float64]
 
-FINEST_SCALE_MM = 0.02
-"""The robust loss never calls less than this an outlier."""
+FINEST_SCALE_MM = 0.01
+"""Three times this is the least at which the robust loss calls a point an outlier. With twice as
+much one vessel that is wider than designed all along shifts the scales by 0.3 %."""
 
 
 @dataclass(frozen=True)

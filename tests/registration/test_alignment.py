@@ -16,7 +16,7 @@ from registration.alignment.contest import off_where_told
 from registration.distance import ModelSurface
 from registration.errors import AlignmentError
 from registration.uncertainty import ScanErrors
-from tests.registration.parts import corners, planar_construct
+from tests.registration.parts import corners, planar_construct, rod, solid
 from tests.slower import first_of
 
 FloatArray = NDArray[np.float64]
@@ -138,3 +138,23 @@ def test_edges_that_a_blur_has_rounded_dont_count_as_shrinkage(construct: Solid)
     found = align(model, seen, True, replace(FAST, fine_points=20_000), blur_mm=blur).scaled
     np.testing.assert_allclose(found.scale, 1, atol=1e-4)
     assert np.linalg.norm(found.apply(truth) - corners(SIZE), axis=1).max() < 0.002
+
+
+def test_a_vessel_wider_all_along_leaves_scale_and_offset_alone() -> None:
+    """Where the block may stretch along all axes lumens' walls alone tell scale from offset."""
+    designed, printed = (
+        manifold3d.Manifold.cube((10.0, 6.0, 2.6))
+        - manifold3d.Manifold.batch_boolean(
+            [
+                rod(np.array([0, y, 1.2]), np.array([10.0, y, 1.2]), radius)
+                for y, radius in ((1.2, wide), (2.6, 0.25), (3.7, 0.35), (4.9, 0.3))
+            ],
+            manifold3d.OpType.Add,
+        )
+        for wide in (0.45, 0.51)
+    )
+    seen = surface_points(solid(printed), 30_000, 3)
+    seen += np.random.default_rng(4).normal(0, 0.006, seen.shape)
+    found = align(ModelSurface.of(solid(designed)), seen, True, FAST).scaled
+    np.testing.assert_allclose(found.scale[:2], 1, atol=1.5e-3)
+    assert abs(found.offset_mm) < 0.006
