@@ -23,6 +23,7 @@ from registration.notes import (
     pose_notes,
     sight_notes,
     step_notes,
+    uneven_notes,
     unlisted_notes,
     wall_notes,
 )
@@ -137,6 +138,7 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
             *sight_notes(findings.vessels, float(seen.mean())),
             *contrast_notes(findings.contrast),
             *([] if options.walls else step_notes(segmentation.strength)),
+            *uneven_notes(segmentation.field),
             *wall_notes(options.walls, findings.vessels),
         ),
     )

@@ -5,12 +5,14 @@ from __future__ import annotations
 from registration.alignment import AXES, Alignment
 from registration.gauging import ContrastGauge, VesselGauge
 from registration.scan import Scan
-from registration.segmentation import Strength
-from registration.uncertainty import LEAST_STEP
+from registration.segmentation import GelField, Strength
+from registration.uncertainty import LEAST_STEP, MOST_UNEVEN, ROOT_TWO_PI
 from registration.walls_file import WallCalibration
 
 LEAST_EXAMINED = 0.98
 """Of the gel; less is said."""
+TOLD_UNEVEN = 0.03
+"""Even gel's is at most 0.015 on scans of three generators."""
 
 
 def pose_notes(scan: Scan, alignment: Alignment) -> list[str]:
@@ -105,6 +107,24 @@ def step_notes(strength: Strength | None) -> list[str]:
         "diameter has an interval, none is proven, and no place of the surface is given a "
         "deviation. A liquid that scatters less tells more."
     ]
+
+
+def uneven_notes(field: GelField) -> list[str]:
+    """Whether the gel's own brightness is so uneven that walls move by it."""
+    if field.uneven < TOLD_UNEVEN:
+        return []
+    said = (
+        f"The gel's own brightness is uneven by ± {100 * field.uneven:.0f} % (standard deviation "
+        "beyond speckle; layers of birefringent or of two gels and shadows do that)"
+    )
+    if field.uneven > MOST_UNEVEN:
+        return [
+            f"{said}, more than {100 * MOST_UNEVEN:.0f} %: errors of walls aren't known, so no "
+            "diameter has an interval, none is proven, and no place of the surface is given a "
+            "deviation. Scan with light of changing polarisation, or another gel."
+        ]
+    moved = 1e3 * ROOT_TWO_PI * field.blur_mm * field.uneven / 2
+    return [f"{said}: it moves walls by ± {moved:.0f} µm, which their intervals hold."]
 
 
 def wall_notes(walls: WallCalibration | None, vessels: tuple[VesselGauge, ...]) -> list[str]:

@@ -38,6 +38,7 @@ from registration.segmentation.speckle_cap import (
     speckle_shift,
     two_caps_shift,
 )
+from registration.segmentation.unevenness import unevenness
 from registration.segmentation.volume import GelField, Strength
 from registration.segmentation.walls import Sides, share_of_volume
 from registration.segmentation.working import Working, probe
@@ -140,7 +141,14 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
         values, contrast, blur_mm = _softened(values, sides, contrast, working)
     _refuse_flat(contrast)
     field = GelField(values, 0.5, 1.0, working.voxel_mm, working.origin_mm, blur_mm)
-    field = replace(field, faint_mm=facing, facing_mm=facing, cut_mm=cut, cut_u_mm=cut_u)
+    field = replace(
+        field,
+        faint_mm=facing,
+        facing_mm=facing,
+        cut_mm=cut,
+        cut_u_mm=cut_u,
+        uneven=unevenness(values, working),
+    )
     return field, contrast, Strength(signal, noise, bright or dark)
 
 

@@ -45,6 +45,8 @@ class GelField:
         in `wall_mm`: sections alone are moved by it (`gauging.ledges`).
     cut_u_mm : float, mm
         Its standard uncertainty.
+    uneven : float
+        Standard deviation of the gel's own level, of the step from liquid to gel (`unevenness`).
     """
 
     values: Volume
@@ -58,6 +60,7 @@ class GelField:
     facing_mm: float = 0.0
     cut_mm: float = 0.0
     cut_u_mm: float = 0.0
+    uneven: float = 0.0
 
     def above_level(self, points: FloatArray) -> FloatArray:
         """``sign * value - level`` at (..., 3) scan positions; NaN outside the field of view."""

@@ -8,13 +8,22 @@ from registration.uncertainty.budget import (
     rectangular,
 )
 from registration.uncertainty.flow import pressure_interval
-from registration.uncertainty.scan_errors import BLUR_PART, LEAST_STEP, ScanErrors, scan_errors
+from registration.uncertainty.scan_errors import (
+    BLUR_PART,
+    LEAST_STEP,
+    MOST_UNEVEN,
+    ROOT_TWO_PI,
+    ScanErrors,
+    scan_errors,
+)
 from registration.uncertainty.sections import SectionErrors, section_errors
 from registration.uncertainty.table import quantity, terms
 
 __all__ = [
     "BLUR_PART",
     "LEAST_STEP",
+    "MOST_UNEVEN",
+    "ROOT_TWO_PI",
     "Budget",
     "ScanErrors",
     "SectionErrors",

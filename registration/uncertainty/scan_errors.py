@@ -31,6 +31,9 @@ third generator with such a beam; the spectral one's upright faces show 0.043)."
 LEAST_STEP = 0.5
 """Of gel's brightness: where liquid is nearer to it, walls' errors aren't known (no interval):
 lumens come out up to a tenth too wide there (shared generator, contrast 2)."""
+MOST_UNEVEN = 0.1
+"""Standard deviation of the gel's own level, of the step, beyond which walls' errors aren't known:
+dark layers then come near half of the gel's usual level and may pass for liquid."""
 BLUR_PART = 0.1
 """Relative standard uncertainty of the blur."""
 ROOT_TWO_PI = 2.5066
@@ -112,23 +115,31 @@ def scan_errors(
     """Return what is known of a scan's shared errors.
 
     The level: a part of the step shifts a wall by √(2π) σ times that part; with liquid nearly as
-    bright as gel, the same error of a level is a larger part of the step. Reflections: anywhere
+    bright as gel, the same error of a level is a larger part of the step. Gel that is itself uneven
+    adds half of its spread; more than `MOST_UNEVEN`, and nothing is known. Reflections: anywhere
     from none to one just not seen (`GelField.faint_mm` and `facing_mm` are the middle of that); the
     walls of one print either have them or not, so that the ends are likelier than the middle. And
-    more where the step is small. A calibration of walls replaces all.
+    more where the step is small. A calibration of walls replaces all but what uneven gel adds.
     """
     field, strength = segmentation.field, segmentation.strength
     step = 1.0 - (strength.dark if strength else 0.0)
-    rise = ROOT_TWO_PI * field.blur_mm / step if step >= LEAST_STEP else float("nan")
-    level, outer = LEVEL_PART * rise, (LEVEL_PART if strength is None else OUTER_PART) * rise
+    known = step >= LEAST_STEP and field.uneven <= MOST_UNEVEN
+    rise = ROOT_TWO_PI * field.blur_mm / step if known else float("nan")
+    # Halfway to a level that is off by a part of the step is off by half of that.
+    level, outer = (
+        float(np.hypot(part, field.uneven / 2)) * rise
+        for part in (LEVEL_PART, LEVEL_PART if strength is None else OUTER_PART)
+    )
     cut = field.cut_u_mm
     # A reflection as bright as gel is 1 / step of the step from bright liquid: anything from 0 to
     # 2 / step times the correction.
     reach = 2 / float(np.clip(step, LEAST_STEP, 1.0)) - 1
     faint, facing = (reach * at_either_end(one) for one in (field.faint_mm, field.facing_mm))
     if walls is not None:
-        level, faint, facing = 1e-3 * walls.interval_um / coverage_factor(np.inf), 0.0, 0.0
-        cut = 0.0
+        own = 1e-3 * walls.interval_um / coverage_factor(np.inf)
+        layers = ROOT_TWO_PI * field.blur_mm * field.uneven / 2
+        level = float(np.hypot(own, layers)) if field.uneven <= MOST_UNEVEN else float("nan")
+        faint, facing, cut = 0.0, 0.0, 0.0
     return ScanErrors(
         level_mm=level,
         outer_mm=outer,

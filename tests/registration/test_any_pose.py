@@ -126,7 +126,7 @@ def test_a_face_that_the_others_outvote_is_named(construct: Solid) -> None:
     points[points[:, 2] < 0.05, 2] -= 0.29
     found, error = aligned(construct, points, UPRIGHT)
     assert error < 0.02
-    assert "flat faces that face low z are off the design by +28" in found.doubts[0]
+    assert "flat faces that face low z are off the design by +29" in found.doubts[0]
 
 
 def test_a_ragged_face_does_not_pull_the_pose(construct: Solid) -> None:
