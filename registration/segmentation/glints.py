@@ -13,8 +13,9 @@ FloatVolume = NDArray[np.float32]
 GLINT = 15.0
 """Times the gel's mean. Of 3 million voxels of fully developed speckle, exponential, one lies above
 it: ln(3e6) = 15."""
-USUAL_PERCENT = 99.0
-"""Of the A-scans' brightest voxels: what walls of this part send back where they face the light."""
+USUAL_PERCENT = 50.0
+"""Of the A-scans' brightest voxels: what walls of this part send back where they face the light, as
+its top does in nearly all A-scans. Air along a drained lumen fills many, but not half of them."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Glints:
     share : (n,) float64
         Brightness, of the gel's mean.
     usual : float
-        Brightness that one A-scan in a hundred exceeds somewhere.
+        Brightness that half of the A-scans exceed somewhere.
     down : int
         1 where light runs towards larger z, else -1.
     """
