@@ -4,7 +4,7 @@ A reflection no brighter than gel can't be told from a wall that lies a little f
 walls send one back only where they face the light; rough ones have ledges that do, whichever way
 they stand. How rough walls are is seen in the scatter of each section's rays beyond that of
 speckle. Where walls shine so much that their mean profile tells the line (`wall_profile`), that
-tells where they lie.
+tells where they lie; where only those shine that lie across the light, how far those may lie.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ from registration.gauging.sections import independent_rays
 from registration.gauging.trace import VesselTrace
 from registration.gauging.wall_profile import wall_profile
 from registration.segmentation import Segmentation
-from registration.uncertainty import ScanErrors
+from registration.uncertainty import ScanErrors, rectangular
 
 FloatArray = NDArray[np.float64]
 
+ACROSS_LIGHT = 0.5 + 1 / np.pi
+"""Mean of n², n the normal's part along the light, over walls within 45 degrees of facing it."""
 ROUGH = 0.375
 """Of the scan's depth voxel: walls that scatter so much have ledges all over (set on the shared
 generator's walls with grains of 30 um, 0.375 of 25 um; held against the other two). Less of them
@@ -62,6 +64,15 @@ def with_ledges(
         moved = tuple(_widened(trace, 2 * found.place_mm) for trace in moved)
         wider += 2 * found.place_mm
         left = replace(left, faint_mm=0.0, facing_mm=0.0, cut_mm=0.0, line_mm=found.error_mm)
+        return moved, left, field.wall_mm + wider / 2
+    smooth = wall_profile(moved, segmentation, across_light=True)
+    if smooth is not None and smooth.told:
+        # The line stands somewhere within the wall's own width: of what it may move the wall by
+        # anything from none to all is as likely.
+        half = smooth.place_mm / ACROSS_LIGHT / 2
+        moved = tuple(_widened(trace, half * _across_light(trace)) for trace in moved)
+        error = float(np.hypot(rectangular(half), smooth.error_mm / ACROSS_LIGHT))
+        left = replace(left, facing_mm=max(left.facing_mm, error))
     return moved, left, field.wall_mm + wider / 2
 
 
@@ -91,7 +102,12 @@ def _scatter(trace: VesselTrace, blur_mm: float) -> FloatArray:
     return np.asarray(trace.sections.noise[measured] / 2 * np.sqrt(count))
 
 
-def _widened(trace: VesselTrace, wider: float) -> VesselTrace:
+def _across_light(trace: VesselTrace) -> FloatArray:
+    """How much wider each section is by walls that lie n² further out, (n,), of that; `cut`."""
+    return np.asarray((trace.planes.across[..., 2] ** 2).sum(axis=1))
+
+
+def _widened(trace: VesselTrace, wider: float | FloatArray) -> VesselTrace:
     """Trace with its open lumens wider by so much, mm."""
     old = trace.sections
     diameter, median = (

@@ -75,14 +75,22 @@ class WallProfile:
         return self.line_mm - 2 * self.line_error_mm > self.spread_mm
 
 
-def wall_profile(traces: Sequence[VesselTrace], segmentation: Segmentation) -> WallProfile | None:
-    """Return the profile of all measured walls; None where light or sections don't carry one."""
+def wall_profile(
+    traces: Sequence[VesselTrace], segmentation: Segmentation, *, across_light: bool = False
+) -> WallProfile | None:
+    """Return the profile of all measured walls; None where light or sections don't carry one.
+
+    `across_light`: of walls that face the light or away from it alone. Smooth walls shine there and
+    nowhere else.
+    """
     if segmentation.strength is None:
         return None
     places = [(trace, k) for trace in traces for k in _measured(trace)]
     every = -(-len(places) // MOST) or 1
     groups = np.array_split(np.arange(len(places[::every])), GROUPS)
     parts = [_across(trace, int(k), segmentation) for trace, k in places[::every]]
+    if across_light:
+        parts = [part[np.abs(part[:, 1]) > SLANT] for part in parts]
     if len(parts) < 2 * GROUPS or sum(len(part) for part in parts) < FEWEST:
         return None
     found = _fitted(np.concatenate(parts), None)

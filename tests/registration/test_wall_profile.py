@@ -24,8 +24,11 @@ in the gel than the field has them, mm."""
 
 
 @cache
-def shining(line_mm: float, uniform: bool = True) -> Segmentation:
-    """The block with speckle, walls rough by `SPREAD`, and a bright line of so much gel."""
+def shining(line_mm: float, uniform: bool = True, across_light: bool = False) -> Segmentation:
+    """The block with speckle, walls rough by `SPREAD`, and a bright line of so much gel.
+
+    `across_light`: where walls face the light or away from it alone.
+    """
     found = block(as_designed)
     depth = 0.3 * (found.field.values.astype(float) - 0.5) - PLACE
     heights = np.sqrt(3) * np.linspace(-1, 1, 9) if uniform else np.zeros(1)
@@ -33,6 +36,9 @@ def shining(line_mm: float, uniform: bool = True) -> Segmentation:
     u = [(depth - SPREAD * height) / sharp for height in heights]
     gel = np.mean([ndtr(one) for one in u], axis=0)
     slope = np.mean([np.exp(-one * one / 2) for one in u], axis=0) / (np.sqrt(2 * np.pi) * sharp)
+    if across_light:
+        z, y, x = np.gradient(depth)
+        slope *= np.abs(z) > 0.75 * np.sqrt(x * x + y * y + z * z)
     mean = LIQUID + (1 - LIQUID) * (gel + line_mm * slope)
     speckle = np.random.default_rng(5).exponential(size=mean.shape)
     signal = (LEVEL * mean * speckle).astype(np.float32)
@@ -79,6 +85,24 @@ def test_a_line_told_moves_sections_and_has_its_own_error():
         known = other.sections.diameter > 0
         change = one.sections.diameter[known] - other.sections.diameter[known]
         np.testing.assert_allclose(change, 2 * (wall - usual))
+
+
+def test_walls_that_shine_across_the_light_alone_move_by_half_of_what_the_line_allows():
+    scan = shining(0.2, across_light=True)
+    rough = replace(scan, field=replace(scan.field, faint_mm=0.003))
+    before = traces(scan)
+    errors = replace(ScanErrors.of_blur(0.04), faint_mm=0.0001, facing_mm=0.001)
+    moved, left, _ = with_ledges(before, rough, errors)
+    dull, _, _ = with_ledges(before, replace(rough, strength=None), errors)
+    found = wall_profile(dull, rough, across_light=True)
+    assert found is not None
+    assert found.told
+    assert left.faint_mm <= errors.faint_mm
+    assert left.facing_mm > found.place_mm / 4
+    for one, other in zip(moved, dull, strict=True):
+        known = other.sections.diameter > 0
+        change = one.sections.diameter[known] - other.sections.diameter[known]
+        np.testing.assert_allclose(change, found.place_mm / 2 / 0.818, rtol=0.02)
 
 
 def test_without_light_there_is_no_profile():
