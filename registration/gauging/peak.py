@@ -43,7 +43,8 @@ def peak_of(change: FloatArray, along: FloatArray, worst: int, blur_mm: float) -
     erf(w / (2 √2 σ)) of its height where its top is flat and its ends are steep, to
     1 - √(2 / π) σ / w where it is pointed with straight flanks (the mean of |x| is √(2 / π) σ);
     bells lie between. A flat top is as high as the highest station, another as the parabola
-    through three. What is in between is as likely as the ends (GUM 4.3.7).
+    through three or as where the flanks meet. What is in between is as likely as the ends
+    (GUM 4.3.7).
 
     Parameters
     ----------
@@ -56,8 +57,10 @@ def peak_of(change: FloatArray, along: FloatArray, worst: int, blur_mm: float) -
     """
     here = float(change[worst])
     top, place = _parabola(change, along, worst)
-    flat, pointed = _kept(_width(change / top if top else change, along, worst), blur_mm)
-    ends = here / flat, top / pointed
+    width = _width(change / top if top else change, along, worst)
+    flat, pointed = _kept(width, blur_mm)
+    tip = max(top, _tip(change, along, worst, width), key=abs) if blur_mm > 0 else top
+    ends = here / flat, tip / pointed
     return Peak(sum(ends) / 2, place, rectangular(abs(ends[1] - ends[0]) / 2))
 
 
@@ -73,6 +76,20 @@ def _parabola(change: FloatArray, along: FloatArray, worst: int) -> tuple[float,
         return here
     shift = 0.5 * (before - after) / bend
     return top - 0.25 * (before - after) * shift, here[1] + shift * float(along[1] - along[0])
+
+
+def _tip(change: FloatArray, along: FloatArray, worst: int, width: float) -> float:
+    """Height where straight flanks through a station's neighbours meet.
+
+    A tip δ beside the station makes its neighbours differ by 2 δ of the flanks' slope; δ is no more
+    than half a spacing, the slope the height over the width at half height.
+    """
+    here = float(change[worst])
+    if not (0 < worst < len(change) - 1 and np.isfinite(width)):
+        return here
+    apart = abs(float(change[worst + 1] - change[worst - 1])) / 2
+    most = abs(here) * float(along[1] - along[0]) / (2 * width)
+    return here + float(np.copysign(min(apart, most), here)) if np.isfinite(apart) else here
 
 
 def _width(part: FloatArray, along: FloatArray, worst: int) -> float:
