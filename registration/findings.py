@@ -138,7 +138,10 @@ def inspect(case: Inspection) -> Findings:
         closures = find_closures(traces, Ends(field, fit, wall_mm, errors))
         scale = float(np.mean(fit.scale))
         hidden = _in_junctions(case, traces)
-        changes = [*find_changes(traces, scale, case.false_alarm), *hidden]
+        changes = [
+            *find_changes(traces, scale, case.false_alarm, field.blur_mm),
+            *hidden,
+        ]
         near = max(margin, float(case.network.radius.min()) / 2)
         vessels = gauge_vessels(
             case.network, traces, case.segmentation, fit, case.deviation_mm, errors,

@@ -14,13 +14,14 @@ at, so that a clean scan raises a false alarm with a given small probability.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from registration.gauging.defect import Defect
+from registration.gauging.peak import peak_of
 from registration.gauging.scatter import scatter
 from registration.gauging.sections import RAYS
 from registration.gauging.trace import VesselTrace
@@ -65,6 +66,8 @@ class _Series:
         wanders isn't a bulge), averaged over three stations, over the scatter of that.
     threshold : float
         Of both.
+    blur_mm : float, mm
+        Of the field, as standard deviation.
     """
 
     trace: VesselTrace
@@ -75,10 +78,14 @@ class _Series:
     score: FloatArray
     side: FloatArray
     threshold: float
+    blur_mm: float = 0.0
 
 
 def find_changes(
-    traces: tuple[VesselTrace, ...], scale: float, false_alarm: float = FALSE_ALARM
+    traces: tuple[VesselTrace, ...],
+    scale: float,
+    false_alarm: float = FALSE_ALARM,
+    blur_mm: float = 0.0,
 ) -> list[Defect]:
     """Bulges and stenoses of all vessels.
 
@@ -90,8 +97,11 @@ def find_changes(
         Size of the print over that of the design across the vessels, as the fit found it.
     false_alarm : float
         Probability that a scan without defects shows one.
+    blur_mm : float, mm
+        Standard deviation of the field's blur, which lowers short changes.
     """
-    return [d for each in _series(traces, scale, false_alarm) for d in _defects(each)]
+    series = _series(traces, scale, false_alarm)
+    return [d for each in series for d in _defects(replace(each, blur_mm=blur_mm))]
 
 
 def _series(traces: tuple[VesselTrace, ...], scale: float, false_alarm: float) -> list[_Series]:
@@ -267,7 +277,8 @@ def _defect(series: _Series, sign: int, run: NDArray[np.int64]) -> Defect:
         worst = int(run[np.argmax(sign * np.nan_to_num(series.change[run]))])
     else:
         worst = int(run[np.argmax(wall)])
-    size, along = _peak(series, worst)
+    peak = peak_of(series.change, trace.along, worst, series.blur_mm)
+    size, along = peak.height, peak.along
     if sign * size < 0:
         # Of an oval, walls stand out to both sides: what it is its area says.
         sign = -sign
@@ -284,27 +295,12 @@ def _defect(series: _Series, sign: int, run: NDArray[np.int64]) -> Defect:
         at_mm=along,
         point_mm=point_at(trace, along),
         size_um=1e3 * size,
-        error_um=1.96e3 * float(series.noise[worst]),
+        error_um=1.96e3 * float(np.hypot(series.noise[worst], peak.standard)),
         percent=100 * size / rest,
         wall_um=1e3 * sign * float(wall.max()),
         significance=float(max(score.max(), side.max())),
         seen=bordered(trace, extent),
     )
-
-
-def _peak(series: _Series, worst: int) -> tuple[float, float]:
-    """Height of the change's peak and where it is, by a parabola through three stations."""
-    change, along = series.change, series.trace.along
-    here = float(change[worst]), float(along[worst])
-    if not 0 < worst < len(change) - 1:
-        return here
-    before, top, after = change[worst - 1 : worst + 2].tolist()
-    bend = before - 2 * top + after
-    # NaN compares false: beside a gap the station itself is the peak.
-    if not (abs(top) >= max(abs(before), abs(after)) and bend * top < 0):
-        return here
-    shift = 0.5 * (before - after) / bend
-    return top - 0.25 * (before - after) * shift, here[1] + shift * series.trace.spacing
 
 
 def point_at(trace: VesselTrace, along: float) -> tuple[float, float, float]:

@@ -31,7 +31,8 @@ class Defect:
         length. Missing vessel: the designed diameter, none of which is there. Leak and bridge:
         the diameter of the way.
     error_um : float, µm
-        Half width of the size's 95 % interval, from the noise of the sections themselves.
+        Half width of the size's 95 % interval: noise of the sections themselves and, of a short
+        bulge or stenosis, what blur along the vessel may have taken from it (`gauging.peak`).
     percent : float
         Of bulge and stenosis: the size over the rest of the vessel's diameter; else NaN.
     wall_um : float, µm
