@@ -139,7 +139,7 @@ def _places(registration: Mapping[str, Any]) -> list[Flowable]:
     if not rows:
         return []
     heads = ["Deviation / µm", "Area / mm²", "x / mm", "y / mm", "z / mm"]
-    head = text("Where outer faces stand out (positive: gel is missing)", MINOR)
+    head = text("Where the print stands out away from lumens (positive: gel is missing)", MINOR)
     return [KeepTogether([head, grid(heads, rows, [True] * 5)])]
 
 
