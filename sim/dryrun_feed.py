@@ -24,7 +24,7 @@ LEAST_LOSS: Final = 0.005
 
 
 @dataclass(frozen=True)
-class Fed:
+class PlannedProgram:
     """A program as the planner ran it.
 
     Attributes
@@ -50,7 +50,7 @@ def run_program(
     start_mm: tuple[float, float, float],
     extrudes: NDArray[np.bool_],
     times: LineTimes,
-) -> Fed:
+) -> PlannedProgram:
     """Run a program through the planner.
 
     Parameters
@@ -87,7 +87,7 @@ def run_program(
         starved,
     )
     made = log[: int(planner["logged"][0])]
-    return Fed(made, float(duration), int(planner["merged"][0]), starved)
+    return PlannedProgram(made, float(duration), int(planner["merged"][0]), starved)
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def starvation(
     start_mm: tuple[float, float, float],
     extrudes: NDArray[np.bool_],
     times: LineTimes,
-    fed: Fed,
+    fed: PlannedProgram,
 ) -> Starved:
     """Compare a run with one in which lines come at once; parameters as of `run_program`."""
     if not fed.starved.any() or not times.byte_s:

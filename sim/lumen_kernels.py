@@ -1,4 +1,4 @@
-"""Kernels: width of a lumen's open cross-section among printed lines."""
+"""Measure a lumen's open width between printed lines (compiled)."""
 
 from __future__ import annotations
 

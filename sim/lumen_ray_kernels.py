@@ -1,4 +1,4 @@
-"""Kernels: free line of sight among the printed lines of layers.
+"""Distance along a ray to the first printed line (compiled).
 
 Written layers are slabs; in each, a line is a stadium seen from above, whose flanks are half
 ellipses over the slab's height: round, or straight where they are not deep. A ray's way to the

@@ -25,6 +25,9 @@ IntArray = NDArray[np.int64]
 _ROUNDING = 8e-16
 """Of a 3 x 3 determinant over the sum of its terms' sizes: Shewchuk's (7 + 56 ε) ε, rounded up."""
 
+_NOWHERE: Any = np.int64(-1)
+"""A kernel is compiled anew for each literal and for prange's own unsigned index."""
+
 APART, OPEN, CROSSING = 0, 1, 2
 """How two triangles meet; OPEN where rounding hides it."""
 
@@ -86,7 +89,7 @@ def _count(tree: Any, faces: Any, count: Any) -> None:
     """For each triangle of the tree, how many later ones may cross it."""
     none, of = np.empty((0, 2), np.int64), np.empty(0, np.int8)
     for n in prange(len(count)):
-        count[n] = _search(tree, faces, n, -1, none, of)
+        count[n] = _search(tree, faces, int(np.int64(n)), _NOWHERE, none, of)
 
 
 @pjit
@@ -94,7 +97,7 @@ def _list(tree: Any, faces: Any, count: Any, begin: Any, pairs: Any, status: Any
     """Write those pairs, by the mesh's own numbers, and how they meet."""
     for n in prange(len(count)):
         if count[n] > 0:
-            _search(tree, faces, n, begin[n], pairs, status)
+            _search(tree, faces, int(np.int64(n)), begin[n], pairs, status)
 
 
 @jit
@@ -105,7 +108,7 @@ def _search(tree: Any, faces: Any, n: int, at: int, pairs: Any, status: Any) -> 
     corners_box(one, low, high)
     stack = np.zeros(DEPTH, np.int32)
     count = 0
-    node, top = next_leaf(tree, low, high, stack, 1)
+    node, top = next_leaf(tree, low, high, stack, int(np.int64(1)))
     while node >= 0:
         for m in range(max(n + 1, tree.first[node]), tree.first[node] + tree.size[node]):
             two = tree.triangles[m].reshape(3, 3)
@@ -167,7 +170,7 @@ def meet(one: Any, two: Any, corners: Any, others: Any) -> int:
                 shared += 1
     if shared == 3:
         return CROSSING
-    met = _meet_in_space(one, two, own, its, shared)
+    met = _meet_in_space(one, two, own, its, int(np.int64(shared)))
     return APART if met == OPEN and _parted_by_an_edge(one, two, own, its) else met
 
 

@@ -1,4 +1,4 @@
-"""Kernels: choose the split of a bounding volume hierarchy node (surface area heuristic)."""
+"""Split a bounding volume hierarchy node by surface area (compiled)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels: local surface changes (turn, collapse, move) and the self-intersections they remove."""
+"""Edge flips, collapses and moves that remove self-intersections (compiled)."""
 
 from __future__ import annotations
 

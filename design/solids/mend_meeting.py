@@ -1,4 +1,4 @@
-"""Kernels: count self-intersections of a surface patch under repair."""
+"""Count self-intersections of a surface patch under repair (compiled)."""
 
 from __future__ import annotations
 

@@ -130,7 +130,7 @@ def _overshoot(tree: Any, coarse: Any, brick: Any, origin: Any, h: float) -> Any
                     x = origin[0] + (i + 0.5 * u) * BRICK * h
                     y = origin[1] + (j + 0.5 * v) * BRICK * h
                     z = origin[2] + (k + 0.5 * w) * BRICK * h
-                    depth = -mix(coarse, i, j, k, 0.5 * u, 0.5 * v, 0.5 * w)
+                    depth = -mix(coarse, int(np.int64(i)), j, k, 0.5 * u, 0.5 * v, 0.5 * w)
                     exact = nearest_distance(tree, x, y, z, depth)
                     over[i, j, k] = max(over[i, j, k], depth - exact)
     return over

@@ -1,4 +1,4 @@
-"""Firmware families: one package each, with facts and link protocol."""
+"""Marlin, Klipper and other firmware: properties and serial protocol of each."""
 
 from firmware_profiles.families.family import Family
 from firmware_profiles.families.link_facts import LinkSetup

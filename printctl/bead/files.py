@@ -23,7 +23,7 @@ PLAY_PAGE: Final = "dry_run.html"
 PLAYED: Final = "predicted_play.npz"
 """The same for the report."""
 
-Held = tuple[int, VesselDiameters, VesselDiameters | None]
+VesselWidths = tuple[int, VesselDiameters, VesselDiameters | None]
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Wanted:
 def write_prediction(
     folder: Path,
     all_heads: Sequence[Predicted],
-    vessels: Sequence[Held],
+    vessels: Sequence[VesselWidths],
     facts: Sequence[Mapping[str, Any]],
     wanted: Wanted,
 ) -> list[str]:
@@ -108,7 +108,7 @@ def write_prediction(
 def _write_play(
     folder: Path,
     all_heads: Sequence[Predicted],
-    vessels: Sequence[Held],
+    vessels: Sequence[VesselWidths],
     facts: Sequence[Mapping[str, Any]],
     wanted: Wanted,
 ) -> list[str]:

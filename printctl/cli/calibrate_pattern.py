@@ -12,8 +12,8 @@ from design.files import write_text
 from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.calibration.patterns import (
-    Asked,
     Bead,
+    LineSeries,
     Mounted,
     Pattern,
     Written,
@@ -133,8 +133,8 @@ def _made(name: str, bead: Bead, own: _Own) -> Pattern:
     return comb_pattern(bead, _gaps(own.gaps, bead.width_mm), own.speed)
 
 
-def _asked(own: _Own) -> Asked:
-    return Asked(
+def _asked(own: _Own) -> LineSeries:
+    return LineSeries(
         numbers_of(own.speeds, "--speeds"),
         numbers_of(own.flow_factors, "--flow-factors"),
         own.length,

@@ -14,9 +14,9 @@ from firmware_profiles import Ink, load
 from printctl.calibration.patterns import Written, read_pattern
 from printctl.calibration.widths import (
     Answer,
-    Given,
     Known,
-    Seen,
+    MeasuredPicture,
+    PictureFacts,
     fit_replies,
     fit_widths,
     look,
@@ -88,7 +88,7 @@ def widths(
         seen = look(
             file,
             written,
-            Given(um_per_px, _corners(marks), None if camera is None else read_lens(camera)),
+            PictureFacts(um_per_px, _corners(marks), None if camera is None else read_lens(camera)),
         )
         _keep(file, seen)
         notes = seen.notes
@@ -135,14 +135,14 @@ def _from_sheet(file: Path, written: Written, known: Known) -> Answer:
     return fit_replies(written, typed_replies(file, written))
 
 
-def _from_picture(seen: Seen, written: Written, known: Known) -> Answer:
+def _from_picture(seen: MeasuredPicture, written: Written, known: Known) -> Answer:
     if seen.widths is not None:
         return fit_widths(written, seen.widths, known)
     assert seen.replies is not None  # one of the two
     return fit_replies(written, seen.replies)
 
 
-def _keep(file: Path, seen: Seen) -> None:
+def _keep(file: Path, seen: MeasuredPicture) -> None:
     """Write the annotated picture and the filled sheet beside the picture."""
     drawn, table = file.with_suffix(".measured.png"), file.with_suffix(".widths.csv")
     _, data = cv2.imencode(".png", seen.picture)

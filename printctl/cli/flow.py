@@ -13,7 +13,7 @@ from printctl.cli.flow_case import is_svzerod, run_case
 from printctl.cli.flow_part import part_of
 from printctl.cli.flow_printed import run_as_printed
 from printctl.cli.flow_ranks import Elsewhere, beyond
-from printctl.cli.flow_solve import Found, pulsatile, space, steady, waves
+from printctl.cli.flow_solve import FlowOutput, pulsatile, space, steady, waves
 from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.errors import UsageError
@@ -82,7 +82,7 @@ def flow(
         _say(run_case(network, out), as_json)
         return
     if as_printed:
-        found = Found()
+        found = FlowOutput()
         run_as_printed(context, network, out, found)
         _say(found, as_json)
         return
@@ -92,7 +92,7 @@ def flow(
     part = part_of(context.params)
     fillet = FILLET if fillet_ratio is None else fillet_ratio
     source = load_source(network, unit, Drive(part.inlet_flow_ml_min, part.viscosity_mpa_s))
-    found = Found()
+    found = FlowOutput()
     steady(source.network, part, out, found)
     pulsatile(source.network, part, out, svzerod, found)
     waves(source.network, part, out, svoned, found)
@@ -104,7 +104,7 @@ def flow(
     _say(found, as_json)
 
 
-def _say(found: Found, as_json: bool) -> None:
+def _say(found: FlowOutput, as_json: bool) -> None:
     if as_json:
         print_json(found.summary)
         return

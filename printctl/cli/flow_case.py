@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from design.hemodynamics.zero_d.svzerod import read_svzerod, run_svzerod, write_svzerod_csv
-from printctl.cli.flow_solve import Found
+from printctl.cli.flow_solve import FlowOutput
 from printctl.cli.options import messages
 
 CASE = "svzerod.csv"
@@ -23,7 +23,7 @@ def is_svzerod(path: Path) -> bool:
     return isinstance(data, dict) and {"boundary_conditions", "vessels"} <= set(data)
 
 
-def run_case(path: Path, out: Path) -> Found:
+def run_case(path: Path, out: Path) -> FlowOutput:
     """Step through the file's cycles and write the last one.
 
     Raises
@@ -46,4 +46,4 @@ def run_case(path: Path, out: Path) -> Found:
             f"the last cycle still changed by {stepped.change[-1]:.2g} of the largest value: the "
             "file's number_of_cardiac_cycles is too small for a periodic state", style="yellow"
         )  # fmt: skip
-    return Found(told, [out / CASE])
+    return FlowOutput(told, [out / CASE])

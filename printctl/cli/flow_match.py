@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from design.network import VesselNetwork
-from printctl.cli.flow_solve import Found
+from printctl.cli.flow_solve import FlowOutput
 from printctl.cli.options import messages
 from printctl.errors import UsageError
 from printctl.flow import steady_conditions
@@ -53,7 +53,7 @@ def match(
     out: Path,
     fillet_ratio: float,
     how: Match,
-    found: Found,
+    found: FlowOutput,
 ) -> None:
     """Match where it is asked for, and write the adjusted network and its history.
 
@@ -97,7 +97,7 @@ def _wanted(texts: list[str]) -> dict[int, float]:
     return found
 
 
-def _warn(found: Found) -> None:
+def _warn(found: FlowOutput) -> None:
     told = found.summary["match"]
     if told["met"]:
         return

@@ -9,7 +9,7 @@ from typing import Any, Final
 import typer
 
 from printctl.cli.flow_part import part_of
-from printctl.cli.flow_solve import Found
+from printctl.cli.flow_solve import FlowOutput
 from printctl.cli.options import messages
 from printctl.errors import UsageError
 from printctl.flow.printed_case import PrintedCase, recipe_of, solve_as_printed
@@ -26,7 +26,7 @@ _DRIVING: Final = (
 _ELSEWHERE: Final = ("svzerod", "svoned", "ranks", "slurm", "svmultiphysics", "compare", "check")
 
 
-def run_as_printed(context: typer.Context, folder: Path, out: Path, found: Found) -> None:
+def run_as_printed(context: typer.Context, folder: Path, out: Path, found: FlowOutput) -> None:
     """Solve and write; what was typed of the flow stands in for the recipe's section, whole.
 
     Raises

@@ -29,14 +29,14 @@ from printctl.recipe.waves import OneDPart
 
 
 @dataclass
-class Found:
+class FlowOutput:
     """What is said at the end: numbers, those of other fidelities in dicts, and files."""
 
     summary: dict[str, Any] = field(default_factory=dict)
     files: list[Path] = field(default_factory=list)
 
 
-def steady(network: VesselNetwork, part: FlowPart, out: Path, found: Found) -> None:
+def steady(network: VesselNetwork, part: FlowPart, out: Path, found: FlowOutput) -> None:
     """Solve the steady flow and write its table.
 
     Raises
@@ -50,7 +50,7 @@ def steady(network: VesselNetwork, part: FlowPart, out: Path, found: Found) -> N
 
 
 def pulsatile(
-    network: VesselNetwork, part: FlowPart, out: Path, svzerod: Path | None, found: Found
+    network: VesselNetwork, part: FlowPart, out: Path, svzerod: Path | None, found: FlowOutput
 ) -> None:
     """Solve for the periodic state where the section asks for a pulse, and write its tables.
 
@@ -70,7 +70,7 @@ def pulsatile(
 
 
 def waves(
-    network: VesselNetwork, part: FlowPart, out: Path, svoned: Path | None, found: Found
+    network: VesselNetwork, part: FlowPart, out: Path, svoned: Path | None, found: FlowOutput
 ) -> None:
     """Follow the pulse along vessels where the section asks for it, and write its tables.
 
@@ -97,7 +97,7 @@ def waves(
 
 
 def space(
-    network: VesselNetwork, part: FlowPart, out: Path, fillet_ratio: float, found: Found
+    network: VesselNetwork, part: FlowPart, out: Path, fillet_ratio: float, found: FlowOutput
 ) -> None:
     """Resolve the flow in space and compare fidelities, as far as the section asks for it.
 

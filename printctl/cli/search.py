@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.search import Found, load_search, run_search
+from printctl.search import SearchResult, load_search, run_search
 from printctl.search.results import write_results
 from printctl.search.table import count_lines, table_lines
 from printctl.search.workers import Workers
@@ -59,7 +59,7 @@ def search(
         raise typer.Exit(1)
 
 
-def as_dict(found: Found) -> dict[str, Any]:
+def as_dict(found: SearchResult) -> dict[str, Any]:
     """The ranked candidates as plain values."""
     rows = [
         {

@@ -24,7 +24,7 @@ _THIN: Final = 1.1
 
 
 @dataclass(frozen=True)
-class Fed:
+class TissueSupply:
     """The vessels of a network that feed the tissue, and what flows in them.
 
     Attributes
@@ -46,7 +46,7 @@ class Fed:
     drop_pa: float
 
 
-def fed(name: str, network: VesselNetwork, conditions: FlowConditions) -> Fed:
+def fed(name: str, network: VesselNetwork, conditions: FlowConditions) -> TissueSupply:
     """Solve a network's steady flow, and take the vessels that feed.
 
     Raises
@@ -56,7 +56,7 @@ def fed(name: str, network: VesselNetwork, conditions: FlowConditions) -> Fed:
     """
     solution = solve_flow(network, conditions)
     mine = exchanging(network)
-    return Fed(
+    return TissueSupply(
         name,
         mine,
         np.abs(solution.flow[mine]),
@@ -66,7 +66,7 @@ def fed(name: str, network: VesselNetwork, conditions: FlowConditions) -> Fed:
 
 
 def exchanging(network: VesselNetwork) -> Any:
-    """Vessels that feed the tissue, see `Fed.vessel`."""
+    """Vessels that feed the tissue, see `TissueSupply.vessel`."""
     joined = np.flatnonzero(network.kind == VesselKind.CONNECTION)
     if len(joined):
         return joined
@@ -96,7 +96,7 @@ def set_beside(
     return {one.name: _told(one) for one in both}, [TABLE, PICTURE]
 
 
-def _table(both: tuple[Fed, ...]) -> dict[str, Any]:
+def _table(both: tuple[TissueSupply, ...]) -> dict[str, Any]:
     return {
         "network": np.concatenate([np.full(len(one.vessel), one.name) for one in both]),
         "vessel": np.concatenate([one.vessel for one in both]),
@@ -105,7 +105,7 @@ def _table(both: tuple[Fed, ...]) -> dict[str, Any]:
     }
 
 
-def _told(one: Fed) -> dict[str, Any]:
+def _told(one: TissueSupply) -> dict[str, Any]:
     mean = one.flow.mean()
     return {
         "feeding_vessels": len(one.vessel),

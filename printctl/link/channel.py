@@ -36,7 +36,7 @@ class EventHandler(Protocol):
         ...
 
 
-class Heard:
+class PrinterReplies:
     """What was heard of a printer.
 
     Attributes
@@ -77,11 +77,16 @@ class Channel:
     logbook : Logbook
     kill : Kill
     handler : EventHandler
-    heard : Heard
+    heard : PrinterReplies
     """
 
     def __init__(
-        self, wiring: Wiring, logbook: Logbook, kill: Kill, handler: EventHandler, heard: Heard
+        self,
+        wiring: Wiring,
+        logbook: Logbook,
+        kill: Kill,
+        handler: EventHandler,
+        heard: PrinterReplies,
     ) -> None:
         self.wiring, self.logbook, self.kill, self.heard = wiring, logbook, kill, heard
         self._handler = handler

@@ -24,7 +24,7 @@ from typing import Any, Final, Literal
 
 from printctl.link.errors import HistoryError, NoSuchPrint
 from printctl.link.history_entry import INTERRUPTED, Alarm, PrintEntry, entry_of
-from printctl.link.history_query import COLUMN_OF, OPERATOR, Found, HistoryQuery
+from printctl.link.history_query import COLUMN_OF, OPERATOR, HistoryPage, HistoryQuery
 from printctl.link.record import JOURNAL
 
 DATA_VARIABLE: Final = "PRINTCTL_DATA"
@@ -124,7 +124,7 @@ class PrintHistory:
         """Prints, the latest first, whose every word of ``search`` is found somewhere."""
         return list(self.find(HistoryQuery(words=search)).entries)
 
-    def find(self, query: HistoryQuery) -> Found:
+    def find(self, query: HistoryQuery) -> HistoryPage:
         """Prints that are asked for, a page of them.
 
         What the index has without an end is read again first, if its journal has grown.
@@ -139,7 +139,7 @@ class PrintHistory:
                     f"SELECT {_SELECTED} FROM prints p WHERE {where} {query.order()}",
                     values,
                 ).fetchall()
-                return Found(tuple(_entries(index, rows)), total)
+                return HistoryPage(tuple(_entries(index, rows)), total)
 
     def one(self, print_id: str) -> PrintEntry:
         """One print, by its id or so much of it that no other begins so.

@@ -98,7 +98,7 @@ class HistoryQuery:
 
 
 @dataclass(frozen=True)
-class Found:
+class HistoryPage:
     """One page of query results.
 
     Attributes

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from firmware_profiles.families import link_protocol as said
-from printctl.link.channel import Channel, Heard
+from printctl.link.channel import Channel, PrinterReplies
 from printctl.link.errors import HandshakeError
 from printctl.link.interruption import Interruption
 from printctl.link.kill import HALTED_BEFORE, Kill
@@ -36,7 +36,7 @@ class PrintEvents:
     logbook : Logbook
     kill : Kill
     requests : RequestQueue
-    heard : Heard
+    heard : PrinterReplies
     interruption : Interruption
     """
 
@@ -46,7 +46,7 @@ class PrintEvents:
         logbook: Logbook,
         kill: Kill,
         requests: RequestQueue,
-        heard: Heard,
+        heard: PrinterReplies,
         interruption: Interruption,
     ) -> None:
         self._interruption = interruption
@@ -249,7 +249,7 @@ def print_channel(
     wiring: Wiring, logbook: Logbook, requests: RequestQueue
 ) -> tuple[Channel, Interruption]:
     """Return a conversation whose events are a print's, and what stops it in mid-wait."""
-    kill, heard = Kill(wiring), Heard()
+    kill, heard = Kill(wiring), PrinterReplies()
     interruption = Interruption(wiring, logbook, requests, kill)
     handler = PrintEvents(wiring, logbook, kill, requests, heard, interruption)
     return Channel(wiring, logbook, kill, handler, heard), interruption

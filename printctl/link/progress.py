@@ -83,15 +83,19 @@ class JobProgress:
 
     def heights(self) -> list[float]:
         """Return the needle's heights after each line that may not have been made yet, mm."""
-        lines, done, sent = self.job.lines, self.done, self._protocol.lines_done
-        found = (modal_state(lines, k).z for k in range(self.executed(done), sent + 1))
-        return [z for z in found if z is not None]
+        found = self._each_after(self.executed(self.done), self._protocol.lines_done)
+        return [at.z for at in found if at.z is not None]
 
     def places_under_way(self) -> list[dict[str, float]]:
         """Return the places between which the motors may be, mm, by `Modal`'s names."""
-        lines, done = self.job.lines, self.done
+        done = self.done
         first = max(self.executed(done), done - _MOST_AHEAD)
-        return [modal_state(lines, k).place() for k in range(first, done + 1)]
+        return [at.place() for at in self._each_after(first, done)]
+
+    def _each_after(self, first: int, last: int) -> list[Modal]:
+        """Coordinates after ``first`` lines, one more each, to ``last``; any thread may ask."""
+        trail = ModalTrail(self.job.lines)
+        return [trail.at(k) for k in range(first, last + 1)]
 
     def stood(self, place: Modal) -> StopPlace:
         """Return with which line it can be gone on after the moves ahead were dropped."""

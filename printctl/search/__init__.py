@@ -3,6 +3,6 @@
 from printctl.search.evaluate import Task, evaluate
 from printctl.search.load import load_search
 from printctl.search.model import SearchFile
-from printctl.search.run import Found, run_search
+from printctl.search.run import SearchResult, run_search
 
-__all__ = ["Found", "SearchFile", "Task", "evaluate", "load_search", "run_search"]
+__all__ = ["SearchFile", "SearchResult", "Task", "evaluate", "load_search", "run_search"]

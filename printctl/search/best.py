@@ -10,12 +10,12 @@ import yaml
 
 from printctl.recipe.override import recipe_data
 from printctl.search.rank import Ranked
-from printctl.search.run import Found
+from printctl.search.run import SearchResult
 
 _WITH_FILES = ("tissue", "vasculature", "flow", "toolpath", "scan")
 
 
-def best_recipe(found: Found, row: Ranked, out: Path) -> str:
+def best_recipe(found: SearchResult, row: Ranked, out: Path) -> str:
     """The candidate's recipe as YAML text.
 
     The user's files that it names are told as seen from ``out``, where it is put.
@@ -32,7 +32,7 @@ def best_recipe(found: Found, row: Ranked, out: Path) -> str:
     return head + yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
 
 
-def _seen(found: Found, name: str, out: Path) -> str:
+def _seen(found: SearchResult, name: str, out: Path) -> str:
     path = found.drawn.folder / name
     try:
         return Path(os.path.relpath(path, out.resolve())).as_posix()

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from printctl.search.quantities import QUANTITIES
 from printctl.search.rank import Ranked, counted
-from printctl.search.run import Found
+from printctl.search.run import SearchResult
 from registration.report.drawing import styled, to_svg
 from registration.report.svg import ACCENT, MUTED
 
@@ -28,7 +28,7 @@ BEST: Final = "#b0578d"
 FAINT: Final = "#a9b1b8"
 
 
-def pareto_png(found: Found) -> bytes:
+def pareto_png(found: SearchResult) -> bytes:
     """The plot as PNG; the same results give the same bytes."""
     with styled():
         stream = io.BytesIO()
@@ -40,13 +40,13 @@ def pareto_png(found: Found) -> bytes:
     return stream.getvalue()
 
 
-def pareto_svg(found: Found) -> bytes:
+def pareto_svg(found: SearchResult) -> bytes:
     """The plot as SVG, for the page."""
     with styled():
         return to_svg(_figure(found), "pareto")
 
 
-def _figure(found: Found) -> Figure:
+def _figure(found: SearchResult) -> Figure:
     pairs = _pairs(found)
     columns = min(len(pairs), 3)
     rows = -(-len(pairs) // columns)
@@ -62,7 +62,7 @@ def _figure(found: Found) -> Figure:
     return figure
 
 
-def _pairs(found: Found) -> list[tuple[str, str]]:
+def _pairs(found: SearchResult) -> list[tuple[str, str]]:
     """Goals two by two; a single one against what is varied first."""
     goals = list(found.drawn.search.goals)[:MOST_GOALS]
     if len(goals) > 1:
@@ -70,7 +70,7 @@ def _pairs(found: Found) -> list[tuple[str, str]]:
     return [(next(iter(found.drawn.search.vary)), goals[0])]
 
 
-def _draw(axes: Axes, found: Found, across: str, up: str) -> None:
+def _draw(axes: Axes, found: SearchResult, across: str, up: str) -> None:
     measured = [row for row in found.rows if row.state in ("good", "beyond limits")]
     front = [row for row in measured if row.front == 1]
     other = [row for row in measured if row.state == "good" and row.front != 1]
@@ -106,7 +106,7 @@ def _at(row: Ranked, name: str) -> float:
     return float(said) if isinstance(said, int | float) else np.nan
 
 
-def _stairs(axes: Axes, found: Found, front: Sequence[Ranked], across: str, up: str) -> None:
+def _stairs(axes: Axes, found: SearchResult, front: Sequence[Ranked], across: str, up: str) -> None:
     """The edge of what was reached: nothing that was found lies on its good side."""
     goals = found.drawn.search.goals
     points = sorted((_at(row, across), _at(row, up)) for row in front)
@@ -116,7 +116,7 @@ def _stairs(axes: Axes, found: Found, front: Sequence[Ranked], across: str, up: 
         axes.step(x, y, where=where, color=ACCENT, lw=0.9, alpha=0.6, zorder=2)
 
 
-def _title(name: str, found: Found) -> str:
+def _title(name: str, found: SearchResult) -> str:
     if name not in QUANTITIES:
         return name
     goal = found.drawn.search.objectives[name].goal

@@ -7,7 +7,7 @@ from typing import Any
 from printctl.search.figure import pareto_svg
 from printctl.search.model import Objective, Range
 from printctl.search.quantities import QUANTITIES
-from printctl.search.run import Found
+from printctl.search.run import SearchResult
 from printctl.search.table import count_lines
 from registration.report.page import environment, style
 from registration.report.scripts import content_policy
@@ -15,7 +15,7 @@ from registration.report.svg import inline_figure
 from registration.report.tables import Column, Table, make_table
 
 
-def search_html(found: Found) -> str:
+def search_html(found: SearchResult) -> str:
     """The page as one file that opens offline; the same results give the same text."""
     search, best = found.drawn.search, found.best
     context = {
@@ -53,7 +53,7 @@ def _wanted(one: Objective) -> str:
     return ", ".join(words)
 
 
-def ranked_table(found: Found) -> Table:
+def ranked_table(found: SearchResult) -> Table:
     """A row for each candidate, the best first."""
     search = found.drawn.search
     varied = {f"v{k}": key for k, key in enumerate(search.vary)}

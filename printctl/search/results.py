@@ -9,7 +9,7 @@ from design.files import write_bytes, write_text
 from printctl.search.best import best_recipe
 from printctl.search.figure import pareto_png
 from printctl.search.page import search_html
-from printctl.search.run import Found
+from printctl.search.run import SearchResult
 from printctl.search.table import ranked_csv
 
 TABLE: Final = "ranked.csv"
@@ -18,7 +18,7 @@ PAGE: Final = "search.html"
 BEST: Final = "best.yaml"
 
 
-def write_results(found: Found, out: Path) -> list[Path]:
+def write_results(found: SearchResult, out: Path) -> list[Path]:
     """Write all of it; return what was written.
 
     Raises

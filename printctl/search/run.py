@@ -20,7 +20,7 @@ from printctl.search.workers import Workers
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """Results of a search.
 
     Attributes
@@ -59,7 +59,7 @@ def run_search(
     console: Console,
     workers: Workers | None = None,
     limit: int | None = None,
-) -> Found:
+) -> SearchResult:
     """Search, as far as ``limit`` new candidates, and rank what is known.
 
     Parameters
@@ -93,7 +93,7 @@ def run_search(
         broken = _grow(now, store, known, workers or Workers(), StageBars(console))
         results = [(one, known[one.key]) for one in drawn.candidates]
         rows = ranked(search, [(one, result) for one, result in results if result is not None])
-        return Found(drawn, rows, len(now) - len(broken), kept, broken)
+        return SearchResult(drawn, rows, len(now) - len(broken), kept, broken)
 
 
 def _grow(

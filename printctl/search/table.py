@@ -10,13 +10,13 @@ from typing import Any, Final
 
 from printctl.search.quantities import QUANTITIES
 from printctl.search.rank import Ranked
-from printctl.search.run import Found
+from printctl.search.run import SearchResult
 
 FIRST: Final = 10
 """Rows on the terminal."""
 
 
-def ranked_csv(found: Found) -> str:
+def ranked_csv(found: SearchResult) -> str:
     """The table as CSV: what is varied, the objectives, then all else that was measured.
 
     Nothing in it tells when or where a candidate was grown.
@@ -41,7 +41,7 @@ def _cell(value: Any) -> Any:
     return json.dumps(value) if isinstance(value, list | tuple | dict | bool) else value
 
 
-def table_lines(found: Found) -> list[str]:
+def table_lines(found: SearchResult) -> list[str]:
     """The best rows in columns, for people."""
     search, rows = found.drawn.search, found.rows[:FIRST]
     head = ["rank", "front", "score", *(key.rpartition(".")[2] for key in search.vary)]
@@ -55,7 +55,7 @@ def table_lines(found: Found) -> list[str]:
     return [f"{line}  {said}".rstrip() for line, said in zip(shown, more, strict=True)]
 
 
-def _row(found: Found, row: Ranked) -> list[str]:
+def _row(found: SearchResult, row: Ranked) -> list[str]:
     search = found.drawn.search
     told = [str(row.rank), _number(row.front), _number(row.score)]
     varied = [_number(row.candidate.values[key]) for key in search.vary]
@@ -68,7 +68,7 @@ def _number(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def count_lines(found: Found) -> list[str]:
+def count_lines(found: SearchResult) -> list[str]:
     """How far the search is, in sentences."""
     rows: Sequence[Ranked] = found.rows
     states = {state: sum(row.state == state for row in rows) for state in dict.fromkeys(

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Final
 
 from firmware_profiles.families import family_of
-from printctl.link.channel import Channel, Heard
+from printctl.link.channel import Channel, PrinterReplies
 from printctl.link.connecting import connect
 from printctl.link.families import link_facts
 from printctl.link.firmware import Firmware
@@ -63,7 +63,7 @@ class Standby:
         self._logbook = Logbook(
             wiring, JobProgress(wiring, Job([], [], "", "no job")), unrecorded=_UNRECORDED
         )
-        self._kill, self._halt, heard = Kill(wiring, changed), threading.Event(), Heard()
+        self._kill, self._halt, heard = Kill(wiring, changed), threading.Event(), PrinterReplies()
         queue = RequestQueue()
         nothing = Interruption(wiring, self._logbook, queue, self._kill)
         as_print = PrintEvents(wiring, self._logbook, self._kill, queue, heard, nothing)

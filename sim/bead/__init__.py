@@ -6,7 +6,7 @@ which source, and which of its constants nobody measured.
 """
 
 from sim.bead.advance import Advance, advance_of
-from sim.bead.bath import Held, Trail, crevice, settling, swell
+from sim.bead.bath import FilamentHold, Trail, crevice, settling, swell
 from sim.bead.drag import Drag, drag
 from sim.bead.flow import NozzleFlow, nozzle_flow
 from sim.bead.nozzle import Nozzle, nozzle_of
@@ -18,7 +18,7 @@ __all__ = [
     "Advance",
     "Bead",
     "Drag",
-    "Held",
+    "FilamentHold",
     "Nozzle",
     "NozzleFlow",
     "Pieces",

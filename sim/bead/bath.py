@@ -37,7 +37,7 @@ BEARS: Final = 4 * math.sqrt(2) + 2 * math.pi
 
 
 @dataclass(frozen=True)
-class Held:
+class FilamentHold:
     """Whether the thickest filament stays where it is written.
 
     Attributes
@@ -90,7 +90,7 @@ def swell(ink: Ink) -> tuple[float, bool]:
     return (1.0, False) if ink.swell_factor is None else (ink.swell_factor, ink.calibrated)
 
 
-def settling(bead: Bead, ink: Ink, bath: Bath) -> Held | None:
+def settling(bead: Bead, ink: Ink, bath: Bath) -> FilamentHold | None:
     """Whether the bath holds the thickest filament; None where none is written, or in layers.
 
     A layer's lines rest on each other, and no single filament's law holds for them.
@@ -108,7 +108,7 @@ def settling(bead: Bead, ink: Ink, bath: Bath) -> Held | None:
         own = bead.stroke == bead.stroke[worst]
         length = float(bead.pieces.length[own & bead.writes].sum())
         speed = _sinks(bath, weight, wide, length)
-    return Held(wide, held, int(bead.line[worst]), difference < 0, speed)
+    return FilamentHold(wide, held, int(bead.line[worst]), difference < 0, speed)
 
 
 def _sinks(bath: Bath, weight_n_m3: float, wide_mm: float, length_mm: float) -> float | None:

@@ -1,4 +1,4 @@
-"""Axis of a vessel as short stretches, and the ones nearest to other vessels."""
+"""Split vessel centrelines and find the closest pieces of neighbours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels: ink that belongs to a writing needle's current, previous or next joint.
+"""Find ink near the writing needle that belongs to its joint (compiled).
 
 A joint reaches J = sqrt(2) (R + r) + overlap from where the tip is, or from a place where two
 vessels meet (`sim.clearance.joints`): R the bare tip's radius, r the larger filament's, or the

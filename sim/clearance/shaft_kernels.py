@@ -1,4 +1,4 @@
-"""Kernels: geometry of a vertical shaft, and its distance to a filament, point to point."""
+"""Distance between a vertical needle shaft and a filament (compiled)."""
 
 from __future__ import annotations
 

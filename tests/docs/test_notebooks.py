@@ -32,7 +32,7 @@ def test_notebook_is_stored_without_outputs(path: Path):
     assert all(not cell.outputs and cell.execution_count is None for cell in cells(path))
 
 
-@pytest.mark.parametrize("path", first_of(NOTEBOOKS, 2), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", first_of(NOTEBOOKS), ids=lambda path: path.stem)
 def test_notebook_runs_and_draws(path: Path, tmp_path: Path):
     copy = tmp_path / path.name
     shutil.copy(path, copy)

@@ -1,6 +1,7 @@
 """Kernels run without numba: the same values, and numba where there is no file or no way."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -98,33 +99,53 @@ def _python(folder: Path, text: str) -> tuple[str, bool]:
     return done.stdout, done.stderr.strip().endswith("True")
 
 
-def test_values_are_those_of_numba_and_the_second_run_loads_none_of_it(tmp_path: Path) -> None:
-    by_numba, loaded = _run(tmp_path, bare=False)
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A folder with the files of all kernels, and what the program prints."""
+    folder = tmp_path_factory.mktemp("compiled")
+    by_numba, loaded = _run(folder, bare=False)
     assert loaded
-    assert _run(tmp_path, bare=True) == (by_numba, True)  # no files yet
-    assert _run(tmp_path, bare=True) == (by_numba, False)
+    assert _run(folder, bare=True) == (by_numba, True)  # no files yet
+    return folder, by_numba
 
 
-def test_a_changed_kernel_below_and_changed_fields_give_new_values(tmp_path: Path) -> None:
-    for change in ({}, {"factor": "2.5"}, {"fields": OFFSET}):
-        _run(tmp_path, bare=True, **change)
-        by_numba, _ = _run(tmp_path, bare=False, **change)
-        assert _run(tmp_path, bare=True, **change) == (by_numba, False)
+@pytest.fixture
+def folder(compiled: tuple[Path, str], tmp_path: Path) -> Path:
+    """A copy of that folder."""
+    return shutil.copytree(compiled[0], tmp_path / "copy")
+
+
+def test_values_are_those_of_numba_and_the_second_run_loads_none_of_it(
+    compiled: tuple[Path, str], folder: Path
+) -> None:
+    assert _run(folder, bare=True) == (compiled[1], False)
+
+
+def test_a_changed_kernel_below_and_changed_fields_give_new_values(
+    compiled: tuple[Path, str], folder: Path
+) -> None:
+    for change in ({"factor": "2.5"}, {"fields": OFFSET}):
+        _run(folder, bare=True, **change)
+        by_numba, _ = _run(folder, bare=False, **change)
+        assert by_numba != compiled[1]
+        assert _run(folder, bare=True, **change) == (by_numba, False)
 
 
 @pytest.mark.parametrize("cut", [0, 100, -50])
-def test_a_damaged_file_is_left_to_numba(tmp_path: Path, cut: int) -> None:
-    first, _ = _run(tmp_path, bare=True)
-    for path in (tmp_path / "cache").rglob("*.nbo"):
+def test_a_damaged_file_is_left_to_numba(
+    compiled: tuple[Path, str], folder: Path, cut: int
+) -> None:
+    files = list((folder / "cache").rglob("*.nbo"))
+    assert files
+    for path in files:
         path.write_bytes(path.read_bytes()[:cut])
-    assert _run(tmp_path, bare=True) == (first, True)
+    assert _run(folder, bare=True) == (compiled[1], True)
 
 
-def test_another_kernels_file_is_not_run(tmp_path: Path) -> None:
-    right, _ = _run(tmp_path, bare=True)
-    one, other = (next((tmp_path / "cache").rglob(f"kinds.{n}-*.nbo")) for n in ("adds", "fills"))
+def test_another_kernels_file_is_not_run(compiled: tuple[Path, str], folder: Path) -> None:
+    one, other = (next((folder / "cache").rglob(f"kinds.{n}-*.nbo")) for n in ("adds", "fills"))
     other.write_bytes(one.read_bytes())
-    assert _run(tmp_path, bare=True)[0] == right
+    assert _run(folder, bare=True)[0] == compiled[1]
 
 
 def test_numbas_own_settings_leave_the_kernels_to_it(

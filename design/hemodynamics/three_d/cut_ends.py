@@ -28,7 +28,7 @@ _LEAST_AREA: Final = 0.1
 
 
 @dataclass(frozen=True)
-class Cut:
+class CutSurface:
     """A lumen that is flat at its ports.
 
     Attributes
@@ -54,7 +54,7 @@ class _Body(NamedTuple):
     pieces: list[LabelledSurface]
 
 
-def cut_ends(vertices: FloatArray, faces: IntArray, ports: tuple[MeshPort, ...]) -> Cut:
+def cut_ends(vertices: FloatArray, faces: IntArray, ports: tuple[MeshPort, ...]) -> CutSurface:
     """Cut a closed surface flat at ``ports``.
 
     Pieces that no port leads into (specks of a scan, what lay beyond the ends) are left out.
@@ -71,7 +71,7 @@ def cut_ends(vertices: FloatArray, faces: IntArray, ports: tuple[MeshPort, ...])
     _check_reached(kept, ports)
     surface = _joined(kept)
     wall = _joined([body.before for body in bodies if body.pieces])
-    return Cut(
+    return CutSurface(
         surface,
         tuple(_measured(surface, n, port) for n, port in enumerate(ports)),
         wall.points,

@@ -1,4 +1,4 @@
-"""Kernels: signed distance from the lumen wall, and its gradient, at points."""
+"""Signed distance from the lumen wall and its gradient (compiled)."""
 
 from __future__ import annotations
 

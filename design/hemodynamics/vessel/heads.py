@@ -1,4 +1,4 @@
-"""Cut vessels at probes and keep the upstream part of each."""
+"""Shorten vessels to their part upstream of a flow probe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels: rays from a junction's centre through vessels and tube rings."""
+"""Cast rays from a junction's centre through its vessels (compiled)."""
 
 from __future__ import annotations
 

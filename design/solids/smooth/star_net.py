@@ -1,4 +1,4 @@
-"""Kernels: directions about a junction and the triangles between them."""
+"""Triangulate directions around a vessel junction (compiled)."""
 
 from __future__ import annotations
 

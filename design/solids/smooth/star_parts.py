@@ -1,4 +1,4 @@
-"""Kernels: split junction triangles that deviate from the surface."""
+"""Split junction triangles that deviate from the surface (compiled)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels: initial triangulation of directions about a junction: rings, axes, even cover."""
+"""Initial triangulation of directions around a vessel junction (compiled)."""
 
 from __future__ import annotations
 

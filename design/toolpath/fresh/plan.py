@@ -20,7 +20,7 @@ from design.toolpath.fresh.levels import adaptive_levels, even_levels
 from design.toolpath.fresh.options import FreshOptions
 from design.toolpath.fresh.paths import Paths, join
 from design.toolpath.fresh.patterns import concentric_paths, gyroid_paths
-from design.toolpath.fresh.regions import Cut, Region, Regions
+from design.toolpath.fresh.regions import Region, Regions, RegionSections
 from design.toolpath.fresh.report import FreshReport, Tally
 from design.toolpath.fresh.section import Body, Layer, layers, rings
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens, moved_in
@@ -198,7 +198,7 @@ def _check_heads(heads: Sequence[FreshOptions], regions: Sequence[Region]) -> No
 
 
 def _sections(
-    layer: Layer, heads: Sequence[FreshOptions], cut: Cut, origin: FloatArray
+    layer: Layer, heads: Sequence[FreshOptions], cut: RegionSections, origin: FloatArray
 ) -> list[Section]:
     """What each head writes in a layer.
 
@@ -222,7 +222,7 @@ def _sections(
 def _section_paths(
     material: CrossSection,
     layer: Layer,
-    cut: Cut,
+    cut: RegionSections,
     options: FreshOptions,
     origin: FloatArray,
     *,

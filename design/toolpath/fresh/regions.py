@@ -35,7 +35,7 @@ class Region:
 
 
 @dataclass(frozen=True)
-class Cut:
+class RegionSections:
     """Regions at one height; where several overlap, the last counts.
 
     Attributes
@@ -95,6 +95,6 @@ class Regions:
             for number, region in enumerate(regions)
         ]
 
-    def at(self, z_mm: float) -> Cut:
+    def at(self, z_mm: float) -> RegionSections:
         """The regions' sections at a height."""
-        return Cut(tuple((body.slice(z_mm), region) for body, region in self._bodies))
+        return RegionSections(tuple((body.slice(z_mm), region) for body, region in self._bodies))

@@ -1,4 +1,4 @@
-"""Kernels: fit and cost of a curve that connects two terminals."""
+"""Fit a curve between two terminals and compute its cost (compiled)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels: candidate cubic Bézier curves between two terminals, and the cheapest feasible one."""
+"""Choose the cheapest feasible Bézier curve between two terminals (compiled)."""
 
 from __future__ import annotations
 

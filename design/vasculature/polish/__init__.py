@@ -1,6 +1,6 @@
 """Polish: lower a grown tree's cost as a whole, under the constraints it was grown with."""
 
-from design.vasculature.polish.cost import tree_volume, volume_gradient
+from design.vasculature.polish.cost import tree_volume
 from design.vasculature.polish.options import PolishOptions
 from design.vasculature.polish.polish import Faults, Polished, find_faults, polish
 
@@ -11,5 +11,4 @@ __all__ = [
     "find_faults",
     "polish",
     "tree_volume",
-    "volume_gradient",
 ]

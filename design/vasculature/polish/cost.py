@@ -65,50 +65,14 @@ def tree_volume(tree: VesselTree) -> float:
     return float(pi * (tree_radii(tree) ** 2 @ length))
 
 
-def volume_gradient(tree: VesselTree) -> FloatArray:
-    """Derivative of the tree's volume with respect to each segment's far end, (n, 3), mm².
-
-    Pressure drop and terminal flow are held; all radii follow. A branch point's row counts its
-    three segments, a terminal's its one. Equations: see the module.
-    """
-    law = law_of(tree)
-    segments = segments_of(tree, law)
-    scale = pi * (tree.terminal_flow_ul_s / tree.pressure_drop_pa) ** 0.5
-    gradient: FloatArray = scale * _end_slopes(segments, law)
-    return gradient
-
-
-@jit
-def _end_slopes(segments: Any, law: Law) -> Any:
-    slope = np.zeros((len(segments), 3))
-    for i in range(len(segments)):
-        s = segments[i]
-        pull = length_slope(s, law) / s.length
-        away = (s.dx - s.px, s.dy - s.py, s.dz - s.pz)
-        for x in range(3):
-            slope[i, x] += pull * away[x]
-            if s.parent >= 0:
-                slope[s.parent, x] -= pull * away[x]
-    return slope
-
-
-@jit
-def length_slope(s: Any, law: Law) -> float:
-    """Derivative of the cost with respect to a segment's length, by its derivatives as kept."""
-    by_length = law.u * to_u(s.length, law) / s.length
-    own = 0.25 * law.lam * s.spend / s.load
-    return (s.by_load + s.by_spend * own) * s.flow * s.thick * law.k + s.by_spend * to_lambda(
-        s.load, law
-    ) * by_length
-
-
 @jit
 def child_slope(
     child_load: float, child_spend: float, weight: float, length: float, bar: Any, law: Law
 ) -> float:
-    """As `length_slope`, from a segment's load and spend and the derivatives ``bar`` by them.
+    """Derivative of the cost by a segment's length.
 
-    ``weight`` is its flow times its viscosity.
+    ``bar`` are the cost's derivatives by the segment's load and spend, ``weight`` its flow times
+    its viscosity.
     """
     own = 0.25 * law.lam * child_spend / child_load
     by_length = law.u * to_u(length, law) / length

@@ -1,4 +1,4 @@
-"""Klipper's link protocol over a pseudo-terminal; written from its source, untested on hardware.
+"""Klipper link protocol; follows the firmware's source, untested on hardware.
 
 Facts (Klipper `klippy/gcode.py`, version of 2025): a line number is skipped and a checksum taken
 off unchecked; each line gets an ``ok``, after ``!! <why>`` where the command failed and after

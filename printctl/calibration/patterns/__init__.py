@@ -1,7 +1,7 @@
 """Calibration prints (lines, spiral, joint, bridge, comb) and sheets for their measurements."""
 
 from printctl.calibration.patterns.files import Mounted, Written, read_pattern
-from printctl.calibration.patterns.lines import Asked, lines_pattern, spiral_pattern
+from printctl.calibration.patterns.lines import LineSeries, lines_pattern, spiral_pattern
 from printctl.calibration.patterns.meetings import bridge_pattern, comb_pattern, joint_pattern
 from printctl.calibration.patterns.plan import Bead, Pattern, PatternName, Question, Stroke
 from printctl.calibration.patterns.sheet import sheet_svg
@@ -18,8 +18,8 @@ from printctl.calibration.patterns.toolpath import pattern_path
 __all__ = [
     "CLEAR",
     "COLUMNS",
-    "Asked",
     "Bead",
+    "LineSeries",
     "Mounted",
     "Pattern",
     "PatternName",

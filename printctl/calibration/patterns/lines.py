@@ -21,7 +21,7 @@ _TURN_MM: Final = 0.3
 
 
 @dataclass(frozen=True)
-class Asked:
+class LineSeries:
     """Speeds, flows and other values varied in a pattern.
 
     Attributes
@@ -47,7 +47,7 @@ class Asked:
     seed: int = 0
 
 
-def lines_pattern(bead: Bead, asked: Asked) -> Pattern:
+def lines_pattern(bead: Bead, asked: LineSeries) -> Pattern:
     """Parallel lines along x, every second one written backwards; the order is shuffled.
 
     Raises
@@ -79,7 +79,7 @@ def lines_pattern(bead: Bead, asked: Asked) -> Pattern:
     return Pattern("lines", bead, size, tuple(strokes))
 
 
-def _check(bead: Bead, asked: Asked) -> None:
+def _check(bead: Bead, asked: LineSeries) -> None:
     for name, values in (("speeds", asked.speeds_mm_s), ("flow factors", asked.flows)):
         if not values or min(values) <= 0 or not all(map(math.isfinite, values)):
             raise UsageError(f"{name} {list(values)}: give numbers above 0")

@@ -3,16 +3,16 @@
 from printctl.calibration.widths.answer import Answer, Change, Replies, Widths
 from printctl.calibration.widths.factors import Known
 from printctl.calibration.widths.fit import fit_replies, fit_widths
-from printctl.calibration.widths.seen import Given, Seen, look
+from printctl.calibration.widths.seen import MeasuredPicture, PictureFacts, look
 from printctl.calibration.widths.typed import typed_replies, typed_widths
 
 __all__ = [
     "Answer",
     "Change",
-    "Given",
     "Known",
+    "MeasuredPicture",
+    "PictureFacts",
     "Replies",
-    "Seen",
     "Widths",
     "fit_replies",
     "fit_widths",

@@ -46,7 +46,7 @@ _T95: Final = 1.96
 
 
 @dataclass(frozen=True)
-class Seen:
+class MeasuredPicture:
     """Widths and gaps measured in a picture.
 
     Attributes
@@ -70,7 +70,7 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class Given:
+class PictureFacts:
     """What the user says of a picture.
 
     Attributes
@@ -88,7 +88,7 @@ class Given:
     lens: Lens | None = None
 
 
-def look(path: Path, written: Written, given: Given) -> Seen:
+def look(path: Path, written: Written, given: PictureFacts) -> MeasuredPicture:
     """Find the pattern in a picture and measure it.
 
     Raises
@@ -119,14 +119,14 @@ def look(path: Path, written: Written, given: Given) -> Seen:
     if not gaps:
         drawn = annotated(picture, view, target, lines, [])
         widths = _widths(lines, scale, shade)
-        return Seen(widths, None, _table_of_widths(written, widths), drawn, notes)
+        return MeasuredPicture(widths, None, _table_of_widths(written, widths), drawn, notes)
     bead = float(np.nanmedian(np.concatenate([one.width_mm for one in lines])))
     contrast = float(np.nanmedian(np.concatenate([one.height for one in lines])))
     wider = bead - float(shade.half_width(np.array([bead]))[0])
     found = measure_gaps(picture, view, gaps, contrast, wider)
     drawn = annotated(picture, view, target, [], list(zip(gaps, found, strict=True)))
     replies = _replies(found, scale, shade.least_gap_mm + 0.5e-3 * view.um_per_px)
-    return Seen(None, replies, _table_of_gaps(written, replies), drawn, notes)
+    return MeasuredPicture(None, replies, _table_of_gaps(written, replies), drawn, notes)
 
 
 def _target(pattern: Pattern, swell: float) -> Target:
@@ -169,7 +169,7 @@ def _apart(strokes: Sequence[Stroke]) -> float:
     return float(np.diff(heights).min()) if len(heights) > 1 else 2 * MARGIN_MM
 
 
-def _scale(view: View, given: Given) -> tuple[float, list[str]]:
+def _scale(view: View, given: PictureFacts) -> tuple[float, list[str]]:
     """Factor on all lengths: the user's scale over the frame's."""
     scale = given.um_per_px if given.lens is None else given.lens.um_per_px
     if scale is None:

@@ -10,7 +10,7 @@ from nicegui import ui
 
 from printctl.errors import UsageError
 from printctl.link.history_entry import PrintEntry
-from printctl.link.history_query import PAGE, Found, SortBy
+from printctl.link.history_query import PAGE, HistoryPage, SortBy
 from printctl.records.table import local_time
 from printctl.web.history.look import STYLE, cell, download, head
 from printctl.web.history.print_filter import PrintFilter
@@ -124,7 +124,7 @@ class Listing:
             self._fill(found)
             ui.navigate.history.replace(self._filter.address(self._page))
 
-    def _fill(self, found: Found) -> None:
+    def _fill(self, found: HistoryPage) -> None:
         many = "print" if found.total == 1 else "prints"
         self._count.set_text(f"{found.total} {many}" if found.total else "No print fits.")
         self._csv.props["href"] = self._filter.csv()

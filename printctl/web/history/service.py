@@ -11,7 +11,7 @@ from typing import BinaryIO, Final, Literal
 from printctl.link.errors import NoSuchPrint
 from printctl.link.history import PrintHistory
 from printctl.link.history_entry import INTERRUPTED, PrintEntry
-from printctl.link.history_query import Found, HistoryQuery
+from printctl.link.history_query import HistoryPage, HistoryQuery
 from printctl.link.reach import alive
 from printctl.link.record import JOURNAL
 from printctl.records.bundle import write_bundle
@@ -77,7 +77,7 @@ class HistoryService:
     def __init__(self, core: Core) -> None:
         self._core = core
 
-    def find(self, query: HistoryQuery) -> Found:
+    def find(self, query: HistoryQuery) -> HistoryPage:
         """A page of the prints that are asked for."""
         found = PrintHistory().find(query)
         return replace(found, entries=tuple(_running(entry) for entry in found.entries))

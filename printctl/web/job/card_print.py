@@ -95,7 +95,7 @@ class PrintCard:
         Parameters
         ----------
         told : dict or None
-            The print (`Heard.to_dict`); None where nothing was ever printed.
+            The print (`PrintReport.to_dict`); None where nothing was ever printed.
         station : dict or None
             The printer between prints, which tells temperatures.
         """

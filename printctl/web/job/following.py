@@ -29,11 +29,11 @@ from printctl.printing.remaining import Remaining
 log = logging.getLogger(__name__)
 APART_S: Final = 0.25
 
-Tell = Callable[["Heard"], None]
+Tell = Callable[["PrintReport"], None]
 
 
 @dataclass(frozen=True)
-class Heard:
+class PrintReport:
     """A job's print as it was heard of last.
 
     Attributes
@@ -98,7 +98,7 @@ class PrintFollower:
         self._journal = Journalled()
         self._told = 0.0
         self._left = threading.Event()
-        self.heard: Heard | None = None
+        self.heard: PrintReport | None = None
         self._threads = [
             threading.Thread(target=work, name=f"{job} {name}", daemon=True)
             for name, work in (("print", self._follow), ("table", self._prepare))
@@ -168,7 +168,7 @@ class PrintFollower:
     def _publish(self, status: Status) -> None:
         self._told = time.monotonic()
         found = self._table, self._remaining, self._filling
-        heard = Heard(self.job, truth_of(self.folder, status, self._journal, *found))
+        heard = PrintReport(self.job, truth_of(self.folder, status, self._journal, *found))
         try:
             self._tell(heard)
         except Exception:  # a full disk: the print is followed all the same

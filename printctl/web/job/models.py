@@ -9,17 +9,17 @@ from pydantic import BaseModel, ConfigDict, Field
 from printctl.web.job.set_up import JobSetUp, Millimetre
 
 
-class Given(BaseModel):
+class RequestModel(BaseModel):
     """What is sent; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid")
 
 
-class Told(BaseModel):
+class ResponseModel(BaseModel):
     """What is answered."""
 
 
-class JobTold(Told):
+class JobTold(ResponseModel):
     """A job, and what is known of it without a dry run."""
 
     id: str = Field(description="run~NAME or file~NAME.")
@@ -34,7 +34,7 @@ class JobTold(Told):
     commands: int | None
 
 
-class CheckTold(Told):
+class CheckTold(ResponseModel):
     """One check before the print."""
 
     check: str = Field(description="What was looked at.")
@@ -48,7 +48,7 @@ class CheckTold(Told):
     weight: Literal["refuses", "warns"]
 
 
-class PreflightTold(Told):
+class PreflightTold(ResponseModel):
     """The list of checks, and what the dry run found."""
 
     model_config = ConfigDict(extra="allow")
@@ -66,7 +66,7 @@ class PreflightTold(Told):
     reload_at: list[int] = Field(description="Commands before each change of syringe.")
 
 
-class MachineTold(Told):
+class MachineTold(ResponseModel):
     """The printer that is connected."""
 
     profile: str
@@ -79,7 +79,7 @@ class MachineTold(Told):
     ul_left: float | None
 
 
-class FormTold(Told):
+class FormTold(ResponseModel):
     """The set-up filled in, and the printer."""
 
     set_up: JobSetUp
@@ -87,20 +87,20 @@ class FormTold(Told):
     checklist: list[dict[str, str]] = Field(description="Points to tick before the start.")
 
 
-class PreflightGiven(Given):
+class PreflightGiven(RequestModel):
     """A set-up to check the job with; as it is filled in where it is left out."""
 
     set_up: JobSetUp | None = None
 
 
-class StartGiven(Given):
+class StartGiven(RequestModel):
     """A start."""
 
     set_up: JobSetUp | None = Field(default=None, description="As it is filled in if left out.")
     confirmed: str = Field(max_length=500, description="The machine, as `machine.words` says it.")
 
 
-class ToStartGiven(Given):
+class ToStartGiven(RequestModel):
     """A move of the tip to where a job starts."""
 
     start_mm: tuple[Millimetre, Millimetre, Millimetre] | None = Field(
@@ -114,13 +114,13 @@ class ToldTip(BaseModel):
     tip_mm: tuple[float, float, float] | None
 
 
-class PauseGiven(Given):
+class PauseGiven(RequestModel):
     """When to pause."""
 
     after: Literal["now", "layer", "vessel"] = "now"
 
 
-class ResumeGiven(Given):
+class ResumeGiven(RequestModel):
     """What was put in at a change of syringe."""
 
     plunger_mm: Annotated[float, Field(ge=0, le=1000)] | None = Field(
@@ -132,7 +132,7 @@ class ResumeGiven(Given):
     unchanged: bool = Field(default=False, description="The syringe wasn't changed after all.")
 
 
-class RecoverGiven(Given):
+class RecoverGiven(RequestModel):
     """Where the rest of a print begins."""
 
     from_line: Annotated[int, Field(ge=1, le=2**31)] | None = Field(
@@ -140,7 +140,7 @@ class RecoverGiven(Given):
     )
 
 
-class RecoveryTold(Told):
+class RecoveryTold(ResponseModel):
     """How to go on after the position was lost."""
 
     lines_left_out: int = Field(description="Commands of the job that aren't printed again.")
@@ -148,20 +148,20 @@ class RecoveryTold(Told):
     start_mm: tuple[float, float, float] | None
 
 
-class RestTold(Told):
+class RestTold(ResponseModel):
     """The rest of a print, as a job of its own."""
 
     job: str
     steps: list[str]
 
 
-class ReloadGiven(Given):
+class ReloadGiven(RequestModel):
     """Of several heads, whose syringe."""
 
     head: Annotated[int, Field(ge=0, le=15)] | None = None
 
 
-class StatusTold(Told):
+class StatusTold(ResponseModel):
     """A print as its link process tells it."""
 
     model_config = ConfigDict(extra="allow")
@@ -176,7 +176,7 @@ class StatusTold(Told):
     deadman_left_s: float | None
 
 
-class ActionTold(Told):
+class ActionTold(ResponseModel):
     """What may be done to a print now."""
 
     action: Literal["pause", "resume", "stop", "kill", "go_on", "recover", "give_up"]
@@ -203,7 +203,7 @@ class PrintTold(StatusTold):
     )
 
 
-class ViabilityTold(Told):
+class ViabilityTold(ResponseModel):
     """The clock of the cells."""
 
     minutes: float | None
@@ -213,19 +213,19 @@ class ViabilityTold(Told):
     state: Literal["unknown", "in time", "close", "late"]
 
 
-class TickGiven(Given):
+class TickGiven(RequestModel):
     """A step done, or not after all."""
 
     done: bool = True
 
 
-class NoteGiven(Given):
+class NoteGiven(RequestModel):
     """A note."""
 
     text: Annotated[str, Field(min_length=1, max_length=10_000)]
 
 
-class RampGiven(Given):
+class RampGiven(RequestModel):
     """Warming at a rate."""
 
     heater: Annotated[str, Field(max_length=40)] = "bed"
@@ -233,7 +233,7 @@ class RampGiven(Given):
     rate_c_min: Annotated[float, Field(gt=0, le=20)] = 1.0
 
 
-class RampTold(Told):
+class RampTold(ResponseModel):
     """Warming as it stands."""
 
     heater: str
@@ -245,7 +245,7 @@ class RampTold(Told):
     message: str
 
 
-class FlushTold(Told):
+class FlushTold(ResponseModel):
     """How hard the channels may be flushed."""
 
     pressure_pa: float
@@ -253,7 +253,7 @@ class FlushTold(Told):
     vessel: str
 
 
-class StepTold(Told):
+class StepTold(ResponseModel):
     """A step after the print."""
 
     id: str
@@ -263,7 +263,7 @@ class StepTold(Told):
     who: str
 
 
-class NoteTold(Told):
+class NoteTold(ResponseModel):
     """A note of a print."""
 
     at: float
@@ -271,7 +271,7 @@ class NoteTold(Told):
     text: str
 
 
-class PhotoTold(Told):
+class PhotoTold(ResponseModel):
     """A photo of a print."""
 
     at: float

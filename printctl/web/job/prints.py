@@ -18,7 +18,7 @@ from printctl.printing.job_table import JobTable
 from printctl.printing.journalled import journalled
 from printctl.web.hashes import file_hash
 from printctl.web.job.finding import Finder
-from printctl.web.job.following import Heard, PrintFollower
+from printctl.web.job.following import PrintFollower, PrintReport
 from printctl.web.job.preflight import Preflights, load_table
 from printctl.web.job.record import Records
 from printctl.web.job.set_up import JobSetUp
@@ -51,14 +51,14 @@ class Prints:
         preflights: Preflights,
         set_ups: SetUps,
         records: Records,
-        tell: Callable[[Heard], None],
+        tell: Callable[[PrintReport], None],
     ) -> None:
         self._workspace, self._preflights, self._set_ups = workspace, preflights, set_ups
         self._records, self._tell = records, tell
         self._followers: dict[str, PrintFollower] = {}
         self._lock, self._noting = threading.Lock(), threading.Lock()
         self._finder = Finder(workspace, self.follow, self._review)
-        self._reviewed: Heard | None = None
+        self._reviewed: PrintReport | None = None
         self._unwritten: dict[str, float] = {}
 
     def begin(self) -> None:
@@ -81,7 +81,7 @@ class Prints:
             self._followers[job] = follower
             follower.begin()
 
-    def heard(self, job: str) -> Heard | None:
+    def heard(self, job: str) -> PrintReport | None:
         """The job's print as it was heard of last; None when none was ever started."""
         folder = self._workspace.print_folder(job)
         with self._lock:
@@ -97,7 +97,7 @@ class Prints:
             return self.heard_soon(job)
         return self._ended(job, folder)
 
-    def heard_soon(self, job: str) -> Heard:
+    def heard_soon(self, job: str) -> PrintReport:
         """The first word of a print that is followed.
 
         Raises
@@ -113,14 +113,14 @@ class Prints:
             time.sleep(0.01)
         raise LinkError(f"the print of {job} doesn't tell where it stands; see its link.log")
 
-    def current(self) -> Heard | None:
+    def current(self) -> PrintReport | None:
         """The print that goes on; of several the one begun last."""
         with self._lock:
             heard = [one.heard for one in self._followers.values() if one.heard]
         live = [one for one in heard if not one.status.ended]
         return max(live, key=lambda one: one.journal.started, default=None)
 
-    def unfinished(self) -> Heard | None:
+    def unfinished(self) -> PrintReport | None:
         """The newest print of the workspace, if it was broken off and nobody has said what next."""
         with self._lock:
             known = [one.heard for one in self._followers.values()]
@@ -134,17 +134,17 @@ class Prints:
     def _review(self, job: str, folder: Path) -> None:
         """Look again at the newest print, which nobody follows, and tell what has changed of it."""
         before = self._reviewed
-        heard = Heard(job, read_print(folder))
+        heard = PrintReport(job, read_print(folder))
         if before is not None and before == heard:
             return
         self._reviewed = heard
         if _open(heard) or job in self._followers or (before is not None and before.job == job):
             self._tell(heard)
 
-    def _ended(self, job: str, folder: Path) -> Heard:
+    def _ended(self, job: str, folder: Path) -> PrintReport:
         """A print that is over, from what it left; it is told to nobody."""
         self._keep_known_table(job, folder)
-        heard = Heard(job, read_print(folder))
+        heard = PrintReport(job, read_print(folder))
         self._note_end(heard)
         return heard
 
@@ -158,12 +158,12 @@ class Prints:
         if known is not None:
             keep_table(folder, sha256, load_table(known.table))
 
-    def _hear(self, heard: Heard) -> None:
+    def _hear(self, heard: PrintReport) -> None:
         if heard.status.ended:
             self._note_end(heard)
         self._tell(heard)
 
-    def _note_end(self, heard: Heard) -> None:
+    def _note_end(self, heard: PrintReport) -> None:
         state = heard.status.state.value
         with self._noting:  # whoever comes second finds it all written
             for record in self._records.of_job(heard.job)[-1:]:
@@ -202,6 +202,6 @@ class Prints:
         return JobSetUp.model_validate(values | ({"syringe": syringe} if syringe else {}))
 
 
-def _open(heard: Heard) -> bool:
+def _open(heard: PrintReport) -> bool:
     """Whether a print was broken off, and neither gone on with nor given up."""
     return heard.status.ended and heard.truth.may(PrintAction.GIVE_UP).possible

@@ -15,7 +15,7 @@ from printctl.web.errors import NotFoundError
 from printctl.web.job import models as m
 from printctl.web.job.after import checklist
 from printctl.web.job.camera.routes import add_routes
-from printctl.web.job.following import Heard
+from printctl.web.job.following import PrintReport
 from printctl.web.job.machine import Machine
 from printctl.web.job.photos import MOST_BYTES
 from printctl.web.job.record import PrintRecord
@@ -232,7 +232,7 @@ def machine_told(machine: Machine | None) -> m.MachineTold | None:
     return m.MachineTold.model_validate(asdict(machine) | {"words": machine.words})
 
 
-def print_told(heard: Heard) -> m.PrintTold:
+def print_told(heard: PrintReport) -> m.PrintTold:
     """A print, as the API tells it."""
     return m.PrintTold.model_validate(heard.to_dict())
 

@@ -18,7 +18,7 @@ from printctl.web.errors import ConflictError, WebError
 from printctl.web.job.aftercare import Aftercare
 from printctl.web.job.camera.camera_service import CameraService
 from printctl.web.job.declared import declared_of
-from printctl.web.job.following import Heard
+from printctl.web.job.following import PrintReport
 from printctl.web.job.jobs import JobEntry, add_job, entry_of, list_jobs
 from printctl.web.job.machine import Machine, Printing, mounted_checks, set_up_of
 from printctl.web.job.preflight import Preflight, Preflights, refuse, row
@@ -174,7 +174,7 @@ class JobService:
 
     # --- the print -----------------------------------------------------------------------------
 
-    def start(self, who: Principal, job: str, said: JobSetUp, confirmed: str) -> Heard:
+    def start(self, who: Principal, job: str, said: JobSetUp, confirmed: str) -> PrintReport:
         """Start a print, or find the one that goes on.
 
         Parameters
@@ -220,15 +220,15 @@ class JobService:
             self._prints.follow(job, folder)
         return self._prints.heard_soon(job)
 
-    def heard(self, job: str) -> Heard | None:
+    def heard(self, job: str) -> PrintReport | None:
         """The job's print as it was heard of last; None when none was ever started."""
         return self._prints.heard(job)
 
-    def current(self) -> Heard | None:
+    def current(self) -> PrintReport | None:
         """The print that goes on; of several the one begun last."""
         return self._prints.current()
 
-    def unfinished(self) -> Heard | None:
+    def unfinished(self) -> PrintReport | None:
         """The newest print, if it was broken off and nobody has said what next."""
         return self._prints.unfinished()
 
@@ -262,6 +262,6 @@ class JobService:
         ink_ul = float(found.facts.get("ink_pushed_ul", 0.0))
         return mounted_checks(self.printing.machine(), said, ink_ul)
 
-    def _tell(self, heard: Heard) -> None:
+    def _tell(self, heard: PrintReport) -> None:
         self.watching.hear(heard)
         self.core.events.publish("print", **heard.to_dict())

@@ -1,4 +1,4 @@
-"""Simulated Klipper firmware on a board: differences from Marlin; written from its source.
+"""Simulated Klipper firmware; follows the behaviour of the firmware's source.
 
 Modelled, after its source (`klippy/gcode.py`, 2025): line numbers are skipped and checksums taken
 off unchecked, so a garbled line is done as it came; an ``ok`` to each line; ``// Unknown

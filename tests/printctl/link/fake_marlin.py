@@ -208,11 +208,18 @@ class PtyPrinter:
     """A `FakeMarlin` behind a real pseudo-terminal, served by a thread.
 
     It goes away when line ``unplug_at`` is taken. From line ``hold_at`` on it holds its answers
-    back until ``gate`` is set; ``held`` says that it does.
+    back until ``gate`` is set; ``held`` says that it does. It takes ``pace_s`` for each answer.
     """
 
-    def __init__(self, printer: FakeMarlin, unplug_at: int | None, hold_at: int | None) -> None:
+    def __init__(
+        self,
+        printer: FakeMarlin,
+        unplug_at: int | None,
+        hold_at: int | None,
+        pace_s: float = 0.0,
+    ) -> None:
         self.printer, self.unplug_at, self.hold_at = printer, unplug_at, hold_at
+        self.pace_s = pace_s
         self._master, self._slave = os.openpty()
         self.name = os.ttyname(self._slave)
         self._over = threading.Event()
@@ -240,6 +247,8 @@ class PtyPrinter:
             if self.hold_at is not None and self.printer.last >= self.hold_at:
                 self.held.set()
                 self.gate.wait(10.0)
+            if self.pace_s:
+                self._over.wait(self.pace_s)
             os.write(self._master, said)
 
     def close(self) -> None:
@@ -253,9 +262,12 @@ class PtyPrinter:
 
 @contextmanager
 def pty_printer(
-    printer: FakeMarlin, unplug_at: int | None = None, hold_at: int | None = None
+    printer: FakeMarlin,
+    unplug_at: int | None = None,
+    hold_at: int | None = None,
+    pace_s: float = 0.0,
 ) -> Iterator[PtyPrinter]:
-    served = PtyPrinter(printer, unplug_at, hold_at)
+    served = PtyPrinter(printer, unplug_at, hold_at, pace_s)
     try:
         yield served
     finally:

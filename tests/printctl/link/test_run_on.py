@@ -10,12 +10,14 @@ from types import SimpleNamespace
 import pytest
 
 from firmware_profiles import Printer, load
+from printctl.link import modal
 from printctl.link.halting import halting_of
 from printctl.link.job import Job
 from printctl.link.modal import Modal
 from printctl.link.planned_moves import planned_moves
 from printctl.link.progress import JobProgress
 from sim.families.marlin.printer import MarlinPrinter
+from sim.reading import GcodeLine, read_sent
 
 PRINTER = load(Printer, "marlin_avr").model_copy(update={"emergency_parser": False})
 LOOK_S = 0.002
@@ -104,3 +106,22 @@ def test_place_that_nobody_has_told_makes_a_move_long() -> None:
     """Too long is told, never too short."""
     (move,) = planned_moves([b"G1 X5 F600"], 0, 1, Modal(), PRINTER)
     assert move.length_mm >= 1000
+
+
+def test_places_under_way_are_found_with_each_line_read_about_once(monkeypatch) -> None:
+    """A job that never gives Z was once read from its end to its beginning for each place."""
+    lines = [b"G1 X%d Y5 E%d F600" % (k % 7, k) for k in range(300)]
+    wiring = SimpleNamespace(printer=PRINTER, protocol=SimpleNamespace(lines_done=300))
+    progress = JobProgress(wiring, Job(lines, list(range(1, 301)), "", "a"))
+    count = 0
+
+    def counted(line: bytes) -> GcodeLine:
+        nonlocal count
+        count += 1
+        return read_sent(line)
+
+    monkeypatch.setattr(modal, "read_sent", counted)
+    assert progress.places_under_way()[-1] == {"x": 5.0, "y": 5.0, "e": 299.0}
+    assert count <= len(lines) + 100
+    assert set(progress.heights()) == set()
+    assert count <= 2 * len(lines) + 200

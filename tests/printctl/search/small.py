@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 from rich.console import Console
 
-from printctl.search import Found, load_search, run_search
+from printctl.search import SearchResult, load_search, run_search
 from printctl.search.results import write_results
 from printctl.search.workers import Workers
 
@@ -42,7 +42,7 @@ def write(folder: Path, search: dict[str, Any], base: dict[str, Any] = BASE) -> 
     return path
 
 
-def run(path: Path, out: Path, workers: Workers = HERE, limit: int | None = None) -> Found:
+def run(path: Path, out: Path, workers: Workers = HERE, limit: int | None = None) -> SearchResult:
     """Search, and write all there is for people."""
     console = Console(file=io.StringIO())
     found = run_search(load_search(path), path.parent, out, console, workers, limit)

@@ -14,7 +14,9 @@ from firmware_profiles import Printer, load
 from printctl.link import LinkState, PrintClient, start_print
 from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, write_job
 
-LINES = 200_000
+LINES = 60_000
+PACE_S = 0.005
+"""For each answer: a print that lasts five minutes and leaves the processor to the test."""
 
 
 @dataclass(frozen=True)
@@ -35,12 +37,12 @@ def quick_profile(folder: Path) -> str:
 
 
 @contextmanager
-def under_way(workspace: Path, run: str = "heart", lines: int = LINES) -> Iterator[UnderWay]:
+def under_way(workspace: Path, run: str = "heart") -> Iterator[UnderWay]:
     """Print ``run`` of a workspace; whatever is left of it is killed at last."""
     folder = workspace / "runs" / run
     folder.mkdir(parents=True, exist_ok=True)
-    write_job(folder / "part.gcode", lines)
-    with pty_printer(FakeMarlin()) as served:
+    write_job(folder / "part.gcode", LINES)
+    with pty_printer(FakeMarlin(), pace_s=PACE_S) as served:
         client = start_print(
             folder / "part.gcode", quick_profile(workspace), served.name, folder / "print"
         )

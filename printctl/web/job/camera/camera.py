@@ -45,7 +45,7 @@ class Still:
 
 
 @dataclass(frozen=True)
-class Seen:
+class CameraState:
     """What is known of a camera.
 
     Attributes
@@ -65,7 +65,7 @@ class Camera(Protocol):
     """A camera; any thread may ask, and nobody waits."""
 
     @property
-    def seen(self) -> Seen:
+    def seen(self) -> CameraState:
         """What is known of it now."""
 
     def close(self) -> None:
@@ -87,7 +87,9 @@ class CameraProcess:
         Between two pictures.
     """
 
-    def __init__(self, source: str, tell: Callable[[Seen], None], apart_s: float = APART_S) -> None:
+    def __init__(
+        self, source: str, tell: Callable[[CameraState], None], apart_s: float = APART_S
+    ) -> None:
         self._source, self._tell, self._apart_s = source, tell, apart_s
         self._still: Still | None = None
         self._problem, self._heard = "", time.monotonic()
@@ -103,17 +105,17 @@ class CameraProcess:
             thread.start()
 
     @property
-    def seen(self) -> Seen:
+    def seen(self) -> CameraState:
         """What is known of it now."""
         still, problem = self._still, self._problem
         old = time.time() - still.at > _TOO_OLD_S + self._apart_s if still else False
         if still is None and not problem:
-            return Seen("starting", f"{self.name} is being opened")
+            return CameraState("starting", f"{self.name} is being opened")
         if not problem and not old:
-            return Seen("there", "", still)
+            return CameraState("there", "", still)
         since = f" since {time.strftime('%H:%M:%S', time.localtime(still.at))}" if still else ""
         why = problem or "it doesn't answer"
-        return Seen("lost", f"no picture from {self.name}{since}: {why}; tried again", still)
+        return CameraState("lost", f"no picture from {self.name}{since}: {why}; tried again", still)
 
     @property
     def name(self) -> str:

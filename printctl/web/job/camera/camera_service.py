@@ -7,9 +7,9 @@ from pathlib import Path
 from printctl.records.films import film_file
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError
-from printctl.web.job.camera.camera import CameraProcess, Seen, Still
+from printctl.web.job.camera.camera import CameraProcess, CameraState, Still
 from printctl.web.job.camera.timelapse import TimeLapse, TimeLapseState
-from printctl.web.job.following import Heard
+from printctl.web.job.following import PrintReport
 
 
 class CameraService:
@@ -37,11 +37,11 @@ class CameraService:
         if self.camera is not None:
             self.camera.close()
 
-    def hear(self, heard: Heard) -> None:
+    def hear(self, heard: PrintReport) -> None:
         """Hear of a print; never waits."""
         self._lapse.hear(heard)
 
-    def seen(self) -> Seen:
+    def seen(self) -> CameraState:
         """What is known of the camera.
 
         Raises
@@ -65,7 +65,7 @@ class CameraService:
             raise ConflictError(seen.message)
         return seen.still
 
-    def timelapse(self, job: str, heard: Heard | None) -> TimeLapseState:
+    def timelapse(self, job: str, heard: PrintReport | None) -> TimeLapseState:
         """The time-lapse of a job's last print.
 
         Raises
@@ -76,7 +76,7 @@ class CameraService:
             raise NotFoundError(f"no print of {job} was ever started")
         return self._lapse.told(heard)
 
-    def film(self, job: str, heard: Heard | None) -> Path:
+    def film(self, job: str, heard: PrintReport | None) -> Path:
         """File of its film.
 
         Raises
@@ -89,6 +89,6 @@ class CameraService:
                 return path
         raise NotFoundError(f"there is no film of a print of {job}")
 
-    def _tell(self, seen: Seen) -> None:
+    def _tell(self, seen: CameraState) -> None:
         at = None if seen.still is None else seen.still.at
         self._core.events.publish("camera", state=seen.state, message=seen.message, at=at)

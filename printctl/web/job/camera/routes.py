@@ -10,7 +10,7 @@ from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
 from printctl.web.job.camera.camera_service import CameraService
-from printctl.web.job.following import Heard
+from printctl.web.job.following import PrintReport
 
 Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
 _FRESH = {"Cache-Control": "no-store"}
@@ -36,7 +36,7 @@ class TimeLapseTold(BaseModel):
 
 
 def add_routes(
-    routes: APIRouter, service: CameraService, heard: Callable[[str], Heard | None]
+    routes: APIRouter, service: CameraService, heard: Callable[[str], PrintReport | None]
 ) -> None:
     """Add them to the job's room."""
 

@@ -16,7 +16,7 @@ from design.files import write_bytes
 from printctl.printing.progress import Progress
 from printctl.records.films import film_file, frames_folder
 from printctl.web.job.camera.camera import Camera
-from printctl.web.job.following import Heard
+from printctl.web.job.following import PrintReport
 
 log = logging.getLogger(__name__)
 MOST_FRAMES: Final = 2000
@@ -73,7 +73,7 @@ class TimeLapse:
         self._thread = threading.Thread(target=self._work, name="time-lapse", daemon=True)
         self._thread.start()
 
-    def hear(self, heard: Heard) -> None:
+    def hear(self, heard: PrintReport) -> None:
         """Look whether a layer or vessel has ended, or the print; never waits."""
         if not heard.journal.started:
             return
@@ -88,7 +88,7 @@ class TimeLapse:
             self._keep(frames)
             self._make(frames)
 
-    def told(self, heard: Heard) -> TimeLapseState:
+    def told(self, heard: PrintReport) -> TimeLapseState:
         """The time-lapse of a print; makes its film where a server before couldn't."""
         frames = frames_folder(heard.folder, heard.journal.started)
         kept = sorted(frames.glob("*.jpg"))

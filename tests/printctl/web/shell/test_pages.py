@@ -80,8 +80,7 @@ def test_the_page_and_its_stop_outlive_a_server_that_is_killed(
     tmp_path: Path, browser: Any
 ) -> None:
     workspace = tmp_path / "workspace"
-    lasting = under_way(workspace, lines=2_000_000)  # longer than all that is waited for below
-    with server_process(workspace) as server, lasting as print_:
+    with server_process(workspace) as server, under_way(workspace) as print_:
         page = shown(browser, f"{server.url}/printer")
         page.wait_for_timeout(1500)
         server.process.kill()

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from printctl.web.security.sessions import GRACE_S, LIFETIME_S, Sessions, signing_secret
-from tests.printctl.web.printing import ended_by_kill, soon, under_way
+from tests.printctl.web.printing import UnderWay, ended_by_kill, soon, under_way
 from tests.printctl.web.serving import Process, server_process
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
@@ -226,19 +226,7 @@ def test_a_door_that_ends_is_opened_again(served: tuple[Process, Path]) -> None:
     assert soon(lambda: not Path(f"/proc/{door}/cmdline").exists() and answers(server))
 
 
-def test_the_door_outlives_a_server_that_is_killed_while_something_prints(tmp_path: Path) -> None:
-    workspace = tmp_path / "workspace"
-    with server_process(workspace) as server, under_way(workspace) as print_:
-        assert soon(lambda: connected(server) == 1)
-        server.process.kill()
-        server.process.wait()
-        assert not print_.client.status.ended
-        assert ask(server.stop, **by_token(server))[0] == 200
-        assert ended_by_kill(print_)
-        assert soon(lambda: not answers(server))
-
-
-def test_a_server_that_is_told_to_end_leaves_the_print_alone(tmp_path: Path) -> None:
+def test_a_server_that_is_told_to_end_or_killed_leaves_the_print_alone(tmp_path: Path) -> None:
     workspace = tmp_path / "workspace"
     with server_process(workspace) as server, under_way(workspace) as print_:
         before = print_.client.status.lines_done
@@ -249,6 +237,16 @@ def test_a_server_that_is_told_to_end_leaves_the_print_alone(tmp_path: Path) -> 
         assert soon(lambda: print_.client.status.lines_done > before)
         with server_process(workspace) as again:
             assert soon(lambda: connected(again) == 1)
+            _killed_leaves_its_door(again, print_)
+
+
+def _killed_leaves_its_door(server: Process, print_: UnderWay) -> None:
+    server.process.kill()
+    server.process.wait()
+    assert not print_.client.status.ended
+    assert ask(server.stop, **by_token(server))[0] == 200
+    assert ended_by_kill(print_)
+    assert soon(lambda: not answers(server))
 
 
 def answers(server: Process) -> bool:

@@ -12,18 +12,18 @@ import pytest
 from PIL import Image
 
 from printctl.errors import UsageError
-from printctl.web.job.camera.camera import CameraProcess, Seen, source_of
+from printctl.web.job.camera.camera import CameraProcess, CameraState, source_of
 from tests.printctl.web.job.camera.pictures import BLUE, RED, film, seen_colour, sequence, until
 from tests.printctl.web.serving import served
 
 
 @pytest.fixture
-def told() -> list[Seen]:
+def told() -> list[CameraState]:
     return []
 
 
 @pytest.fixture
-def camera(tmp_path: Path, told: list[Seen]):
+def camera(tmp_path: Path, told: list[CameraState]):
     made = CameraProcess(sequence(tmp_path / "seen"), told.append, apart_s=0.05)
     yield made
     made.close()
