@@ -5,6 +5,9 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from design.network import VesselNetwork
 from design.solids.solid import Solid
 from kernels import freed_memory_kept
@@ -14,6 +17,11 @@ from registration.options import RegistrationOptions, segmentation_options
 from registration.scan import Scan
 from registration.segmentation import Segmentation, segment
 from registration.uncertainty import ScanErrors, scan_errors
+
+FloatArray = NDArray[np.float64]
+
+LARGEST_FIELD = 20.0
+"""Of the part's longest edge: a field of view larger than that each way shows something else."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +63,10 @@ class Prepared:
         Raises
         ------
         RegistrationError
-            When the scan can't be segmented, or model and network don't belong together.
+            When the scan can't be segmented, or scan, model and network don't belong together.
         """
         thinnest = 2 * float(network.radius.min())
+        _check_sizes(scan, model, thinnest)
         # The surface takes one core, and the segmentation leaves one free now and then.
         with ThreadPoolExecutor(1) as other, freed_memory_kept():
             preparing = other.submit(ModelSurface.of, model)
@@ -67,6 +76,23 @@ class Prepared:
         is_lumen = _model_is_lumen(surface, network)
         section_mm = options.section_mm or thinnest / 4
         return Prepared(scan, network, options, segmentation, surface, is_lumen, errors, section_mm)
+
+
+def _check_sizes(scan: Scan, model: Solid, thinnest_mm: float) -> None:
+    """Refuse a scan in which no lumen has room, or the part is lost: a wrong unit."""
+    extent = np.array(scan.volume.shape)[::-1] * np.array(scan.geometric_voxel_mm)[::-1]
+    part = np.ptp(model.vertices, axis=0)
+    if thinnest_mm <= extent.max() and extent.min() <= LARGEST_FIELD * part.max():
+        return
+    raise RegistrationError(
+        f"the scan is {_sizes(extent)} mm and the model {_sizes(part)} mm, with lumens from "
+        f"{thinnest_mm:.3g} mm: they don't fit each other; check --voxel-um (in micrometres) and "
+        "the units of model and network"
+    )
+
+
+def _sizes(size: FloatArray) -> str:
+    return " × ".join(f"{one:.3g}" for one in size)
 
 
 def _model_is_lumen(surface: ModelSurface, network: VesselNetwork) -> bool:

@@ -5,6 +5,7 @@ Ours carry the scan's metadata as JSON in the first ImageDescription.
 
 from __future__ import annotations
 
+import logging
 import math
 from pathlib import Path
 from typing import Any
@@ -51,7 +52,7 @@ def read_tiff(path: Path) -> Found:
 
 
 def _volume(tiff: tifffile.TiffFile, path: Path) -> Array:
-    pages = len(tiff.pages)
+    pages = _pages(tiff, path)
     first = tiff.pages.first
     _check_pages(tiff, path)
     series = tiff.series[0]
@@ -68,6 +69,34 @@ def _volume(tiff: tifffile.TiffFile, path: Path) -> Array:
     if series.dataoffset is not None:
         return mapped(path, kind, series.dataoffset, whole)
     return filled((page.asarray() for page in series.pages), whole, first.dtype, path)
+
+
+class _KeptWords(logging.Filter):
+    """Takes what is logged, so that it isn't shown."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.words: list[str] = []
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        self.words.append(record.getMessage())
+        return False
+
+
+def _pages(tiff: tifffile.TiffFile, path: Path) -> int:
+    """Count the pages; of a file that ends before its list of pages tifffile only logs it."""
+    log, kept = logging.getLogger("tifffile"), _KeptWords()
+    log.addFilter(kept)
+    try:
+        pages = len(tiff.pages)
+    finally:
+        log.removeFilter(kept)
+    if any("invalid page offset" in word for word in kept.words):
+        raise ScanFileError(
+            f"{path.name}: is cut short: page {pages + 1} would lie behind the end of the file; "
+            "copy or export it again"
+        )
+    return pages
 
 
 def _check_pages(tiff: tifffile.TiffFile, path: Path) -> None:

@@ -128,6 +128,8 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     del share
     dark = _normalised(values, sides, known, working)
     contrast, blur_mm = _contrast(values, sides), working.blur_mm
+    if not bright:
+        _refuse_flat(contrast)
     # A reflection too weak to be told moves a wall by up to half a voxel of depth: take the middle.
     facing = UNSEEN_LINE * scan.geometric_voxel_mm[0] / 2
     if not bright:
@@ -139,7 +141,7 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
         cut = float(cap_shift(looks, bright, BRIGHTEST) * np.cbrt(working.voxel_mm.prod()))
         cut_u = CUT_PART_BRIGHT * cut
         values, contrast, blur_mm = _softened(values, sides, contrast, working)
-    _refuse_flat(contrast)
+        _refuse_flat(contrast)
     field = GelField(values, 0.5, 1.0, working.voxel_mm, working.origin_mm, blur_mm)
     field = replace(
         field,

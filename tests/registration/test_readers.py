@@ -138,6 +138,18 @@ def test_truncated_tiff_is_refused(tmp_path: Path, share: float) -> None:
         read_scan(path)
 
 
+def test_a_stack_cut_within_its_pages_says_so_and_shows_nothing_else(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "s.tif"
+    tifffile.imwrite(path, np.ones((20, 16, 16), np.float32), metadata=None)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    with pytest.raises(ScanFileError, match=r"cut short: page \d+ would lie behind the end"):
+        read_scan(path, ScanOverrides(voxel_mm=(0.1, 0.1, 0.1)))
+    assert not caplog.records
+
+
 def test_other_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "s.tif"
     path.write_bytes(b"solid block")
