@@ -96,8 +96,8 @@ def test_another_server_finds_a_run_and_cancels_it(
     assert found.stages
     with pytest.raises(ConflictError, match="going on"):
         other.runs.start("one")
-    os.killpg(pid, signal.SIGCONT)
     other.runs.cancel("one")
+    os.killpg(pid, signal.SIGCONT)
     assert _until(other, "interrupted").message
     with pytest.raises(ConflictError, match="isn't going on"):
         other.runs.cancel("one")
