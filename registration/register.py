@@ -15,7 +15,7 @@ from registration.alignment import Alignment, Fit, align, cross_check, later_dou
 from registration.assemble import BothWays, Registered, assemble
 from registration.findings import Findings, Inspection, inspect
 from registration.gauging import ScannedSurface, deviations, surface_points
-from registration.gauging.face_places import Place, ScannedFaces
+from registration.gauging.face_places import LEAST_UM, Place, ScannedFaces
 from registration.gauging.near_lumen import near_lumen
 from registration.geometry import (
     Characteristic,
@@ -26,7 +26,7 @@ from registration.geometry import (
     cuts_of,
     outer_faces,
 )
-from registration.geometry.faces import RIM_BLURS, RIM_MM
+from registration.geometry.faces import POINTS, RIM_BLURS, RIM_MM
 from registration.laying import Ground, laid
 from registration.options import RegistrationOptions
 from registration.prepared import Prepared
@@ -171,11 +171,22 @@ def _places(case: Prepared, fit: Fit, found: BothWays) -> tuple[Place, ...]:
     segmentation, blur_mm = case.segmentation, case.segmentation.field.blur_mm
     if case.is_lumen or not np.isfinite(case.errors.outer_mm):
         return ()
-    vertices = fit.apply(segmentation.vertices)
-    outer = segmentation.seen & ~near_lumen(vertices, case.network)
-    off_um = np.where(outer, 1e3 * found.all_mm, np.nan)
-    rims = case.surface.near_rims(vertices, max(RIM_BLURS * blur_mm, RIM_MM))
-    return ScannedFaces(vertices, segmentation.faces, off_um, rims, 1e3 * blur_mm).places_off()
+    vertices, off_um = fit.apply(segmentation.vertices), 1e3 * found.all_mm
+    drawn = np.flatnonzero(segmentation.seen)
+    drawn = drawn[:: max(1, len(drawn) // POINTS)]
+    usual = off_um[drawn[~near_lumen(vertices[drawn], case.network)]]
+    if not len(usual):
+        return ()
+    spread = 1.4826 * float(np.median(np.abs(usual - np.median(usual))))
+    # Few places are off: only of these is it asked what they lie near.
+    off = np.flatnonzero(segmentation.seen & (np.abs(off_um) > LEAST_UM))
+    off = off[~near_lumen(vertices[off], case.network)]
+    counted, rims = np.full(len(vertices), np.nan), np.zeros(len(vertices), dtype=np.bool_)
+    counted[off] = off_um[off]
+    rims[off] = case.surface.near_rims(vertices[off], max(RIM_BLURS * blur_mm, RIM_MM))
+    return ScannedFaces(
+        vertices, segmentation.faces, counted, rims, 1e3 * blur_mm, spread
+    ).places_off()
 
 
 def _both_ways(case: Prepared, scanned: ScannedSurface, fit: Fit, spread: FloatArray) -> BothWays:

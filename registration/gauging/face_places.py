@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 BoolArray = NDArray[np.bool_]
 
-_LEAST_UM, _SPREADS = 50.0, 4.0
+LEAST_UM, _SPREADS = 50.0, 4.0
 """A place's edge is off by this, and by this many robust standard deviations of the faces."""
 _DEEPEST = 2.0
 """The worst of it is off by this many times as much."""
@@ -54,10 +54,12 @@ class ScannedFaces:
         Part frame.
     faces : (m, 3) int32
     deviation_um : (n,) float64, µm
-        Positive where gel is missing; NaN on lumens and where nothing is known.
+        Positive where gel is missing; NaN on lumens, where nothing is known, and where it is less
+        than `LEAST_UM` and so doesn't count.
     near_rims : (n,) bool
         Beside sharp edges, which a blur rounds.
-    blur_um : float, µm
+    blur_um, spread_um : float, µm
+        The blur's standard deviation, and the robust one of all deviations of these faces.
     """
 
     vertices: FloatArray
@@ -65,22 +67,20 @@ class ScannedFaces:
     deviation_um: FloatArray
     near_rims: BoolArray
     blur_um: float
+    spread_um: float
 
     def places_off(self) -> tuple[Place, ...]:
         """List the connected places that are off the design, largest volume first; at most 20."""
         off = self.deviation_um
-        known = off[np.isfinite(off)]
-        if not len(known):
-            return ()
         off = np.sign(off) * (np.abs(off) - np.where(self.near_rims, _RIM_BLURS * self.blur_um, 0))
         off = np.where(off * self.deviation_um > 0, off, 0.0)
-        spread = 1.4826 * float(np.median(np.abs(known - np.median(known))))
-        limit = max(_LEAST_UM, _SPREADS * spread)
-        shares = _areas(self.vertices, self.faces)
+        limit = max(LEAST_UM, _SPREADS * self.spread_um)
+        faces = self.faces[np.isfinite(self.deviation_um)[self.faces].any(axis=1)]
+        shares = _areas(self.vertices, faces)
         found = [
             place
             for side in (off, -off)
-            for place in _connected(self.faces, np.nan_to_num(side, nan=0.0) > limit)
+            for place in _connected(faces, np.nan_to_num(side, nan=0.0) > limit)
             if side[place].max() > _DEEPEST * limit and shares[place].sum() > _AREA_MM2
         ]
         volume = shares * np.abs(self.deviation_um)
@@ -90,10 +90,8 @@ class ScannedFaces:
     def _told(self, place: NDArray[np.intp], shares: FloatArray) -> Place:
         here = self.deviation_um[place]
         x, y, z = self.vertices[place[np.abs(here).argmax()]].round(3).tolist()
-        size = float(np.percentile(np.abs(here), 95))
-        return Place(
-            (x, y, z), round(float(np.sign(here[0])) * size, 1), float(shares[place].sum())
-        )
+        size = float(np.sign(here[0]) * np.percentile(np.abs(here), 95))
+        return Place((x, y, z), round(size, 1), round(float(shares[place].sum()), 4))
 
 
 def _connected(faces: IntArray, off: NDArray[np.bool_]) -> list[NDArray[np.intp]]:

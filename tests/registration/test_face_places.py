@@ -28,7 +28,10 @@ def face() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def listed(off: np.ndarray, rims: np.ndarray | None = None) -> tuple[Place, ...]:
     vertices, triangles, _ = face()
     none = np.zeros(len(off), dtype=bool)
-    return ScannedFaces(vertices, triangles, off, none if rims is None else rims, 50).places_off()
+    known = off[np.isfinite(off)]
+    spread = 1.4826 * np.median(np.abs(known - np.median(known))) if len(known) else 0.0
+    rims = none if rims is None else rims
+    return ScannedFaces(vertices, triangles, off, rims, 50, float(spread)).places_off()
 
 
 def away(x: float, y: float) -> np.ndarray:
