@@ -80,6 +80,8 @@ class Prepared:
 
 def _check_sizes(scan: Scan, model: Solid, thinnest_mm: float) -> None:
     """Refuse a scan in which no lumen has room, or the part is lost: a wrong unit."""
+    if scan.volume.ndim != 3:
+        return  # no stack: the segmentation says so
     extent = np.array(scan.volume.shape)[::-1] * np.array(scan.geometric_voxel_mm)[::-1]
     part = np.ptp(model.vertices, axis=0)
     if thinnest_mm <= extent.max() and extent.min() <= LARGEST_FIELD * part.max():
