@@ -59,6 +59,8 @@ class VesselTrace:
         Way to the nearest free end, where the lumen opens; inf without one.
     short : bool
         No station lies clear; diameters are twice the median ray's.
+    crossed : (n,) bool
+        Not seen, for something thin lies across the lumen (`films`).
     """
 
     vessel: int
@@ -74,6 +76,7 @@ class VesselTrace:
     own: BoolArray
     to_end: FloatArray
     short: bool
+    crossed: BoolArray
 
     @property
     def spacing(self) -> float:
@@ -170,7 +173,7 @@ def _trace(
         counted = seen & own & (sections.closed_outline | ~sections.open)
     return VesselTrace(
         vessel, length, along, centre, radius, planes, sections, seen, apart, counted, own, to_end,
-        short,
+        short, np.zeros(len(along), dtype=np.bool_),
     )  # fmt: skip
 
 

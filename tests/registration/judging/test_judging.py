@@ -75,10 +75,18 @@ def test_a_withdrawn_interval_is_undecided() -> None:
     assert [d["decision"] for d in found["findings"]] == ["undecided"]
 
 
-@pytest.mark.parametrize("name", ["unseen_mm", "unmeasured_mm"])
-def test_what_wasnt_seen_or_measured_isnt_a_pass(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("unseen_mm", "at 1.0 to 1.4 mm"),
+        ("crossed_mm", "across the lumen at 1.2 mm"),
+        ("unmeasured_mm", "at 1.0 to 1.4 mm"),
+    ],
+)
+def test_what_wasnt_seen_or_measured_isnt_a_pass(name: str, said: str) -> None:
     found = judged(vessel(0, np.zeros(20), u_um=SURE, **{name: [[1.0, 1.4]]}))
     assert found["vessels"][0]["decision"] == "undecided"
+    assert any(said in reason(one) for one in found["judging"]["features"])
 
 
 def test_sides_of_a_tolerance_are_judged_apart() -> None:
