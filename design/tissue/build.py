@@ -8,25 +8,22 @@ from typing import Any
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
 from design.geometry import (
     TriangleTree,
     build_triangle_tree,
-    gather_within,
     nearest_distance,
-    point_triangle_squared,
 )
 from design.tissue.arrays import BAND_CELLS, BRICK, GridArrays
+from design.tissue.bricks import fill_bricks, winding
 from design.tissue.columns import Columns, cross_columns
 from design.tissue.grid import SignedDistanceGrid, mix, read
 from kernels import jit, pjit
 
 FloatArray = NDArray[np.float64]
 
-_SIDE = BRICK + 1
 _HALF_DIAGONAL = 0.5 * BRICK * sqrt(3.0)
-_GROUP_HALF_DIAGONAL = sqrt(3.0)
-_CHUNK = 16
 
 
 def build_grid(
@@ -63,23 +60,11 @@ def build_grid(
     brick = _choose_bricks(tree, origin, spacing_mm, counts)
     places = np.argwhere(brick >= 0)
     brick[tuple(places.T)] = np.arange(len(places), dtype=np.int32)
-    samples = _fill_bricks(tree, columns, origin, spacing_mm, places)
+    samples = fill_bricks(tree, columns, origin, spacing_mm, places)
     coarse = _lowered(tree, coarse, brick, origin, spacing_mm)
     arrays = GridArrays(origin, float(spacing_mm), coarse, brick, samples, *tree)
     error, deepest = _measure(tree, arrays, places)
     return SignedDistanceGrid(arrays, float(error), float(max(deepest, -coarse.min()))), columns
-
-
-@jit
-def winding(columns: Columns, j: int, k: int, x: float) -> int:
-    """Winding number at place ``x`` of line (j, k)."""
-    line = j * columns.shape[1] + k
-    total = 0
-    for i in range(columns.start[line], columns.start[line + 1]):
-        if columns.where[i] > x:
-            break
-        total += columns.turn[i]
-    return total
 
 
 @pjit
@@ -115,25 +100,38 @@ def _choose_bricks(tree: Any, origin: Any, h: float, counts: Any) -> Any:
 
 @pjit
 def _overshoot(tree: Any, coarse: Any, brick: Any, origin: Any, h: float) -> Any:
-    """How far reads in each coarse inner cell exceed the exact depth, at 19 of its points."""
+    """How far reads between coarse samples exceed the exact depth, at points half a cell apart.
+
+    Asked at the middles of inner cells, of their faces and edges, (2 a + 1, 2 b + 1, 2 c + 1).
+    """
     a, b, c = brick.shape
-    over = np.zeros((a, b, c), np.float32)
-    for i in prange(a):
-        for j in range(b):
-            for k in range(c):
-                if brick[i, j, k] >= 0 or coarse[i, j, k] > 0.0:
+    over = np.zeros((2 * a + 1, 2 * b + 1, 2 * c + 1), np.float32)
+    for p in prange(2 * a + 1):
+        i = min(int(np.int64(p)) // 2, a - 1)
+        for q in range(2 * b + 1):
+            j = min(q // 2, b - 1)
+            for r in range(2 * c + 1):
+                k = min(r // 2, c - 1)
+                if p % 2 + q % 2 + r % 2 == 0 or not _by_inner_cell(coarse, brick, p, q, r):
                     continue
-                for corner in range(27):
-                    u, v, w = corner // 9, (corner // 3) % 3, corner % 3
-                    if u != 1 and v != 1 and w != 1:
-                        continue
-                    x = origin[0] + (i + 0.5 * u) * BRICK * h
-                    y = origin[1] + (j + 0.5 * v) * BRICK * h
-                    z = origin[2] + (k + 0.5 * w) * BRICK * h
-                    depth = -mix(coarse, int(np.int64(i)), j, k, 0.5 * u, 0.5 * v, 0.5 * w)
-                    exact = nearest_distance(tree, x, y, z, depth)
-                    over[i, j, k] = max(over[i, j, k], depth - exact)
+                depth = -mix(coarse, i, j, k, 0.5 * p - i, 0.5 * q - j, 0.5 * r - k)
+                x = origin[0] + 0.5 * p * BRICK * h
+                y = origin[1] + 0.5 * q * BRICK * h
+                z = origin[2] + 0.5 * r * BRICK * h
+                over[p, q, r] = max(0.0, depth - nearest_distance(tree, x, y, z, depth))
     return over
+
+
+@jit
+def _by_inner_cell(coarse: Any, brick: Any, p: int, q: int, r: int) -> bool:
+    """Whether a point of the half-cell lattice bounds or lies in an inner cell without a brick."""
+    a, b, c = brick.shape
+    for i in range(max(0, (p - 1) // 2), min(a, p // 2 + 1)):
+        for j in range(max(0, (q - 1) // 2), min(b, q // 2 + 1)):
+            for k in range(max(0, (r - 1) // 2), min(c, r // 2 + 1)):
+                if brick[i, j, k] < 0 and coarse[i, j, k] <= 0.0:
+                    return True
+    return False
 
 
 def _lowered(tree: Any, coarse: Any, brick: Any, origin: FloatArray, h: float) -> Any:
@@ -142,115 +140,13 @@ def _lowered(tree: Any, coarse: Any, brick: Any, origin: FloatArray, h: float) -
     Where the distance is convex (around a re-entrant edge) a linear read between coarse
     samples exceeds it; each corner is lowered by the largest excess of the cells it serves.
     """
-    over = np.pad(_overshoot(tree, coarse, brick, origin, h), 1)
+    each = maximum_filter(_overshoot(tree, coarse, brick, origin, h), size=3)[1::2, 1::2, 1::2]
+    over = np.pad(np.where((brick < 0) & (coarse[:-1, :-1, :-1] <= 0), each, 0), 1)
     most = np.zeros_like(coarse)
     for shift in np.ndindex(2, 2, 2):
         window = tuple(slice(s, s + n) for s, n in zip(shift, coarse.shape, strict=True))
         most = np.maximum(most, over[window])
     return coarse + np.where(coarse < 0, most, 0).astype(np.float32)
-
-
-@pjit
-def _fill_bricks(tree: Any, columns: Any, origin: Any, h: float, places: Any) -> Any:
-    samples = np.empty((len(places), _SIDE, _SIDE, _SIDE), np.float32)
-    chunks = (len(places) + _CHUNK - 1) // _CHUNK
-    for chunk in prange(chunks):
-        room = len(tree.triangles)
-        found, group = np.empty(room, np.int32), np.empty(room, np.int32)
-        near = np.empty(room)
-        for n in range(chunk * _CHUNK, min(len(places), (chunk + 1) * _CHUNK)):
-            _fill_brick(tree, columns, origin, h, places[n], found, group, near, samples[n])
-    return samples
-
-
-@jit
-def _fill_brick(
-    tree: Any,
-    columns: Any,
-    origin: Any,
-    h: float,
-    place: Any,
-    found: Any,
-    group: Any,
-    near: Any,
-    out: Any,
-) -> None:
-    """Exact signed distances of a brick's samples.
-
-    A sample's nearest triangle is no farther from the brick's centre than the centre's own
-    nearest plus a diagonal; the same holds for each group of 3 x 3 x 3 samples, so few
-    triangles are left to be measured from each sample.
-    """
-    half = 0.5 * BRICK
-    cx = origin[0] + (place[0] * BRICK + half) * h
-    cy = origin[1] + (place[1] * BRICK + half) * h
-    cz = origin[2] + (place[2] * BRICK + half) * h
-    central = nearest_distance(tree, cx, cy, cz, np.inf)
-    size = gather_within(tree, cx, cy, cz, (central + 2.0 * _HALF_DIAGONAL * h) * 1.0001, found)
-    for gi in range(0, _SIDE, 3):
-        for gj in range(0, _SIDE, 3):
-            for gk in range(0, _SIDE, 3):
-                mx = cx + (gi + 1 - half) * h
-                my = cy + (gj + 1 - half) * h
-                mz = cz + (gk + 1 - half) * h
-                few = _near_group(tree, mx, my, mz, h, found, size, group, near)
-                for i in range(gi, gi + 3):
-                    x = cx + (i - half) * h
-                    for j in range(gj, gj + 3):
-                        y = cy + (j - half) * h
-                        for k in range(gk, gk + 3):
-                            away = _nearest_of(tree, x, y, cz + (k - half) * h, h, group, near, few)
-                            inside = winding(columns, place[1] * BRICK + j, place[2] * BRICK + k, x)
-                            out[i, j, k] = -away if inside > 0 else away
-
-
-@jit
-def _near_group(
-    tree: Any, x: float, y: float, z: float, h: float, found: Any, size: int, group: Any, near: Any
-) -> int:
-    """Triangles that can be nearest to a sample of the group around a point, nearest first.
-
-    Distances from the point go to ``near``, triangles to ``group``; returns how many.
-    """
-    least = np.inf
-    slack = 2.0 * _GROUP_HALF_DIAGONAL * h * 1.0001
-    few = 0
-    for n in range(size):
-        t = found[n]
-        dx, dy, dz = tree.centre[t, 0] - x, tree.centre[t, 1] - y, tree.centre[t, 2] - z
-        # No corner is farther from the centre than its reach.
-        bound = least + slack + tree.reach[t]
-        if dx * dx + dy * dy + dz * dz > bound * bound:
-            continue
-        away = sqrt(point_triangle_squared(x, y, z, tree.triangles[t]))
-        if away > least + slack:
-            continue
-        least = min(least, away)
-        at = few
-        while at > 0 and near[at - 1] > away:
-            near[at] = near[at - 1]
-            group[at] = group[at - 1]
-            at -= 1
-        near[at] = away
-        group[at] = t
-        few += 1
-    while near[few - 1] > least + slack:
-        few -= 1
-    return few
-
-
-@jit
-def _nearest_of(
-    tree: Any, x: float, y: float, z: float, h: float, group: Any, near: Any, few: int
-) -> float:
-    """Distance of a sample from the nearest triangle of its group."""
-    best = np.inf
-    for n in range(few):
-        least = near[n] - _GROUP_HALF_DIAGONAL * h
-        if least > 0.0 and least * least > best:
-            break
-        best = min(best, point_triangle_squared(x, y, z, tree.triangles[group[n]]))
-    return sqrt(best)
 
 
 @pjit
