@@ -8,14 +8,27 @@ from typing import Any, Final
 import yaml
 
 _MERGE: Final = "tag:yaml.org,2002:merge"
+_NUMBERS: Final = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
 class RepeatedKey(yaml.YAMLError):
     """A key that stands twice in one mapping; plain YAML readers silently take the last."""
 
 
+class MinutesNumber(yaml.YAMLError):
+    """Digits with colons, like 1:30, which YAML 1.1 reads as minutes and seconds."""
+
+
 class _OnceLoader(yaml.SafeLoader):
-    """PyYAML's safe loader, with the keys of each mapping checked."""
+    """PyYAML's safe loader, with keys that stand twice and numbers to base 60 refused."""
+
+    def construct_scalar(self, node: yaml.ScalarNode) -> Any:
+        if node.tag in _NUMBERS and ":" in node.value:
+            raise MinutesNumber(
+                f"{node.value} in line {node.start_mark.line + 1} would be read as minutes and "
+                f"seconds; write a plain number, or text in quotes: '{node.value}'"
+            )
+        return super().construct_scalar(node)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         lines: dict[Hashable, int] = {}
@@ -37,6 +50,7 @@ def read_yaml(text: str) -> Any:
     Raises
     ------
     yaml.YAMLError
-        When it isn't YAML; `RepeatedKey`, with both lines, when a key stands twice.
+        When it isn't YAML; `RepeatedKey`, with both lines, when a key stands twice;
+        `MinutesNumber`.
     """
     return yaml.load(text, Loader=_OnceLoader)

@@ -18,6 +18,7 @@ CODES: tuple[tuple[str, str, int], ...] = (
     ("printctl.link.errors", "LinkError", 4),
     ("firmware_profiles", "ProfileError", 2),
     ("design.errors", "DesignError", 1),
+    ("registration.judging.tolerance", "ToleranceError", 2),
     ("registration.errors", "RegistrationError", 1),
     ("sim.errors", "GcodeError", 2),
     ("sim.errors", "SimError", 1),

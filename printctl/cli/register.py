@@ -111,6 +111,7 @@ def register(
 
         stated = RecordPart() if record is None else read_record(record)
         limits = tolerances_of(tolerance, tolerance_um, diameter_tolerance_percent)
+        limits.check_network(design.vessels)
         counts = said_of_counts(db_range, count_range, counts_per_db, db_at_zero)
         said = said_of_scan(voxel_um, refractive_index, optical_depth, modality, scale, axes,
                             depth_down, mirrored, counts)  # fmt: skip

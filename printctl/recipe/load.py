@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from firmware_profiles.wrong_values import wording
 from firmware_profiles.yaml_file import read_yaml
@@ -22,6 +22,8 @@ _REMEDIES = {
     "missing": "add it",
     "literal_error": "choose one of those named",
 }
+_MOST = 60
+"""Characters of a wrong value that a message repeats."""
 
 
 def load_recipe(path: Path, tell: Callable[[str], object] | None = None) -> Recipe:
@@ -104,15 +106,22 @@ def refusal(exc: ValidationError, origin: str, user_path: UserPath | None = None
 
 def sentence(problem: dict[str, Any], path: Sequence[int | str]) -> str:
     """One line of a refusal: the key's path, what is wrong with which value, and the remedy."""
-    place = ".".join(str(part) for part in path) or "recipe"
+    place = ".".join(str(part) for part in path)
     if problem["type"] == "union_tag_invalid":
         tag, choices = problem["ctx"]["tag"], problem["ctx"]["expected_tags"]
         return f"  {place}: {tag!r} isn't a kind of {place}; choose one of {choices}"
     message = wording(problem)
     value = problem["input"]
-    shown = "" if isinstance(value, dict) else f" (is {value!r})"
+    shown = "" if isinstance(value, dict | BaseModel) else f" (is {_short(value)})"
     remedy = _REMEDIES.get(problem["type"])
-    return f"  {place}: {message}{shown}" + (f"; {remedy}" if remedy else "")
+    where = f"{place}: " if place else ""
+    return f"  {where}{message}{shown}" + (f"; {remedy}" if remedy else "")
+
+
+def _short(value: Any) -> str:
+    """A value as it was written, or its beginning and how long it is."""
+    text = repr(value)
+    return text if len(text) <= _MOST else f"{text[:_MOST]} ... ({len(text)} characters)"
 
 
 def _user_path(loc: tuple[int | str, ...]) -> list[int | str]:

@@ -6,7 +6,7 @@ import math
 import re
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from printctl.recipe.parts import Part
 from registration.judging.tolerance import Limit, Override, Tolerances, VesselLimits
@@ -16,17 +16,20 @@ _PAIR = re.compile(rf"^\+{_NUMBER}\s*/\s*[-\u2212]{_NUMBER}$")
 _MOST = 5000.0
 
 
-def _sides(value: float | str) -> tuple[float, float]:
+def _sides(value: Any) -> tuple[float, float]:
     """Read minus and plus of ``10`` or ``+10/-5``."""
-    if not isinstance(value, str):
+    if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value), float(value)
-    found = _PAIR.match(value.strip())
+    found = _PAIR.match(value.strip()) if isinstance(value, str) else None
     if found is None:
         raise ValueError("give one number for both sides, like 10, or both sides, like +10/-5")
     return float(found[2]), float(found[1])
 
 
-def _checked(value: float | str) -> float | str:
+def _checked(value: Any) -> Any:
+    # None is a key without a value, which `VesselTolerancePart` refuses.
+    if value is None:
+        return None
     minus, plus = _sides(value)
     if not (0 <= minus <= _MOST and 0 <= plus <= _MOST and max(minus, plus) > 0):
         raise ValueError(
@@ -38,14 +41,19 @@ def _checked(value: float | str) -> float | str:
 
 Sides = Annotated[
     float | str,
-    AfterValidator(_checked),
+    BeforeValidator(_checked),
     Field(description="Allowed deviation: one number for both sides, or like +10/-5."),
 ]
 Positive = Annotated[float, Field(gt=0, le=5000)]
 
 
 class VesselTolerancePart(Part):
-    """Limits of diameters and features; what isn't given is as the design's."""
+    """Limits of diameters and features; what isn't given is as the design's.
+
+    Numbers are numbers: neither ``true`` nor ``"10"`` is one.
+    """
+
+    model_config = ConfigDict(strict=True)
 
     diameter_percent: Sides | None = Field(default=None, description="Of every section.")
     diameter_um: Sides | None = Field(default=None, description="Of every section; tighter wins.")
@@ -75,6 +83,15 @@ class VesselTolerancePart(Part):
         default=None, description="Profile of the lumen's surface: width of the zone."
     )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _check_values(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            for name, value in data.items():
+                if value is None:
+                    raise ValueError(f"{name} has no value; give one, or leave the key out")
+        return data
+
     def changes(self) -> dict[str, Any]:
         """Fields of `VesselLimits` that are given."""
         found = {
@@ -102,8 +119,11 @@ class OverridePart(VesselTolerancePart):
 
     @model_validator(mode="after")
     def _check_vessels(self) -> OverridePart:
-        if not self.vessels and not self.kinds:
-            raise ValueError("names no vessel; give vessels: [0, 1] or kinds: [artery]")
+        if bool(self.vessels) == bool(self.kinds):
+            raise ValueError(
+                f"names {'both vessels and kinds' if self.kinds else 'no vessel'}; give either "
+                "vessels: [0, 1] or kinds: [artery]"
+            )
         return self
 
 

@@ -112,7 +112,7 @@ class Band:
         return np.where(np.isfinite(ratio), ratio, np.inf)
 
 
-def worst_section(band: Band, limit: Limit, chosen: NDArray[np.bool_] | None = None) -> int | None:
+def worst_section(band: Band, chosen: NDArray[np.bool_] | None = None) -> int | None:
     """Index of the worst section: by decision, then by how far it reaches; None without any."""
     there = np.ones(len(band.code), dtype=np.bool_) if chosen is None else chosen
     if not there.any():
@@ -124,11 +124,11 @@ def worst_section(band: Band, limit: Limit, chosen: NDArray[np.bool_] | None = N
 
 def section_feature(band: Band, limits: VesselLimits) -> list[Feature]:
     """Judge the sections of a vessel by the worst of them."""
-    k = worst_section(band, limits.diameter)
+    k = worst_section(band)
     if k is None:
         return []
     decision = ORDER[int(band.code[k])]
-    return [_diameter("section", band, k, decision, limits.diameter)]
+    return [_diameter("section", band, k, decision, limits.section)]
 
 
 def narrowest_feature(band: Band, limits: VesselLimits) -> list[Feature]:

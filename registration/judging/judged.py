@@ -148,7 +148,7 @@ class _Vessel:
         zones: Sequence[Feature],
     ) -> None:
         own = [d for d in found if d["vessel"] == row["vessel"] and d["kind"] not in _WAYS]
-        band = band_of(series, limits.diameter)
+        band = band_of(series, limits.section)
         closures = [_closure(d, limits) for d in own if d["kind"] in ("occlusion", "missing")]
         self.features: list[Feature] = [
             *section_feature(band, limits),
@@ -158,7 +158,7 @@ class _Vessel:
             *open_features(row, limits, bool(closures)),
             *zones,
         ]
-        self.findings = [*closures, *findings(row, band, limits.diameter, own)]
+        self.findings = [*closures, *findings(row, band, limits.section, own)]
         self.features += [
             change_feature(one) for one in self.findings if apart_from_sections(band, one)
         ]

@@ -141,7 +141,7 @@ def _finding(row: Record, band: Band, limit: Limit, run: IntArray) -> dict[str, 
     series, half = band.series, band.series.spacing_mm / 2
     inside = np.zeros(len(band.code), dtype=np.bool_)
     inside[run] = True
-    k = worst_section(band, limit, inside)
+    k = worst_section(band, inside)
     assert k is not None  # a run has sections
     size, u = float(series.error_um[k]), float(series.u_um[k])
     length = float(row["length_mm"])
@@ -222,7 +222,7 @@ def _inside(band: Band, extent: Record) -> BoolArray:
 
 def _judged(band: Band, limit: Limit, inside: BoolArray) -> dict[str, Any]:
     """Decision on some sections, and the numbers of the worst."""
-    k = worst_section(band, limit, inside)
+    k = worst_section(band, inside)
     assert k is not None  # asked only where there are sections
     series = band.series
     return {

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from design.network import VesselKind, VesselNetwork
 from registration.errors import RegistrationError
 
 FloatArray = NDArray[np.float64]
@@ -65,7 +66,7 @@ class VesselLimits:
     mean : Limit or None
         Of the mean diameter; None: as `diameter`.
     narrowest : Limit or None
-        Of the narrowest section alone (its lower side); None: as every section.
+        Of the narrowest section, its lower side; with `diameter`, the tighter holds.
     offset_um : float, µm
         Of the lumen's mean distance from the designed axis; inf: not judged.
     leak_um : float, µm
@@ -87,6 +88,11 @@ class VesselLimits:
     port_position_um: float = math.inf
     cylindricity_um: float = math.inf
     profile_um: float = math.inf
+
+    @property
+    def section(self) -> Limit:
+        """What every section is held against: none may be narrower than the narrowest may."""
+        return self.diameter if self.narrowest is None else _tighter(self.diameter, self.narrowest)
 
 
 @dataclass(frozen=True)
@@ -141,6 +147,11 @@ class Tolerances:
                 found = replace(found, **override.changes)
         return found
 
+    def check_network(self, network: VesselNetwork) -> None:
+        """Refuse overrides of vessels that `network` doesn't have; raise as `check` does."""
+        named = {kind.value: kind.name.lower() for kind in VesselKind}
+        self.check({i: named[int(kind)] for i, kind in enumerate(network.kind)})
+
     def check(self, kinds: Mapping[int, str]) -> None:
         """Refuse overrides of vessels that the network, number to kind, doesn't have.
 
@@ -161,7 +172,19 @@ class Tolerances:
                 )
 
 
+def _tighter(limit: Limit, narrowest: Limit) -> Limit:
+    return replace(
+        limit,
+        minus_percent=min(limit.minus_percent, narrowest.minus_percent),
+        minus_um=min(limit.minus_um, narrowest.minus_um),
+    )
+
+
 def _pair(minus: float, plus: float, unit: str) -> str:
     if minus == plus:
         return f"±{plus:g} {unit}"
+    if math.isinf(plus):
+        return f"not below \N{MINUS SIGN}{minus:g} {unit}"
+    if math.isinf(minus):
+        return f"not above +{plus:g} {unit}"
     return f"+{plus:g}/\N{MINUS SIGN}{minus:g} {unit}"

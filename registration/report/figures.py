@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +13,6 @@ from matplotlib.colors import Normalize, TwoSlopeNorm, to_rgba
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
-from registration.judging.tolerance import Limit, symmetric
 from registration.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
 from registration.report.drawing import blank, styled, to_svg
 from registration.report.scaled_lines import (
@@ -21,11 +20,21 @@ from registration.report.scaled_lines import (
     draw_scaled_lines,
     set_limits,
 )
-from registration.report.svg import ACCENT, INK, MUTED, PAPER
+from registration.report.svg import ACCENT, BAD, INK, MUTED, PAPER
+from registration.report.wording import is_number, plain
 
 FloatArray = NDArray[np.float64]
+Record = Mapping[str, Any]
 
-OUTSIDE = "#b85a14"
+OUTSIDE: Final = "#b85a14"
+UNDECIDED: Final = "#a97a00"
+DECIDED: Final = {
+    "": ("o", ACCENT),
+    "pass": ("o", ACCENT),
+    "undecided": ("^", UNDECIDED),
+    "fail": ("s", BAD),
+}
+"""Marker and colour of each decision; of what wasn't judged, too."""
 LABELLED_VESSELS = 14
 """A plot with more vessels than this leaves every crowded point without a name."""
 
@@ -71,59 +80,58 @@ def _bars(edges: FloatArray, height: FloatArray) -> FloatArray:
     return np.stack([x, np.stack([floor, height, height, floor], axis=1)], axis=2)
 
 
-def diameter_figure(
-    names: Sequence[str],
-    designed_um: Sequence[float],
-    measured_um: Sequence[float],
-    limit: Limit | None = None,
-) -> bytes:
-    """Measured against designed diameter, with the line of agreement and a band around it.
+def diameter_figure(rows: Sequence[Record]) -> bytes:
+    """Each vessel's mean diameter against the designed one, with what is allowed there.
 
     Parameters
     ----------
-    names : (n,) str
-    designed_um, measured_um : (n,) floats, µm
-        A vessel whose value is missing (NaN) is left out.
-    limit : Limit or None
-        Of the diameters; None: ± 10 %.
+    rows : sequence of mapping
+        ``vessel``, ``designed_um`` and ``value_um`` (deviation); of judged ones ``u_um`` (half
+        width of the 95 % interval), ``lower_um`` and ``upper_um`` (allowed deviation), and
+        ``decision``. A vessel without a value is left out.
 
     Returns
     -------
     bytes
         SVG.
     """
-    x, y = np.asarray(designed_um, float), np.asarray(measured_um, float)
-    seen = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
-    top = 1.08 * float(max(x[seen].max(), y[seen].max())) if len(seen) else 1.0
-    low = 0.88 * float(min(x[seen].min(), y[seen].min())) if len(seen) else 0.0
-    line, band = np.linspace(low, top, 60), limit or symmetric(10.0)
-    below, above = band.around(line)
+    shown = [row for row in rows if is_number(row.get("value_um"))]
+    x, error = (np.array([row[key] for row in shown], float) for key in ("designed_um", "value_um"))
+    half, *edges = (_known(shown, key) for key in ("u_um", "lower_um", "upper_um"))
+    reach = [*x, *(x + error), *(x + error - half), *(x + error + half), *(x + e for e in edges)]
+    ends = np.concatenate([np.atleast_1d(one) for one in reach]) if shown else np.array([0.0, 1.0])
+    room = 0.05 * (np.nanmax(ends) - np.nanmin(ends)) + 1.0
+    low, top = np.nanmin(ends) - room, np.nanmax(ends) + room
+    decisions = np.array([str(row.get("decision", "")) for row in shown])
     with styled():
         figure, axes = blank(5.2, 3.6)
-        axes.fill_between(
-            line, line - below, line + above, color=ACCENT, alpha=0.12, linewidth=0.0,
-            label=str(band),
-        )  # fmt: skip
-        axes.plot(line, line, color=MUTED, linewidth=0.8, label="as designed")
-        under, over = band.around(x)
-        off = (y - x > over) | (x - y > under)
-        _mark(axes, x, y, seen[~off[seen]], ACCENT, "within")
-        _mark(axes, x, y, seen[off[seen]], OUTSIDE, "outside")
-        for i in _worth_a_name(x[seen], y[seen], off[seen], 0.04 * (top - low)):
-            axes.annotate(names[seen[i]], (x[seen[i]], y[seen[i]]), (5, -8),
+        axes.plot([low, top], [low, top], color=MUTED, linewidth=0.8, label="as designed")
+        # Of vessels alike once: bars over each other would look darker.
+        at, least, most = np.unique(np.stack([x, x + edges[0], x + edges[1]]), axis=1)
+        axes.vlines(at, least, most, color=ACCENT, alpha=0.22, linewidth=7, label="allowed")
+        axes.vlines(x, x + error - half, x + error + half, color=INK, linewidth=0.8)
+        for decision, (marker, colour) in DECIDED.items():
+            _mark(axes, x, x + error, decisions == decision, marker, colour, decision or "measured")
+        for i in _worth_a_name(x, x + error, decisions == "fail", 0.04 * (top - low)):
+            axes.annotate(plain(shown[i]["vessel"]), (x[i], x[i] + error[i]), (5, -8),
                           textcoords="offset points", color=MUTED, fontsize=7.5)  # fmt: skip
-        axes.set(xlabel="designed diameter / µm", ylabel="measured diameter / µm")
+        axes.set(xlabel="designed diameter / µm", ylabel="measured mean diameter / µm")
         axes.set(xlim=(low, top), ylim=(low, top))
         axes.legend(loc="upper left")
         return to_svg(figure, "diameters")
 
 
+def _known(rows: Sequence[Record], key: str) -> FloatArray:
+    return np.array([row[key] if is_number(row.get(key)) else np.nan for row in rows], float)
+
+
 def _mark(
-    axes: Axes, x: FloatArray, y: FloatArray, which: NDArray[np.intp], colour: str, label: str
-) -> None:
-    if len(which):
-        axes.plot(x[which], y[which], "o", markersize=5, color=colour, markeredgecolor=PAPER,
-                  markeredgewidth=0.7, label=f"{label} ({len(which)})")  # fmt: skip
+    axes: Axes, x: FloatArray, y: FloatArray, which: NDArray[np.bool_], marker: str, colour: str,
+    label: str,
+) -> None:  # fmt: skip
+    if which.any():
+        axes.plot(x[which], y[which], marker, markersize=5, color=colour, markeredgecolor=PAPER,
+                  markeredgewidth=0.7, linestyle="", label=f"{label} ({which.sum()})")  # fmt: skip
 
 
 def _worth_a_name(x: FloatArray, y: FloatArray, off: NDArray[np.bool_], crowd: float) -> list[int]:

@@ -10,17 +10,15 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from registration.report.drawing import blank, broken, small_multiples, styled, to_svg
-from registration.report.svg import ACCENT, BAD, INK, MUTED
+from registration.report.figures import DECIDED, OUTSIDE
+from registration.report.svg import ACCENT, INK, MUTED
 from registration.report.wording import is_number
 
 FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
 
-OUTSIDE: Final = "#b85a14"
-UNDECIDED: Final = "#a97a00"
-MOST_PROFILES: Final = 12
-"""Vessels drawn along their length: those with findings, then the worst."""
-_COLOURS: Final = {"pass": ACCENT, "undecided": UNDECIDED, "fail": BAD}
+MOST_PROFILES: Final = 15
+"""Vessels drawn along their length: by decision, then those with findings, then the worst."""
 _SEVERE: Final = {"pass": 1, "undecided": 2, "fail": 3}
 
 
@@ -84,8 +82,8 @@ def profile_figure(vessels: Sequence[Record], defects: Sequence[Record]) -> byte
 
 
 def _worth_showing(vessels: Sequence[Record], defects: Sequence[Record]) -> list[Record]:
-    """Vessels with findings, fails first, then the farthest off; in the network's order."""
-    severe: dict[Any, int] = {}
+    """Fails first, then undecided ones, then those farthest off; in the network's order."""
+    severe = {one["vessel"]: _SEVERE.get(str(one.get("decision")), 1) - 1 for one in vessels}
     for d in defects:
         rank_of = _SEVERE.get(str(d.get("decision")), 1)
         severe[d.get("vessel")] = max(rank_of, severe.get(d.get("vessel"), 0))
@@ -106,7 +104,7 @@ def _profile(axes: Axes, vessel: Record, defects: Sequence[Record]) -> None:
         axes.axvspan(first, last, color=MUTED, alpha=0.15, linewidth=0)
     for defect in defects:
         if defect.get("vessel") == vessel["vessel"]:
-            colour = _COLOURS.get(str(defect.get("decision")), OUTSIDE)
+            colour = _colour(defect.get("decision"))
             axes.axvspan(defect["from_mm"], defect["to_mm"], color=colour, alpha=0.13, linewidth=0)
     edges = _limits(axes, vessel, along, length)
     axes.axhline(designed, color=MUTED, linewidth=0.8)
@@ -150,9 +148,9 @@ def _decided(axes: Axes, vessel: Record, along: FloatArray, diameter: FloatArray
         if len(along) < 4:
             axes.plot(along, diameter, ".", color=INK, markersize=4)
         return
-    for decision, marker in (("pass", "o"), ("undecided", "^"), ("fail", "s")):
+    for decision, (marker, colour) in DECIDED.items():
         chosen = np.array([one == decision for one in decisions], dtype=np.bool_)
-        axes.plot(along[chosen], diameter[chosen], marker, color=_COLOURS[decision],
+        axes.plot(along[chosen], diameter[chosen], marker, color=colour,
                   markersize=2.4 if decision == "pass" else 3.8, markeredgewidth=0)  # fmt: skip
 
 
@@ -160,15 +158,20 @@ def _title(axes: Axes, vessel: Record, defects: Sequence[Record]) -> None:
     said = [
         f"{d['kind']} ({d['decision']})" if d.get("decision") else str(d["kind"]) for d in defects
     ]
-    worst = max((str(d.get("decision")) for d in defects), default="pass",
-                key=lambda decision: _SEVERE.get(decision, 1))  # fmt: skip
+    worst = max((d.get("decision") for d in defects), default="pass",
+                key=lambda decision: _SEVERE.get(str(decision), 1))  # fmt: skip
     names = ", ".join(dict.fromkeys(said))
     axes.set_title(
         f"vessel {vessel['vessel']}" + (f": {names}" if names else ""),
         loc="left",
         fontsize=8.6,
-        color=_COLOURS.get(worst, OUTSIDE) if names else INK,
+        color=_colour(worst) if names else INK,
     )
+
+
+def _colour(decision: object) -> str:
+    """Colour of what a finding's decision says; of none, as in an older file, its own."""
+    return DECIDED[decision][1] if isinstance(decision, str) and decision else OUTSIDE
 
 
 def layer_deviation_figure(rows: Sequence[Record]) -> bytes | None:

@@ -8,13 +8,12 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from jinja2 import ChainableUndefined, Environment, FileSystemLoader
 from markupsafe import Markup
 
 from design.files import write_text
 from design.network import VesselNetwork
-from registration.judging import Limit, listed
+from registration.judging import listed
 from registration.picture.colours import NO_DATA, samples
 from registration.picture.pressures import point_pressure
 from registration.report import sections
@@ -23,6 +22,7 @@ from registration.report.budget_table import budget_table
 from registration.report.figures import diameter_figure, histogram_figure, network_figure
 from registration.report.finding_figures import finding_figures, views_note
 from registration.report.gauging_figures import (
+    MOST_PROFILES,
     curve_figure,
     layer_deviation_figure,
     parted_curve_figure,
@@ -229,9 +229,11 @@ def _drawings(
     made |= _gauged(registration)
     made |= _oxygen(mapping(data, "oxygen"))
     gauged = records(registration, "vessels")
-    limit = mapping(mapping(mapping(registration, "judging"), "tolerances"), "diameter")
     if any(is_number(r.get("measured_um")) for r in gauged):
-        made["diameters/Measured against designed diameter"] = partial(_diameters, gauged, limit)
+        made[
+            "diameters/Mean diameter of each vessel with its 95 % interval, against the designed "
+            "one and what is allowed of it"
+        ] = partial(diameter_figure, _means(registration, gauged))
     if network is not None:
         made[NETWORK_DRAWING] = partial(network_figure, network)
         rows = records(mapping(data, "flow"), "vessels")
@@ -272,7 +274,8 @@ def _gauged(registration: Mapping[str, Any]) -> dict[str, Callable[[], bytes | N
         )
     made[
         "profiles/Diameter along the vessels: measured with its 95 % interval (grey) and limits "
-        "(blue band); sections that fail are squares, undecided ones triangles; findings are shaded"
+        "(blue band); sections that fail are squares, undecided ones triangles; findings are "
+        f"shaded; {min(MOST_PROFILES, len(vessels))} of {len(vessels)} vessels"
     ] = partial(profile_figure, vessels, listed(registration))
     made["registration/Deviation of each written layer"] = partial(
         layer_deviation_figure, records(registration, "by_layer")
@@ -280,13 +283,16 @@ def _gauged(registration: Mapping[str, Any]) -> dict[str, Callable[[], bytes | N
     return made
 
 
-def _diameters(gauged: Sequence[Mapping[str, Any]], limit: Mapping[str, Any]) -> bytes:
-    designed, measured = (
-        [float(r[key]) if is_number(r.get(key)) else np.nan for r in gauged]
-        for key in ("designed_um", "measured_um")
-    )
-    names = [plain(r.get("vessel")) for r in gauged]
-    return diameter_figure(names, designed, measured, Limit(**limit) if limit else None)
+def _means(
+    registration: Mapping[str, Any], gauged: Sequence[Mapping[str, Any]]
+) -> list[Mapping[str, Any]]:
+    """Mean diameters as they were judged; of a file without decisions as they were measured."""
+    judged = records(mapping(registration, "judging"), "features")
+    return [one for one in judged if one.get("name") == "mean"] or [
+        {**row, "value_um": row["measured_um"] - row["designed_um"]}
+        for row in gauged
+        if is_number(row.get("measured_um")) and is_number(row.get("designed_um"))
+    ]
 
 
 def placed_figures(figures: Mapping[str, bytes]) -> dict[str, list[tuple[str, Markup]]]:

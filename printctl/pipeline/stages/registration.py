@@ -63,6 +63,8 @@ def depends(context: RunContext) -> Any:
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Register; trace what is off to what wrote it; hold a simulated scan against the truth."""
+    tolerances = context.recipe.registration.all_tolerances()
+    tolerances.check_network(context.network)
     fresh = isinstance(context.recipe.toolpath, Fresh)
     model = context.solid if fresh else context.lumen
     options = _options(context)
@@ -70,7 +72,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     found = register_scan(scan, model, context.network, options)
     report(0.8, "tracing")
     summary = {
-        **judge(report_dict(found), context.recipe.registration.all_tolerances()),
+        **judge(report_dict(found), tolerances),
         "sign_convention": SIGN,
         "measured_by": scan_facts(scan),
         "by_surface": surface_facts(found, context.network),

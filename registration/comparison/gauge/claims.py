@@ -32,7 +32,8 @@ class Claim:
     seen_um : float, µm
         Standard deviation of the repeats.
     ratio : float
-        Mean of seen over claimed variance.
+        Mean over the vessels of seen over claimed variance, which is what `p` is of: where claims
+        differ it isn't the ratio of the two means above.
     df : float
     p : float
         Of a ratio as far from 1, in either direction, where the claim holds.

@@ -84,12 +84,13 @@ def _interaction(found: GaugeQuantity) -> str:
 
 
 def claim_sentence(found: Claim) -> str:
-    """``the budget claims 3.1 µm, repeats scatter by 2.9 µm (p = 0.4)``, and what it means."""
+    """Say what the budget claims, what repeats show, and what was tested: the mean ratio."""
     if found.verdict == "unknown":
         return f"{_capital(found.name)}: no budget with a type A share, so nothing to hold against"
     text = (
         f"{_capital(found.name)}: the budget claims {found.claimed_um:.2g} µm, repeats scatter by "
-        f"{found.seen_um:.2g} µm (p = {found.p:.2g})"
+        f"{found.seen_um:.2g} µm, vessel by vessel by {found.ratio**0.5:.2g} times their claim "
+        f"(p = {found.p:.2g})"
     )
     if found.verdict == "agrees":
         return text

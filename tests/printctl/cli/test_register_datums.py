@@ -1,4 +1,4 @@
-"""`printctl register --datums`: wrong values reported before any scan is read."""
+"""`printctl register --datums` and `--tolerance`: wrong values reported before any scan is read."""
 
 from __future__ import annotations
 
@@ -44,5 +44,24 @@ def test_wrong_datums_are_wrong_use_and_no_scan_is_read(
     code, _, err = run(
         str(scan), "--model", str(design), "--out", str(tmp_path / "out"), "--datums", datums
     )
+    assert code == 2, err
+    assert said in " ".join(err.split())
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("vessels: [{vessels: [9], open: false}]", "vessel 9 isn't in the network (it has vessels"),
+        ("vessels: [{kinds: [vein], open: false}]", "no vessel of the network is of kind 'vein'"),
+    ],
+)
+def test_tolerances_of_no_vessel_are_wrong_use_and_no_scan_is_read(
+    run: Shell, design: Path, tmp_path: Path, text: str, said: str
+) -> None:
+    scan, limits = tmp_path / "scan.tif", tmp_path / "tolerances.yaml"
+    scan.write_bytes(b"no scan")
+    limits.write_text(text)
+    code, _, err = run(str(scan), "--model", str(design), "--out", str(tmp_path / "out"),
+                       "--tolerance", str(limits))  # fmt: skip
     assert code == 2, err
     assert said in " ".join(err.split())

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from printctl.cli.tolerance_options import tolerances_of
-from printctl.errors import UsageError
+from printctl.errors import RecipeError, UsageError
 from printctl.recipe.making import RegistrationPart
 
 WHOLE = """
@@ -59,12 +59,25 @@ def test_sides_on_the_command_line() -> None:
         ("offset_um: -3", r"offset_um: must be above 0 .is -3"),
         ("diameter_percent: ten", "like 10, or both sides, like .10/-5 .is 'ten'"),
         ("diameter_percent: +0/-0", "one above 0"),
-        ("vessels: [{open: true}]", "vessels.0: names no vessel; give vessels"),
+        ("vessels: [{open: true}]", "vessels.0: names no vessel; give either vessels"),
+        ("vessels: [{vessels: [0], kinds: [vein]}]", "names both vessels and kinds; give either"),
+        ("diameter_percent:", "diameter_percent has no value; give one, or leave"),
+        ("diameter_percent: true", "like 10, or both sides, like .10/-5 .is True"),
+        ("vessels: [{vessels: [true], open: true}]", "must be a whole number .is True"),
+        ("offset_um: '40'", "offset_um: must be a number .is '40'"),
+        ("leak_um: yes", "leak_um: must be a number .is True"),
+        ("open: 1", "open: must be true or false .is 1"),
+        ("offset_um: " + 70_000 * "a", r"must be a number .is 'a{59} \.\.\. .70002 characters"),
     ],
 )
 def test_a_wrong_limit_is_named_with_its_remedy(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(UsageError, match=said):
         tolerances_of(file(tmp_path, text), None, None)
+
+
+def test_digits_with_colons_are_no_number(tmp_path: Path) -> None:
+    with pytest.raises(RecipeError, match="1:30 in line 1 would be read as minutes"):
+        tolerances_of(file(tmp_path, "offset_um: 1:30"), None, None)
 
 
 def test_a_limit_given_twice_is_refused(tmp_path: Path) -> None:

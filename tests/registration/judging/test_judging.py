@@ -134,9 +134,26 @@ def test_features_have_limits_of_their_own() -> None:
     found = judge(registration(row, defects=[leak]), Tolerances(limits))
     decisions = {f["name"]: f["decision"] for f in found["judging"]["features"]}
     assert decisions == {
-        "section": "pass", "narrowest": "undecided", "mean": "fail", "offset": "fail",
+        "section": "undecided", "narrowest": "undecided", "mean": "fail", "offset": "fail",
         "open": "pass", "leak": "pass", "rms": "pass",
     }  # fmt: skip
+
+
+def test_what_fails_as_the_narrowest_is_a_fail_in_the_list_too() -> None:
+    limits = VesselLimits(Limit(minus_percent=20, plus_percent=10), narrowest=Limit(minus_um=15))
+    errors = np.zeros(30)
+    errors[12:15] = -60.0
+    found = judge(registration(vessel(0, errors, u_um=3.0)), Tolerances(limits))
+    assert [one["decision"] for one in found["findings"]] == ["fail"]
+    assert (
+        found["findings"][0]["limit"] == "+10/\N{MINUS SIGN}20 % and not below \N{MINUS SIGN}15 µm"
+    )
+    assert found["vessels"][0]["lower_um"][0] == 485.0
+
+
+def test_limits_of_one_side_are_said_as_such() -> None:
+    assert str(Limit(minus_um=30)) == "not below \N{MINUS SIGN}30 µm"
+    assert str(Limit(plus_percent=5)) == "not above +5 %"
 
 
 @pytest.mark.parametrize(

@@ -23,12 +23,21 @@ from .sample import planar_network
 PNG = b"\x89PNG\r\n\x1a\n" + b"rest"
 
 
+MEANS = [
+    {"vessel": 0, "designed_um": 400.0, "value_um": 10.0},
+    {"vessel": "$b_2$", "designed_um": 500.0, "value_um": 100.0, "u_um": 8.0, "lower_um": -30.0,
+     "upper_um": 90.0, "decision": "fail"},
+    {"vessel": 2, "designed_um": 450.0, "value_um": -31.0, "u_um": 8.0, "lower_um": -30.0,
+     "decision": "undecided"},
+]  # fmt: skip
+
+
 def every_figure() -> dict[str, bytes]:
     network = planar_network()
     job = layered_job()
     return {
         "histogram": histogram_figure([-50, 0, 50, 100], [1, 3, 2]),
-        "diameters": diameter_figure(["a", "$b_2$"], [400.0, 500.0], [410.0, 600.0]),
+        "diameters": diameter_figure(MEANS),
         "network": network_figure(network, np.arange(14.0), "flow / mL/min"),
         "layer": layer_figure(job, 0, colourings(job)[0]),
     }
@@ -59,8 +68,15 @@ def test_names_arent_read_as_formulas() -> None:
     assert b"$b_2$" in every_figure()["diameters"]
 
 
+def test_diameters_are_counted_by_their_decision_and_allowed_what_is_theirs() -> None:
+    found = every_figure()["diameters"].decode()
+    for said in ("measured (1)", "undecided (1)", "fail (1)"):
+        assert said in found
+    assert "pass" not in found
+
+
 def test_figures_of_nothing_still_draw() -> None:
-    assert diameter_figure(["a"], [np.nan], [1.0])
+    assert diameter_figure([{"vessel": 0, "designed_um": 400.0, "value_um": None}])
     assert histogram_figure([0, 1], [0])
 
 
