@@ -22,8 +22,8 @@ class MinutesNumber(yaml.YAMLError):
 class _OnceLoader(yaml.SafeLoader):
     """PyYAML's safe loader, with keys that stand twice and numbers to base 60 refused."""
 
-    def construct_scalar(self, node: yaml.ScalarNode) -> Any:
-        if node.tag in _NUMBERS and ":" in node.value:
+    def construct_scalar(self, node: yaml.ScalarNode | yaml.MappingNode) -> Any:
+        if isinstance(node.value, str) and node.tag in _NUMBERS and ":" in node.value:
             raise MinutesNumber(
                 f"{node.value} in line {node.start_mark.line + 1} would be read as minutes and "
                 f"seconds; write a plain number, or text in quotes: '{node.value}'"

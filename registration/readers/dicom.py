@@ -32,6 +32,9 @@ MAGIC = b"DICM"
 _MOST_SLICES = 20_000
 _MODALITY = {"CT": "microct", "OCT": "oct", "OPT": "oct"}
 _PLACED = ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing")
+_INVERTED = (
+    "MONOCHROME1: viewers show its high values dark; values were taken as stored, high being bright"
+)
 _THICKNESS = "frames are taken to touch: their spacing is SliceThickness, {:g} mm"
 
 
@@ -88,6 +91,12 @@ def read_dicom_folder(folder: Path) -> Found:
 def _check_one_series(slices: list[Any], files: list[Path], folder: Path) -> None:
     series = {str(item.get("SeriesInstanceUID")) for item in slices}
     sizes = {(int(item.Rows), int(item.Columns)) for item in slices}
+    frames = sorted({str(item.get("FrameOfReferenceUID", "none")) for item in slices})
+    if len(frames) > 1:
+        raise ScanFileError(
+            f"{folder}: its slices say {len(frames)} frames of reference ({frames[0]}, "
+            f"{frames[1]}), so their places don't belong together; give a folder of one"
+        )
     if len(series) > 1 or len(sizes) > 1:
         raise ScanFileError(
             f"{folder}: holds {len(series)} series of {len(sizes)} sizes; give a folder of one"
@@ -207,6 +216,8 @@ def _found(
     """The volume with what its modality means; `sizes` as frames, rows, columns, mm."""
     modality = _MODALITY.get(str(data.get("Modality", "")))
     known: dict[str, Any] = {"axes": "yzx" if modality == "oct" else "zyx"}
+    if data.get("PhotometricInterpretation") == "MONOCHROME1":
+        notes = (*notes, _INVERTED)
     if sizes is not None and all(math.isfinite(size) for size in sizes):
         frame, row, column = sizes
         known["voxel_mm"] = [row, frame, column] if modality == "oct" else [frame, row, column]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -24,6 +23,7 @@ SCHEMA = "printctl-scan-1"
 
 _CHOICES = {"scale": ("linear", "db"), "modality": ("oct", "microct", "confocal")}
 _LONGEST_VOXEL_MM = 5.0
+_SHORTEST_VOXEL_MM = 1e-5
 _OPTIONS = {"voxel_mm": "--voxel-um (sidecar: voxel_mm)"}
 _MOST_CHECKED_BYTES = 8 << 30
 
@@ -277,8 +277,8 @@ def _check_choices(known: Mapping[str, Any], path: Path) -> None:
 def _voxel(value: Any, path: Path) -> tuple[float, float, float]:
     if not _are_sizes(value):
         raise ScanFileError(
-            f"{path}: voxel_mm is {value!r}; it must be three sizes dz, dy, dx in mm above 0 and "
-            f"at most {_LONGEST_VOXEL_MM:g}; give {_OPTIONS['voxel_mm']}"
+            f"{path}: voxel_mm is {value!r}; it must be three sizes dz, dy, dx in mm of "
+            f"{_SHORTEST_VOXEL_MM:g} to {_LONGEST_VOXEL_MM:g}; give {_OPTIONS['voxel_mm']}"
         )
     return (float(value[0]), float(value[1]), float(value[2]))
 
@@ -288,7 +288,7 @@ def _are_sizes(value: Any) -> TypeGuard[Sequence[float]]:
         isinstance(value, list | tuple)
         and len(value) == 3
         and all(
-            isinstance(size, int | float) and math.isfinite(size) and 0 < size <= _LONGEST_VOXEL_MM
+            isinstance(size, int | float) and _SHORTEST_VOXEL_MM <= size <= _LONGEST_VOXEL_MM
             for size in value
         )
     )

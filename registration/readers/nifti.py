@@ -39,7 +39,8 @@ def read_nifti(path: Path) -> Found:
             shape = shape[:-1]
         if len(shape) != 3:
             raise ScanFileError(f"{path}: has the axes {image.shape}; export one volume")
-        return Found(_volume(image, shape, path), _known(image, path), _space(image, path))
+        space = _space(image, path)
+        return Found(_volume(image, shape, path), _known(image, path), space, _notes(image, shape))
 
 
 def _open(path: Path) -> Any:
@@ -106,6 +107,18 @@ def _space(image: Any, path: Path) -> FileSpace | None:
     unit = millimetres(header.get_xyzt_units()[0], path) or 1.0
     affine = _TO_LPS @ next(iter(forms.values()))
     return file_space(LPS, affine[:3, 2::-1].T, affine[:3, 3] * unit, path)
+
+
+def _notes(image: Any, shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Say where sform and qform put a corner of the volume in places half a voxel apart."""
+    both = [get(coded=True)[0] for get in (image.header.get_sform, image.header.get_qform)]
+    if any(form is None for form in both):
+        return ()
+    corners = np.array([[*at, 1] for at in np.ndindex(2, 2, 2)]) * [*shape, 1]
+    apart = np.linalg.norm((corners @ (both[0] - both[1]).T)[:, :3], axis=1).max()
+    if apart <= 0.5 * min(image.header.get_zooms()[:3]):
+        return ()
+    return (f"its sform and qform differ by up to {apart:.3g} (in its unit); the sform was used",)
 
 
 def _check_forms(forms: dict[str, Any], zooms: list[float], path: Path) -> None:

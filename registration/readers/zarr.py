@@ -74,7 +74,8 @@ def read_zarr(path: Path) -> Found:
         ours = attributes.get("printctl")
         if isinstance(ours, dict) and ours.get("schema") == SCHEMA:
             known |= {**known_keys(ours, str(path)), "axes": known["axes"]}
-        return Found(_volume(place, grid, axes, path), known, anatomical(image, path))
+        volume, notes = _volume(place, grid, axes, path)
+        return Found(volume, known, anatomical(image, path), notes)
     except (KeyError, IndexError, TypeError, ValueError) as exc:
         if isinstance(exc, ScanFileError):
             raise
@@ -188,8 +189,8 @@ def _known(image: dict[str, Any], axes: list[str], path: Path) -> dict[str, Any]
     return known
 
 
-def _volume(place: Path, grid: _Grid, axes: list[str], path: Path) -> Array:
-    """Chunk by chunk; a chunk that isn't there holds the fill value."""
+def _volume(place: Path, grid: _Grid, axes: list[str], path: Path) -> tuple[Array, tuple[str, ...]]:
+    """Chunk by chunk, and what to say of chunks that aren't there: they hold the fill value."""
     if len(axes) != len(grid.shape):
         raise ScanFileError(f"{path}: {len(axes)} axes for an array of {len(grid.shape)}")
     keep = [at for at, name in enumerate(axes) if name in _SPACE]
@@ -197,7 +198,7 @@ def _volume(place: Path, grid: _Grid, axes: list[str], path: Path) -> Array:
         raise ScanFileError(f"{path}: has the axes {axes} of {grid.shape}; export one volume")
     shape = tuple(grid.shape[at] for at in keep)
     counts = [math.ceil(n / c) for n, c in zip(grid.shape, grid.chunk, strict=True)]
-    _check_there(place, grid, counts, path)
+    total, there = math.prod(counts), _count_there(place, grid, counts, path)
     out = empty(shape, grid.dtype, path)
     for index in itertools.product(*map(range, counts)):
         file = place.joinpath(*_name(grid, index))
@@ -208,11 +209,16 @@ def _volume(place: Path, grid: _Grid, axes: list[str], path: Path) -> Array:
             out[where] = _chunk(file, grid, keep, [out[where].shape[i] for i in range(3)])
         else:
             out[where] = grid.fill
-    return out
+    if there == total:
+        return out, ()
+    return out, (
+        f"{total - there} of its {total} chunks aren't there and are read as {grid.fill:g}, as the "
+        "format has it; if it wasn't written so, copy it again",
+    )
 
 
-def _check_there(place: Path, grid: _Grid, counts: list[int], path: Path) -> None:
-    """Refuse an array most of which was never written, before room is taken for it."""
+def _count_there(place: Path, grid: _Grid, counts: list[int], path: Path) -> int:
+    """Chunks that are there; refuse an array most of which was never written, before it's read."""
     total = math.prod(counts)
     if total > _MOST_CHUNKS:
         raise ScanFileError(
@@ -224,6 +230,7 @@ def _check_there(place: Path, grid: _Grid, counts: list[int], path: Path) -> Non
         raise ScanFileError(
             f"{path}: {there} of its {total} chunks are there (needed: 1 %); copy it again"
         )
+    return there
 
 
 def _name(grid: _Grid, index: tuple[int, ...]) -> list[str]:

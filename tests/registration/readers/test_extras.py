@@ -156,6 +156,14 @@ def test_ome_zarr_comes_back(tmp_path: Path, codec: dict[str, Any] | None) -> No
     assert found.voxel_mm == pytest.approx((0.01, 0.02, 0.03))
 
 
+def test_chunks_that_are_missing_are_told(tmp_path: Path) -> None:
+    path = zarr_2(tmp_path / "s.zarr", None)
+    (path / "0" / "0" / "0" / "1" / "1" / "1").unlink()
+    found = read_scan(path, MODALITY)
+    assert any("1 of its 12 chunks aren't there and are read as 0" in one for one in found.notes)
+    assert not found.volume[4:8, 4:, 4:].any()
+
+
 def test_ome_zarr_of_version_3_comes_back(tmp_path: Path) -> None:
     path = zarr_2(tmp_path / "s.zarr", None)
     image = json.loads((path / ".zattrs").read_text())["multiscales"][0]
@@ -286,6 +294,15 @@ def test_a_missing_slice_or_a_second_series_is_noticed(tmp_path: Path) -> None:
     dicom_slice(path / "4.dcm", 4, SeriesInstanceUID="1.2.4")
     with pytest.raises(ScanFileError, match="2 series"):
         read_scan(path)
+    dicom_slice(path / "4.dcm", 4, FrameOfReferenceUID="1.2.9")
+    with pytest.raises(ScanFileError, match="2 frames of reference"):
+        read_scan(path)
+
+
+def test_values_that_viewers_invert_are_taken_as_stored_and_told(tmp_path: Path) -> None:
+    found = read_scan(folder(tmp_path / "a", PhotometricInterpretation="MONOCHROME1"))
+    np.testing.assert_array_equal(found.volume, counts())
+    assert any("taken as stored" in one for one in found.notes)
 
 
 def test_one_slice_and_a_truncated_one_are_refused(tmp_path: Path) -> None:

@@ -118,6 +118,10 @@ def test_nifti_whose_two_orientations_differ_is_refused(tmp_path: Path) -> None:
     nibabel.save(image, tmp_path / "t.nii")
     with pytest.raises(ScanFileError, match="one is mirrored and one isn't"):
         read_scan(tmp_path / "t.nii", MODALITY)
+    image.set_sform(image.get_qform() + np.eye(4, k=3), code=1)
+    nibabel.save(image, tmp_path / "v.nii")
+    moved = read_scan(tmp_path / "v.nii", MODALITY)
+    assert any("sform and qform differ by up to 1 " in one for one in moved.notes)
     image.set_sform(image.get_qform() * 2, code=1)
     nibabel.save(image, tmp_path / "u.nii")
     with pytest.raises(ScanFileError, match="its pixdim"):
