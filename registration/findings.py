@@ -29,7 +29,7 @@ from registration.gauging import (
     with_ledges,
     withdrawn,
     without_brinks,
-    without_films,
+    without_gel_like,
     without_resistance,
 )
 from registration.gauging.perfusion import perfusion
@@ -130,7 +130,7 @@ def inspect(case: Inspection) -> Findings:
     seen = sum(int(trace.seen.sum()) for trace in traces)
     traces = withdrawn(traces, evidence, liquid)
     untold = seen - sum(int(trace.seen.sum()) for trace in traces)
-    traces = without_films(traces, field, fit)
+    traces = without_gel_like(case.network, traces, evidence, fit)
     # Fronts that look for leaks run on one core; what needs none of them is done beside.
     with beside() as other:
         search = LeakSearch(grid, case.surface, case.model_is_lumen, _wall(case),

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
         summarise,
         within,
     )
-    from registration.gauging.films import without_films
+    from registration.gauging.gel_like import without_gel_like
     from registration.gauging.junctions import find_junction_changes
     from registration.gauging.ledges import with_ledges
     from registration.gauging.parts import led_through, part_of, without_dead_ends
@@ -63,7 +63,7 @@ __all__ = [
     "within",
     "without_brinks",
     "without_dead_ends",
-    "without_films",
+    "without_gel_like",
     "without_resistance",
 ]
 

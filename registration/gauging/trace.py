@@ -59,8 +59,8 @@ class VesselTrace:
         Way to the nearest free end, where the lumen opens; inf without one.
     short : bool
         No station lies clear; diameters are twice the median ray's.
-    crossed : (n,) bool
-        Not seen, for something thin lies across the lumen (`films`).
+    gel_like : (n,) bool
+        Not seen, for something brightens the core of the lumen (`gauging.gel_like`).
     """
 
     vessel: int
@@ -76,7 +76,7 @@ class VesselTrace:
     own: BoolArray
     to_end: FloatArray
     short: bool
-    crossed: BoolArray
+    gel_like: BoolArray
 
     @property
     def spacing(self) -> float:

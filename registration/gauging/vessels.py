@@ -57,8 +57,8 @@ class VesselGauge:
         with a measured section.
     unseen_mm : tuple of (from, to), mm
         Stretches that weren't seen.
-    crossed_mm : tuple of (from, to), mm
-        Of these, stretches where something thin lies across the lumen (`films`).
+    gel_like_mm : tuple of (from, to), mm
+        Of these, stretches where something brightens the core of the lumen (`gauging.gel_like`).
     unmeasured_mm : tuple of (from, to), mm
         Stretches clear of junctions that were seen without a wall all round being found.
     sections : int
@@ -107,7 +107,7 @@ class VesselGauge:
     seen_fraction: float
     gauged_fraction: float
     unseen_mm: tuple[tuple[float, float], ...]
-    crossed_mm: tuple[tuple[float, float], ...]
+    gel_like_mm: tuple[tuple[float, float], ...]
     unmeasured_mm: tuple[tuple[float, float], ...]
     sections: int
     resistance_ratio: float
@@ -220,7 +220,7 @@ def _gauge(
         seen_fraction=float(trace.seen.mean()),
         gauged_fraction=float(counted.mean()),
         unseen_mm=stretches(~trace.seen, trace.spacing),
-        crossed_mm=stretches(trace.crossed, trace.spacing),
+        gel_like_mm=stretches(trace.gel_like, trace.spacing),
         unmeasured_mm=stretches(_unmeasured(trace), trace.spacing),
         sections=int(counted.sum()),
         along_mm=trace.along[counted],

@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 FeatureName = Literal[
-    "section", "narrowest", "mean", "change", "offset", "open", "seen", "crossed", "measured",
+    "section", "narrowest", "mean", "change", "offset", "open", "seen", "gel_like", "measured",
     "leak", "rms", "zone",
 ]  # fmt: skip
 
@@ -32,7 +32,7 @@ class Feature:
     name : str
         ``section``: the worst section's diameter; ``narrowest``, ``mean``: diameters; ``change``:
         of a diameter within a junction; ``offset``: of the axis; ``open``, ``seen``,
-        ``crossed``, ``measured``: without a value; ``leak``: the width of a
+        ``gel_like``, ``measured``: without a value; ``leak``: the width of a
         leak or bridge; ``rms``: of the scaled fit; ``zone``: a geometric characteristic.
     decision : str
     vessel : int or None
@@ -49,7 +49,7 @@ class Feature:
     limit : str
         In the user's words, like "±10 %".
     unseen_mm : list of (from, to)
-        Of ``seen``, ``crossed`` and ``measured``: where it isn't known.
+        Of ``seen``, ``gel_like`` and ``measured``: where it isn't known.
     other : int or None
         Of ``leak``: the vessel that a bridge leads into; None: out of the part.
     doubt : str
@@ -286,11 +286,11 @@ def open_features(row: Record, limits: VesselLimits, closed: bool) -> list[Featu
         states: dict[bool | None, Decision] = {True: "pass", False: "fail", None: "undecided"}
         state = states[False if closed else row["open"]]
         out.append(Feature("open", state, vessel))
-    crossed = row.get("crossed_mm") or ()
-    unseen = [one for one in row.get("unseen_mm") or () if one not in crossed]
+    gel_like = row.get("gel_like_mm") or ()
+    unseen = [one for one in row.get("unseen_mm") or () if one not in gel_like]
     unknown: dict[FeatureName, Sequence[Sequence[float]]] = {
         "seen": unseen,
-        "crossed": crossed,
+        "gel_like": gel_like,
         "measured": row.get("unmeasured_mm") or (),
     }
     out += [Feature(name, "undecided", vessel, unseen_mm=at) for name, at in unknown.items() if at]

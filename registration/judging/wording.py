@@ -110,11 +110,10 @@ def _sight(feature: Record) -> str:
     where = ", ".join(f"{first:.1f} to {last:.1f} mm" for first, last in stretches)
     if feature["name"] == "seen":
         return f"{vessel}: not seen at {where}, so neither good nor bad there"
-    if feature["name"] == "crossed":
-        places = ", ".join(f"{(first + last) / 2:.1f}" for first, last in stretches)
+    if feature["name"] == "gel_like":
         return (
-            f"{vessel}: something thin lies across the lumen at {places} mm, a film of gel or a "
-            "reflection, so neither open nor closed there"
+            f"{vessel}: the lumen looks partly like gel at {where} (a film, sediment, weak gel "
+            "or a reflection), so neither open nor closed there"
         )
     if feature["name"] == "measured":
         return f"{vessel}: no wall found all round at {where}, so no diameter is known there"

@@ -79,7 +79,7 @@ def test_a_withdrawn_interval_is_undecided() -> None:
     ("name", "said"),
     [
         ("unseen_mm", "at 1.0 to 1.4 mm"),
-        ("crossed_mm", "across the lumen at 1.2 mm"),
+        ("gel_like_mm", "partly like gel at 1.0 to 1.4 mm"),
         ("unmeasured_mm", "at 1.0 to 1.4 mm"),
     ],
 )

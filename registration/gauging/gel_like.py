@@ -1,0 +1,197 @@
+"""Find what lies in a lumen that walls don't show: films, weak gel, sediment.
+
+A film thinner than the blur, or something that scatters less than half as much as gel, never
+reaches the level at which walls are found: the sections it lies in look open. But it brightens the
+core of the lumen. Whether that closes it isn't known, so these sections are neither open nor
+closed.
+
+The core is looked at in the evidence (`segmentation.evidence`) before it is averaged: averages
+carry the walls' blur into narrow lumens, and the field itself is even by each A-scan's own light,
+which at an upright face's edge is little and makes the lumen's mouth look bright.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+from design.network import VesselNetwork
+from registration.alignment import Fit
+from registration.gauging.trace import VesselTrace
+from registration.segmentation import GelEvidence
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+LEAST_SHARE = 0.2
+"""Of the step from liquid to gel, in the mean over the core, above the vessel's own quiet liquid.
+As bright voxels are capped, what scatters a tenth as much as gel has 0.15, a fifth 0.26. Clear
+lumens vary by 0.01 to 0.02, a gradient of cells from 2 to 12 % of gel by 0.12; a film of 30 µm at
+20 µm voxels has 0.6."""
+LEAST_OF_HALF = 0.25
+"""The same in half of the core, over `HALF_MM`: sediment along a lumen's bottom."""
+LEAST_OF_ALL = 0.35
+"""The same above the other vessels' liquid, for what fills a vessel all along."""
+HALF_MM = 0.3
+_LONG_MM = 0.15
+"""What is no film is averaged over this length: a quarter of gel is speckle voxel by voxel."""
+_SPREADS = 6.0
+"""Standard deviations of a vessel's own quiet liquid, which are much where contrast is low."""
+_MOST_OF_CORE = 0.65
+"""Share of the core that must be brightened by half of that: a bubble's rim covers less."""
+_NARROWED = 0.6
+"""Of the designed diameter: a section as narrow as that is no doubt, but a stenosis."""
+_CORE = 0.5
+"""Of the lumen's radius: clear of walls and of their blur."""
+_QUIET, _QUIETEST = 20, 5
+"""Percentiles of a vessel's profile: its quiet liquid, though most of it be filled."""
+_QUIET_SPREADS = 0.80
+"""Standard deviations between these two of a normal distribution."""
+_TILTS = (0.0, 0.4, 0.8)
+"""Slopes of a film against the section, from square to the axis to that of a slanted face."""
+_ANGLE = 2 * np.pi * np.arange(12) / 12
+_CIRCLE = np.stack([np.cos(_ANGLE), np.sin(_ANGLE)], axis=1)
+_PATTERN = np.concatenate([np.zeros((1, 2)), 0.5 * _CIRCLE[::2], _CIRCLE])
+
+
+def without_gel_like(
+    network: VesselNetwork, traces: tuple[VesselTrace, ...], evidence: GelEvidence, fit: Fit
+) -> tuple[VesselTrace, ...]:
+    """Return traces in which open sections whose core is partly like gel are `gel_like`, not seen.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+        The design.
+    traces : tuple of VesselTrace
+        One a vessel.
+    evidence : GelEvidence
+        Of the scan.
+    fit : Fit
+        Scan to part, with which the traces were made.
+    """
+    step = float(evidence.voxel_mm.min()) / 2
+    along = [np.arange(0.0, trace.length + step, step) for trace in traces]
+    cores = [
+        _core(trace, evidence, fit, at) if _looked_at(trace) else None
+        for trace, at in zip(traces, along, strict=True)
+    ]
+    if all(core is None for core in cores):
+        return traces
+    own = np.array([_quiet(core) for core in cores])
+    liquid = float(np.nanpercentile(own, 25))
+    own = np.fmin(own, liquid + (LEAST_OF_ALL - LEAST_SHARE) * (1 - liquid))
+    return tuple(
+        trace
+        if core is None
+        else _marked(trace, at, _brightened(core, _usual(network, trace, at, own), step, trace))
+        for trace, at, core in zip(traces, along, cores, strict=True)
+    )
+
+
+def _quiet(core: FloatArray | None) -> float:
+    return float("nan") if core is None else float(np.percentile(core.mean(axis=1), _QUIET))
+
+
+def _usual(
+    network: VesselNetwork, trace: VesselTrace, along: FloatArray, own: FloatArray
+) -> FloatArray:
+    """Liquid along a vessel, (n,): its own; in junctions the brightest that meets there."""
+    usual = np.full(len(along), own[trace.vessel])
+    clear = trace.along[trace.apart]
+    ends = (clear[0], clear[-1]) if len(clear) else (trace.length / 2, trace.length / 2)
+    half = trace.spacing / 2
+    within = along < ends[0] - half, along > ends[1] + half
+    for node, inside in zip(network.vessel_nodes[trace.vessel], within, strict=True):
+        meeting = (network.vessel_nodes == node).any(axis=1)
+        usual[inside] = np.nanmax(own[meeting])
+    return usual
+
+
+def _looked_at(trace: VesselTrace) -> bool:
+    return len(trace.along) > 1 and bool((trace.seen & trace.sections.open).any())
+
+
+def _marked(trace: VesselTrace, at: FloatArray, bright: BoolArray) -> VesselTrace:
+    """Mark the sections that a brightened stretch lies in."""
+    sound = trace.seen & trace.sections.open
+    narrow = trace.sections.diameter < _NARROWED * 2 * trace.radius
+    narrowed = trace.seen & (~trace.sections.open | narrow)
+    ends = trace.spacing * np.arange(len(trace.along) + 1)
+    found = np.zeros(len(trace.along), dtype=np.bool_)
+    for first, last in at[_stretches(bright)]:
+        touched = (ends[:-1] <= last) & (ends[1:] >= first)
+        # What closes or narrows a section is judged by that, and so are its blurred edges.
+        beside = touched | np.roll(touched, 1) | np.roll(touched, -1)
+        if not (beside & narrowed).any():
+            found |= touched
+    found &= sound & (trace.to_end > -trace.spacing)
+    return replace(trace, gel_like=found, seen=trace.seen & ~found, counted=trace.counted & ~found)
+
+
+def _stretches(bright: BoolArray) -> NDArray[np.intp]:
+    """First and last sample of each, (n, 2)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], bright, [False]]).astype(np.int8)))
+    return edges.reshape(-1, 2) - np.array([0, 1])
+
+
+def _core(trace: VesselTrace, evidence: GelEvidence, fit: Fit, along: FloatArray) -> FloatArray:
+    """Evidence for gel in the middle of the lumen as measured, (n, points); 0 out of the scan."""
+    known = trace.counted & trace.sections.open & np.isfinite(trace.sections.shift).all(axis=1)
+    shift, radius = np.zeros((len(along), 2)), np.interp(along, trace.along, trace.radius)
+    if known.any():
+        measured = np.interp(along, trace.along[known], trace.sections.diameter[known] / 2)
+        radius = np.minimum(radius, measured)
+        for axis in range(2):
+            shift[:, axis] = np.interp(along, trace.along[known], trace.sections.shift[known, axis])
+    axis_points = np.stack(
+        [np.interp(along, trace.along, trace.centre[:, k]) for k in range(3)], axis=1
+    )
+    nearest = np.clip((along / trace.spacing).astype(np.int64), 0, len(trace.along) - 1)
+    flat = shift[:, None] + _CORE * radius[:, None, None] * _PATTERN
+    places = fit.invert(axis_points)[:, None] + flat @ trace.planes.across[nearest]
+    return np.nan_to_num(evidence.fine_at(places))
+
+
+def _brightened(core: FloatArray, usual: FloatArray, step: float, trace: VesselTrace) -> BoolArray:
+    """Samples along a vessel whose core something brightens over the usual liquid, (n,)."""
+    if usual.max() >= 1:
+        return np.zeros(len(core), dtype=np.bool_)
+    share = (core - usual[:, None]) / (1 - usual[:, None])
+    quietest, quiet = np.percentile(share.mean(axis=1), [_QUIETEST, _QUIET])
+    spread = (quiet - quietest) / _QUIET_SPREADS
+    least, of_half = (max(value, _SPREADS * spread) for value in (LEAST_SHARE, LEAST_OF_HALF))
+    reach = _CORE * float(trace.radius.mean()) / step
+    size, half_size = (int(length / step) | 1 for length in (_LONG_MM, HALF_MM))
+    whole = uniform_filter1d(share, size, axis=0, mode="nearest")
+    long = _covered(whole, least)
+    halves = uniform_filter1d(share, half_size, axis=0, mode="nearest") @ _HALVES
+    return _films(share, least, reach) | long | (halves.max(axis=1) > of_half)
+
+
+_SIDES = (_PATTERN @ _CIRCLE.T > 0.1).astype(np.float64)
+_HALVES = _SIDES / _SIDES.sum(axis=0)
+"""Weights of the pattern's points, (points, 12), to the mean on one side of its middle."""
+
+
+def _covered(share: FloatArray, least: float) -> BoolArray:
+    most = (share > least / 2).mean(axis=1) >= _MOST_OF_CORE
+    return np.asarray(most & (share.mean(axis=1) > least))
+
+
+def _films(share: FloatArray, least: float, reach: float) -> BoolArray:
+    """Samples at which a plane across the core is bright, square to the axis or tilted."""
+    bright = np.zeros(len(share), dtype=np.bool_)
+    # No tilted mean exceeds that of the brightest samples in reach.
+    most = maximum_filter1d(share, 2 * int(np.ceil(max(_TILTS) * reach)) + 1, axis=0)
+    if most.mean(axis=1).max() <= least:
+        return bright
+    for slope in _TILTS:
+        for towards in _CIRCLE[:: 12 if slope == 0 else 1]:
+            moved = np.rint(slope * reach * (_PATTERN @ towards)).astype(np.int64)
+            rows = np.clip(np.arange(len(share))[:, None] + moved, 0, len(share) - 1)
+            bright |= _covered(np.take_along_axis(share, rows, axis=0), least)
+    return bright
