@@ -76,7 +76,7 @@ def _rows(found: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 _DEFECT_COLUMNS = (
     "kind", "vessel", "other", "from_mm", "to_mm", "at_mm", "x_mm", "y_mm", "z_mm", "size_um",
-    "error_um", "percent", "wall_um", "significance", "seen", "shade", "local", "decision",
+    "error_um", "percent", "wall_um", "significance", "seen", "doubt", "local", "decision",
     "deviation_um", "deviation_percent", "u_um", "lower_um", "upper_um",
 )  # fmt: skip
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 DefectKind = Literal["bulge", "stenosis", "occlusion", "missing", "leak", "bridge"]
+Doubt = Literal["", "shade", "faint"]
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,9 @@ class Defect:
     seen : bool
         Whether all of its extent, and what borders on it, was seen; where not, the size is what
         was seen of it.
-    shade : bool
-        Of leaks and bridges: whether gel in the shade of a bubble or a particle would look alike.
+    doubt : str
+        Of leaks and bridges: ``shade`` where gel in the shade of a bubble or a particle would look
+        alike, ``faint`` where so much gel is left that it may be a crack or thinner gel; else "".
     """
 
     kind: DefectKind
@@ -60,7 +62,7 @@ class Defect:
     wall_um: float
     significance: float
     seen: bool
-    shade: bool = False
+    doubt: Doubt = ""
 
     @property
     def through_gel(self) -> bool:

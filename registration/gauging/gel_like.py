@@ -118,7 +118,7 @@ def _looked_at(trace: VesselTrace) -> bool:
 def _marked(trace: VesselTrace, at: FloatArray, bright: BoolArray) -> VesselTrace:
     """Mark the sections that a brightened stretch lies in."""
     sound = trace.seen & trace.sections.open
-    narrow = trace.sections.diameter < _NARROWED * 2 * trace.radius
+    narrow = trace.counted & (trace.sections.diameter < _NARROWED * 2 * trace.radius)
     narrowed = trace.seen & (~trace.sections.open | narrow)
     ends = trace.spacing * np.arange(len(trace.along) + 1)
     found = np.zeros(len(trace.along), dtype=np.bool_)
@@ -147,9 +147,11 @@ def _core(trace: VesselTrace, evidence: GelEvidence, fit: Fit, along: FloatArray
         radius = np.minimum(radius, measured)
         for axis in range(2):
             shift[:, axis] = np.interp(along, trace.along[known], trace.sections.shift[known, axis])
-    axis_points = np.stack(
-        [np.interp(along, trace.along, trace.centre[:, k]) for k in range(3)], axis=1
-    )
+    # Stations are the sections' middles: the axis goes on half a section at each end.
+    ends = 1.5 * trace.centre[[0, -1]] - 0.5 * trace.centre[[1, -2]]
+    axis = np.concatenate([ends[:1], trace.centre, ends[1:]])
+    at = np.concatenate([[0.0], trace.along, [trace.length]])
+    axis_points = np.stack([np.interp(along, at, axis[:, k]) for k in range(3)], axis=1)
     nearest = np.clip((along / trace.spacing).astype(np.int64), 0, len(trace.along) - 1)
     flat = shift[:, None] + _CORE * radius[:, None, None] * _PATTERN
     places = fit.invert(axis_points)[:, None] + flat @ trace.planes.across[nearest]

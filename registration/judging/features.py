@@ -53,7 +53,8 @@ class Feature:
     other : int or None
         Of ``leak``: the vessel that a bridge leads into; None: out of the part.
     doubt : str
-        ``shade``: of ``leak``, where gel in a shadow would look alike; undecided. ``pose``: a fail
+        ``shade``: of ``leak``, where gel in a shadow would look alike; undecided. ``faint``: of
+        ``leak``, where so much gel is left that it may be a crack; undecided. ``pose``: a fail
         if the pose, which is in doubt, is right; undecided. ``no limit``: of ``offset``, far aside
         where nobody has said what is allowed; undecided.
     words, of : str
@@ -75,7 +76,7 @@ class Feature:
     limit: str = ""
     unseen_mm: Sequence[Sequence[float]] = ()
     other: int | None = None
-    doubt: Literal["", "shade", "pose", "no limit"] = ""
+    doubt: Literal["", "shade", "faint", "pose", "no limit"] = ""
     words: str = ""
     of: str = ""
     interval_um: Sequence[float] = ()
@@ -317,14 +318,15 @@ def change_feature(finding: Record) -> Feature:
 def leak_feature(defect: Record, limits: VesselLimits) -> Feature:
     """Judge a leak's or a bridge's width; any fails unless a width is allowed.
 
-    Of what may be a shadow nothing is proven, not even a pass: it may hide a wider way.
+    Of what may be a shadow nothing is proven, not even a pass: it may hide a wider way. Nor is it
+    of what is too faint for a way of its width.
     """
     width, half = float(defect["size_um"]), float(defect["error_um"] or 0.0)
-    shade = bool(defect.get("shade"))
+    doubt = defect.get("doubt", "")
     decision: Decision = "fail" if limits.leak_um <= 0 else _upper(width, half, limits.leak_um)
     return Feature(
         name="leak",
-        decision="undecided" if shade else decision,
+        decision="undecided" if doubt else decision,
         vessel=int(defect["vessel"]),
         at_mm=float(defect["at_mm"]),
         value_um=width,
@@ -332,7 +334,7 @@ def leak_feature(defect: Record, limits: VesselLimits) -> Feature:
         upper_um=limits.leak_um,
         limit="none allowed" if limits.leak_um <= 0 else _upto(limits.leak_um),
         other=defect.get("other"),
-        doubt="shade" if shade else "",
+        doubt=doubt,
     )
 
 

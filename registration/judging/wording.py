@@ -14,6 +14,11 @@ _NAMES = {
     "mean": "mean diameter",
     "change": "diameter within a junction, by what wall it has there,",
 }
+_DOUBTS = {
+    "shade": ": not proven, as gel below a bubble or a particle looks alike; see its picture",
+    "faint": ": not proven, as gel is left in it; a crack thinner than 0.1 mm, or thin gel, looks "
+    "so; see its picture",
+}
 
 
 def reason(feature: Record) -> str:
@@ -54,9 +59,7 @@ def _way(feature: Record) -> str:
     other = feature.get("other")
     to = "out" if other is None else f"into vessel {other}"
     said = f"{_place(feature)}: a way {_measured(feature)} wide leads {to}, {feature['limit']}"
-    if feature.get("doubt") == "shade":
-        said += ": not proven, as gel below a bubble or a particle looks alike; see its picture"
-    return said
+    return said + _DOUBTS.get(feature.get("doubt", ""), "")
 
 
 def _zone(feature: Record) -> str:

@@ -78,8 +78,8 @@ def defect_table(registration: Mapping[str, Any]) -> Table | None:
 
 def _defect(row: Record) -> dict[str, Any]:
     to = {"leak": "outside", "bridge": f"vessel {row.get('other')}"}.get(str(row.get("kind")))
-    if row.get("shade"):
-        to = f"{to}, or a shadow"
+    if row.get("doubt"):
+        to = f"{to}, or {'a shadow' if row['doubt'] == 'shade' else 'thin gel'}"
     place = row.get("point_mm")
     made = mapping(row, "made_by")
     return {

@@ -12,7 +12,7 @@ from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging.changes import bordered
-from registration.gauging.defect import Defect
+from registration.gauging.defect import Defect, Doubt
 from registration.gauging.trace import VesselTrace
 from registration.segmentation import GelField
 from registration.segmentation.evidence import SIGMA_MM, GelEvidence, told_apart
@@ -23,6 +23,7 @@ from registration.topology.way_width import outline_width, width
 from registration.topology.ways import (
     LEAST_MM,
     OUTSIDE,
+    SURE,
     Scene,
     Way,
     averaged,
@@ -34,8 +35,6 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-_SURE = 10.0
-"""Significance from which a way counts though its width is ill known."""
 _FULL = np.ones((3, 3, 3), dtype=np.bool_)
 
 
@@ -112,7 +111,7 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     scene = Scene(grid, gel, mean, told, search.liquid, clear)
     ways = [_measured(way, scene, search) for way in find_ways(scene, search.false_alarm)]
     # What stands out from the gel right beside it; a face that lies elsewhere doesn't.
-    ways = [f for f in ways if f[1] > LEAST_MM / 3 and (f[0].significance > _SURE or f[1] > f[2])]
+    ways = [f for f in ways if f[1] > LEAST_MM / 3 and (f[0].significance > SURE or f[1] > f[2])]
     swollen = [swelling(way, search.network, search.field, search.fit, clear) for way, *_ in ways]
     swellings = [
         _swollen(way, one, search, traces)
@@ -122,7 +121,7 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     ways = [found for found, one in zip(ways, swollen, strict=True) if one is None]
     between = [_voxels(way, scene) for way, *_ in ways if way.ends[1] != OUTSIDE]
     return Leaks(
-        tuple(_defect(*found, _shade(*found[:2], scene, search), traces) for found in ways),
+        tuple(_defect(*found, _doubt(*found[:2], scene, search), traces) for found in ways),
         tuple(swellings),
         np.concatenate([np.empty((0, 3), dtype=np.int64), *between]),
         scene.examined,
@@ -150,13 +149,15 @@ def _voxels(way: Way, scene: Scene) -> IntArray:
     return np.argwhere(ndimage.binary_dilation(box, structure=_FULL)) + low
 
 
-def _shade(way: Way, size: float, scene: Scene, search: LeakSearch) -> bool:
+def _doubt(way: Way, size: float, scene: Scene, search: LeakSearch) -> Doubt:
+    if way.faint:
+        return "faint"
     glints = search.evidence.glints
-    return may_be_shade(way, size, scene, glints, search.surface, search.fit)
+    return "shade" if may_be_shade(way, size, scene, glints, search.surface, search.fit) else ""
 
 
 def _defect(
-    way: Way, size: float, error: float, shade: bool, traces: tuple[VesselTrace, ...]
+    way: Way, size: float, error: float, doubt: Doubt, traces: tuple[VesselTrace, ...]
 ) -> Defect:
     vessel, other = way.ends
     trace = traces[vessel]
@@ -177,7 +178,7 @@ def _defect(
         wall_um=float("nan"),
         significance=way.significance,
         seen=bordered(trace, (at - half, at + half)),
-        shade=shade,
+        doubt=doubt,
     )
 
 

@@ -47,6 +47,8 @@ def may_be_shade(
     away = np.abs(surface.query(fit.apply(place)).distance) if len(place) else np.empty(0)
     counts = (away > scene.clear_mm) | (share > GLARE * glints.usual)
     shaded = _below(path, place[counts], reach, glints.down)
+    if not shaded.any():
+        return False
     grid = scene.grid
     index = np.round((way.path - grid.origin_mm) / grid.step_mm).astype(np.int64)[:, ::-1]
     index = np.clip(index, 0, np.array(scene.mean.shape) - 1)

@@ -30,6 +30,12 @@ MOST_COST = 0.7
 """Fronts go through so many mm of gel, or through ways of 0.15 mm for three times as many."""
 LEADS_THROUGH = 0.9
 """Evidence for gel that no place on a way exceeds; dead ends run into gel."""
+SURE = 10.0
+"""Significance from which a way counts though it is faint or its width is ill known; ways of sound
+gel, textured by 10 %, reach 6."""
+CRACK = 0.67
+"""A faint way lacks at least this part of the gel that one of `LEAST_MM` lacks, as a crack half as
+wide does."""
 LEAST_MM = 0.15
 """Diameter of the narrowest way that is looked for; half of what it lacks of gel is the limit."""
 APART_MM = 0.5
@@ -51,11 +57,15 @@ class Way:
         From the first to the second, part frame.
     significance : float
         Distance of its mean evidence from sound gel's, in standard deviations.
+    faint : bool
+        So much gel is left in it that it is no way of `LEAST_MM`; a crack thinner than the
+        averages is such.
     """
 
     ends: tuple[int, int]
     path: FloatArray
     significance: float
+    faint: bool
 
 
 @dataclass(frozen=True)
@@ -135,7 +145,7 @@ def averaged(
 
 
 def find_ways(scene: Scene, false_alarm: float) -> list[Way]:
-    """Return the ways that sound gel doesn't explain, the surest first."""
+    """Return the ways that sound gel doesn't explain, the surest first, faint ones last."""
     grid = scene.grid
     # In a crotch voxels may be neither: they are the lumen's, not outside.
     beside = scene.clear_mm + 2 * grid.step_mm
@@ -151,13 +161,16 @@ def find_ways(scene: Scene, false_alarm: float) -> list[Way]:
     whole = length.ravel()[met].sum(axis=1) + grid.step_mm
     share = (gel.ravel()[met].sum(axis=1) + grid.step_mm * between) / whole
     score = _scores(whole, share)
-    through = (share < fullest(scene.liquid)) & (worst.ravel()[met].max(axis=1) < LEADS_THROUGH)
-    chosen = np.flatnonzero((score > _threshold(len(met), grid.step_mm, false_alarm)) & through)
+    least, full = _threshold(len(met), grid.step_mm, false_alarm), fullest(scene.liquid)
+    faint = share >= full
+    sure = np.where(faint, (score > SURE) & (share < 1 - CRACK * (1 - full)), score > least)
+    chosen = np.flatnonzero(sure & (worst.ravel()[met].max(axis=1) < LEADS_THROUGH))
     ways: list[Way] = []
     places = grid.places(np.stack(np.unravel_index(met[:, 0], label.shape), axis=1))
-    for one in chosen[np.argsort(-score[chosen])].tolist():
+    for one in chosen[np.lexsort((-score[chosen], faint[chosen]))].tolist():
         if all(np.linalg.norm(way.path - places[one], axis=1).min() > APART_MM for way in ways):
-            ways.append(_way(met[one], label, parent, grid, float(score[one])))
+            ends, path = _joined(met[one], label, parent, grid)
+            ways.append(Way(ends, path, float(score[one]), bool(faint[one])))
     return ways
 
 
@@ -198,16 +211,17 @@ def _scores(length: FloatArray, share: FloatArray) -> FloatArray:
     return out
 
 
-def _way(
-    pair: IntArray, label: NDArray[np.int32], parent: IntArray, grid: LumenGrid, score: float
-) -> Way:
+def _joined(
+    pair: IntArray, label: NDArray[np.int32], parent: IntArray, grid: LumenGrid
+) -> tuple[tuple[int, int], FloatArray]:
+    """Ends and path of the way that meets in a pair of voxels."""
     sides = [_back(int(flat), parent) for flat in pair]
     ends = [int(label.ravel()[flat]) for flat in pair]
     if ends[0] == OUTSIDE or 0 <= ends[1] < ends[0]:
         sides, ends = sides[::-1], ends[::-1]
     flat = np.array(sides[0][::-1] + sides[1])
     path = grid.places(np.stack(np.unravel_index(flat, label.shape), axis=1))
-    return Way((ends[0], ends[1]), path, score)
+    return (ends[0], ends[1]), path
 
 
 def _back(flat: int, parent: IntArray) -> list[int]:

@@ -97,9 +97,9 @@ def test_sidecar_completes_and_the_user_overrules(tmp_path: Path) -> None:
     ("key", "value", "reason"),
     [
         ("voxel_mm", [0.1, 0.1], "three sizes"),
-        ("voxel_mm", [0.1, 0.1, -1], "above 0"),
+        ("voxel_mm", [0.1, 0.1, -1], "of 1e-05 to 5"),
         ("voxel_mm", [0.1, 0.1, float("nan")], "three sizes"),
-        ("voxel_mm", [100, 30, 30], "at most 5"),
+        ("voxel_mm", [100, 30, 30], "of 1e-05 to 5"),
         ("refractive_index", 13.4, "1 to 2"),
         ("scale", "log", "scale"),
         ("modality", "mri", "modality"),

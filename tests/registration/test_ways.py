@@ -18,13 +18,15 @@ from tests.registration.test_defects import findings, hole
 FloatArray = NDArray[np.float64]
 
 
-def speckled(clean: Segmentation, liquid: float, gel: float = 1.0, seed: int = 0) -> Segmentation:
-    """The same part as one look of OCT: exponential speckle, light that fades with depth."""
+def speckled(
+    clean: Segmentation, liquid: float, gel: float = 1.0, seed: int = 0, looks: int = 1
+) -> Segmentation:
+    """The same part in so many looks of OCT: speckle, exponential of one, light that fades."""
     share = np.asarray(clean.field.values, dtype=np.float64)
     # The phantom's wall is a ramp of 0.3 mm; a voxel is either gel or liquid here.
     power = np.where(share > 0.5, gel, liquid)
     fade = np.exp(-0.02 * np.arange(len(share)))[:, None, None]
-    signal = np.random.default_rng(seed).exponential(power * fade).astype(np.float32)
+    signal = np.random.default_rng(seed).gamma(looks, power * fade / looks).astype(np.float32)
     return replace(clean, strength=Strength(signal, 0.0))
 
 
@@ -57,15 +59,15 @@ def test_what_a_bubble_shades_may_be_gel(place: float) -> None:
     """A bubble afloat in a lumen, and one that rests at its ceiling."""
     shaded = with_bubble(speckled(block(), 0.15), 5.0, 1.2, place, 0.13)
     found = findings(shaded).defects
-    ways = [(d.kind, d.vessel, d.other, d.shade) for d in found if d.kind in ("leak", "bridge")]
-    assert ways == [("leak", CHANNEL, None, True)]
+    ways = [(d.kind, d.vessel, d.other, d.doubt) for d in found if d.kind in ("leak", "bridge")]
+    assert ways == [("leak", CHANNEL, None, "shade")]
 
 
 def test_a_way_that_nothing_shades_is_a_leak() -> None:
     down = hole((5.0, 1.2, 1.3), (5.0, 1.2, 2.8), 0.10)
     scan = with_bubble(speckled(block(extra=down), 0.15), 6.0, 1.2, 1.3, 0.05)
     ways = [d for d in findings(scan).defects if d.kind in ("leak", "bridge")]
-    assert [(d.kind, d.shade) for d in ways if abs(d.point_mm[0] - 5.0) < 0.2] == [("leak", False)]
+    assert [(d.kind, d.doubt) for d in ways if abs(d.point_mm[0] - 5.0) < 0.2] == [("leak", "")]
 
 
 def test_light_from_below_gives_the_same_evidence() -> None:
@@ -132,3 +134,13 @@ def test_a_wide_way_is_gauged_about_its_middle(monkeypatch: pytest.MonkeyPatch) 
     (bridge,) = (d for d in found if d.kind == "bridge")
     assert bridge.point_mm[0] == pytest.approx(5.0, abs=0.05)
     assert abs(bridge.size_um - 360) < bridge.error_um < 80
+
+
+def test_a_crack_thinner_than_the_averages_is_a_way_that_nothing_proves() -> None:
+    def crack(points: FloatArray) -> FloatArray:
+        x, y, z = np.moveaxis(points, -1, 0)
+        return np.maximum.reduce([abs(x - 5.0) - VOXEL / 2.5, abs(y - 1.2) - 0.4, 1.3 - z])
+
+    found = findings(speckled(block(extra=crack), 0.15, looks=4)).defects
+    ways = {(d.kind, d.vessel, d.doubt) for d in found if d.kind in ("leak", "bridge")}
+    assert ways == {("leak", CHANNEL, "faint")}

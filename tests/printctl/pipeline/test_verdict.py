@@ -146,7 +146,7 @@ def test_a_bridge_leads_into_its_other_vessel_and_not_out() -> None:
 
 def test_what_may_be_a_shadow_is_undecided() -> None:
     leak = change(1, 1.9, 2.1) | {"kind": "leak", "size_um": 200.0, "error_um": 12.0}
-    result = judged(defects=[leak | {"shade": True}])
+    result = judged(defects=[leak | {"doubt": "shade"}])
     assert result["undecided"]
     assert not result["passed"]
     assert "not proven, as gel below a bubble or a particle looks alike" in result["reasons"][0]
