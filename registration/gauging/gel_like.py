@@ -149,9 +149,9 @@ def _core(trace: VesselTrace, evidence: GelEvidence, fit: Fit, along: FloatArray
             shift[:, axis] = np.interp(along, trace.along[known], trace.sections.shift[known, axis])
     # Stations are the sections' middles: the axis goes on half a section at each end.
     ends = 1.5 * trace.centre[[0, -1]] - 0.5 * trace.centre[[1, -2]]
-    axis = np.concatenate([ends[:1], trace.centre, ends[1:]])
+    line = np.concatenate([ends[:1], trace.centre, ends[1:]])
     at = np.concatenate([[0.0], trace.along, [trace.length]])
-    axis_points = np.stack([np.interp(along, at, axis[:, k]) for k in range(3)], axis=1)
+    axis_points = np.stack([np.interp(along, at, line[:, k]) for k in range(3)], axis=1)
     nearest = np.clip((along / trace.spacing).astype(np.int64), 0, len(trace.along) - 1)
     flat = shift[:, None] + _CORE * radius[:, None, None] * _PATTERN
     places = fit.invert(axis_points)[:, None] + flat @ trace.planes.across[nearest]
