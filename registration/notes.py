@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from registration.alignment import AXES, Alignment
 from registration.gauging import ContrastGauge, VesselGauge
 from registration.scan import Scan
 from registration.segmentation import GelField, Strength
 from registration.uncertainty import LEAST_STEP, MOST_UNEVEN, ROOT_TWO_PI
 from registration.walls_file import WallCalibration
+
+FloatArray = NDArray[np.float64]
 
 LEAST_EXAMINED = 0.98
 """Of the gel; less is said."""
@@ -39,7 +44,34 @@ def pose_notes(scan: Scan, alignment: Alignment) -> list[str]:
             f"Depth scale rests on the refractive index {scan.refractive_index:g} of the scan: "
             "shrinkage in depth and an error of the index look the same."
         )
+    if alignment.depth_fitted and not scan.depth_standard and scan.modality == "oct":
+        scale, interval = alignment.scaled.scale, alignment.uncertainty.scale
+        notes += depth_notes(scale, interval, alignment.depth_axis, scan.refractive_index)
     return notes
+
+
+def depth_notes(scale: FloatArray, interval: FloatArray, depth: int, index: float) -> list[str]:
+    """Say where depth is scaled by more than the axes across the light and their intervals.
+
+    Parameters
+    ----------
+    scale, interval : (3,) float64
+        Print over design along the part's axes, and half widths of their 95 % intervals.
+    depth : int
+        The axis along the light.
+    index : float
+        Refractive index that depth was read with.
+    """
+    across = float(np.delete(scale, depth).mean())
+    apart = float(scale[depth]) / across - 1
+    if not abs(apart) > interval[depth]:
+        return []
+    return [
+        f"In depth the print is {100 * abs(apart):.1f} % {'longer' if apart > 0 else 'shorter'} "
+        f"than across (95 %: ± {100 * interval[depth]:.1f} %), by its design. Either it really is, "
+        f"or the scan's depth is off (a refractive index of {index * (1 + apart):.3f} in place of "
+        f"{index:.3f} would do it): scan a depth standard (printctl calibrate oct)."
+    ]
 
 
 def unlisted_notes(ways: int) -> list[str]:

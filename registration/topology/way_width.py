@@ -100,10 +100,10 @@ def outline_width(path: FloatArray, field: GelField, fit: Fit) -> tuple[float, f
 
 
 def _cuts(path: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Places 0.1 mm apart along a smoothed path, and its direction there."""
+    """Places along a smoothed path and its direction there: 0.1 mm apart, in a short one 0.05."""
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
-    count = max(2, int(along[-1] / 0.1) + 1)
+    count = max(min(6, int(along[-1] / 0.05)), int(along[-1] / 0.1) + 1, 2)
     even = np.linspace(along[0], along[-1], count)
     # A voxel path zigzags: a parabola through all of it doesn't.
     order = min(2, len(path) - 1)

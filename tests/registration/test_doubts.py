@@ -12,7 +12,7 @@ from registration.alignment import Fit
 from registration.alignment.doubts import rival_words
 from registration.alignment.rivals import Rival, describe, may_lie_otherwise
 from registration.distance import ModelSurface
-from registration.notes import unlisted_notes
+from registration.notes import depth_notes, unlisted_notes
 from tests.registration.parts import solid
 
 RIVAL = Rival("mirrored along x", True, 1.1, 849.0, np.array([7.8, 7.0, 1.1]), seen=False)
@@ -74,3 +74,11 @@ def test_ways_that_rest_on_a_doubtful_pose_are_counted_and_not_listed() -> None:
     assert note.startswith(
         "At this pose 28 places look like leaks or bridges. They aren't findings"
     )
+
+
+def test_a_depth_that_is_scaled_alone_may_be_the_index() -> None:
+    interval = np.array([0.003, 0.003, 0.025])
+    (note,) = depth_notes(np.array([1.0, 1.0, 1.034]), interval, 2, 1.333)
+    assert "3.4 % longer than across" in note
+    assert "1.378 in place of 1.333" in note
+    assert depth_notes(np.array([0.97, 0.97, 0.98]), interval, 2, 1.333) == []
