@@ -39,17 +39,23 @@ HALF_MM = 0.3
 _LONG_MM = 0.15
 """What is no film is averaged over this length: a quarter of gel is speckle voxel by voxel."""
 _SPREADS = 6.0
-"""Standard deviations of a vessel's own quiet liquid, which are much where contrast is low."""
-_MOST_OF_CORE = 0.65
+"""Standard deviations of the quiet part, which are much where contrast is low."""
+_MOST_OF_CORE = 0.7
 """Share of the core that must be brightened by half of that: a bubble's rim covers less."""
 _NARROWED = 0.6
 """Of the designed diameter: a section as narrow as that is no doubt, but a stenosis."""
 _CORE = 0.5
 """Of the lumen's radius: clear of walls and of their blur."""
+_BEYOND_MM = (0.1, 0.3)
+"""From a mouth on this stretch tells the bath. It looks bright beside a part that takes light away,
+and a mouth's last voxels hold some of it."""
+_MOUTH_VOXELS = 2.5
 _QUIET, _QUIETEST = 20, 5
 """Percentiles of a vessel's profile: its quiet liquid, though most of it be filled."""
-_QUIET_SPREADS = 0.80
-"""Standard deviations between these two of a normal distribution."""
+_QUIET_SPREADS, _QUIET_BELOW = 0.80, 0.84
+"""Standard deviations of a normal distribution between these two, and up to its middle."""
+_NOISE, _NOISE_OF_HALF = 0.05, 0.2
+"""By how much noise may lift a quiet profile; of twelve halves the brightest is lifted most."""
 _TILTS = (0.0, 0.4, 0.8)
 """Slopes of a film against the section, from square to the axis to that of a slanted face."""
 _ANGLE = 2 * np.pi * np.arange(12) / 12
@@ -84,11 +90,13 @@ def without_gel_like(
     own = np.array([_quiet(core) for core in cores])
     liquid = float(np.nanpercentile(own, 25))
     own = np.fmin(own, liquid + (LEAST_OF_ALL - LEAST_SHARE) * (1 - liquid))
+    liquids = (
+        np.maximum(_usual(network, trace, at, own), _bath(trace, at, evidence, fit))
+        for trace, at in zip(traces, along, strict=True)
+    )
     return tuple(
-        trace
-        if core is None
-        else _marked(trace, at, _brightened(core, _usual(network, trace, at, own), step, trace))
-        for trace, at, core in zip(traces, along, cores, strict=True)
+        trace if core is None else _marked(trace, at, _brightened(core, usual, step, trace))
+        for trace, at, core, usual in zip(traces, along, cores, liquids, strict=True)
     )
 
 
@@ -148,9 +156,11 @@ def _core(trace: VesselTrace, evidence: GelEvidence, fit: Fit, along: FloatArray
         for axis in range(2):
             shift[:, axis] = np.interp(along, trace.along[known], trace.sections.shift[known, axis])
     # Stations are the sections' middles: the axis goes on half a section at each end.
-    ends = 1.5 * trace.centre[[0, -1]] - 0.5 * trace.centre[[1, -2]]
+    # It is looked along beyond its ends, too.
+    reach = (_BEYOND_MM[1] + trace.spacing / 2) / trace.spacing
+    ends = trace.centre[[0, -1]] + reach * (trace.centre[[0, -1]] - trace.centre[[1, -2]])
     line = np.concatenate([ends[:1], trace.centre, ends[1:]])
-    at = np.concatenate([[0.0], trace.along, [trace.length]])
+    at = np.concatenate([[-_BEYOND_MM[1]], trace.along, [trace.length + _BEYOND_MM[1]]])
     axis_points = np.stack([np.interp(along, at, line[:, k]) for k in range(3)], axis=1)
     nearest = np.clip((along / trace.spacing).astype(np.int64), 0, len(trace.along) - 1)
     flat = shift[:, None] + _CORE * radius[:, None, None] * _PATTERN
@@ -158,20 +168,34 @@ def _core(trace: VesselTrace, evidence: GelEvidence, fit: Fit, along: FloatArray
     return np.nan_to_num(evidence.fine_at(places))
 
 
+def _bath(trace: VesselTrace, along: FloatArray, evidence: GelEvidence, fit: Fit) -> FloatArray:
+    """Bath in the last voxels before a vessel's mouths, (n,); 0 elsewhere."""
+    found, reach = np.zeros(len(along)), _MOUTH_VOXELS * float(evidence.voxel_mm.max())
+    from_end = along, trace.length - along
+    beyond = np.linspace(*_BEYOND_MM, 9)
+    mouth = trace.to_end[[0, -1]] < trace.spacing
+    for free, at, away in zip(mouth, (-beyond, trace.length + beyond), from_end, strict=True):
+        if free and len(trace.along) > 1:
+            found[away < reach] = np.median(_core(trace, evidence, fit, at).mean(axis=1))
+    return found
+
+
 def _brightened(core: FloatArray, usual: FloatArray, step: float, trace: VesselTrace) -> BoolArray:
     """Samples along a vessel whose core something brightens over the usual liquid, (n,)."""
-    if usual.max() >= 1:
+    least = float(usual.min())
+    if least >= 1:
         return np.zeros(len(core), dtype=np.bool_)
-    share = (core - usual[:, None]) / (1 - usual[:, None])
-    quietest, quiet = np.percentile(share.mean(axis=1), [_QUIETEST, _QUIET])
-    spread = (quiet - quietest) / _QUIET_SPREADS
-    least, of_half = (max(value, _SPREADS * spread) for value in (LEAST_SHARE, LEAST_OF_HALF))
-    reach = _CORE * float(trace.radius.mean()) / step
+    share = (core - usual[:, None]) / (1 - least)
     size, half_size = (int(length / step) | 1 for length in (_LONG_MM, HALF_MM))
-    whole = uniform_filter1d(share, size, axis=0, mode="nearest")
-    long = _covered(whole, least)
-    halves = uniform_filter1d(share, half_size, axis=0, mode="nearest") @ _HALVES
-    return _films(share, least, reach) | long | (halves.max(axis=1) > of_half)
+    long = _lit(uniform_filter1d(share, size, axis=0, mode="nearest"))
+    half = (uniform_filter1d(share, half_size, axis=0, mode="nearest") @ _HALVES).max(axis=1)
+    film = _films(share, _CORE * float(trace.radius.mean()) / step)
+    own = usual == least
+    return (
+        _stands_out(film, own, LEAST_SHARE, _NOISE)
+        | _stands_out(long, own, LEAST_SHARE, _NOISE)
+        | _stands_out(half, own, LEAST_OF_HALF, _NOISE_OF_HALF)
+    )
 
 
 _SIDES = (_PATTERN @ _CIRCLE.T > 0.1).astype(np.float64)
@@ -179,21 +203,34 @@ _HALVES = _SIDES / _SIDES.sum(axis=0)
 """Weights of the pattern's points, (points, 12), to the mean on one side of its middle."""
 
 
-def _covered(share: FloatArray, least: float) -> BoolArray:
-    most = (share > least / 2).mean(axis=1) >= _MOST_OF_CORE
-    return np.asarray(most & (share.mean(axis=1) > least))
+def _stands_out(value: FloatArray, own: BoolArray, least: float, noise: float) -> BoolArray:
+    """Where a profile exceeds its own quiet part by `least` and by `_SPREADS` of its deviations.
+
+    Both are told from the lower quantiles over `own` samples, which what lies in the lumen leaves
+    alone. By `noise` at most the quiet part lies above the usual liquid.
+    """
+    quietest, quiet = np.percentile(value[own], [_QUIETEST, _QUIET])
+    spread = (quiet - quietest) / _QUIET_SPREADS
+    middle = np.clip(quiet + _QUIET_BELOW * spread, 0.0, noise)
+    return np.asarray(value > middle + max(least, _SPREADS * spread))
 
 
-def _films(share: FloatArray, least: float, reach: float) -> BoolArray:
-    """Samples at which a plane across the core is bright, square to the axis or tilted."""
-    bright = np.zeros(len(share), dtype=np.bool_)
+def _lit(share: FloatArray) -> FloatArray:
+    """Mean over the core, or twice what `_MOST_OF_CORE` of it exceeds if that is less, (n,)."""
+    dim = np.quantile(share, 1 - _MOST_OF_CORE, axis=1, method="lower")
+    return np.asarray(np.minimum(share.mean(axis=1), 2 * dim))
+
+
+def _films(share: FloatArray, reach: float) -> FloatArray:
+    """The brightest plane across the core at each sample, square to the axis or tilted, (n,)."""
+    best = _lit(share)
     # No tilted mean exceeds that of the brightest samples in reach.
     most = maximum_filter1d(share, 2 * int(np.ceil(max(_TILTS) * reach)) + 1, axis=0)
-    if most.mean(axis=1).max() <= least:
-        return bright
-    for slope in _TILTS:
-        for towards in _CIRCLE[:: 12 if slope == 0 else 1]:
+    if most.mean(axis=1).max() <= LEAST_SHARE:
+        return best
+    for slope in _TILTS[1:]:
+        for towards in _CIRCLE:
             moved = np.rint(slope * reach * (_PATTERN @ towards)).astype(np.int64)
             rows = np.clip(np.arange(len(share))[:, None] + moved, 0, len(share) - 1)
-            bright |= _covered(np.take_along_axis(share, rows, axis=0), least)
-    return bright
+            best = np.maximum(best, _lit(np.take_along_axis(share, rows, axis=0)))
+    return best

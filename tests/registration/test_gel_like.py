@@ -106,3 +106,20 @@ def test_a_parents_own_liquid_isnt_a_plug_of_its_branch() -> None:
 def test_a_narrowed_section_stays_a_stenosis() -> None:
     scan = block(lambda vessel, along: -0.11 * (vessel == CHANNEL) * (abs(along - 2.3) < 0.15))
     assert not found(scan)[CHANNEL].gel_like.any()
+
+
+def at_the_mouth(content: Callable[[FloatArray], FloatArray]) -> VesselTrace:
+    """The inlet, whose mouth is at x = 0, with something by x there."""
+    scan = block(noise=0.004)
+    x = scan.field.origin_mm[0] + VOXEL * np.arange(scan.field.values.shape[2])
+    values = np.maximum(scan.field.values, content(x)).astype(np.float32)
+    return found(replace(scan, field=replace(scan.field, values=values)))[0]
+
+
+def test_a_bright_bath_isnt_a_film_across_the_mouth() -> None:
+    assert not at_the_mouth(lambda x: 0.45 * np.clip(0.5 - x / 0.1, 0, 1)).gel_like.any()
+
+
+def test_a_film_across_the_mouth_is_found() -> None:
+    trace = at_the_mouth(lambda x: 0.4 * np.exp(-0.5 * ((x - 0.05) / 0.04) ** 2))
+    assert np.flatnonzero(trace.gel_like).tolist() == [0]
