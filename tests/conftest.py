@@ -8,6 +8,9 @@ import tempfile
 import pytest
 from hypothesis import settings
 
+# Workers fill the cores: of matrices so small a second thread would do nothing but spin.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # No test asserts a wall-clock time; CI tries the same examples each time, a developer new ones.
 settings.register_profile("printctl", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("printctl")
