@@ -29,9 +29,13 @@ class OrderTable:
     segment_length_mean_mm, element_length_mean_mm, element_length_sd_mm : (n,) float64, mm
     connectivity : (n, n) float64
         Elements of order row + 1 that spring from one of order column + 1, on average.
-    branching_ratio, diameter_ratio, length_ratio : float or None
-        Factors from one order to the next, from straight lines through the logarithms of
-        elements, diameters and element lengths; None with fewer than two orders.
+    branching_ratio : float or None
+        Elements of one order over those of the next higher one, from a straight line through the
+        logarithms of the counts; None with fewer than two orders.
+    diameter_ratio, length_ratio : float or None
+        Mean diameters and element lengths of one order over those of the next lower one, the same
+        way; below 1 where they fall. A top order that holds nothing but stems, whose length is
+        the way from the inlet to the first fork, doesn't count where two others are left.
     """
 
     segments: IntArray
@@ -183,6 +187,8 @@ def order_table(
     long = np.asarray(np.bincount(element, length), dtype=np.float64)
     elements = np.bincount(of, minlength=orders + 1)[1:].astype(np.int64)
     segments = np.bincount(rank, minlength=orders + 1)[1:].astype(np.int64)
+    stems = len(np.unique(element[forest.parent < 0]))
+    fitted = orders - 1 if orders > 2 and elements[-1] == stems else orders
     mean, spread = _mean_spread(wide, of - 1)
     mean_length, spread_length = _mean_spread(long, of - 1)
     return OrderTable(
@@ -194,9 +200,9 @@ def order_table(
         element_length_mean_mm=mean_length,
         element_length_sd_mm=spread_length,
         connectivity=_connectivity(forest, element, rank, elements),
-        branching_ratio=_ratio(elements.astype(np.float64)),
-        diameter_ratio=_ratio(mean),
-        length_ratio=_ratio(mean_length),
+        branching_ratio=_ratio(1.0 / elements),
+        diameter_ratio=_ratio(mean[:fitted]),
+        length_ratio=_ratio(mean_length[:fitted]),
     )
 
 
@@ -212,8 +218,8 @@ def _connectivity(
 
 
 def _ratio(values: FloatArray) -> float | None:
-    """Factor between neighbouring orders, at least 1."""
+    """Factor from one order to the next."""
     if len(values) < 2:
         return None
     slope = float(np.polyfit(np.arange(len(values)), np.log10(values), 1)[0])
-    return float(10.0 ** abs(slope))
+    return float(10.0**slope)
