@@ -49,7 +49,7 @@ if TYPE_CHECKING:
         solve_flow,
     )
     from design.hemodynamics.zero_d.summary import flow_summary
-    from design.hemodynamics.zero_d.table import flow_table, write_flow_csv
+    from design.hemodynamics.zero_d.table import flow_table, read_flow_csv, write_flow_csv
     from design.hemodynamics.zero_d.validity import question_pressure
 
 __all__ = [
@@ -95,6 +95,7 @@ __all__ = [
     "pulsatile_summary",
     "pulsatile_table",
     "question_pressure",
+    "read_flow_csv",
     "resistance_at",
     "scaled_flow",
     "scaled_network",

@@ -74,3 +74,20 @@ def write_flow_csv(
     writer.writerow(table)
     writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
     write_text(path, out.getvalue())
+
+
+def read_flow_csv(path: Path) -> list[dict[str, int | float | str]]:
+    """Rows of a file that `write_flow_csv` wrote, values as they were."""
+    with path.open(encoding="utf-8", newline="") as handle:
+        return [
+            {name: _value(text) for name, text in row.items()} for row in csv.DictReader(handle)
+        ]
+
+
+def _value(text: str) -> int | float | str:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from design.hemodynamics import flow_table, scaled_flow
+from design.hemodynamics import scaled_flow
 from design.network_vtp import write_network_vtp
 from printctl.flow import (
     ONE_D,
@@ -22,7 +21,6 @@ from printctl.flow import (
     solve_and_write_one_d,
     solve_steady,
 )
-from printctl.flow.steady import shear_band
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
@@ -53,8 +51,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         if driven_by.one_d is not None:
             summary["one_d"] = waves(context, driven_by.pulse, driven_by.one_d, report)
             written += [ONE_D, ONE_D_WAVES]
-    table = rows(flow_table(network, solution, band=shear_band(driven_by)))
-    return {**summary, "vessels": table}, written
+    return summary, written
 
 
 def pulses(context: RunContext, pulse: PulsePart) -> dict[str, Any]:
@@ -99,12 +96,6 @@ def scaled(context: RunContext, summary: dict[str, Any]) -> dict[str, Any]:
         "same Reynolds number",
     )
     return found
-
-
-def rows(table: dict[str, NDArray[np.generic]]) -> list[dict[str, Any]]:
-    """Columns to JSON-ready rows."""
-    columns = [column.tolist() for column in table.values()]
-    return [dict(zip(table, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 def key(context: RunContext) -> list[Any]:

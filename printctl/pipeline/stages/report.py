@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from design.files import write_text
+from design.hemodynamics import read_flow_csv
 from printctl.bead import PLAYED
-from printctl.flow import WAVES, read_waves
+from printctl.flow import TABLE, WAVES, read_waves
 from printctl.flow.beside import PICTURE
 from printctl.flow.fidelities import COMPARED, SEEN
 from printctl.gcode_view import Pushing
@@ -56,6 +57,9 @@ def collect(context: RunContext) -> dict[str, Any]:
     for stage, section in _SECTIONS.items():
         if stage in records:
             data[section] = records[stage].summary
+    table = context.folder / TABLE
+    if "flow" in data and table.is_file():  # not in the manifest, which is read by every command
+        data["flow"] = {**data["flow"], "vessels": read_flow_csv(table)}
     if "measures" in data:
         data["tissue"] = {**data["tissue"], **key_numbers(data["measures"])}
     data["timings"] = {
