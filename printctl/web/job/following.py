@@ -123,6 +123,11 @@ class PrintFollower:
         return self._last is not None and self._last.ended
 
     @property
+    def pid(self) -> int | None:
+        """Of the link process that it follows."""
+        return None if self._client is None else self._client.record.pid
+
+    @property
     def alive(self) -> bool:
         """Whether it still follows."""
         return self._threads[0].is_alive()

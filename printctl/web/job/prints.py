@@ -72,10 +72,14 @@ class Prints:
             follower.end()
 
     def follow(self, job: str, folder: Path) -> None:
-        """Follow a print; nothing happens where it is followed already."""
+        """Follow a print; nothing happens where it is or was followed already.
+
+        A link process that has told of its end lives on until it has written its record.
+        """
+        pid = load_record(folder).pid
         with self._lock:
             before = self._followers.get(job)
-            if before is not None and before.alive and not before.over:
+            if before is not None and (before.pid == pid if before.over else before.alive):
                 return
             follower = PrintFollower(job, folder, lambda: self._table(job, folder), self._hear)
             self._followers[job] = follower

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import replace
 
 import pytest
 
 from printctl.errors import SafetyError
 from printctl.link import LinkState
+from printctl.link.record import load_record
 from printctl.web.errors import ConflictError, NotInControlError
 from printctl.web.job.service import JobService
 from tests.printctl.web.job.conftest import OPERATOR, OTHER, add, ready
@@ -93,3 +95,21 @@ def test_a_start_wants_name_list_machine_and_controls(service, station):
     with pytest.raises(SafetyError, match=r"tip's distance from the start: 10 mm, limit 0\.05"):
         service.start(OPERATOR, job, away, WORDS)
     assert service.heard(job) is None
+
+
+def test_a_process_that_told_its_end_and_still_lives_is_not_followed_anew(service, station):
+    """Its first word to another follower would lack what the first knows of the print."""
+    job = add(service)
+    service.start(OPERATOR, job, ready(service, job), WORDS)
+    done = until(service, job, LinkState.DONE)
+    folder = service.core.workspace.print_folder(job)
+    written = load_record(folder)
+    replace(written, status={}, address="still here").save(folder)
+    prints = service._prints
+    before = prints._followers[job]
+    prints.follow(job, folder)
+    assert prints._followers[job] is before
+    replace(written, status={}, pid=written.pid + 1).save(folder)
+    prints.follow(job, folder)
+    assert prints._followers[job] is not before
+    assert done.progress is not None
