@@ -73,6 +73,19 @@ def test_a_new_server_finds_the_print_that_goes_on(core, service, station):
         assert core.events.latest["print"]["state"] == "stopped"
     finally:
         again.close()
+    not_followed_anew(service, job)
+
+
+def not_followed_anew(service: JobService, job: str) -> None:
+    """A process that told its end and still lives has only a bare first word for another."""
+    folder, prints = service.core.workspace.print_folder(job), service._prints
+    written, before = load_record(folder), service._prints._followers[job]
+    replace(written, status={}, address="still here").save(folder)
+    prints.follow(job, folder)
+    assert prints._followers[job] is before
+    replace(written, status={}, pid=written.pid + 1).save(folder)
+    prints.follow(job, folder)
+    assert prints._followers[job] is not before
 
 
 def test_a_start_wants_name_list_machine_and_controls(service, station):
@@ -95,21 +108,3 @@ def test_a_start_wants_name_list_machine_and_controls(service, station):
     with pytest.raises(SafetyError, match=r"tip's distance from the start: 10 mm, limit 0\.05"):
         service.start(OPERATOR, job, away, WORDS)
     assert service.heard(job) is None
-
-
-def test_a_process_that_told_its_end_and_still_lives_is_not_followed_anew(service, station):
-    """Its first word to another follower would lack what the first knows of the print."""
-    job = add(service)
-    service.start(OPERATOR, job, ready(service, job), WORDS)
-    done = until(service, job, LinkState.DONE)
-    folder = service.core.workspace.print_folder(job)
-    written = load_record(folder)
-    replace(written, status={}, address="still here").save(folder)
-    prints = service._prints
-    before = prints._followers[job]
-    prints.follow(job, folder)
-    assert prints._followers[job] is before
-    replace(written, status={}, pid=written.pid + 1).save(folder)
-    prints.follow(job, folder)
-    assert prints._followers[job] is not before
-    assert done.progress is not None
