@@ -1,4 +1,4 @@
-"""What brightens a lumen without a wall of its own leaves it neither open nor closed."""
+"""Lumens that something brightens without a wall of its own: neither open nor closed."""
 
 from __future__ import annotations
 
