@@ -2,7 +2,11 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-.PHONY: serve demo test test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-search bench-operator bench-firmware docs gallery dist test-dist audit clean
+INSTALL := $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt --editable
+PAGES := $(BIN)/python -m pytest -m "browser and not slow" --override-ini cache_dir=.pytest_cache/pages
+# Without kept bytecode each process compiles all that it imports: three CPU seconds for SciPy and numba.
+unexport PYTHONDONTWRITEBYTECODE
+.PHONY: serve demo test pytest kernels ci-environment test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-search bench-operator bench-firmware docs gallery dist test-dist audit clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -11,18 +15,23 @@ demo: $(VENV)/.ready
 serve: $(VENV)/.ready-web
 	$(BIN)/printctl serve $(ARGS)
 
-test: lint
+test: lint pytest
+
+pytest: kernels
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 
+# All kernels, compiled by all cores before tests want them; no work where they are kept.
+kernels: $(VENV)/.ready-test
+	$(BIN)/printctl doctor --warm
+
 # Long runs of shipped examples, minutes each; more sizes, seeds and themes of what CI tests.
-test-slow: $(VENV)/.ready-test
+test-slow: kernels
 	$(BIN)/python -m pytest -m slow --numprocesses 2
 
 # Pages in Chromium, and the API against its description; skipped where there is no Chromium.
 # What fails beside another browser on the same two cores is tried once more, alone.
-test-browser: $(VENV)/.ready-test
-	$(BIN)/python -m pytest -m "browser and not slow" --numprocesses 2 --dist loadfile || \
-	  $(BIN)/python -m pytest -m "browser and not slow" --last-failed --last-failed-no-failures none
+test-browser: kernels
+	$(PAGES) --numprocesses 2 --dist loadfile || $(PAGES) --last-failed --last-failed-no-failures none
 
 lint: $(VENV)/.ready-test
 	$(BIN)/ruff check .
@@ -107,28 +116,35 @@ bench-operator: $(VENV)/.ready-test
 $(VENV)/.ready: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt --editable .
+	$(INSTALL) .
 	touch $@
 
 # Kernels are compiled when they are first needed: the page is seen sooner.
 $(VENV)/.ready-web: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt --editable ".[web]"
+	$(INSTALL) ".[web]"
 	touch $@
 
 $(VENV)/.ready-test: $(VENV)/.ready
-	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt --editable ".[test]"
-	$(BIN)/printctl doctor --warm
+	$(INSTALL) ".[test]"
 	touch $@
 
 $(VENV)/.ready-docs: $(VENV)/.ready
-	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt --editable ".[docs]"
+	$(INSTALL) ".[docs]"
 	touch $@
 
 $(VENV)/.ready-release: $(VENV)/.ready
-	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt --editable ".[release]"
+	$(INSTALL) ".[release]"
 	touch $@
+
+# What tests, guide and release need, by one run of pip instead of four.
+ci-environment:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
+	$(PYTHON) -m venv $(VENV)
+	$(INSTALL) ".[test,docs,release]"
+	touch $(VENV)/.ready
+	touch $(VENV)/.ready-test $(VENV)/.ready-docs $(VENV)/.ready-release
 
 clean:
 	rm -rf $(VENV) build dist site *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
