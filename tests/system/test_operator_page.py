@@ -1,8 +1,9 @@
-"""Web interface end to end by clicks: from a new recipe to the report."""
+"""Web interface end to end by clicks: from a new recipe to the report, and another scan of it."""
 
 from __future__ import annotations
 
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,37 +13,43 @@ from typing import Any
 
 import pytest
 
+from design.network_csv import write_network_csv
 from printctl.station import attach
 from tests.printctl.web.serving import Process, server_process
-from tests.printctl.web.shell.browsers import PHONE, chromium, shown
+from tests.printctl.web.shell.browsers import PHONE, serious, shown
+from tests.printctl.web.shell.dialogs import serious_in_dialog
+from tests.system.forks import FORK
 
 pytestmark = pytest.mark.browser
 _LONG_MS = 600_000
-_TOOLPATH = "toolpath: {method: fresh, needle: 22g, layer_um: 150, line_um: 400}\n"
-_SCAN = "scan: {simulated: oct, voxel_um: [60, 60, 30]}\n"
+_SMALL = {
+    "tissue": "{shape: block, size_mm: [6, 6, 4]}",
+    "vasculature": "{network: fork.csv, unit: mm}",
+    "toolpath": "{method: fresh, needle: 22g, layer_um: 150, line_um: 400}",
+    "scan": "{simulated: oct, voxel_um: [60, 60, 30]}",
+}
+"""Three vessels: the way from recipe to report is that of many, and a third as long."""
 
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("operator") / "workspace"
+    (folder / "recipes").mkdir(parents=True)
+    write_network_csv(folder / "recipes" / "fork.csv", FORK)
     yield folder
     attach(folder / "station").close()
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
-
-
 def _serve(workspace: Path, *more: str) -> Any:
-    return server_process(workspace, "--sim-speed", "30", *more)
+    return server_process(workspace, "--sim-speed", "15", *more)
 
 
 def test_from_a_recipe_to_its_report_by_clicks_alone(workspace: Path, browser: Any) -> None:
     with _serve(workspace) as server:
         port = server.url.rsplit(":", 1)[1].strip("/")
-        page = shown(browser, f"{server.url}/design")
+        page = shown(browser, f"{server.url}/scan")
+        page.get_by_text("No scan yet").wait_for()
+        page.goto(f"{server.url}/design")
         _design(page)
         _connect(page, server)
         _begin(page, server)
@@ -65,8 +72,10 @@ def _design(page: Any) -> None:
     page.get_by_role("button", name="Make", exact=True).click()
     page.get_by_text(re.compile("^one: ready to be made")).wait_for()
     text = page.get_by_label("Recipe as YAML")
-    quick = re.sub(r"toolpath:\n(?:  .*\n)+", _TOOLPATH, text.input_value())
-    text.fill(re.sub(r"scan:\n(?:  .*\n)+", _SCAN, quick))
+    small = text.input_value()
+    for section, short in _SMALL.items():
+        small = re.sub(rf"(?m)^{section}:.*\n(?:  .*\n)+", f"{section}: {short}\n", small)
+    text.fill(small)
     page.get_by_text("one: ready to be made · saved").wait_for()
     page.get_by_role("tab", name="Make").click()
     page.get_by_role("button", name="Make the design").click()
@@ -127,3 +136,48 @@ def _scan(page: Any, server: Process) -> None:
     report = page.frame_locator('iframe[title="Report of the registration"]')
     page.mouse.wheel(0, 20_000)
     report.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
+
+
+def test_a_scan_is_added_seen_and_registered(workspace: Path, browser: Any, tmp_path: Path) -> None:
+    """The run's own scan under another name, as one of another machine would come."""
+    scan = shutil.copy(workspace / "runs" / "one" / "scan.tif", tmp_path / "fresh scan.tif")
+    with _serve(workspace) as server:
+        page = shown(browser, f"{server.url}/scan")
+        _add_and_look(page, scan)
+        _register(page)
+        small = shown(browser, f"{server.url}/scan", viewport=PHONE, color_scheme="dark")
+        small.get_by_text("Shifted by x, y, z").wait_for(timeout=60_000)
+        assert small.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+        assert serious(small) == []
+
+
+def _add_and_look(page: Any, scan: Path) -> None:
+    page.get_by_role("button", name="Add a scan").click()
+    page.get_by_role("button", name="Choose a volume").wait_for()
+    assert serious_in_dialog(page) == []
+    page.locator("input[type=file]").set_input_files(str(scan))
+    page.get_by_text("file~fresh_scan.tif: ").wait_for(timeout=60_000)
+    image = page.get_by_alt_text("of the scan along z")
+    first = image.get_attribute("src")
+    page.wait_for_function(
+        "[...document.querySelectorAll('.pc-slice img')].every(one => one.naturalWidth > 10)"
+    )
+    page.get_by_label("Slice along z").locator("[tabindex]").press("ArrowRight")
+    page.wait_for_function(
+        "first => document.querySelector('.pc-slice img').getAttribute('src') !== first", arg=first
+    )
+    page.get_by_text("Tint what is above the threshold").click()
+    page.wait_for_function(
+        "document.querySelector('.pc-slice img').getAttribute('src').includes('threshold')"
+    )
+    assert serious(page) == []
+
+
+def _register(page: Any) -> None:
+    page.get_by_role("button", name="Register", exact=True).click()
+    page.get_by_text("Shifted by x, y, z").wait_for(timeout=_LONG_MS)
+    assert page.locator("tbody tr").count() >= 3
+    report = page.frame_locator('iframe[title="Report of the registration"]')
+    page.locator("iframe").scroll_into_view_if_needed()
+    report.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
+    assert serious(page) == []

@@ -16,7 +16,6 @@ import pytest
 import yaml
 from rich.console import Console
 
-from design.network import VesselKind, VesselNetwork
 from design.network_csv import write_network_csv
 from firmware_profiles import Bath, Ink, Needle, Plate, Printer, Syringe, load
 from printctl.errors import RecipeError, SafetyError
@@ -26,14 +25,8 @@ from printctl.preflight import SetUp, file_checks
 from printctl.recipe import load_recipe, parse_recipe
 from sim.dryrun import dry_run
 from tests.system.cli import ROOT, printctl
+from tests.system.forks import FORK
 
-FORK = VesselNetwork.from_segments(
-    np.array([[0.5, 3, 2], [3.0, 3, 2], [5.5, 1.2, 2.4], [5.5, 4.6, 1.4]]),
-    np.array([[0, 1], [1, 2], [1, 3]]),
-    np.array([0.4, 0.3, 0.3]),
-    np.full(3, VesselKind.ARTERY, dtype=np.int64),
-    np.zeros(3, dtype=np.int64),
-)
 RECIPE: dict[str, Any] = {
     "schema": 1,
     "name": "forks",

@@ -1,6 +1,6 @@
 """Fuzzing of the REST API by its own description: no server errors.
 
-A minute long, so it runs with `make test-browser`, beside the tests that want Chromium.
+Half a minute long, so it runs with `make test-browser`, beside the tests that want Chromium.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import pytest
 from printctl.link import LinkError
 from printctl.station import attach
 from tests.printctl.web.serving import Process, server_process
+from tests.slower import first_of
 
-EXAMPLES = 8
 pytestmark = pytest.mark.browser
 
 
@@ -29,7 +29,8 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Any:
         attach(workspace / "station").close()
 
 
-def test_no_request_by_the_description_is_a_server_error(served: Process) -> None:
+@pytest.mark.parametrize("examples", first_of([4, 30]))
+def test_no_request_by_the_description_is_a_server_error(served: Process, examples: int) -> None:
     schemathesis = pytest.importorskip("schemathesis")
     hypothesis = pytest.importorskip("hypothesis")
     token = {"Authorization": f"Bearer {served.token}"}
@@ -41,7 +42,7 @@ def test_no_request_by_the_description_is_a_server_error(served: Process) -> Non
 
     def tried(operation: Any) -> None:
         @hypothesis.settings(
-            max_examples=EXAMPLES,
+            max_examples=examples,
             deadline=None,
             derandomize=True,
             database=None,

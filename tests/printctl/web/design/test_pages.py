@@ -41,18 +41,17 @@ def _new_recipe(page: Any, name: str) -> None:
     page.get_by_text(re.compile(f"^{name}: ready to be made")).wait_for()
 
 
-def test_without_a_recipe_the_page_invites_to_one(browser: Any, tmp_path: Path) -> None:
-    with server_process(tmp_path / "workspace") as server:
-        page = shown(browser, f"{server.url}/design")
-        page.get_by_text("Choose a recipe, make a new one, or begin with an example.").wait_for()
-        assert not page.get_by_label("Recipe as YAML").is_visible()
-        assert serious(page) == []
-        page.get_by_role("button", name="New recipe").click()
-        page.get_by_label("Name", exact=True).fill("first")
-        page.get_by_role("button", name="Make", exact=True).click()
-        page.get_by_text(re.compile("^first: ready to be made")).wait_for()
-        assert page.get_by_label("Recipe as YAML").is_visible()
-        assert not page.get_by_text("Choose a recipe, make a new one").is_visible()
+def test_without_a_recipe_the_page_invites_to_one(served: Process, browser: Any) -> None:
+    page = shown(browser, f"{served.url}/design")
+    page.get_by_text("Choose a recipe, make a new one, or begin with an example.").wait_for()
+    assert not page.get_by_label("Recipe as YAML").is_visible()
+    assert serious(page) == []
+    page.get_by_role("button", name="New recipe").click()
+    page.get_by_label("Name", exact=True).fill("first")
+    page.get_by_role("button", name="Make", exact=True).click()
+    page.get_by_text(re.compile("^first: ready to be made")).wait_for()
+    assert page.get_by_label("Recipe as YAML").is_visible()
+    assert not page.get_by_text("Choose a recipe, make a new one").is_visible()
 
 
 def test_a_recipe_is_begun_mended_made_and_seen(served: Process, browser: Any) -> None:
@@ -148,7 +147,7 @@ def test_the_page_fits_small_screens(
         page.wait_for_timeout(1500)
         assert page.evaluate("document.documentElement.scrollWidth") <= viewport["width"]
         assert serious(page) == []
-        page.context.close()
+        page.close()
 
 
 def test_a_file_is_imported_and_chosen_in_the_form(

@@ -11,6 +11,7 @@ import pytest
 from tests.printctl.records.prints import printed, with_run
 from tests.printctl.web.serving import server_process
 from tests.printctl.web.shell.browsers import serious
+from tests.slower import first_of
 
 pytestmark = pytest.mark.browser
 
@@ -128,7 +129,7 @@ def test_print_is_compared_filed_and_made_ready_again(browser, served, tmp_path)
     assert list((folder / "ws" / ".printctl" / "bundles").iterdir()) == []
 
 
-@pytest.mark.parametrize("size", list(SIZES))
+@pytest.mark.parametrize("size", first_of(["phone", "tablet", "desk"]))
 def test_page_fits_the_screen_and_its_targets_the_finger(browser, served, size):
     page = opened(browser, f"{served[0]}/history", size)
     page.wait_for_selector("text=61 prints")
@@ -145,7 +146,7 @@ def test_page_fits_the_screen_and_its_targets_the_finger(browser, served, size):
         assert small == []
 
 
-@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("dark", first_of([True, False]))
 def test_axe_finds_nothing_serious(browser, served, dark):
     page = opened(browser, f"{served[0]}/history", dark=dark)
     page.wait_for_selector("text=61 prints")

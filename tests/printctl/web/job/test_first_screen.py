@@ -22,7 +22,15 @@ from tests.printctl.web.shell.browsers import serious, shown
 from tests.sim_process import printer_process
 
 pytestmark = pytest.mark.browser
-SIZES = [(1280, 800), (1024, 768), (400, 800)]
+LOOKS = [
+    (1280, 800, "light"),
+    (1024, 768, "dark"),
+    (400, 800, "dark"),
+    *(
+        pytest.param(*look, marks=pytest.mark.slow)
+        for look in ((1280, 800, "dark"), (1024, 768, "light"), (400, 800, "light"))
+    ),
+]
 MUST = ("time", "layer", "ink", "heat", "tip", "alarms")
 
 
@@ -66,8 +74,7 @@ def boxes(page: Any) -> dict[str, dict[str, float]]:
     return {name: one.bounding_box() for name, one in found.items()}
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
-@pytest.mark.parametrize(("width", "height"), SIZES)
+@pytest.mark.parametrize(("width", "height", "theme"), LOOKS)
 def test_all_that_must_be_seen_stands_on_the_first_screen_while_a_print_runs(
     under_way: UnderWay, browser: Any, width: int, height: int, theme: Any
 ) -> None:
@@ -87,7 +94,6 @@ def test_all_that_must_be_seen_stands_on_the_first_screen_while_a_print_runs(
         assert box["x"] + box["width"] <= width, name
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert serious(page) == []
-    page.context.close()
 
 
 def test_a_print_whose_station_was_killed_is_gone_on_with_by_two_clicks(

@@ -243,12 +243,16 @@ def test_page_is_accessible_and_fits(visit: Open, size: dict[str, int], scheme: 
 
 
 @pytest.mark.parametrize(
-    "opener", ["Say what is mounted", "Home", "New macro", "Change the syringe", "Start: Level"]
+    "openers",
+    [("Say what is mounted", "Home", "New macro"), ("Change the syringe",), ("Start: Level",)],
 )
-def test_dialogs_are_accessible(visit: Open, opener: str) -> None:
+def test_dialogs_are_accessible(visit: Open, openers: tuple[str, ...]) -> None:
     page = connected(visit(820, 1180))
-    page.get_by_role("button", name=opener).first.click()
-    assert serious_in_dialog(page) == []
+    for opener in openers:
+        page.get_by_role("button", name=opener).first.click()
+        assert serious_in_dialog(page) == []
+        page.keyboard.press("Escape")
+        page.wait_for_timeout(500)
 
 
 @pytest.mark.slow

@@ -67,20 +67,19 @@ def test_the_camera_is_seen_lost_and_found_and_the_film_plays(
         with page.expect_download() as downloading:
             page.get_by_text("Download the time-lapse (WebP)").click()
         assert downloading.value.suggested_filename == "zigzag_timelapse.webp"
+    (core.workspace.root / "jobs" / "a.gcode").write_text("G90\nG1 X50 Y50 Z10 F600\n")
     with server_process(core.workspace.root) as server:  # the film stays, without a camera
         page = shown(browser, f"{server.url}/job?job={job}")
         page.get_by_text("Download the time-lapse (WebP)").wait_for()
-
-
-def test_a_page_without_a_camera_says_nothing_of_one(
-    core: Core, browser: Any, tmp_path: Path
-) -> None:
-    workspace = core.workspace.root
-    (workspace / "jobs" / "a.gcode").write_text("G90\nG1 X50 Y50 Z10 F600\n")
-    with server_process(workspace) as server:
-        page = shown(browser, f"{server.url}/job")
+        page = shown(browser, f"{server.url}/job?job=file~a.gcode")
         page.get_by_text("Set-up and preflight").wait_for()
         assert page.get_by_role("heading", name="Camera").count() == 0
+
+
+@pytest.mark.slow
+def test_a_camera_of_another_kind_is_shown(core: Core, browser: Any, tmp_path: Path) -> None:
+    workspace = core.workspace.root
+    (workspace / "jobs" / "a.gcode").write_text("G90\nG1 X50 Y50 Z10 F600\n")
     source = film(tmp_path / "film.avi")
     with server_process(workspace, "--camera", source) as server:
         page = shown(browser, f"{server.url}/job")
