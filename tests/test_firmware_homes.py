@@ -73,7 +73,8 @@ def test_no_family_is_named_outside_its_home() -> None:
     found = {}
     for path in sources():
         name = path.relative_to(ROOT).as_posix()
-        told = faults(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        told = faults(text) if NAME.search(text) or "firmware" in text else []
         if told:
             found[name] = told
     assert not found
