@@ -10,11 +10,11 @@ from typing import Final
 from fastapi import APIRouter
 
 from printctl.web.core import Core
-from printctl.web.design.routes import router as design_router
+from printctl.web.design.routes import routers as design_routers
 from printctl.web.design.service import DesignService
 from printctl.web.history.routes import router as history_router
 from printctl.web.history.service import HistoryService
-from printctl.web.job.routes import router as job_router
+from printctl.web.job.routes import routers as job_routers
 from printctl.web.job.service import JobService
 from printctl.web.printer.routes import router as printer_router
 from printctl.web.printer.service import PrinterService
@@ -55,8 +55,8 @@ def routers(services: Services) -> list[APIRouter]:
     """The rooms' parts of the API."""
     return [
         printer_router(services.printer),
-        job_router(services.job),
-        design_router(services.design),
+        *job_routers(services.job),
+        *design_routers(services.design),
         scan_router(services.scan),
         history_router(services.history),
     ]

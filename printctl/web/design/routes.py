@@ -9,9 +9,6 @@ from printctl.web.design.run_routes import run_routes
 from printctl.web.design.service import DesignService
 
 
-def router(service: DesignService) -> APIRouter:
-    """Routes below ``/api/v1/recipes`` and ``/api/v1/runs``."""
-    both = APIRouter()
-    both.include_router(recipe_routes(service.recipes))
-    both.include_router(run_routes(service))
-    return both
+def routers(service: DesignService) -> tuple[APIRouter, ...]:
+    """Routes below ``/api/v1/recipes`` and ``/api/v1/runs``; nested, each would be made twice."""
+    return recipe_routes(service.recipes), run_routes(service)

@@ -42,18 +42,15 @@ def asking(request: Request) -> Principal:
 Who = Annotated[Principal, Depends(asking)]
 
 
-def router(service: JobService) -> APIRouter:
-    """Routes of jobs and prints."""
+def routers(service: JobService) -> tuple[APIRouter, ...]:
+    """Routes of jobs and prints, and of the live view; nested, each would be made twice."""
     routes = APIRouter(prefix=API, responses=REFUSED)
     _jobs(routes, service)
     _prints(routes, service)
     _broken_off(routes, service)
     _after(routes, service)
     add_routes(routes, service.watching, service.heard)
-    whole = APIRouter()
-    whole.include_router(routes)
-    whole.include_router(live_router(service.scene, service.scenes))
-    return whole
+    return routes, live_router(service.scene, service.scenes)
 
 
 def _jobs(routes: APIRouter, service: JobService) -> None:
