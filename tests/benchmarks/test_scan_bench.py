@@ -88,6 +88,7 @@ def test_many_looks_show_each_wall_where_the_truth_says():
     assert 1e3 * abs(2 * np.sqrt(area / np.pi) - 0.5) < 5
 
 
+@pytest.mark.slow
 def test_true_diameters_are_those_of_the_solid_cut_across(tmp_path):
     given = asked("curved", "--shrink", "1,1,1", "--yaw", "0", "--tilt", "0,0")
     design = DESIGNS["curved"]()

@@ -42,6 +42,7 @@ from tests.printctl.link.two_heads import (
     machine,
     strokes,
 )
+from tests.slower import first_of
 
 RETREAT = Retreat(relief_mm=0.005, others=(Retreat(relief_mm=0.002),))
 
@@ -122,7 +123,7 @@ def test_printer_executes_the_file_as_the_dry_run_foresaw(tmp_path):
     assert {0, 1} == set(strokes(FORESEEN)[:, 0])
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", first_of(range(12), 4))
 def test_pauses_at_random_moments_lose_and_double_nothing(tmp_path, seed):
     rng = np.random.default_rng(seed)
     printer, clock = machine()
@@ -144,7 +145,7 @@ def test_pauses_at_random_moments_lose_and_double_nothing(tmp_path, seed):
     assert_same_print(printer.executed())
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", first_of(range(60), 12))
 def test_a_host_killed_at_any_moment_goes_on_with_the_same_head(tmp_path, seed):
     rng = np.random.default_rng(seed)
     printer, clock = machine()
@@ -161,7 +162,7 @@ def test_a_host_killed_at_any_moment_goes_on_with_the_same_head(tmp_path, seed):
     assert_same_print(printer.executed())
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", first_of(range(30), 8))
 def test_a_host_killed_in_a_pause_goes_on_with_the_same_head(tmp_path, seed):
     rng = np.random.default_rng(100 + seed)
     printer, clock = machine()
@@ -255,7 +256,7 @@ def test_the_syringe_of_the_idle_head_is_changed_without_a_stroke_of_the_other(t
     assert_same_print(printer.executed())
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", first_of(range(30), 8))
 def test_a_host_killed_while_a_syringe_is_changed(tmp_path, seed):
     rng = np.random.default_rng(200 + seed)
     reloads = [mark.index for mark in JOB.marks.of(MarkKind.RELOAD)]

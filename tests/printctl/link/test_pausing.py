@@ -36,6 +36,7 @@ from tests.printctl.link.scripted_transport import ScriptedTransport
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.simulated_transport import HostDiedError
 from tests.printctl.link.test_families import FAKES, facts
+from tests.slower import first_of
 
 
 def followed(data, tmp_path, script, **options):
@@ -72,7 +73,7 @@ def two_in_flight() -> MarlinProtocol:
 
 
 @pytest.mark.parametrize("protocol", [one_in_flight, two_in_flight])
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", first_of(range(30), 8))
 def test_paused_at_random_moments_does_every_line_once_and_in_order(tmp_path, seed, protocol):
     rng = np.random.default_rng(seed)
     data = layered(6, 25)
@@ -91,7 +92,7 @@ def test_paused_at_random_moments_does_every_line_once_and_in_order(tmp_path, se
 
 
 @pytest.mark.parametrize("protocol", [one_in_flight, two_in_flight])
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", first_of(range(10), 3))
 def test_pauses_on_a_noisy_line_lose_and_double_nothing(tmp_path, seed, protocol):
     rng = np.random.default_rng(seed)
     job = parse_job(layered(6, 25), "test.gcode")
@@ -127,7 +128,7 @@ def test_other_families_pause_and_change_the_syringe_as_well(tmp_path, firmware)
     assert not any(line.startswith("M84") for line in fake.executed)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", first_of(range(12), 4))
 def test_paused_at_random_moments_moves_as_the_dry_run_foresaw(tmp_path, seed):
     rng = np.random.default_rng(seed)
     data = layered(4, 30)

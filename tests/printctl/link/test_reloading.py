@@ -36,6 +36,7 @@ from tests.printctl.link.layered import (
 )
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.simulated_transport import HostDiedError
+from tests.slower import first_of
 
 DATA = layered(4, 20)
 JOB = parse_job(DATA, "test.gcode")
@@ -185,7 +186,7 @@ def test_syringe_that_does_not_last_to_the_next_reload_point_is_not_gone_on_with
     assert_same_print(transport.printer.executed())
 
 
-@pytest.mark.parametrize("part", [0.0, 0.6, 1.0])
+@pytest.mark.parametrize("part", first_of([0.6, 0.0, 1.0]))
 @pytest.mark.parametrize("last", range(1, 22))
 def test_host_killed_in_the_middle_of_a_change_goes_on_exactly(tmp_path, last, part):
     at = JOB.marks.of(MarkKind.RELOAD)[1].index

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[3]
-PACKAGES = ("firmware_profiles", "design", "sim", "registration", "printctl")
 FOLDERS = ("printctl/link", "printctl/station", "firmware_profiles/families")
 MOST_CLASSES = 2
 """In a chain: a class and one base."""
@@ -57,13 +56,9 @@ def is_private(name: str) -> bool:
     return name.startswith("_") and not name.endswith("__")
 
 
-def modules() -> dict[str, ast.Module]:
-    """Every module of the project, by its path."""
-    return {
-        str(path): ast.parse(path.read_text(encoding="utf-8"))
-        for package in PACKAGES
-        for path in sorted((ROOT / package).rglob("*.py"))
-    }
+def modules() -> list[str]:
+    """Paths of the modules of link, station and the families' protocols."""
+    return [str(path) for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))]
 
 
 def imported(tree: ast.Module) -> dict[str, tuple[str, str]]:
@@ -82,18 +77,25 @@ def module_path(module: str) -> str:
 
 
 class House:
-    """All classes of the project, with their bases."""
+    """Classes of these modules, with their bases wherever in the project they are written."""
 
     def __init__(self) -> None:
-        self.trees = modules()
-        self.imports = {path: imported(tree) for path, tree in self.trees.items()}
-        self.nodes = {
-            (path, node.name): node
-            for path, tree in self.trees.items()
-            for node in ast.walk(tree)
-            if isinstance(node, ast.ClassDef)
-        }
+        self.trees: dict[str, ast.Module] = {}
+        self.imports: dict[str, dict[str, tuple[str, str]]] = {}
+        self.nodes: dict[tuple[str, str], ast.ClassDef] = {}
         self.sources: dict[tuple[str, str], Source] = {}
+        for path in modules():
+            self.read(path)
+
+    def read(self, path: str) -> None:
+        """Take in a module, unless it is known or another program's."""
+        if path in self.trees or not Path(path).is_file():
+            return
+        tree = self.trees[path] = ast.parse(Path(path).read_text(encoding="utf-8"))
+        self.imports[path] = imported(tree)
+        self.nodes |= {
+            (path, node.name): node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)
+        }
 
     def source(self, key: tuple[str, str]) -> Source:
         """The class of that name in that file."""
@@ -107,10 +109,12 @@ class House:
     def find(self, path: str, name: str) -> tuple[str, str] | None:
         """Where a class that a file names is written; None for one of another program's."""
         name = name.partition("[")[0]
+        self.read(path)
         while (path, name) not in self.nodes:
             if name not in self.imports.get(path, {}):
                 return None
             path, name = self.imports[path][name]
+            self.read(path)
         return path, name
 
     def of_folders(self) -> list[Source]:

@@ -25,6 +25,7 @@ from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, Arming, Script, played
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.simulated_transport import HostDiedError
+from tests.slower import first_of
 
 DATA = airy(3, 12)
 JOB = parse_job(DATA, "test.gcode")
@@ -142,7 +143,7 @@ def test_a_stop_within_a_path_shuts_the_valve_before_anything_else(tmp_path, whe
     assert not any(" E" in line and "M118" not in line for line in commands)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", first_of(range(20), 6))
 def test_paused_at_random_moments_the_same_is_laid_as_without(tmp_path, seed):
     rng = np.random.default_rng(seed)
     wishes = [
@@ -171,7 +172,7 @@ def test_paused_at_random_moments_the_same_is_laid_as_without(tmp_path, seed):
     assert not any(" E" in line or line.startswith("M82") for line in own)
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", first_of(range(10), 3))
 def test_pauses_on_a_noisy_line_lay_the_same_as_well(tmp_path, seed):
     rng = np.random.default_rng(seed)
     moments = rng.choice(np.arange(7, len(JOB) - 40), size=4, replace=False).tolist()
@@ -253,7 +254,7 @@ def test_nothing_is_sent_to_a_printer_that_another_profile_is_of(tmp_path):
 # --- a host that died ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", first_of(range(12), 4))
 def test_a_host_that_died_shuts_the_valve_first_and_rejoins(tmp_path, seed):
     rng = np.random.default_rng(seed)
     clock, printer = VirtualClock(), MarlinPrinter(AIR, START)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import io
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,8 @@ from tests.kernels.record import LAYERED
 
 
 def dry_run(folder: Path, **care: Any) -> dict[str, Any]:
-    recipe = copy.deepcopy(LAYERED) | {"printer": {"care": care}}
+    named = ("schema", "name", "tissue", "vasculature", "toolpath")
+    recipe = {key: LAYERED[key] for key in named} | {"printer": {"care": care}}
     found = toolpath_recipe(
         parse_recipe(recipe, "test"), folder, folder, Console(file=io.StringIO())
     )

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from distributed import LocalCluster
@@ -16,21 +17,19 @@ from printctl.search.workers import Workers
 from tests.printctl.search.small import SEARCH, left_behind, run, write
 
 LONG = SEARCH | {"vary": {"seed": list(range(1, 13))}}
+SHORT = SEARCH | {"vary": {"seed": [1, 2, 3, 4]}}
 PATIENCE_S = 120
 
 
-@pytest.fixture(scope="module")
-def alone(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """What the long search leaves behind when this process alone has done it."""
-    folder = tmp_path_factory.mktemp("alone")
-    run(write(folder, LONG), folder / "out")
+def alone(folder: Path, search: dict[str, Any]) -> dict[str, bytes]:
+    """What a search leaves behind when this process alone has done it."""
+    folder.mkdir()
+    run(write(folder, search), folder / "out")
     return left_behind(folder / "out")
 
 
 @pytest.mark.slow
-def test_killed_it_loses_what_ran_and_goes_on_to_the_same_end(
-    tmp_path: Path, alone: dict[str, bytes]
-) -> None:
+def test_killed_it_loses_what_ran_and_goes_on_to_the_same_end(tmp_path: Path) -> None:
     path, out = write(tmp_path, LONG), tmp_path / "out"
     known = out / "candidates"
     command = [sys.executable, "-m", "printctl", "search", str(path), "--out", str(out)]
@@ -46,18 +45,18 @@ def test_killed_it_loses_what_ran_and_goes_on_to_the_same_end(
     assert found.kept == len(kept) >= 1
     assert found.made == 12 - len(kept) > 0
     assert all(file.stat().st_ino == ino for file, ino in kept.items())
-    assert left_behind(out) == alone
+    assert left_behind(out) == alone(tmp_path / "alone", LONG)
 
 
-def test_a_cluster_by_its_address_finds_the_same(tmp_path: Path, alone: dict[str, bytes]) -> None:
+def test_a_cluster_by_its_address_finds_the_same(tmp_path: Path) -> None:
     # Threads of this process stand for the cluster: what is asked here is the way there.
     quick = {"n_workers": 2, "threads_per_worker": 1, "processes": False, "protocol": "tcp://"}
     with LocalCluster(**quick, host="127.0.0.1", dashboard_address="127.0.0.1:0") as cluster:
         assert cluster.scheduler_address.startswith("tcp://")
         there = Workers(None, cluster.scheduler_address)
-        found = run(write(tmp_path, LONG), tmp_path / "out", there)
-    assert (found.made, found.broken) == (12, {})
-    assert left_behind(tmp_path / "out") == alone
+        found = run(write(tmp_path, SHORT), tmp_path / "out", there)
+    assert (found.made, found.broken) == (4, {})
+    assert left_behind(tmp_path / "out") == alone(tmp_path / "alone", SHORT)
 
 
 def _wait_until(happened: object, process: subprocess.Popen[bytes] | None = None) -> None:

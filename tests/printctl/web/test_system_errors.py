@@ -23,6 +23,12 @@ def upload(here: Served, data: bytes = GCODE) -> tuple[int, dict]:
     return answer.status_code, answer.json()
 
 
+@pytest.fixture(scope="module")
+def one(tmp_path_factory: pytest.TempPathFactory) -> Served:
+    """A server for all uploads that fail."""
+    return served(tmp_path_factory.mktemp("one"))
+
+
 @pytest.mark.parametrize(
     ("number", "status", "kind", "remedy"),
     [
@@ -36,20 +42,18 @@ def upload(here: Served, data: bytes = GCODE) -> tuple[int, dict]:
     ],
 )
 def test_what_the_system_refuses_is_told_with_a_remedy(
-    tmp_path: Path,
+    one: Served,
     monkeypatch: pytest.MonkeyPatch,
     number: int,
     status: int,
     kind: str,
     remedy: str,
 ) -> None:
-    here = served(tmp_path)
-
     def refused(*asked: object, **more: object) -> None:
         raise OSError(number, os.strerror(number), "/workspace/jobs/part.gcode")
 
     monkeypatch.setattr("printctl.web.job.jobs.save_name", refused)
-    got, said = upload(here)
+    got, said = upload(one)
     assert (got, said["error"]) == (status, kind)
     assert remedy in said["message"]
     assert kind == "TooManyFilesError" or "part.gcode" in said["message"]

@@ -16,8 +16,7 @@ from printctl.web.settings import ServeSettings
 from printctl.web.workspace import Workspace
 
 
-@pytest.fixture
-def workspace(tmp_path: Path) -> Workspace:
+def _workspace(tmp_path: Path) -> Workspace:
     (tmp_path / "secret.txt").write_text("secret")
     made = Workspace(tmp_path / "ws").make()
     _run(made, "one", vessels=14, print_time_s=600.0, recipe={"toolpath": {"layer_um": 60.0}})
@@ -40,10 +39,25 @@ def _run(
     (folder / "secret.key").write_text("secret")
 
 
-@pytest.fixture
-def client(workspace: Workspace) -> TestClient:
+def _client(workspace: Workspace) -> TestClient:
     app = build_app(Core(ServeSettings(workspace.root), workspace), pages=False)
     return TestClient(app, raise_server_exceptions=True)
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    return _workspace(tmp_path)
+
+
+@pytest.fixture
+def client(workspace: Workspace) -> TestClient:
+    return _client(workspace)
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory: pytest.TempPathFactory) -> TestClient:
+    """One for all tests that only ask."""
+    return _client(_workspace(tmp_path_factory.mktemp("asked")))
 
 
 def test_a_recipe_is_made_changed_checked_and_thrown_away(client: TestClient) -> None:
@@ -65,13 +79,13 @@ def test_a_text_is_checked_without_being_kept(client: TestClient) -> None:
     assert client.get("/api/v1/recipes").json() == []
 
 
-def test_the_schema_is_given(client: TestClient) -> None:
-    keys = [field["key"] for field in client.get("/api/v1/recipes/schema").json()["fields"]]
+def test_the_schema_is_given(asked: TestClient) -> None:
+    keys = [field["key"] for field in asked.get("/api/v1/recipes/schema").json()["fields"]]
     assert keys[:3] == ["schema", "name", "seed"]
 
 
-def test_a_file_of_a_run_comes_as_a_download(client: TestClient) -> None:
-    answer = client.get("/api/v1/runs/one/files/flow.csv")
+def test_a_file_of_a_run_comes_as_a_download(asked: TestClient) -> None:
+    answer = asked.get("/api/v1/runs/one/files/flow.csv")
     assert answer.text == "vessel\n0\n"
     assert answer.headers["content-disposition"].startswith("attachment")
 
@@ -91,8 +105,8 @@ def test_a_file_of_a_run_comes_as_a_download(client: TestClient) -> None:
         "runs/.hidden/progress",
     ],
 )
-def test_nothing_beyond_the_list_is_given(client: TestClient, path: str) -> None:
-    answer = client.get(f"/api/v1/{path}")
+def test_nothing_beyond_the_list_is_given(asked: TestClient, path: str) -> None:
+    answer = asked.get(f"/api/v1/{path}")
     assert answer.status_code in (404, 422)
     named = answer.text.replace("secret.key", "").replace("secret.txt", "")
     assert "secret" not in named.replace(unquote(path), "")  # refusals name what was asked for
@@ -103,19 +117,19 @@ def test_a_link_that_leads_out_isnt_followed(client: TestClient, workspace: Work
     assert client.get("/api/v1/runs/one/files/run.log").status_code == 404
 
 
-def test_a_page_of_a_run_is_shut_in(client: TestClient) -> None:
-    answer = client.get("/api/v1/runs/one/pages/report?theme=dark")
+def test_a_page_of_a_run_is_shut_in(asked: TestClient) -> None:
+    answer = asked.get("/api/v1/runs/one/pages/report?theme=dark")
     policy = answer.headers["content-security-policy"]
     assert "sandbox allow-scripts" in policy
     assert "allow-same-origin" not in policy
     assert "default-src 'none'" in policy
     assert answer.headers["x-frame-options"] == "SAMEORIGIN"
     assert '<html lang="en" data-theme="dark">' in answer.text
-    assert client.get("/api/v1/runs/one/pages/report?theme=x").status_code == 422
+    assert asked.get("/api/v1/runs/one/pages/report?theme=x").status_code == 422
 
 
-def test_two_runs_are_compared(client: TestClient) -> None:
-    found = client.get("/api/v1/runs/compare?one=one&other=two").json()
+def test_two_runs_are_compared(asked: TestClient) -> None:
+    found = asked.get("/api/v1/runs/compare?one=one&other=two").json()
     assert found["recipe"] == [
         {"name": "toolpath.layer_um", "one": "60.0", "other": "40.0", "change": ""}
     ]

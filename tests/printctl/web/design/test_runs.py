@@ -113,6 +113,7 @@ def test_a_run_that_was_killed_is_told_so(service: DesignService, workspace: Wor
     assert _until(_server(workspace), "interrupted").message == found.message
 
 
+@pytest.mark.slow
 def test_a_failed_stage_says_why(service: DesignService) -> None:
     service.recipes.take_file("n.csv", b"vessel,node0\n1,2\n")
     text = service.recipes.read("one")

@@ -29,12 +29,22 @@ def app(tmp_path) -> Served:
     return served(tmp_path / "ws")
 
 
-@pytest.fixture
-def script(app) -> TestClient:
-    """A client that shows the token."""
+def _script(app: Served) -> TestClient:
     client = app.client()
     client.headers["Authorization"] = f"Bearer {app.gate.token}"
     return client
+
+
+@pytest.fixture
+def script(app) -> TestClient:
+    """A client that shows the token."""
+    return _script(app)
+
+
+@pytest.fixture(scope="module")
+def asking(tmp_path_factory) -> TestClient:
+    """The same, for all tests that are refused."""
+    return _script(served(tmp_path_factory.mktemp("asking")))
 
 
 def test_prints_are_listed_narrowed_and_paged(script, tmp_path):
@@ -59,8 +69,8 @@ def test_prints_are_listed_narrowed_and_paged(script, tmp_path):
     [{"limit": 0}, {"limit": 10**6}, {"offset": -1}, {"sort": "id; DROP"}, {"since": "yesterday"},
      {"since": "0001-01-01"}, {"words": "x" * 201}],
 )  # fmt: skip
-def test_question_that_can_not_be_asked_is_told(script, query):
-    answer = script.get(WAY, params=query)
+def test_question_that_can_not_be_asked_is_told(asking, query):
+    answer = asking.get(WAY, params=query)
     assert answer.status_code == 422
     assert answer.json()["message"]
 
@@ -83,9 +93,9 @@ def test_one_print_is_told_with_all_there_is(script, tmp_path):
     ("way", "status"),
     [("1000000000-00000000", 404), ("..%2f..%2fetc%2fpasswd", 404), ("x", 422), ("1-2-3", 422)],
 )
-def test_print_that_is_not_there_is_not_found(script, way, status):
+def test_print_that_is_not_there_is_not_found(asking, way, status):
     for more in ("", "/bundle", "/report", "/repeat"):
-        assert script.get(f"{WAY}/{way}{more}").status_code in (status, 404)
+        assert asking.get(f"{WAY}/{way}{more}").status_code in (status, 404)
 
 
 def test_csv_holds_every_page_and_no_formula(script, tmp_path):
@@ -125,8 +135,8 @@ def test_verify_tells_what_is_changed_and_whose_key_it_is(script, tmp_path):
     [{}, {"bundle": ("a.zip", b"PK"), "key": ("k.pem", b"garbage")},
      {"bundle": ("a.zip", b"PK"), "key": ("k.pem", b"x" * 20_000)}],
 )  # fmt: skip
-def test_verify_refuses_what_it_can_not_take(script, files):
-    answer = script.post(f"{WAY}/verify", files=files)
+def test_verify_refuses_what_it_can_not_take(asking, files):
+    answer = asking.post(f"{WAY}/verify", files=files)
     assert answer.status_code == 422
 
 

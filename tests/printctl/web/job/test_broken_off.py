@@ -119,6 +119,7 @@ def test_killed_station_leaves_a_print_that_the_page_goes_on_with(core, service,
     assert_agree(core, service, job)
 
 
+@pytest.mark.slow
 def test_a_print_that_was_broken_off_is_given_up_and_its_end_is_told_by_all(
     core, service, port, behind
 ):
@@ -139,6 +140,7 @@ def test_a_print_that_was_broken_off_is_given_up_and_its_end_is_told_by_all(
     assert_agree(core, service, job)
 
 
+@pytest.mark.slow
 def test_a_printer_that_was_connected_anew_isnt_gone_on_with_but_recovered(
     core, service, port, behind
 ):
@@ -179,6 +181,7 @@ def test_a_new_server_tells_of_the_print_that_broke_off(core, service, port, beh
         again.close()
 
 
+@pytest.mark.slow
 def test_a_killed_link_process_of_its_own_is_gone_on_with_after_a_go_on(
     core, service, port, behind
 ):

@@ -29,8 +29,7 @@ SAID = {
 }
 
 
-@pytest.fixture
-def workspace(tmp_path: Path) -> Workspace:
+def _workspace(tmp_path: Path) -> Workspace:
     (tmp_path / "secret.txt").write_text("secret")
     made = Workspace(tmp_path / "ws").make()
     made.run("one").mkdir()
@@ -38,10 +37,28 @@ def workspace(tmp_path: Path) -> Workspace:
     return made
 
 
-@pytest.fixture
-def client(workspace: Workspace) -> TestClient:
+def _client(workspace: Workspace) -> TestClient:
     core = Core(ServeSettings(workspace.root, upload_mb=1.0), workspace)
     return TestClient(build_app(core, pages=False), raise_server_exceptions=True)
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    return _workspace(tmp_path)
+
+
+@pytest.fixture
+def client(workspace: Workspace) -> TestClient:
+    return _client(workspace)
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory: pytest.TempPathFactory) -> tuple[TestClient, str]:
+    """A client and a scan of which all is said, for all tests that are refused."""
+    client = _client(_workspace(tmp_path_factory.mktemp("known")))
+    scan = _added(client)
+    client.put(f"/api/v1/scans/{scan}/said", json=SAID)
+    return client, scan
 
 
 def _added(client: TestClient) -> str:
@@ -74,8 +91,10 @@ def test_a_slice_is_that_of_the_file(client: TestClient) -> None:
 
 
 @pytest.mark.parametrize("voxel", [[0, 0, 0], [-1, 1, 1], ["inf", 1, 1], [1e300, 1, 1], [1, 2]])
-def test_a_voxel_that_cant_be_is_refused(client: TestClient, voxel: list[object]) -> None:
-    scan = _added(client)
+def test_a_voxel_that_cant_be_is_refused(
+    known: tuple[TestClient, str], voxel: list[object]
+) -> None:
+    client, scan = known
     answer = client.put(f"/api/v1/scans/{scan}/said", json={**SAID, "voxel_um": voxel})
     assert answer.status_code == 422
     client.put(f"/api/v1/scans/{scan}/said", json=SAID)
@@ -85,9 +104,8 @@ def test_a_voxel_that_cant_be_is_refused(client: TestClient, voxel: list[object]
 @pytest.mark.parametrize(
     "slices", ["z/9", "z/-1", "w/1", "z/1?low=5", "z/1?low=5&high=5", "z/1?low=nan&high=1", "z/x"]
 )
-def test_a_slice_that_isnt_there_is_refused(client: TestClient, slices: str) -> None:
-    scan = _added(client)
-    client.put(f"/api/v1/scans/{scan}/said", json=SAID)
+def test_a_slice_that_isnt_there_is_refused(known: tuple[TestClient, str], slices: str) -> None:
+    client, scan = known
     assert client.get(f"/api/v1/scans/{scan}/slices/{slices}").status_code == 422
 
 
@@ -103,8 +121,8 @@ def test_a_slice_that_isnt_there_is_refused(client: TestClient, slices: str) -> 
         "run~one/with/%2e%2e/report",
     ],
 )
-def test_nothing_beyond_the_scans_is_given(client: TestClient, path: str) -> None:
-    answer = client.get(f"/api/v1/scans/{path}")
+def test_nothing_beyond_the_scans_is_given(known: tuple[TestClient, str], path: str) -> None:
+    answer = known[0].get(f"/api/v1/scans/{path}")
     assert answer.status_code in (404, 422)
     assert "secret\n" not in answer.text
 

@@ -22,6 +22,18 @@ def here(tmp_path: Path) -> Served:
     return served(tmp_path)
 
 
+@pytest.fixture(scope="module")
+def unchanged(tmp_path_factory: pytest.TempPathFactory) -> Served:
+    """One for all tests that leave it as it is."""
+    return served(tmp_path_factory.mktemp("unchanged"))
+
+
+@pytest.fixture(scope="module")
+def locked(tmp_path_factory: pytest.TempPathFactory) -> Served:
+    """One with a password, for tests that leave it as it is."""
+    return served(tmp_path_factory.mktemp("locked"), password="right")
+
+
 def changing_routes(here: Served) -> list[tuple[str, str]]:
     paths = here.app.openapi()["paths"]
     found = [(method, path) for path, item in paths.items() for method in item]
@@ -34,18 +46,18 @@ def visited(here: Served, **of: str) -> TestClient:
     return client
 
 
-def test_every_changing_route_is_refused_without_session_or_token(here: Served) -> None:
-    routes = changing_routes(here)
+def test_every_changing_route_is_refused_without_session_or_token(unchanged: Served) -> None:
+    routes = changing_routes(unchanged)
     assert ("post", "/api/v1/stop") in routes
     for method, path in routes:
-        answer = here.client().request(method, path, headers=OURS)
+        answer = unchanged.client().request(method, path, headers=OURS)
         assert answer.status_code == 401, (method, path)
         assert answer.json()["error"] == "NotAllowedError"
 
 
-def test_every_changing_route_is_refused_from_another_origin(here: Served) -> None:
-    client = visited(here)
-    for method, path in changing_routes(here):
+def test_every_changing_route_is_refused_from_another_origin(unchanged: Served) -> None:
+    client = visited(unchanged)
+    for method, path in changing_routes(unchanged):
         for headers in (
             FOREIGN,
             {"Origin": "null"},
@@ -74,8 +86,8 @@ def test_a_token_from_another_origin_is_refused(here: Served) -> None:
     assert here.client().post("/api/v1/controls", headers=token | FOREIGN).status_code == 403
 
 
-def test_a_visit_on_the_loopback_gets_a_session(here: Served) -> None:
-    client = here.client()
+def test_a_visit_on_the_loopback_gets_a_session(unchanged: Served) -> None:
+    client = unchanged.client()
     cookie = client.get("/printer").headers["set-cookie"]
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
@@ -94,29 +106,29 @@ def test_the_cookie_is_secure_under_tls(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "host", ["evil.example", "evil.example:8080", "127.0.0.1.evil.example", ""]
 )
-def test_a_name_that_was_made_to_point_here_is_refused(here: Served, host: str) -> None:
+def test_a_name_that_was_made_to_point_here_is_refused(unchanged: Served, host: str) -> None:
     for path in ("/printer", "/login", "/api/v1/health", "/static/shell/stop.js"):
-        assert here.client().get(path, headers={"Host": host}).status_code == 421
+        assert unchanged.client().get(path, headers={"Host": host}).status_code == 421
 
 
 @pytest.mark.parametrize("host", ["localhost:8080", "127.0.0.1:8080", "[::1]:8080", "localhost"])
-def test_the_loopback_s_own_names_are_taken(here: Served, host: str) -> None:
-    assert here.client().get("/api/v1/health", headers={"Host": host}).status_code == 200
+def test_the_loopback_s_own_names_are_taken(unchanged: Served, host: str) -> None:
+    assert unchanged.client().get("/api/v1/health", headers={"Host": host}).status_code == 200
 
 
-def test_an_address_of_the_network_is_no_host_of_the_loopback(here: Served) -> None:
-    assert here.client().get("/login", headers={"Host": "10.0.0.7:8080"}).status_code == 421
+def test_an_address_of_the_network_is_no_host_of_the_loopback(unchanged: Served) -> None:
+    assert unchanged.client().get("/login", headers={"Host": "10.0.0.7:8080"}).status_code == 421
 
 
-def test_a_page_of_another_origin_cannot_read(here: Served) -> None:
-    client = visited(here)
+def test_a_page_of_another_origin_cannot_read(unchanged: Served) -> None:
+    client = visited(unchanged)
     headers = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"}
     assert client.get("/api/v1/controls", headers=headers).status_code == 403
 
 
-def test_a_link_from_elsewhere_is_asked_for_once_more_from_here(here: Served) -> None:
+def test_a_link_from_elsewhere_is_asked_for_once_more_from_here(unchanged: Served) -> None:
     headers = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"}
-    answer = here.client().get('/printer?a="><script>', headers=headers)
+    answer = unchanged.client().get('/printer?a="><script>', headers=headers)
     assert "set-cookie" not in answer.headers
     assert 'http-equiv="refresh"' in answer.text
     assert "<script" not in answer.text
@@ -174,17 +186,15 @@ def test_the_password_lets_in_and_a_wrong_one_does_not(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("way", ["//evil.example", "https://evil.example", "/\\evil", "/a\r\nb"])
-def test_log_in_never_leads_to_another_server(tmp_path: Path, way: str) -> None:
-    there = served(tmp_path, password="right")
+def test_log_in_never_leads_to_another_server(locked: Served, way: str) -> None:
     form = {"password": "right", "next": way}
-    entered = there.client().post("/login", data=form, headers=OURS)
+    entered = locked.client().post("/login", data=form, headers=OURS)
     assert entered.headers["location"] == "/printer"
 
 
-def test_log_in_from_another_origin_is_refused(tmp_path: Path) -> None:
-    there = served(tmp_path, password="right")
-    assert there.client().post("/login", data={"password": "right"}).status_code == 403
-    answer = there.client().post("/login", data={"password": "right"}, headers=FOREIGN)
+def test_log_in_from_another_origin_is_refused(locked: Served) -> None:
+    assert locked.client().post("/login", data={"password": "right"}).status_code == 403
+    answer = locked.client().post("/login", data={"password": "right"}, headers=FOREIGN)
     assert answer.status_code == 403
 
 
@@ -248,9 +258,9 @@ def test_a_session_ends_when_nothing_is_heard_and_is_renewed_when_something_is(
     assert client.get("/api/v1/controls").status_code == 401
 
 
-def test_every_answer_has_its_security_headers(here: Served) -> None:
+def test_every_answer_has_its_security_headers(unchanged: Served) -> None:
     for path in ("/printer", "/login", "/api/v1/health", "/api/v1/none", "/static/shell/stop.js"):
-        headers = here.client().get(path).headers
+        headers = unchanged.client().get(path).headers
         assert headers["x-content-type-options"] == "nosniff"
         assert headers["referrer-policy"] == "same-origin"
         assert headers["cross-origin-opener-policy"] == "same-origin"
@@ -260,15 +270,15 @@ def test_every_answer_has_its_security_headers(here: Served) -> None:
         assert "'unsafe-inline'" not in policy.split("script-src")[1].split(";")[0]
 
 
-def test_the_page_s_scripts_have_the_nonce_of_its_policy(here: Served) -> None:
-    answer = here.client().get("/printer")
+def test_the_page_s_scripts_have_the_nonce_of_its_policy(unchanged: Served) -> None:
+    answer = unchanged.client().get("/printer")
     nonce = answer.text.split('nonce="')[1].split('"')[0]
     assert f"'nonce-{nonce}'" in answer.headers["content-security-policy"]
-    assert nonce not in here.client().get("/printer").text
+    assert nonce not in unchanged.client().get("/printer").text
 
 
-def test_a_request_that_is_too_large_is_refused_early_and_in_its_course(here: Served) -> None:
-    client = visited(here)
+def test_a_request_that_is_too_large_is_refused_early_and_in_its_course(unchanged: Served) -> None:
+    client = visited(unchanged)
     said = client.post("/api/v1/controls", content=b"x" * 2_000_001, headers=OURS)
     assert said.status_code == 413
     unsaid = client.post(
@@ -278,8 +288,8 @@ def test_a_request_that_is_too_large_is_refused_early_and_in_its_course(here: Se
     assert "2 MB" in unsaid.json()["message"]
 
 
-def test_what_takes_files_takes_large_ones_and_nothing_else_does(here: Served) -> None:
-    limits = here.guard.limits
+def test_what_takes_files_takes_large_ones_and_nothing_else_does(unchanged: Served) -> None:
+    limits = unchanged.guard.limits
     for path in ("/api/v1/jobs", "/api/v1/prints/file~a.gcode/photos", "/api/v1/scans"):
         assert limits.limit(path) == 4_000_000_000, path
     for path in ("/api/v1/controls", "/api/v1/prints/a/b/photos", "/login", "/api/v1/jobs/x"):

@@ -226,9 +226,12 @@ def test_a_door_that_ends_is_opened_again(served: tuple[Process, Path]) -> None:
     assert soon(lambda: not Path(f"/proc/{door}/cmdline").exists() and answers(server))
 
 
-def test_a_server_that_is_told_to_end_or_killed_leaves_the_print_alone(tmp_path: Path) -> None:
-    workspace = tmp_path / "workspace"
-    with server_process(workspace) as server, under_way(workspace) as print_:
+def test_a_server_that_is_told_to_end_or_killed_leaves_the_print_alone(
+    served: tuple[Process, Path],
+) -> None:
+    """The last test here: it ends the server of the others."""
+    server, workspace = served
+    with under_way(workspace) as print_:
         before = print_.client.status.lines_done
         server.process.send_signal(signal.SIGINT)
         assert server.process.wait(10) == 0
