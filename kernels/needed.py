@@ -82,7 +82,8 @@ def _described(one: Any) -> Any:
     types = _numba("core.types")
     if isinstance(one, types.Bytes):
         return {"bytes": one.dtype.name}
-    if type(one) is types.Array and one.aligned:  # not an array within a record
+    # Numba calls arrays of packed records unaligned; other unaligned arrays stand within a record.
+    if type(one) is types.Array and one.aligned == types.Array(one.dtype, 1, "C").aligned:
         shape = [one.ndim, one.layout, *([] if one.mutable else ["readonly"])]
         return {"array": [_described(one.dtype), *shape]}
     if isinstance(one, types.BaseTuple):
@@ -93,7 +94,8 @@ def _described(one: Any) -> Any:
         return {"named": [f"{named.__module__}:{named.__qualname__}", items]}
     if isinstance(one, types.Record):
         return {"record": _fields(_numba("np.numpy_support").as_dtype(one))}
-    plain = isinstance(one, types.Integer | types.Float | types.Boolean | types.NoneType)
+    numbers = types.Integer | types.Float | types.Complex | types.Boolean
+    plain = isinstance(one, numbers | types.NoneType)
     if plain and not isinstance(one, types.Literal):
         return {types.boolean: "boolean", types.none: "none"}.get(one, one.name)
     raise TypeError(f"numba type {one}, which the list of kernels can't hold")

@@ -106,9 +106,19 @@ def run_embedded(scratch: Path) -> None:
 
 
 def design(scratch: Path) -> None:
-    """What is designed, grown, polished and joined."""
-    for data in (LAYERED, POLISHED, CROWDED):
+    """What is designed, or grown in one tree."""
+    for data in (LAYERED, EMBEDDED):
         _design(data, scratch)
+
+
+def polish(scratch: Path) -> None:
+    """Trees that are grown and polished."""
+    _design(POLISHED, scratch)
+
+
+def connect(scratch: Path) -> None:
+    """Trees that are grown and connected."""
+    _design(CROWDED, scratch)
 
 
 def flow_in_3d(scratch: Path) -> None:
@@ -152,6 +162,8 @@ WORKS: Final[dict[str, Callable[[Path], None]]] = {
     "run fresh": run_fresh,  # first: the others take its files
     "run embedded": run_embedded,
     "design": design,
+    "polish": polish,
+    "connect": connect,
     "flow in 3D": flow_in_3d,
     "mend": mend,
     "register": register,

@@ -15,6 +15,7 @@ from tests.kernels.record import WORKS
 RECORD = numba.from_dtype(
     np.dtype([("at", "<f8", (3,)), ("line", "<i8"), ("seen", "?")], align=True)
 )
+PACKED = numba.from_dtype(np.dtype([("load", "<f8"), ("parent", "<i4")]))
 TREE = types.BaseTuple.from_types([types.float64[:, ::1]] * len(TriangleTree._fields), TriangleTree)
 
 
@@ -27,6 +28,8 @@ TREE = types.BaseTuple.from_types([types.float64[:, ::1]] * len(TriangleTree._fi
         (types.UniTuple(types.int64, 3), types.Tuple([types.int64, types.float64[::1]])),
         (TREE, types.UniTuple(TREE, 2)),
         (types.Array(RECORD, 1, "C"), RECORD),
+        (types.Array(PACKED, 1, "C"), PACKED, types.UniTuple(PACKED, 2)),
+        (types.complex128[::1], types.complex64),
     ],
 )
 def test_types_come_back_as_they_were(signature) -> None:
@@ -35,7 +38,15 @@ def test_types_come_back_as_they_were(signature) -> None:
     assert signature_text(again, {}) == signature_text(signature, {})
 
 
-@pytest.mark.parametrize("one", [types.literal(3), types.unicode_type, types.List(types.int64)])
+@pytest.mark.parametrize(
+    "one",
+    [
+        types.literal(3),
+        types.unicode_type,
+        types.List(types.int64),
+        types.Array(types.float64, 1, "C", aligned=False),
+    ],
+)
 def test_what_the_list_cant_hold_is_said(one) -> None:
     with pytest.raises(TypeError, match="can't hold"):
         types_text([one])
