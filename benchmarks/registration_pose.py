@@ -114,7 +114,7 @@ def _intervals(design: Design, count: int) -> tuple[FloatArray, FloatArray]:
         )
         here = case(design, setting, seed)
         seen = _segmented(here)
-        points = seen.vertices[seen.seen]
+        points = seen.surface.vertices[seen.seen]
         found = align(surface, points, True, blur_mm=seen.field.blur_mm)
         error, half = parameter_errors(here.truth, found)
         errors.append(error)
@@ -144,7 +144,7 @@ def _start(
     rng: np.random.Generator,
 ) -> None:
     """Move the scanned surface anywhere, and let the product find it."""
-    points = seen.vertices[seen.seen]
+    points = seen.surface.vertices[seen.seen]
     about = Rotation.from_euler("z", rng.uniform(0, 360), degrees=True)
     tilt = Rotation.from_euler("xy", rng.uniform(-10, 10, 2), degrees=True)
     turn = (about * tilt).as_matrix()

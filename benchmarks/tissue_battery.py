@@ -121,7 +121,7 @@ def tried(case: Case, folder: Path) -> tuple[str, str, float]:
         tree = grow_tree(tissue, GrowthOptions(terminals=TERMINALS, seed=case.seed))
         out = folder / "network.csv"
         write_network_csv(out, tree_to_network(tree, VesselKind.ARTERY))
-        step, message = "audit", _audit(out, tissue.vertices[tissue.faces])
+        step, message = "audit", _audit(out, tissue.surface.vertices[tissue.surface.faces])
     except DesignError as error:
         message = str(error)
     return (step if message else ""), message, time.process_time() - begin

@@ -30,10 +30,10 @@ class Exact:
     """Exact answers by the checkers' box tree."""
 
     def __init__(self, tissue: Tissue) -> None:
-        self.triangles = tissue.vertices[tissue.faces]
+        self.triangles = tissue.surface.vertices[tissue.surface.faces]
         self.tree = surface_tree(self.triangles)
         self.sorted = np.ascontiguousarray(self.triangles[self.tree.order])
-        self.corners = cKDTree(tissue.vertices)
+        self.corners = cKDTree(tissue.surface.vertices)
 
     def away(self, start: FloatArray, end: FloatArray, within: FloatArray | None = None) -> Any:
         """Distance of segments from the surface, where below ``within``."""
@@ -68,7 +68,7 @@ def query_rows(name: str, tissue: Tissue, prepared_s: float) -> Iterator[Row]:
     wall = min(tissue.thinnest_wall_mm, 1e9)
     yield (
         row(f"{name}: prepared", round(prepared_s, 2), "s")
-        | {"clock": "wall", "faces": len(tissue.faces), "spacing_mm": round(h, 4)}
+        | {"clock": "wall", "faces": len(tissue.surface.faces), "spacing_mm": round(h, 4)}
         | {"thinnest_wall_mm": round(wall, 4), "grid_mb": round(tissue.grid.megabytes, 1)}
     )
     yield vouched(name, exact, tissue, rng)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,8 +109,9 @@ def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> Reg
         hausdorff_p95_um=rigid.hausdorff_um,
         scaled_hausdorff_p95_um=scaled.hausdorff_um,
         model_seen_fraction=len(scaled.back_mm) / found.spread,
-        vertices=alignment.rigid.apply(segmentation.vertices),
-        faces=segmentation.faces,
+        surface=replace(
+            segmentation.surface, vertices=alignment.rigid.apply(segmentation.surface.vertices)
+        ),
         deviation_um=stated_um(rigid.all_mm, seen, found.errors),
         scaled_deviation_um=stated_um(scaled.all_mm, seen, found.errors),
         seen=seen,

@@ -177,7 +177,7 @@ def inspect(case: Inspection) -> Findings:
 def _in_junctions(case: Inspection, traces: tuple[VesselTrace, ...]) -> list[Defect]:
     """Changes of walls that no whole section has; away from edges, which a blur rounds."""
     segmentation, fit = case.segmentation, case.alignment.scaled
-    points = fit.apply(segmentation.vertices[segmentation.seen])
+    points = fit.apply(segmentation.surface.vertices[segmentation.seen])
     clear = ~case.surface.near_rims(points, RIM_BLURS * segmentation.field.blur_mm)
     off = case.deviation_mm[segmentation.seen]
     return find_junction_changes(traces, points[clear], off[clear], case.false_alarm)

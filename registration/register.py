@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from design.solids.solid import Solid
 from kernels import beside
@@ -118,7 +119,7 @@ def _aligned(case: Prepared) -> Alignment:
     segmentation, scan = case.segmentation, case.scan
     return align(
         case.surface,
-        segmentation.vertices[segmentation.seen],
+        segmentation.surface.vertices[segmentation.seen],
         scan.depth_down,
         case.options.alignment,
         blur_mm=segmentation.field.blur_mm,
@@ -158,7 +159,7 @@ class _Measured:
 def _measured(case: Prepared, alignment: Alignment, other: Executor) -> _Measured:
     surface, segmentation = case.surface, case.segmentation
     spread, scanned = surface_points(surface), ScannedSurface.of(segmentation)
-    points = segmentation.vertices[segmentation.seen]
+    points = segmentation.surface.vertices[segmentation.seen]
     rigid = other.submit(_both_ways, case, scanned, alignment.rigid, spread)
     cross_um = other.submit(cross_check, surface, spread, points, alignment.scaled)
     scaled = _both_ways(case, scanned, alignment.scaled, spread)
@@ -171,7 +172,7 @@ def _places(case: Prepared, fit: Fit, found: BothWays) -> tuple[Place, ...]:
     segmentation, blur_mm = case.segmentation, case.segmentation.field.blur_mm
     if case.is_lumen or not np.isfinite(case.errors.outer_mm):
         return ()
-    vertices, off_um = fit.apply(segmentation.vertices), 1e3 * found.all_mm
+    vertices, off_um = fit.apply(segmentation.surface.vertices), 1e3 * found.all_mm
     drawn = np.flatnonzero(segmentation.seen)
     drawn = drawn[:: max(1, len(drawn) // POINTS)]
     usual = off_um[drawn[~near_lumen(vertices[drawn], case.network)]]
@@ -185,13 +186,13 @@ def _places(case: Prepared, fit: Fit, found: BothWays) -> tuple[Place, ...]:
     counted[off] = off_um[off]
     rims[off] = case.surface.near_rims(vertices[off], max(RIM_BLURS * blur_mm, RIM_MM))
     return ScannedFaces(
-        vertices, segmentation.faces, counted, rims, 1e3 * blur_mm, spread
+        Surface(vertices, segmentation.surface.faces), counted, rims, 1e3 * blur_mm, spread
     ).places_off()
 
 
 def _both_ways(case: Prepared, scanned: ScannedSurface, fit: Fit, spread: FloatArray) -> BothWays:
     segmentation = case.segmentation
-    there = deviations(case.surface, fit.apply(segmentation.vertices), case.is_lumen)
+    there = deviations(case.surface, fit.apply(segmentation.surface.vertices), case.is_lumen)
     return BothWays(there, there[segmentation.seen], scanned.deviations_back(spread, fit))
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.surface import Surface
 from registration.alignment import AXES, Rival, Uncertainty
 from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
 from registration.gauging.face_places import Place
@@ -71,10 +72,8 @@ class RegistrationReport:
         The larger of both directions' 95th percentiles, rigid and scaled fit.
     model_seen_fraction : float
         Share of the design's surface whose counterpart was seen (scaled fit).
-    vertices : (n, 3) float64, mm
-        Scanned surface after the rigid fit.
-    faces : (m, 3) int32
-        Facing out of the gel.
+    surface : Surface
+        Scanned surface after the rigid fit, facing out of the gel.
     deviation_um, scaled_deviation_um : (n,) float64, µm
         At each vertex after the rigid and the scaled fit; NaN where it wasn't seen, and everywhere
         if liquid is so bright that errors of walls aren't known.
@@ -130,8 +129,7 @@ class RegistrationReport:
     hausdorff_p95_um: float
     scaled_hausdorff_p95_um: float
     model_seen_fraction: float
-    vertices: FloatArray
-    faces: NDArray[np.int32]
+    surface: Surface
     deviation_um: FloatArray
     scaled_deviation_um: FloatArray
     seen: NDArray[np.bool_]
@@ -158,7 +156,7 @@ class RegistrationReport:
 def scaled_vertices(report: RegistrationReport) -> FloatArray:
     """Vertices of the scanned surface after the scaled fit, (n, 3), mm, as files hold them."""
     again = report.scaled_scan_to_part @ np.linalg.inv(report.transform_scan_to_part)
-    vertices = report.vertices @ again[:3, :3].T + again[:3, 3]
+    vertices = report.surface.vertices @ again[:3, :3].T + again[:3, 3]
     return vertices.astype(np.float32).astype(np.float64)
 
 

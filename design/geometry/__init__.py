@@ -10,9 +10,11 @@ from design.geometry.bvh import (
 )
 from design.geometry.hierarchy import build_hierarchy
 from design.geometry.segments import point_segment, segment_segment
+from design.geometry.surface import Surface
 from design.geometry.triangles import point_triangle_squared
 
 __all__ = [
+    "Surface",
     "TriangleTree",
     "boxes_of",
     "build_hierarchy",

@@ -1,5 +1,6 @@
 """Tissues: a closed shape and its signed distance, from files, surfaces or parameters."""
 
+from design.geometry.surface import Surface
 from design.tissue.arrays import GridArrays
 from design.tissue.demand import (
     Demand,
@@ -17,7 +18,7 @@ from design.tissue.load import load_surface, load_tissue
 from design.tissue.parts import check_supplied
 from design.tissue.points import load_point_surface, point_surface
 from design.tissue.repair import repair_surface
-from design.tissue.shapes import Surface, annulus, block, cylinder, folded_cortex
+from design.tissue.shapes import annulus, block, cylinder, folded_cortex
 from design.tissue.spacing import SpacingRule
 from design.tissue.surface import SizeLimits, tissue_from_surface
 from design.tissue.tissue import Tissue

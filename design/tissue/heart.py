@@ -6,7 +6,7 @@ import numpy as np
 from manifold3d import Manifold
 
 from design.errors import TissueError
-from design.tissue.shapes import Surface
+from design.geometry.surface import Surface
 
 # Semi-axes and centres of a heart 60 mm long, mm; z points to the base.
 LEFT_OUTER = (20.0, 20.0, 44.0)

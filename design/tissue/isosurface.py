@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.tissue.shapes import Surface
+from design.geometry.surface import Surface
 from kernels import jit
 
 FloatArray = NDArray[np.float64]

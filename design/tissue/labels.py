@@ -20,11 +20,11 @@ from scipy.ndimage import label as connected
 from scipy.optimize import brentq
 
 from design.errors import TissueError
+from design.geometry.surface import Surface
 from design.tissue.closed import enclosed_volume
 from design.tissue.images import VolumeImage, read_image
 from design.tissue.isosurface import isosurface
 from design.tissue.manifolds import distinct_manifold, surface_of
-from design.tissue.shapes import Surface
 from design.units import LengthUnit
 
 _BLUR_VOXELS = 1.0

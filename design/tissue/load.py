@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from design.errors import TissueError
+from design.geometry.surface import Surface
 from design.tissue.repair import repair_surface
-from design.tissue.shapes import Surface
 from design.tissue.spacing import SpacingRule
 from design.tissue.surface import SizeLimits, check_size, tissue_from_surface
 from design.tissue.tissue import Tissue

@@ -7,8 +7,8 @@ from manifold3d import Error, Manifold, Mesh64
 from numpy.typing import NDArray
 
 from design.errors import TissueError
+from design.geometry.surface import Surface
 from design.tissue.closed import edges_of, merged
-from design.tissue.shapes import Surface
 
 _STEPS_APART = 8.0
 _ROUNDS = 6

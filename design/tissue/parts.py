@@ -47,7 +47,7 @@ def parts_of(tissue: Tissue) -> tuple[Part, ...]:
     TissueError
         When the surface has more than 2,000 shells.
     """
-    points, faces = tissue.vertices, tissue.faces
+    points, faces = tissue.surface.vertices, tissue.surface.faces
     shell = shells_of(faces)
     count = int(shell.max()) + 1
     signed = np.array([enclosed_volume(points, faces[shell == n]) for n in range(count)])
@@ -65,7 +65,7 @@ def parts_of(tissue: Tissue) -> tuple[Part, ...]:
 
 
 def _part(tissue: Tissue, faces: FaceArray, volume_mm3: float) -> Part:
-    corners = tissue.vertices[np.unique(faces)]
+    corners = tissue.surface.vertices[np.unique(faces)]
     middle: FloatArray = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     return Part(np.ascontiguousarray(faces), volume_mm3, middle)
 
@@ -77,7 +77,7 @@ def part_numbers(tissue: Tissue, parts: tuple[Part, ...], points: FloatArray) ->
     """
     number = np.full(len(points), -1)
     for n, part in enumerate(parts):  # the innermost, which is the smaller one, comes last
-        tree = build_triangle_tree(tissue.vertices, part.faces)
+        tree = build_triangle_tree(tissue.surface.vertices, part.faces)
         for k, (x, y, z) in enumerate(points):
             if winding_number(tree, x, y, z) != 0:
                 number[k] = n
@@ -113,7 +113,7 @@ def check_supplied(tissue: Tissue, ends: FloatArray) -> None:
 
 def _wanted(tissue: Tissue, parts: tuple[Part, ...], number: int) -> bool:
     """Whether any place of a part has a demand above 0."""
-    corners = tissue.vertices[np.unique(parts[number].faces)]
+    corners = tissue.surface.vertices[np.unique(parts[number].faces)]
     low, high = corners.min(axis=0), corners.max(axis=0)
     tried = low + np.random.default_rng(0).random((_TRIED, 3)) * (high - low)
     tried = tried[tissue.contains(tried)]

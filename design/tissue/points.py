@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from design.errors import TissueError
 from design.geometry import build_triangle_tree, nearest_distances
+from design.geometry.surface import Surface
 from design.tissue.blend import blend
 from design.tissue.closed import say_places
 from design.tissue.isosurface import isosurface
@@ -26,7 +27,6 @@ from design.tissue.load import check_file
 from design.tissue.manifolds import distinct_manifold, surface_of
 from design.tissue.normals import estimate_normals
 from design.tissue.point_files import POINT_SUFFIXES, read_points
-from design.tissue.shapes import Surface
 from design.tissue.shells import shells_of
 from design.tissue.surface import SizeLimits, check_size
 from design.units import MM_PER, LengthUnit

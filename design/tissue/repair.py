@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import TissueError
+from design.geometry.surface import Surface
 from design.tissue.closed import (
     FaceArray,
     FloatArray,
@@ -27,7 +28,6 @@ from design.tissue.closed import (
 from design.tissue.crossing_faces import crossing_faces
 from design.tissue.holes import fill_holes
 from design.tissue.orient import agree, turn_shells
-from design.tissue.shapes import Surface
 from design.tissue.shells import shells_of, unite_shells
 from design.tissue.weld import drop_duplicates, weld_rims
 

@@ -2,35 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import ceil, pi
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import TissueError
+from design.geometry.surface import Surface
 
 FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Surface:
-    """A closed triangle surface, counter-clockwise seen from outside.
-
-    Attributes
-    ----------
-    vertices : (n, 3) float64, mm
-    faces : (m, 3) int32
-    """
-
-    vertices: FloatArray
-    faces: NDArray[np.int32]
-
-    @property
-    def volume_mm3(self) -> float:
-        """Enclosed volume by the divergence theorem, mm³."""
-        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
-        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
 
 def block(size_mm: tuple[float, float, float]) -> Surface:

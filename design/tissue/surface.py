@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import TissueError
+from design.geometry.surface import Surface
 from design.tissue.build import build_grid
 from design.tissue.closed import check_closed, enclosed_volume, merged
 from design.tissue.columns import Columns
@@ -72,7 +73,7 @@ def tissue_from_surface(
     grid, columns = build_grid(points, corners, spacing)
     if _overlaps(columns):
         volume = _covered(columns, spacing)
-    return Tissue(grid, points, corners, volume, walls.thinnest, (*notes, *more))
+    return Tissue(grid, Surface(points, corners), volume, walls.thinnest, (*notes, *more))
 
 
 def check_size(vertices: FloatArray, unit: LengthUnit, limits: SizeLimits) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.surface import Surface
 from design.tissue.demand import UNIFORM, Demand
 from design.tissue.grid import SignedDistanceGrid
 
@@ -25,9 +26,8 @@ class Tissue:
     ----------
     grid : SignedDistanceGrid
         Negative inside.
-    vertices : (n, 3) float64, mm
-    faces : (m, 3) int32
-        Counter-clockwise seen from outside the tissue.
+    surface : Surface
+        Closed; seen from outside the tissue.
     volume_mm3 : float
         Of the tissue, cavities excluded.
     thinnest_wall_mm : float
@@ -41,8 +41,7 @@ class Tissue:
     """
 
     grid: SignedDistanceGrid
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int32]
+    surface: Surface
     volume_mm3: float
     thinnest_wall_mm: float
     notes: tuple[str, ...] = ()
@@ -51,7 +50,7 @@ class Tissue:
     @property
     def bounds(self) -> NDArray[np.float64]:
         """Lowest and highest corner, (2, 3), mm."""
-        return np.array([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+        return self.surface.bounds
 
     def contains(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether each of ``points`` (n, 3) lies inside."""
@@ -65,17 +64,17 @@ class Tissue:
         the mean of the adjoining faces' weighted by their angle at the vertex; faces without
         area have no say.
         """
-        height = self.vertices[:, 2]
+        height = self.surface.vertices[:, 2]
         top = np.flatnonzero(height >= height.max() - 1e-9 * np.ptp(height))
-        away = np.linalg.norm(self.vertices[top] - self.bounds.mean(axis=0), axis=1)
+        away = np.linalg.norm(self.surface.vertices[top] - self.bounds.mean(axis=0), axis=1)
         vertex = int(top[np.argmin(away)])
-        return self.vertices[vertex], -self._vertex_normal(vertex)
+        return self.surface.vertices[vertex], -self._vertex_normal(vertex)
 
     def _vertex_normal(self, vertex: int) -> NDArray[np.float64]:
-        face, corner = np.nonzero(self.faces == vertex)
-        here = self.vertices[vertex]
-        one = self.vertices[self.faces[face, (corner + 1) % 3]] - here
-        two = self.vertices[self.faces[face, (corner + 2) % 3]] - here
+        face, corner = np.nonzero(self.surface.faces == vertex)
+        here = self.surface.vertices[vertex]
+        one = self.surface.vertices[self.surface.faces[face, (corner + 1) % 3]] - here
+        two = self.surface.vertices[self.surface.faces[face, (corner + 2) % 3]] - here
         across = np.cross(one, two)
         sine = np.linalg.norm(across, axis=1)
         angle = np.arctan2(sine, np.einsum("ij,ij->i", one, two))

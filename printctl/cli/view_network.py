@@ -8,16 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from design.files import write_bytes
+from design.geometry.surface import Surface
 from design.network import VesselNetwork
+from design.solids import read_solid
 from design.units import LengthUnit
 from printctl.cli.options import messages
 from printctl.errors import UsageError
-from printctl.networks import Drive, Source, load_source, read_surface
+from printctl.networks import Drive, Source, load_source
 from printctl.run_folder.artefacts import SURFACE
 from registration.picture import (
     PictureOptions,
     Quantity,
-    ShadedMesh,
     View,
     draw_picture,
     quantities,
@@ -94,7 +95,7 @@ def _chosen(known: list[Quantity], colour: str, source: Path) -> Quantity:
     raise UsageError(f"--colour {colour}: nothing is known of it in {source}{why}; known: {there}")
 
 
-def _tissue(path: Path | None, unit: LengthUnit | None, loaded: Source) -> ShadedMesh | None:
+def _tissue(path: Path | None, unit: LengthUnit | None, loaded: Source) -> Surface | None:
     if path is None:
         return loaded.surface
     if path.is_dir():
@@ -103,8 +104,8 @@ def _tissue(path: Path | None, unit: LengthUnit | None, loaded: Source) -> Shade
         raise UsageError(f"--tissue {path} isn't there; give a mesh or a run folder")
     if unit is None:
         raise UsageError(f"--tissue {path} doesn't say its unit; give --tissue-unit")
-    return read_surface(path, unit)
+    return read_solid(path, unit=unit)
 
 
-def _shown(surface: ShadedMesh | None) -> list[ReportSurface]:
-    return [ReportSurface("Tissue", surface.vertices, surface.faces)] if surface else []
+def _shown(surface: Surface | None) -> list[ReportSurface]:
+    return [ReportSurface("Tissue", surface)] if surface else []

@@ -207,7 +207,7 @@ def _in_printed_space(
         return in_space(even, mesh_of(even, how, case.fillet_ratio), conditions, how)
     seen = scanned_lumen(case.folder, even)
     fine = SurfaceOptions(edge_ratio=how.edge_ratio)
-    mesh = surface_mesh(seen.vertices, seen.faces, seen.network, fine)
+    mesh = surface_mesh(seen.surface.vertices, seen.surface.faces, seen.network, fine)
     return in_space(seen.network, mesh, conditions, how)
 
 

@@ -11,9 +11,10 @@ import numpy as np
 from manifold3d import Manifold
 
 from design.errors import FlowError
+from design.geometry.surface import Surface
 from design.hemodynamics.three_d.lumen_mesh import MeshPort
 from design.hemodynamics.three_d.wall import free_ends
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import FloatArray, VesselNetwork
 from design.solids.denoise import denoised
 from design.solids.lumen import lumen_solid
 from design.solids.manifolds import solid_manifold, to_manifold
@@ -41,13 +42,12 @@ class Scanned:
 
     Attributes
     ----------
-    vertices : (n, 3) float64, mm
-    faces : (f, 3) int64
+    surface : Surface
+        Of the lumen.
     network : VesselNetwork
     """
 
-    vertices: FloatArray
-    faces: IntArray
+    surface: Surface
     network: VesselNetwork
 
 
@@ -81,8 +81,7 @@ def scanned_lumen(folder: Path, network: VesselNetwork) -> Scanned:
     for port in free_ends(placed):
         lumen = _drawn_out(lumen, port, _INSET_VOXELS * voxel)
     _check_size(lumen, placed)
-    vertices, triangles = arrays_of(lumen)
-    return Scanned(vertices, triangles, placed)
+    return Scanned(Surface(*arrays_of(lumen)), placed)
 
 
 def _numbers(folder: Path) -> dict[str, Any]:

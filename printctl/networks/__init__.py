@@ -9,7 +9,7 @@ from printctl.networks.formats import (
     read_noted,
     write_network,
 )
-from printctl.networks.source import Drive, Source, load_source, read_surface
+from printctl.networks.source import Drive, Source, load_source
 
 __all__ = [
     "LOSSES",
@@ -21,6 +21,5 @@ __all__ = [
     "load_source",
     "read_network",
     "read_noted",
-    "read_surface",
     "write_network",
 ]

@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from design.errors import FlowError
+from design.geometry.surface import Surface
 from design.hemodynamics import FlowConditions, flow_table, solve_flow
 from design.network import FloatArray, VesselNetwork
 from design.network_csv import read_network_csv
@@ -21,7 +22,7 @@ from printctl.errors import UsageError
 from printctl.flow import TABLE
 from printctl.networks.formats import read_noted
 from printctl.run_folder.artefacts import NETWORK, NUMBERS, SURFACE
-from registration.picture import FLOW, GAUGED, Known, ShadedMesh
+from registration.picture import FLOW, GAUGED, Known
 from registration.report.network_view import columns
 
 _FLOW: Final = ("flow_ul_s", *FLOW)
@@ -51,7 +52,7 @@ class Source:
     name : str
     network : VesselNetwork
     known : Known
-    surface : ShadedMesh or None
+    surface : Surface or None
         The tissue's.
     notes : tuple of str
         Sentences for the user: where the flow comes from, what couldn't be read.
@@ -60,7 +61,7 @@ class Source:
     name: str
     network: VesselNetwork
     known: Known
-    surface: ShadedMesh | None
+    surface: Surface | None
     notes: tuple[str, ...]
 
 
@@ -103,16 +104,10 @@ def _run(folder: Path, drive: Drive) -> Source:
     flow = _flow(folder, network.vessel_count)
     if flow is None and (folder / TABLE).is_file():
         notes.append(f"{TABLE} isn't that of {NETWORK} and is left out; run the recipe again.")
-    surface = read_surface(folder / SURFACE, "mm") if (folder / SURFACE).is_file() else None
+    surface = read_solid(folder / SURFACE, unit="mm") if (folder / SURFACE).is_file() else None
     name = folder.resolve().name
     source = Source(name, network, Known(flow or {}, gauged), surface, tuple(notes))
     return source if flow else with_flow(source, drive)
-
-
-def read_surface(path: Path, unit: LengthUnit) -> ShadedMesh:
-    """A closed mesh to be shown around a network, in mm."""
-    solid = read_solid(path, unit=unit)
-    return ShadedMesh(solid.vertices, solid.faces.astype(np.int64))
 
 
 def _flow(folder: Path, count: int) -> dict[str, FloatArray] | None:

@@ -135,8 +135,8 @@ class Registered:
     def _surfaces(self) -> list[ReportSurface]:
         vertices, deviation_um = scaled_vertices(self.found), self.found.scaled_deviation_um
         return [
-            *split_surfaces(vertices, self.found.faces, deviation_um, self.vessels),
-            ReportSurface("As designed", self.surface.vertices, self.surface.faces),
+            *split_surfaces(vertices, self.found.surface.faces, deviation_um, self.vessels),
+            ReportSurface("As designed", self.surface),
         ]
 
     def _origin(self, out: Path) -> tuple[dict[str, Any], list[str]]:

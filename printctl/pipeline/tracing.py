@@ -111,7 +111,7 @@ def by_layer(found: RegistrationReport, job: Job) -> list[dict[str, Any]]:
         Written in layers, each below the height that its lines are written at.
     """
     again = found.scaled_scan_to_part @ np.linalg.inv(found.transform_scan_to_part)
-    z = found.vertices @ again[2, :3] + again[2, 3]
+    z = found.surface.vertices @ again[2, :3] + again[2, 3]
     count, tops = len(job.first_line), _layer_tops(job)
     known = found.seen & np.isfinite(found.scaled_deviation_um)
     layer = np.minimum(np.searchsorted(tops, z[known], side="right"), count - 1)

@@ -89,7 +89,7 @@ def write_deviation(path: Path, found: RegistrationReport) -> None:
 
     The deviation is NaN (grey in viewers) where the surface wasn't seen.
     """
-    surface = Solid(scaled_vertices(found), found.faces)
+    surface = Solid(scaled_vertices(found), found.surface.faces)
     write_ply(path, surface, scalar=found.scaled_deviation_um, scalar_name="deviation_um")
 
 

@@ -31,13 +31,13 @@ def write_surface_vtp(path: Path, report: RegistrationReport) -> None:
         When the file can't be written.
     """
     again = report.scaled_scan_to_part @ np.linalg.inv(report.transform_scan_to_part)
-    vertices = report.vertices @ again[:3, :3].T + again[:3, 3]
+    vertices = report.surface.vertices @ again[:3, :3].T + again[:3, 3]
     values: dict[str, Numbers] = {
         "deviation_um": report.scaled_deviation_um.astype(np.float32),
         "rigid_deviation_um": report.deviation_um.astype(np.float32),
         "seen": report.seen.astype(np.uint8),
     }
-    faces = report.faces.astype(np.int32)
+    faces = report.surface.faces.astype(np.int32)
     offsets = 3 * np.arange(1, len(faces) + 1, dtype=np.int32)
     _write(path, vertices.astype(np.float32), ("Polys", faces.ravel(), offsets), values)
 

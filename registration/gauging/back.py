@@ -62,8 +62,8 @@ class ScannedSurface:
     @staticmethod
     def of(segmentation: Segmentation) -> ScannedSurface:
         """Put the surface's triangles in order."""
-        field, faces = segmentation.field, segmentation.faces
-        corner = segmentation.vertices[faces[:, 0]]
+        field, faces = segmentation.field, segmentation.surface.faces
+        corner = segmentation.surface.vertices[faces[:, 0]]
         faces = faces[np.argsort(_along_curve(corner, field.voxel_mm), kind="stable")]
         fill = np.repeat(faces[-1:], -len(faces) % CLUSTER, axis=0)
         return ScannedSurface(segmentation, np.concatenate([faces, fill]))
@@ -92,7 +92,7 @@ class ScannedSurface:
         # Each point is searched for from the one before: neighbours follow each other.
         order = np.argsort(_along_curve(places, self.segmentation.field.voxel_mm), kind="stable")
         places, value = places[order], value[kept][order]
-        triangles = np.ascontiguousarray(fit.apply(self.segmentation.vertices)[self.faces])
+        triangles = np.ascontiguousarray(fit.apply(self.segmentation.surface.vertices)[self.faces])
         # The field itself tells on which side of its surface a point lies: normals aren't needed.
         no_normals = np.zeros((len(triangles), 7, 3))
         unsigned, foot, _, face = nearest(

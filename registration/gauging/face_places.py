@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from design.geometry.surface import Surface
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 BoolArray = NDArray[np.bool_]
@@ -50,9 +52,8 @@ class ScannedFaces:
 
     Attributes
     ----------
-    vertices : (n, 3) float64, mm
+    surface : Surface
         Part frame.
-    faces : (m, 3) int32
     deviation_um : (n,) float64, µm
         Positive where gel is missing; NaN on lumens, where nothing is known, and where it is less
         than `LEAST_UM` and so doesn't count.
@@ -62,8 +63,7 @@ class ScannedFaces:
         The blur's standard deviation, and the robust one of all deviations of these faces.
     """
 
-    vertices: FloatArray
-    faces: IntArray
+    surface: Surface
     deviation_um: FloatArray
     near_rims: BoolArray
     blur_um: float
@@ -75,8 +75,8 @@ class ScannedFaces:
         off = np.sign(off) * (np.abs(off) - np.where(self.near_rims, _RIM_BLURS * self.blur_um, 0))
         off = np.where(off * self.deviation_um > 0, off, 0.0)
         limit = max(LEAST_UM, _SPREADS * self.spread_um)
-        faces = self.faces[np.isfinite(self.deviation_um)[self.faces].any(axis=1)]
-        shares = _areas(self.vertices, faces)
+        faces = self.surface.faces[np.isfinite(self.deviation_um)[self.surface.faces].any(axis=1)]
+        shares = _areas(self.surface.vertices, faces)
         found = [
             place
             for side in (off, -off)
@@ -89,7 +89,7 @@ class ScannedFaces:
 
     def _told(self, place: NDArray[np.intp], shares: FloatArray) -> Place:
         here = self.deviation_um[place]
-        x, y, z = self.vertices[place[np.abs(here).argmax()]].round(3).tolist()
+        x, y, z = self.surface.vertices[place[np.abs(here).argmax()]].round(3).tolist()
         size = float(np.sign(here[0]) * np.percentile(np.abs(here), 95))
         return Place((x, y, z), round(size, 1), round(float(shares[place].sum()), 4))
 

@@ -333,7 +333,7 @@ def _wall_rms(
     radius = np.concatenate([part[3] for part in parts])
     centre = np.concatenate([part[1] for part in parts])
     chosen = np.flatnonzero(segmentation.seen)
-    which, wall = near_walls(centre, radius, fit.apply(segmentation.vertices[chosen]))
+    which, wall = near_walls(centre, radius, fit.apply(segmentation.surface.vertices[chosen]))
     squares = np.bincount(owner[which[wall]], deviation_mm[chosen[wall]] ** 2, len(parts))
     count = np.bincount(owner[which[wall]], minlength=len(parts))
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -117,13 +117,13 @@ def _shown(
     """Return what the scan shows of outer faces: near the design, and turned as it is."""
     chosen = np.flatnonzero(segmentation.seen)
     chosen = chosen[:: max(1, len(chosen) // POINTS)]
-    places = fit.apply(segmentation.vertices[chosen])
+    places = fit.apply(segmentation.surface.vertices[chosen])
     kept = _outside(places, surface, network, rim)
     chosen, near = chosen[kept], surface.query(places[kept])
     looks = segmentation.outward[chosen] @ fit.rotation.T
     turned = (looks * surface.normals[near.face, 0]).sum(axis=1) > _TURNED
     good = (np.abs(near.distance) < REACH_MM) & turned
-    return _Shown(segmentation.vertices[chosen[good]], near.foot[good], near.face[good])
+    return _Shown(segmentation.surface.vertices[chosen[good]], near.foot[good], near.face[good])
 
 
 def _face(

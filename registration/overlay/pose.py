@@ -119,7 +119,7 @@ def align_pose(
         When they don't fit each other, or fit in several ways, as the scan of a print that isn't
         finished does.
     """
-    points = segmentation.vertices[segmentation.seen]
+    points = segmentation.surface.vertices[segmentation.seen]
     try:
         found = align(
             ModelSurface.of(model),

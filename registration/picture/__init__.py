@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from registration.picture.compose import PictureOptions, draw_picture
     from registration.picture.known_quantities import FLOW, GAUGED, Colour, Known, quantities
     from registration.picture.quantity import Quantity
-    from registration.picture.shade import ShadedMesh
 
 __all__ = [
     "DIRECTIONS",
@@ -23,7 +22,6 @@ __all__ = [
     "Known",
     "PictureOptions",
     "Quantity",
-    "ShadedMesh",
     "View",
     "draw_picture",
     "fitted_camera",

@@ -18,12 +18,13 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogFormatter, MaxNLocator
 from PIL import Image
 
+from design.geometry.surface import Surface
 from design.network import FloatArray, VesselNetwork
 from registration.picture.camera import Camera, View, fitted_camera
 from registration.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
 from registration.picture.flow_marks import draw_flow_marks, port_reach
 from registration.picture.quantity import Quantity
-from registration.picture.shade import ShadedMesh, shade
+from registration.picture.shade import shade
 
 FINER: Final = 2
 LEGEND_AT_MOST: Final = 12
@@ -67,7 +68,7 @@ class PictureOptions:
 def draw_picture(
     network: VesselNetwork,
     quantity: Quantity,
-    surface: ShadedMesh | None,
+    surface: Surface | None,
     options: PictureOptions,
     flow: FloatArray | None = None,
 ) -> bytes:
@@ -80,7 +81,7 @@ def draw_picture(
     network : VesselNetwork
     quantity : Quantity
         What the vessels are coloured by.
-    surface : ShadedMesh or None
+    surface : Surface or None
         The tissue's, shown as a translucent shell.
     options : PictureOptions
     flow : (v,) float64, optional
@@ -118,7 +119,7 @@ def _few_colours(image: Image.Image, quantity: Quantity) -> Image.Image:
     return image.quantize(palette=palette, dither=Image.Dither.NONE)
 
 
-def _camera(network: VesselNetwork, surface: ShadedMesh | None, options: PictureOptions) -> Camera:
+def _camera(network: VesselNetwork, surface: Surface | None, options: PictureOptions) -> Camera:
     """A camera whose picture is as high as the scene needs."""
     shown = [_hull(network), port_reach(network)]
     points = np.vstack(shown if surface is None else [*shown, surface.vertices])

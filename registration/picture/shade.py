@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Final
 
 import cv2
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from design.geometry.surface import Surface
 from design.network import FloatArray, IntArray, VesselNetwork
 from registration.picture.camera import Camera
 from registration.picture.occlusion import occlude
@@ -27,24 +27,10 @@ HAZE = 0.22
 _CREASE = 0.8
 
 
-@dataclass(frozen=True, eq=False)
-class ShadedMesh:
-    """A triangle mesh, such as the tissue's.
-
-    Attributes
-    ----------
-    vertices : (n, 3) float64, mm
-    faces : (m, 3) int64
-    """
-
-    vertices: FloatArray
-    faces: IntArray
-
-
 def shade(
     network: VesselNetwork,
     quantity: Quantity,
-    surface: ShadedMesh | None,
+    surface: Surface | None,
     camera: Camera,
     finer: int,
 ) -> tuple[NDArray[np.uint8], FloatArray]:
@@ -55,7 +41,7 @@ def shade(
     network : VesselNetwork
     quantity : Quantity
         What the vessels are coloured by.
-    surface : ShadedMesh or None
+    surface : Surface or None
         Shown as a translucent shell.
     camera : Camera
         Its width and height are multiples of ``finer``.
@@ -134,7 +120,7 @@ def _remoteness(depth: FloatArray, hit: Any) -> FloatArray:
     return (seen.max() - seen) / max(float(np.ptp(seen)), 1e-9)
 
 
-def corner_normals(surface: ShadedMesh) -> FloatArray:
+def corner_normals(surface: Surface) -> FloatArray:
     """Unit normal at each corner of each face, (m, 3, 3): smooth, but across creases.
 
     The sum over the faces around the vertex that are turned little from the corner's own, by area.

@@ -32,6 +32,6 @@ def write_report(
     """
     numbers = {**report_dict(report), "sign_convention": SIGN}
     surfaces = split_surfaces(
-        scaled_vertices(report), report.faces, report.scaled_deviation_um, network
+        scaled_vertices(report), report.surface.faces, report.scaled_deviation_um, network
     )
     write_report_html(path, {"recipe": name, "registration": numbers}, surfaces, network)

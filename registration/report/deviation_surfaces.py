@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from registration.gauging.near_lumen import near_lumen
 from registration.report.surface import ReportSurface
@@ -28,4 +29,4 @@ def _part(
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[faces] = True
     renumbered = (np.cumsum(used) - 1).astype(np.int32)[faces]
-    return ReportSurface(name, vertices[used], renumbered, deviation_um[used], "µm")
+    return ReportSurface(name, Surface(vertices[used], renumbered), deviation_um[used], "µm")

@@ -76,12 +76,12 @@ def pack_surface(surface: ReportSurface, max_faces: int) -> dict[str, Any]:
         "name": surface.name,
         "unit": surface.unit,
         "limits": list(surface.colour_limits()),
-        "vertex_count": len(shown.vertices),
-        "face_count": len(shown.faces),
-        "full_face_count": len(surface.faces),
+        "vertex_count": len(shown.surface.vertices),
+        "face_count": len(shown.surface.faces),
+        "full_face_count": len(surface.surface.faces),
         "cell_mm": shown.cell_mm,
-        **pack_positions(shown.vertices),
-        "faces": pack_faces(shown.faces),
+        **pack_positions(shown.surface.vertices),
+        "faces": pack_faces(shown.surface.faces),
         "scalar": None,
     }
     if shown.scalar is not None:
@@ -103,10 +103,10 @@ def pack_surfaces(
     """
     allowed: dict[int, int] = {}
     left = max_faces
-    order = sorted(range(len(surfaces)), key=lambda i: len(surfaces[i].faces))
+    order = sorted(range(len(surfaces)), key=lambda i: len(surfaces[i].surface.faces))
     for rank, index in enumerate(order):
         share = max(left // (len(order) - rank), 1)
-        allowed[index] = min(share, len(surfaces[index].faces))
+        allowed[index] = min(share, len(surfaces[index].surface.faces))
         left -= allowed[index]
     return [pack_surface(surface, allowed[i]) for i, surface in enumerate(surfaces)]
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.surface import Surface
 from registration.report.surface import ReportSurface
 
 _MOST_KEYED = 2_000_000
@@ -25,16 +26,14 @@ class Simplified:
 
     Attributes
     ----------
-    vertices : (n, 3) float64, mm
-    faces : (m, 3) int64
+    surface : Surface
     scalar : (n,) float64 or None
         Mean of the merged vertices' finite values.
     cell_mm : float, mm
         Edge of the grid's cells; 0 when the surface was small enough as it came.
     """
 
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
+    surface: Surface
     scalar: NDArray[np.float64] | None
     cell_mm: float
 
@@ -54,20 +53,20 @@ def simplify(surface: ReportSurface, max_faces: int) -> Simplified:
         The surface itself when it is small enough. Parts thinner than a cell vanish, so a limit
         of some tens of triangles may leave none.
     """
-    vertices = np.asarray(surface.vertices, dtype=np.float64)
-    faces = np.asarray(surface.faces, dtype=np.int64)
+    vertices = np.asarray(surface.surface.vertices, dtype=np.float64)
+    faces = np.asarray(surface.surface.faces, dtype=np.int64)
     scalar = None if surface.scalar is None else np.asarray(surface.scalar, dtype=np.float64)
     if len(faces) <= max_faces:
-        return Simplified(vertices, faces, scalar, 0.0)
+        return Simplified(Surface(vertices, faces), scalar, 0.0)
     cell = first_cell(vertices, faces, max_faces)
     while True:
         cluster, count = cluster_vertices(vertices, cell)
         kept = whole_faces(cluster[faces])
         if len(kept) <= max_faces:
             kept = distinct_faces(kept)
-            merged = mean_per_cluster(vertices, cluster, count)
+            merged = Surface(mean_per_cluster(vertices, cluster, count), kept)
             value = None if scalar is None else mean_per_cluster(scalar[:, None], cluster, count)
-            return Simplified(merged, kept, None if value is None else value[:, 0], cell)
+            return Simplified(merged, None if value is None else value[:, 0], cell)
         # Triangles go with 1 / cell²; the margin makes the last step a sure one.
         cell *= 1.03 * float(np.sqrt(len(kept) / max_faces))
 

@@ -8,21 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.surface import Surface
 from registration.report.errors import ReportError
 
 
 @dataclass(frozen=True, eq=False)
 class ReportSurface:
-    """A triangle mesh with, perhaps, a number at each vertex.
+    """A surface with a name and, perhaps, a number at each vertex.
 
     Attributes
     ----------
     name : str
         Shown to the reader, as text.
-    vertices : (n, 3) float, mm
-        All surfaces of one report share one frame, the part's.
-    faces : (m, 3) int
-        Indices of `vertices`, counter-clockwise seen from outside.
+    surface : Surface
+        All of one report share one frame, the part's.
     scalar : (n,) float or None
         Coloured where it is finite, grey where it is NaN. A surface without one is shown
         translucent, as the setting of the others.
@@ -39,8 +38,7 @@ class ReportSurface:
     """
 
     name: str
-    vertices: NDArray[np.floating[Any]]
-    faces: NDArray[np.integer[Any]]
+    surface: Surface
     scalar: NDArray[np.floating[Any]] | None = None
     unit: str = ""
     limits: tuple[float, float] | None = None
@@ -51,25 +49,27 @@ class ReportSurface:
 
     def _check_mesh(self) -> None:
         where = f"report surface {self.name!r}"
-        for title, array in (("vertices", self.vertices), ("faces", self.faces)):
+        vertices, faces = self.surface.vertices, self.surface.faces
+        for title, array in (("vertices", vertices), ("faces", faces)):
             if array.ndim != 2 or array.shape[1] != 3:
                 raise ReportError(f"{where}: {title} have shape {array.shape}, not (n, 3)")
-        if len(self.faces) == 0:
+        if len(faces) == 0:
             raise ReportError(f"{where} has no faces; leave it out of the report")
-        if not np.isfinite(self.vertices).all():
+        if not np.isfinite(vertices).all():
             raise ReportError(f"{where}: a position is NaN or infinite; mend the mesh")
-        low, high = int(self.faces.min()), int(self.faces.max())
-        if low < 0 or high >= len(self.vertices):
+        low, high = int(faces.min()), int(faces.max())
+        if low < 0 or high >= len(vertices):
             raise ReportError(
                 f"{where}: faces name vertices {low} to {high}, but there are "
-                f"{len(self.vertices)}; mend the mesh"
+                f"{len(vertices)}; mend the mesh"
             )
 
     def _check_scalar(self) -> None:
-        if self.scalar is not None and self.scalar.shape != (len(self.vertices),):
+        count = len(self.surface.vertices)
+        if self.scalar is not None and self.scalar.shape != (count,):
             raise ReportError(
                 f"report surface {self.name!r}: scalar has shape {self.scalar.shape}, "
-                f"one number per vertex ({len(self.vertices)}) is needed"
+                f"one number per vertex ({count}) is needed"
             )
         if self.limits is not None and not self.limits[0] < self.limits[1]:
             raise ReportError(

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from design.geometry.surface import Surface
 from kernels import pjit
 from registration.errors import SegmentationError
 from registration.segmentation.bright_liquid import DARK
@@ -19,18 +18,15 @@ from registration.segmentation.volume import GelField, Strength, Volume
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class SurfaceMesh:
-    """See `registration.segmentation.Segmentation`, of which these are fields."""
-
-    vertices: FloatArray
-    outward: FloatArray
-    faces: NDArray[np.int32]
-    seen: NDArray[np.bool_]
-
-
-def surface_mesh(field: GelField, strength: Strength | None, speck_mm: float) -> SurfaceMesh:
+def surface_mesh(
+    field: GelField, strength: Strength | None, speck_mm: float
+) -> tuple[Surface, FloatArray, NDArray[np.bool_]]:
     """Surface of a field in the scan's frame; closed surfaces smaller than `speck_mm` dropped.
+
+    Returns
+    -------
+    surface, outward, seen
+        As in `registration.segmentation.Segmentation`.
 
     Raises
     ------
@@ -56,7 +52,7 @@ def surface_mesh(field: GelField, strength: Strength | None, speck_mm: float) ->
         )
     number = np.cumsum(kept) - 1
     faces = number[faces[kept[faces[:, 0]]]].astype(np.int32)
-    return SurfaceMesh(vertices[kept], outward[kept], faces, seen[kept])
+    return Surface(vertices[kept], faces), outward[kept], seen[kept]
 
 
 def _away_from_edge(position: FloatArray, field: GelField) -> NDArray[np.bool_]:

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.surface import Surface
 from registration.errors import SegmentationError
 from registration.scan import Scan
 from registration.segmentation.mesh import surface_mesh
@@ -62,12 +63,10 @@ class Segmentation:
     ----------
     field : GelField
         The volume it was taken from.
-    vertices : (n, 3) float64, mm
-        Points of the surface.
+    surface : Surface
+        Its triangles face out of the gel.
     outward : (n, 3) float64
         Unit normals, out of the gel.
-    faces : (m, 3) int32
-        Triangles, facing out of the gel.
     seen : (n,) bool
         Where light came back from the gel beside the surface, and the field's edge is far.
     contrast : float
@@ -77,9 +76,8 @@ class Segmentation:
     """
 
     field: GelField
-    vertices: FloatArray
+    surface: Surface
     outward: FloatArray
-    faces: NDArray[np.int32]
     seen: NDArray[np.bool_]
     contrast: float
     strength: Strength | None
@@ -102,12 +100,12 @@ def segment(scan: Scan, options: SegmentationOptions | None = None) -> Segmentat
         field, contrast, strength = oct_field(scan, working)
     else:
         field, contrast = plain_field(scan, working, options.lumens)
-    mesh = surface_mesh(field, strength, options.speck_mm)
+    surface, outward, seen = surface_mesh(field, strength, options.speck_mm)
     wall_mm = options.wall_mm + field.faint_mm
-    moved = wall_mm + field.facing_mm * mesh.outward[:, 2:] ** 2
-    vertices = mesh.vertices - moved * mesh.outward
+    moved = wall_mm + field.facing_mm * outward[:, 2:] ** 2
+    surface = replace(surface, vertices=surface.vertices - moved * outward)
     field = replace(field, wall_mm=wall_mm)
-    return Segmentation(field, vertices, mesh.outward, mesh.faces, mesh.seen, contrast, strength)
+    return Segmentation(field, surface, outward, seen, contrast, strength)
 
 
 def _fineness(scan: Scan, options: SegmentationOptions) -> float:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.surface import Surface
 from registration.scan import Scan
 from registration.views.mesh_cut import cut_mesh, within
 from registration.views.sampling import Shades
@@ -25,12 +25,12 @@ class Contours:
 
     Attributes
     ----------
-    design, measured : (vertices (n, 3) float64 mm, faces (m, 3) int)
+    design, measured : Surface
         The design at the fitted pose and scales, and the scan's segmented surface.
     """
 
-    design: tuple[FloatArray, NDArray[Any]]
-    measured: tuple[FloatArray, NDArray[Any]]
+    design: Surface
+    measured: Surface
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def panel(
     high = (np.array(last) - 0.5) * size[[along, 2]]
     place = voxel[axis] * float(size[axis])
     lines = [
-        within(cut_mesh(*surface, axis, place), low, high)
+        within(cut_mesh(surface.vertices, surface.faces, axis, place), low, high)
         for surface in (contours.design, contours.measured)
     ]
     # The light comes from above, also where depth is counted upwards.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.surface import Surface
 from registration.judging import listed
 from registration.scan import Scan
 from registration.views.findings import Contours, FindingView, half_window, panel
@@ -86,8 +87,8 @@ def _contours(model: Solid, found: RegistrationReport) -> Contours:
     back = _inverse(found.scaled_scan_to_part)
     rigid = _inverse(found.transform_scan_to_part)
     return Contours(
-        (_moved(np.asarray(model.vertices, np.float64), back), model.faces),
-        (_moved(found.vertices, rigid), found.faces),
+        Surface(_moved(np.asarray(model.vertices, np.float64), back), model.faces),
+        Surface(_moved(found.surface.vertices, rigid), found.surface.faces),
     )
 
 

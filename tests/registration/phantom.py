@@ -82,8 +82,8 @@ def block(
         gel = gel + noise * rough / rough.std()
     values = np.clip(0.5 - gel / 0.3, 0, 1).astype(np.float32)
     field = GelField(values, 0.5, 1.0, np.full(3, VOXEL), points[0, 0, 0], blur_mm=0.0)
-    mesh = surface_mesh(field, None, 0.3)
-    return Segmentation(field, mesh.vertices, mesh.outward, mesh.faces, mesh.seen, 10.0, None)
+    surface, outward, seen = surface_mesh(field, None, 0.3)
+    return Segmentation(field, surface, outward, seen, 10.0, None)
 
 
 @cache

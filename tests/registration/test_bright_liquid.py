@@ -46,8 +46,8 @@ def scan(liquid: float, noise: float = 0.004, seed: int = 1) -> Scan:
 @pytest.mark.parametrize("liquid", [0.02, 0.33, 0.4, 0.5])
 def test_a_lumen_of_bright_liquid_has_its_diameter(liquid: float) -> None:
     found = segment(scan(liquid))
-    z, y = found.vertices[:, 2] - MIDDLE_MM[0], found.vertices[:, 1] - MIDDLE_MM[1]
-    aside, along = np.hypot(z, y), np.abs(found.vertices[:, 0] - 1.2)
+    z, y = found.surface.vertices[:, 2] - MIDDLE_MM[0], found.surface.vertices[:, 1] - MIDDLE_MM[1]
+    aside, along = np.hypot(z, y), np.abs(found.surface.vertices[:, 0] - 1.2)
     wall = (aside < 2 * RADIUS_MM) & (along < 0.8)
     blur = found.field.blur_mm
     measured = aside[wall].mean() + blur**2 / (2 * RADIUS_MM)

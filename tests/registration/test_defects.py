@@ -33,7 +33,7 @@ SURE = Uncertainty(np.zeros(3), np.zeros(3), np.zeros(3), 0.0)
 
 def findings(segmentation: Segmentation) -> Findings:
     surface = ModelSurface.of(ladder_construct())
-    deviation = deviations(surface, segmentation.vertices, False)
+    deviation = deviations(surface, segmentation.surface.vertices, False)
     fits = Alignment(IDENTITY, IDENTITY, 2, True, np.inf, (), SURE, "upright", ())
     network = ladder()
     evidence = gel_evidence(segmentation.field, segmentation.strength)
@@ -187,9 +187,7 @@ def test_defects_on_the_brink_of_what_was_seen_say_so() -> None:
     field = whole.field
     cut = field.values[:, :, : int((1.7 + 4.0 + 0.4) / 0.05)]
     seen = type(field)(cut, field.level, field.sign, field.voxel_mm, field.origin_mm, 0.0)
-    part = Segmentation(
-        seen, whole.vertices, whole.outward, whole.faces, whole.seen, whole.contrast, None
-    )
+    part = Segmentation(seen, whole.surface, whole.outward, whole.seen, whole.contrast, None)
     found = findings(part)
     (defect,) = [d for d in found.defects if d.vessel == CHANNEL]
     assert defect.kind == "occlusion"

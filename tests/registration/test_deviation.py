@@ -33,8 +33,8 @@ def ball_scan(radius: float, middle: tuple[float, float, float] = (0, 0, 0)) -> 
     away = np.sqrt((x - middle[0]) ** 2 + (y - middle[1]) ** 2 + (z - middle[2]) ** 2)
     values = np.clip(0.5 + (radius - away) / 0.3, 0, 1).astype(np.float32)
     field = GelField(values, 0.5, 1.0, np.full(3, VOXEL), np.full(3, -1.6), 0.0)
-    mesh = surface_mesh(field, None, 0.1)
-    return Segmentation(field, mesh.vertices, mesh.outward, mesh.faces, mesh.seen, 9.0, None)
+    surface, outward, seen = surface_mesh(field, None, 0.1)
+    return Segmentation(field, surface, outward, seen, 9.0, None)
 
 
 def deviations_back(points: np.ndarray, scan: Segmentation, fit: Fit) -> np.ndarray:
@@ -48,7 +48,7 @@ def ball_model(radius: float) -> ModelSurface:
 @pytest.mark.parametrize("excess", [-0.06, 0.0, 0.08])
 def test_larger_ball_deviates_negatively_by_its_excess_both_ways(excess: float) -> None:
     model, scan = ball_model(1.0), ball_scan(1.0 + excess)
-    there = deviations(model, scan.vertices, False)
+    there = deviations(model, scan.surface.vertices, False)
     back = deviations_back(surface_points(model, 5000), scan, HERE)
     np.testing.assert_allclose(there, -excess, atol=0.004)
     np.testing.assert_allclose(back, -excess, atol=0.004)
@@ -72,7 +72,7 @@ def test_what_isnt_in_the_field_of_view_isnt_measured_back() -> None:
     scan = ball_scan(1.0)
     half = scan.field.values[:, :, : int(1.6 / VOXEL)]
     field = GelField(half, 0.5, 1.0, np.full(3, VOXEL), np.full(3, -1.6), 0.0)
-    part = Segmentation(field, scan.vertices, scan.outward, scan.faces, scan.seen, 9.0, None)
+    part = Segmentation(field, scan.surface, scan.outward, scan.seen, 9.0, None)
     points = surface_points(ball_model(1.0), 4000)
     assert len(deviations_back(points, part, HERE)) == pytest.approx(2000, rel=0.08)
 
@@ -82,7 +82,7 @@ def test_missing_hole_shows_only_on_the_way_back() -> None:
         4, 0.3, 0.3, 64, center=True
     )
     model, scan = ModelSurface.of(solid(bored)), ball_scan(1.0)
-    there = summarise(deviations(model, scan.vertices, False))
+    there = summarise(deviations(model, scan.surface.vertices, False))
     back = summarise(deviations_back(surface_points(model), scan, HERE))
     assert there.max_um < 320
     # The middle of the bore lies a whole radius from the nearest scanned surface.
@@ -118,7 +118,7 @@ def test_way_back_is_exact_in_any_frame() -> None:
     turn = Rotation.from_euler("xyz", (4, -3, 8), degrees=True).as_matrix()
     fit = Fit(turn, np.array([0.05, -0.02, 0.01]), np.array([1.02, 0.98, 1.01]), np.zeros(3))
     points = surface_points(ball_model(1.0), 2000)
-    surface = ModelSurface.of(Solid(fit.apply(scan.vertices), scan.faces))
+    surface = ModelSurface.of(Solid(fit.apply(scan.surface.vertices), scan.surface.faces))
     found = deviations_back(points, scan, fit)
     # The facets' side, and the field's, of the few points that lie on the surface may differ.
     np.testing.assert_allclose(np.abs(found), np.abs(surface.query(points).distance), atol=1e-12)

@@ -86,8 +86,8 @@ def test_surface_carries_its_deviation(
     _, report = registered
     write_surface_vtp(tmp_path / "a.vtp", report)
     found = vtp(tmp_path / "a.vtp")
-    assert len(found["Points"]) == len(found["deviation_um"]) == len(report.vertices)
-    assert len(found["connectivity"]) == 3 * len(found["offsets"]) == 3 * len(report.faces)
+    assert len(found["Points"]) == len(found["deviation_um"]) == len(report.surface.vertices)
+    assert len(found["connectivity"]) == 3 * len(found["offsets"]) == 3 * len(report.surface.faces)
     np.testing.assert_allclose(found["deviation_um"], report.scaled_deviation_um, atol=1e-3)
     assert set(np.unique(found["seen"])) <= {0, 1}
     # The axes run within the scanned surface's box.

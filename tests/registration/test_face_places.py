@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from design.geometry.surface import Surface
 from registration.gauging.face_places import Place, ScannedFaces
 from registration.report.sections import place_rows
 
@@ -31,7 +32,7 @@ def listed(off: np.ndarray, rims: np.ndarray | None = None) -> tuple[Place, ...]
     known = off[np.isfinite(off)]
     spread = 1.4826 * np.median(np.abs(known - np.median(known))) if len(known) else 0.0
     rims = none if rims is None else rims
-    return ScannedFaces(vertices, triangles, off, rims, 50, float(spread)).places_off()
+    return ScannedFaces(Surface(vertices, triangles), off, rims, 50, float(spread)).places_off()
 
 
 def away(x: float, y: float) -> np.ndarray:

@@ -118,8 +118,8 @@ def test_beside_a_sibling_at_a_narrow_angle_no_diameter_is_measured() -> None:
     away = lumen_distance(network, np.stack([x, y, z], axis=-1))
     values = np.clip(0.5 + away / 0.3, 0, 1).astype(np.float32)
     field = GelField(values, 0.5, 1.0, np.full(3, 0.05), low, blur_mm=0.0)
-    mesh = surface_mesh(field, None, 0.3)
-    found = Segmentation(field, mesh.vertices, mesh.outward, mesh.faces, mesh.seen, 9.0, None)
+    surface, outward, seen = surface_mesh(field, None, 0.3)
+    found = Segmentation(field, surface, outward, seen, 9.0, None)
     here = Fit(np.eye(3), np.zeros(3), np.ones(3), np.zeros(3))
     trace = trace_vessels(network, found, here, 0.1)[1]
     # The axes are as far apart as the two lumens are wide only after 6 · 0.25 / 0.48 mm.

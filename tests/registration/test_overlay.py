@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from design.geometry.surface import Surface
 from registration.errors import AlignmentError, RegistrationError
 from registration.overlay import (
     Cutter,
@@ -96,7 +97,7 @@ def scanned(gel: Gel, planes: slice = slice(None), lit: float | None = None) -> 
         scan = replace(scan, depth_down=True)
     none = np.zeros((0, 3))
     found = Segmentation(
-        field, none, none, none.astype(np.int32), np.zeros(0, bool), 10.0, strength
+        field, Surface(none, none.astype(np.int32)), none, np.zeros(0, bool), 10.0, strength
     )
     return Cutter(scan, found, pose)
 
@@ -290,6 +291,7 @@ def test_a_scan_that_can_t_be_aligned_asks_for_a_pose() -> None:
     )
     none = np.zeros((0, 3))
     field = GelField(np.zeros((8, 8, 8), np.float32), 0.5, 1.0, np.ones(3), np.zeros(3), 0.0)
-    bare = Segmentation(field, none, none, none.astype(np.int32), np.zeros(0, bool), 10.0, None)
+    nothing = Surface(none, none.astype(np.int32))
+    bare = Segmentation(field, nothing, none, np.zeros(0, bool), 10.0, None)
     with pytest.raises(AlignmentError, match=r"0 surface points .* give --pose registration\.json"):
         align_pose(scan, bare, solid(manifold3d.Manifold.cube((4.0, 3.0, 0.5))))

@@ -94,7 +94,7 @@ def test_a_foot_below_a_lumen_has_no_pits() -> None:
         came_from=Path("phantom"),
     )
     found = segment(scan, SegmentationOptions(working_voxel_mm=0.04))
-    x, y, z = found.vertices.T
+    x, y, z = found.surface.vertices.T
     inside = (np.abs(x - 1.6) < 1.0) & (np.abs(y - 1.6) < 1.0) & (z > 2.3) & found.seen
     assert inside.sum() > 1000
     assert 1e3 * np.abs(z[inside] - FOOT_MM).max() < 50

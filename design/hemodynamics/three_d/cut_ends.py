@@ -9,6 +9,7 @@ import numpy as np
 from manifold3d import Manifold
 
 from design.errors import FlowError
+from design.geometry.surface import Surface
 from design.hemodynamics.three_d.lumen_mesh import WALL, MeshPort
 from design.network import FloatArray, IntArray
 from design.solids.manifolds import subtract, to_manifold
@@ -37,14 +38,13 @@ class CutSurface:
         Closed; labels are those of `LumenMesh`.
     ports : tuple of MeshPort
         With the middle and the size of what was cut.
-    points, faces : (n, 3) float64, mm, and (f, 3) int64
+    wall : Surface
         The wall before the cut, which has no needles along the rims, and goes on beyond them.
     """
 
     surface: LabelledSurface
     ports: tuple[MeshPort, ...]
-    points: FloatArray
-    faces: IntArray
+    wall: Surface
 
 
 class _Body(NamedTuple):
@@ -74,8 +74,7 @@ def cut_ends(vertices: FloatArray, faces: IntArray, ports: tuple[MeshPort, ...])
     return CutSurface(
         surface,
         tuple(_measured(surface, n, port) for n, port in enumerate(ports)),
-        wall.points,
-        wall.faces[wall.label == WALL],
+        Surface(wall.vertices, wall.faces[wall.label == WALL]),
     )
 
 
@@ -97,9 +96,9 @@ def _cut(body: Manifold, ports: tuple[MeshPort, ...]) -> _Body:
 
 
 def _joined(parts: list[LabelledSurface]) -> LabelledSurface:
-    start = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
+    start = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
     return LabelledSurface(
-        np.concatenate([part.points for part in parts]),
+        np.concatenate([part.vertices for part in parts]),
         np.concatenate([part.faces + n for part, n in zip(parts, start, strict=True)]),
         np.concatenate([part.label for part in parts]),
     )
@@ -169,7 +168,7 @@ def _labels(points: FloatArray, faces: IntArray, ports: tuple[MeshPort, ...]) ->
 
 def _measured(surface: LabelledSurface, number: int, port: MeshPort) -> MeshPort:
     """The port with the middle and the size of its faces."""
-    corner = surface.points[surface.faces[surface.label == number + 1]]
+    corner = surface.vertices[surface.faces[surface.label == number + 1]]
     twice = np.linalg.norm(
         np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1
     )

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.geometry import TriangleTree, build_triangle_tree
 from design.geometry.feet import nearest_feet
+from design.geometry.surface import Surface
 from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.lumen_mesh import MeshPort
 from design.network import FloatArray, IntArray, VesselNetwork
@@ -37,9 +39,8 @@ class FacetWall:
 
     Attributes
     ----------
-    points : (n, 3) float64, mm
-    faces : (f, 3) int64
-        Of the wall alone, without the ports.
+    wall : Surface
+        Without the ports.
     normals : (f, 3, 3) float64
         Unit, outward, at each face's corners.
     tree : TriangleTree
@@ -53,8 +54,7 @@ class FacetWall:
         Wanted edge length over the lumen's radius.
     """
 
-    points: FloatArray
-    faces: IntArray
+    wall: Surface
     normals: FloatArray
     tree: TriangleTree
     axis: cKDTree
@@ -94,17 +94,16 @@ class FacetWall:
     def _rounded(self, points: FloatArray) -> FloatArray:
         """The nearest place of the facets, moved half the way to the corners' tangent planes."""
         feet = nearest_feet(self.tree, points)
-        corner = self.faces[feet.face]
-        foot = np.einsum("nk,nkd->nd", feet.weight, self.points[corner])
+        corner = self.wall.faces[feet.face]
+        foot = np.einsum("nk,nkd->nd", feet.weight, self.wall.vertices[corner])
         normal = self.normals[feet.face]
-        above = np.einsum("nkd,nkd->nk", foot[:, None] - self.points[corner], normal)
+        above = np.einsum("nkd,nkd->nk", foot[:, None] - self.wall.vertices[corner], normal)
         lift = np.einsum("nk,nk,nkd->nd", feet.weight, above, normal)
         return np.asarray(foot - _ROUNDED * lift)
 
 
 def facet_wall(
-    points: FloatArray,
-    faces: IntArray,
+    wall: Surface,
     network: VesselNetwork,
     ports: tuple[MeshPort, ...],
     ratio: float,
@@ -113,22 +112,21 @@ def facet_wall(
 
     Parameters
     ----------
-    points : (n, 3) float64, mm
-    faces : (f, 3) int64
-        Outward by the right hand; without those of ports, whose edges would be rounded off.
+    wall : Surface
+        Without the faces of ports, whose edges would be rounded off.
     network : VesselNetwork
         Says how wide the lumen is where.
     ports : tuple of MeshPort
     ratio : float
         Wanted edge length over the lumen's radius.
     """
-    tree = build_triangle_tree(points, faces.astype(np.int32))
+    tree = build_triangle_tree(wall.vertices, wall.faces.astype(np.int32))
     axis, radius, _ = axis_places(network, _APART)
-    normals = corner_normals(points, faces)
-    return FacetWall(points, faces, normals, tree, cKDTree(axis), radius / _APART, ports, ratio)
+    normals = corner_normals(wall.vertices, wall.faces)
+    return FacetWall(wall, normals, tree, cKDTree(axis), radius / _APART, ports, ratio)
 
 
-def corner_normals(points: FloatArray, faces: IntArray) -> FloatArray:
+def corner_normals(points: FloatArray, faces: NDArray[np.integer[Any]]) -> FloatArray:
     """Unit normals at the faces' corners, (f, 3, 3): of the faces around, weighted by angle.
 
     Angles don't depend on how a flat place is cut into triangles, as areas and counts do

@@ -28,7 +28,7 @@ def check_surface(surface: LabelledSurface, wall: LumenWall, fillet_ratio: float
     FlowError
     """
     _check_ports(surface, wall.ports)
-    vertices = surface.points[np.unique(surface.faces[surface.label == WALL])]
+    vertices = surface.vertices[np.unique(surface.faces[surface.label == WALL])]
     off = np.abs(wall.distance(vertices)) / (wall.size(vertices) / wall.ratio)
     worst = int(np.argmax(off))
     if off[worst] > _OFF:
@@ -37,9 +37,9 @@ def check_surface(surface: LabelledSurface, wall: LumenWall, fillet_ratio: float
             f"room between vessels; lower the fillet ratio ({fillet_ratio:g}) to a third, or move "
             "vessels apart"
         )
-    crossing = find_crossings(surface.points, surface.faces).pairs
+    crossing = find_crossings(surface.vertices, surface.faces).pairs
     if len(crossing):
-        place = surface.points[surface.faces[crossing[0, 0]]].mean(axis=0)
+        place = surface.vertices[surface.faces[crossing[0, 0]]].mean(axis=0)
         raise FlowError(
             f"the lumen's wall crosses itself {_near(place)} ({len(crossing)} pairs of triangles): "
             f"vessels nearly touch there without being joined; lower the fillet ratio "
@@ -54,7 +54,7 @@ def _near(place: FloatArray) -> str:
 
 def _check_ports(surface: LabelledSurface, ports: tuple[MeshPort, ...]) -> None:
     """Refuse ports that aren't the discs they are meant to be."""
-    corner = surface.points[surface.faces]
+    corner = surface.vertices[surface.faces]
     across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     area = np.bincount(
         surface.label, 0.5 * np.linalg.norm(across, axis=1), minlength=len(ports) + 1

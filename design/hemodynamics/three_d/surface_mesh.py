@@ -83,7 +83,7 @@ def surface_mesh(
         raise FlowError("the network has no free ends, so nothing flows in or out; give it some")
     points = denoised(np.asarray(vertices, dtype=np.float64), faces, options.smooth_passes)
     cut = cut_ends(points, np.asarray(faces, dtype=np.int64), ends)
-    wall = facet_wall(cut.points, cut.faces, network, cut.ports, options.edge_ratio)
+    wall = facet_wall(cut.wall, network, cut.ports, options.edge_ratio)
     surface = remesh(cut.surface, wall)
     _check(surface, network)
     inside, size, _ = axis_places(network, INSIDE * options.edge_ratio)
@@ -93,9 +93,9 @@ def surface_mesh(
 
 def _check(surface: LabelledSurface, network: VesselNetwork) -> None:
     """Refuse what would bring Netgen down, and with it the process: triangles through others."""
-    crossing = find_crossings(surface.points, surface.faces).pairs
+    crossing = find_crossings(surface.vertices, surface.faces).pairs
     if len(crossing):
-        place = surface.points[surface.faces[crossing[0, 0]]].mean(axis=0)
+        place = surface.vertices[surface.faces[crossing[0, 0]]].mean(axis=0)
         near = int(np.argmin(np.linalg.norm(network.nodes - place, axis=1)))
         raise FlowError(
             f"{len(crossing)} triangles of the lumen's remade surface pass through others, one at "

@@ -39,7 +39,7 @@ def fill(
     mesh.CalcLocalH(growth, 1)
     for (x, y, z), h in zip(inside.tolist(), size.tolist(), strict=True):
         mesh.RestrictLocalH(meshing.Pnt(x, y, z), h)
-    edges = surface.points[surface.faces] - surface.points[surface.faces[:, [1, 2, 0]]]
+    edges = surface.vertices[surface.faces] - surface.vertices[surface.faces[:, [1, 2, 0]]]
     longest = _COARSE * float(np.linalg.norm(edges, axis=2).max())
     try:
         mesh.GenerateVolumeMesh(maxh=longest, grading=growth)
@@ -49,7 +49,7 @@ def fill(
     tets = _corners(mesh.Elements3D())
     if len(tets) == 0:
         raise FlowError("Netgen found no tetrahedra between the walls; try another mesh size")
-    if not np.array_equal(points[: len(surface.points)], surface.points):
+    if not np.array_equal(points[: len(surface.vertices)], surface.vertices):
         raise FlowError("Netgen moved the wall; try another mesh size")
     return points, _oriented(points, tets)
 
@@ -69,7 +69,7 @@ def _netgen() -> Any:
 def _bounded(meshing: Any, surface: LabelledSurface) -> Any:
     """A Netgen mesh that holds the surface alone."""
     mesh = meshing.Mesh(dim=3)
-    mesh.AddPoints(np.ascontiguousarray(surface.points))
+    mesh.AddPoints(np.ascontiguousarray(surface.vertices))
     for label in range(int(surface.label.max()) + 1):
         descriptor = meshing.FaceDescriptor(surfnr=label + 1, domin=1, domout=0, bc=label + 1)
         number = mesh.Add(descriptor)

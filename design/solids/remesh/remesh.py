@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import SolidError
+from design.geometry.surface import Surface
 from design.solids.remesh import passes
 from design.solids.remesh.halfedges import leaving, twins_of
 
@@ -20,19 +21,18 @@ _SPLITS = 30
 
 
 @dataclass(frozen=True)
-class LabelledSurface:
+class LabelledSurface(Surface):
     """A closed triangle surface whose faces are told apart.
 
     Attributes
     ----------
-    points : (n, 3) float64, mm
+    vertices : (n, 3) float64, mm
     faces : (f, 3) int64
         Outward by the right hand.
     label : (f,) int64
         Faces of one label make a smooth patch; patches meet in rims, which remeshing keeps.
     """
 
-    points: FloatArray
     faces: IntArray
     label: IntArray
 
@@ -86,8 +86,8 @@ def remesh(
 
 def patches(surface: LabelledSurface) -> IntArray:
     """The patch of each vertex, as `Shape.onto` takes it, (n,)."""
-    low = np.full(len(surface.points), np.iinfo(np.int64).max)
-    high = np.full(len(surface.points), -1)
+    low = np.full(len(surface.vertices), np.iinfo(np.int64).max)
+    high = np.full(len(surface.vertices), -1)
     for corner in surface.faces.T:
         np.minimum.at(low, corner, surface.label)
         np.maximum.at(high, corner, surface.label)
@@ -95,27 +95,27 @@ def patches(surface: LabelledSurface) -> IntArray:
 
 
 def _wanted(surface: LabelledSurface, shape: Shape, growth: float) -> FloatArray:
-    wanted = np.ascontiguousarray(shape.size(surface.points), dtype=np.float64)
+    wanted = np.ascontiguousarray(shape.size(surface.vertices), dtype=np.float64)
     if not (np.isfinite(wanted).all() and (wanted > 0.0).all()):
         bad = int(np.flatnonzero(~(np.isfinite(wanted) & (wanted > 0.0)))[0])
-        x, y, z = surface.points[bad]
+        x, y, z = surface.vertices[bad]
         raise SolidError(
             f"the wanted edge length at {x:.4g}, {y:.4g}, {z:.4g} mm is {wanted[bad]:g} mm; the "
             "surface must lie near its shape, and lengths be above 0"
         )
-    passes.level(surface.points, surface.faces, wanted, growth)
+    passes.level(surface.vertices, surface.faces, wanted, growth)
     return wanted
 
 
 def _split(surface: LabelledSurface, shape: Shape, growth: float) -> LabelledSurface:
     for _ in range(_SPLITS):
-        n, f = len(surface.points), len(surface.faces)
+        n, f = len(surface.vertices), len(surface.faces)
         wanted = _wanted(surface, shape, growth)
         # For each edge once; halves that are still too long come in the next pass.
         points, room = np.zeros((n + 3 * f // 2, 3)), f + 3 * f
         faces, label = np.zeros((room, 3), np.int64), np.zeros(room, np.int64)
         twin, sizes = np.zeros(3 * room, np.int64), np.zeros(len(points))
-        points[:n], sizes[:n], faces[:f] = surface.points, wanted, surface.faces
+        points[:n], sizes[:n], faces[:f] = surface.vertices, wanted, surface.faces
         label[:f], twin[: 3 * f] = surface.label, twins_of(surface.faces)
         n2, f2 = passes.split_long(points, sizes, faces, label, twin, n, f)
         surface = LabelledSurface(points[:n2].copy(), faces[:f2].copy(), label[:f2].copy())
@@ -125,13 +125,13 @@ def _split(surface: LabelledSurface, shape: Shape, growth: float) -> LabelledSur
 
 
 def _drawn_in(surface: LabelledSurface, shape: Shape, growth: float) -> LabelledSurface:
-    faces, count = surface.faces.copy(), len(surface.points)
+    faces, count = surface.faces.copy(), len(surface.vertices)
     twin, out = twins_of(faces), leaving(faces, count)
     rim, dead = np.zeros(count, np.int64), np.zeros(len(faces), np.int64)
     passes.rims(faces, twin, surface.label, rim)
     wanted = _wanted(surface, shape, growth)
-    passes.draw_in_short(surface.points, wanted, faces, surface.label, twin, out, rim, dead)
-    return _packed(surface.points, faces[dead == 0], surface.label[dead == 0])
+    passes.draw_in_short(surface.vertices, wanted, faces, surface.label, twin, out, rim, dead)
+    return _packed(surface.vertices, faces[dead == 0], surface.label[dead == 0])
 
 
 def _packed(points: FloatArray, faces: IntArray, label: IntArray) -> LabelledSurface:
@@ -141,18 +141,18 @@ def _packed(points: FloatArray, faces: IntArray, label: IntArray) -> LabelledSur
 
 def _turned(surface: LabelledSurface) -> LabelledSurface:
     faces = surface.faces.copy()
-    twin, out = twins_of(faces), leaving(faces, len(surface.points))
+    twin, out = twins_of(faces), leaving(faces, len(surface.vertices))
     for _ in range(3):
-        if passes.turn(surface.points, faces, surface.label, twin, out) == 0:
+        if passes.turn(surface.vertices, faces, surface.label, twin, out) == 0:
             break
-    return LabelledSurface(surface.points, faces, surface.label)
+    return LabelledSurface(surface.vertices, faces, surface.label)
 
 
 def _relaxed(surface: LabelledSurface, shape: Shape) -> LabelledSurface:
-    count = len(surface.points)
+    count = len(surface.vertices)
     twin, out = twins_of(surface.faces), leaving(surface.faces, count)
     rim, moved = np.zeros(count, np.int64), np.empty((count, 3))
     passes.rims(surface.faces, twin, surface.label, rim)
-    passes.relax(surface.points, surface.faces, surface.label, twin, out, rim, moved)
+    passes.relax(surface.vertices, surface.faces, surface.label, twin, out, rim, moved)
     points = shape.onto(moved, patches(surface))
     return LabelledSurface(np.ascontiguousarray(points), surface.faces, surface.label)

@@ -224,11 +224,11 @@ def _with_root(tissue: Tissue, options: GrowthOptions, stems: list[_Stem]) -> Gr
     if options.root_point_mm is not None or not stems:
         return options
     taken = np.array([one.begin for one in stems])
-    away = np.linalg.norm(tissue.vertices[:, None] - taken[None], axis=2).min(axis=1)
+    away = np.linalg.norm(tissue.surface.vertices[:, None] - taken[None], axis=2).min(axis=1)
     order = np.argsort(-away, kind="stable")
     last: DesignError | None = None
     for vertex in order[:: max(1, len(order) // _PLACES)]:
-        x, y, z = tissue.vertices[vertex]
+        x, y, z = tissue.surface.vertices[vertex]
         trial = replace(options, root_point_mm=(float(x), float(y), float(z)))
         try:
             _stem(tissue, trial)

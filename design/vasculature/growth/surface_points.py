@@ -17,7 +17,7 @@ def surface_points(
 
     Uniform in a triangle: Osada et al. 2002, doi 10.1145/571647.571648, equation 1.
     """
-    corner = tissue.vertices[tissue.faces]
+    corner = tissue.surface.vertices[tissue.surface.faces]
     across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     size = np.linalg.norm(across, axis=1)
     face = random.choice(len(size), count, p=size / size.sum())

@@ -43,7 +43,7 @@ def reach_mm(context: RunContext, dish: Dish) -> NDArray[np.float64]:
     """How far the tip goes from the part's middle: (1,) all around, or (2,) along x and y, mm."""
     if isinstance(context.recipe.toolpath, Fresh):
         stretch = context.corrections.stretch
-        corners = np.asarray(context.tissue.vertices, dtype=np.float64)
+        corners = np.asarray(context.tissue.surface.vertices, dtype=np.float64)
         points = stretch.points(corners * context.recipe.print_scale)
     else:
         points = context.written_network.points

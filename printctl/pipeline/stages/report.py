@@ -119,7 +119,7 @@ def surfaces(context: RunContext) -> list[ReportSurface]:
     solid = context.solid
     return [
         *split_surfaces(vertices, faces, deviation_um, context.network),
-        ReportSurface("Construct, as designed", solid.vertices, solid.faces),
+        ReportSurface("Construct, as designed", solid),
     ]
 
 

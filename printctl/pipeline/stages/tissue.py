@@ -23,7 +23,8 @@ def depends(context: RunContext) -> Any:
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Prepare the tissue, keep its surface in the print's size, and say what was done to it."""
     tissue, scale = context.tissue, context.recipe.print_scale
-    write_stl(context.folder / SURFACE, Solid(tissue.vertices * scale, tissue.faces))
+    surface = tissue.surface
+    write_stl(context.folder / SURFACE, Solid(surface.vertices * scale, surface.faces))
     for note in tissue.notes:
         context.bars.remark("tissue", note)
     extent = tissue.bounds[1] - tissue.bounds[0]
@@ -32,7 +33,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         "name": context.recipe.tissue.label,
         "volume_mm3": tissue.volume_mm3,
         "extent_mm": extent.tolist(),
-        "faces": len(tissue.faces),
+        "faces": len(tissue.surface.faces),
         "notes": notes,
         "mean_demand": tissue.demand.mean_weight,
     }

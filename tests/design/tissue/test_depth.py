@@ -25,7 +25,7 @@ def slit():
 def capsules_near(tissue, count, seed=0):
     """Short capsules around points scattered about the surface."""
     rng = np.random.default_rng(seed)
-    corners = tissue.vertices[tissue.faces]
+    corners = tissue.surface.vertices[tissue.surface.faces]
     size = np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
     )
@@ -40,7 +40,7 @@ def capsules_near(tissue, count, seed=0):
 
 def judged(tissue, start, end, radius):
     """Whether each capsule is inside by an independent checker."""
-    corners = tissue.vertices[tissue.faces]
+    corners = tissue.surface.vertices[tissue.surface.faces]
     tree = surface_tree(corners)
     away = to_surface(start, end, radius, tree, corners[tree.order])
     return (away >= radius) & (winding_numbers(end, corners, tree) > 0)
@@ -82,7 +82,7 @@ def test_bounds_of_depth_hold_everywhere(slit):
     rng = np.random.default_rng(3)
     near = capsules_near(slit, 5_000)[0]
     points = np.concatenate([near, rng.uniform(-2, 14, (5_000, 3))])
-    corners = slit.vertices[slit.faces]
+    corners = slit.surface.vertices[slit.surface.faces]
     tree = surface_tree(corners)
     away = to_surface(points, points, np.full(len(points), 30.0), tree, corners[tree.order])
     depth = np.where(winding_numbers(points, corners, tree) > 0, away, -away)
@@ -96,9 +96,9 @@ def test_bounds_of_depth_hold_everywhere(slit):
 
 def test_winding_number_agrees_with_a_checker(slit):
     points = np.concatenate(list(capsules_near(slit, 3_000)[:2]))
-    tree = build_triangle_tree(slit.vertices, slit.faces)
+    tree = build_triangle_tree(slit.surface.vertices, slit.surface.faces)
     mine = [winding_number(tree, *p) for p in points]
-    np.testing.assert_array_equal(mine, winding_numbers(points, slit.vertices[slit.faces]))
+    np.testing.assert_array_equal(mine, winding_numbers(points, slit.surface.vertices[slit.surface.faces]))
 
 
 def test_winding_number_counts_overlapping_solids_and_no_cavity():
@@ -151,7 +151,7 @@ def test_segment_through_a_triangle_has_distance_zero():
 
 
 def test_segment_distance_of_a_surface_is_the_least_of_its_triangles(slit):
-    tree = build_triangle_tree(slit.vertices, slit.faces)
+    tree = build_triangle_tree(slit.surface.vertices, slit.surface.faces)
     start, end, _ = capsules_near(slit, 200, seed=4)
     for a, b in zip(start, end, strict=True):
         each = [segment_triangle(*a, *b, t) for t in tree.triangles]
@@ -162,7 +162,7 @@ def test_segment_distance_of_a_surface_is_the_least_of_its_triangles(slit):
 def test_depth_of_a_long_segment_is_that_of_its_shallowest_place(slit):
     rng = np.random.default_rng(9)
     start, end = rng.uniform(0.5, 11.5, (2, 300, 3))
-    corners = slit.vertices[slit.faces]
+    corners = slit.surface.vertices[slit.surface.faces]
     tree = surface_tree(corners)
     away = to_surface(start, end, np.full(300, 30.0), tree, corners[tree.order])
     inside = (away > 0) & (winding_numbers(end, corners, tree) > 0)

@@ -82,7 +82,7 @@ def test_overlapping_solids_count_once():
 
 def test_samples_are_exact_distances(hollow):
     grid = hollow.grid.arrays
-    corners = hollow.vertices[hollow.faces]
+    corners = hollow.surface.vertices[hollow.surface.faces]
     rng = np.random.default_rng(5)
     a, b, c = np.nonzero(grid.brick >= 0)
     for n in rng.integers(0, len(a), 8):

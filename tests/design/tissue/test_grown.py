@@ -52,7 +52,7 @@ def tissues():
 
 def outside(tree, tissue):
     """Segments whose lumen isn't in the tissue; the root apart."""
-    corners = tissue.vertices[tissue.faces]
+    corners = tissue.surface.vertices[tissue.surface.faces]
     exact = surface_tree(corners)
     start, end, radius = tree.proximal[1:], tree.distal[1:], tree_radii(tree)[1:] - 1e-9
     away = to_surface(start, end, radius, exact, corners[exact.order])

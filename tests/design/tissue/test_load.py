@@ -97,5 +97,5 @@ def test_real_gyrus_has_its_published_volume():
     tissue = load_tissue(path, "mm")
     assert tissue.volume_mm3 == pytest.approx(4760, rel=2e-3)
     point, inward = tissue.top_vertex()
-    assert point[2] == tissue.vertices[:, 2].max()
+    assert point[2] == tissue.surface.vertices[:, 2].max()
     assert tissue.contains((point + 0.3 * inward)[None]).all()

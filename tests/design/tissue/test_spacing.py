@@ -35,7 +35,7 @@ def test_few_thin_walls_beyond_the_limit_are_noted_and_kept_exactly():
     tissue = tissue_from_surface(shape.vertices, shape.faces, rule=rule)
     assert len(tissue.notes) == 1
     assert "few walls, the thinnest" in tissue.notes[0]
-    corners = tissue.vertices[tissue.faces]
+    corners = tissue.surface.vertices[tissue.surface.faces]
     rng = np.random.default_rng(0)
     start = rng.uniform([10, 0, 0], [20, 20, 4], (20_000, 3))
     end = start + rng.normal(0, 0.3, start.shape)

@@ -47,7 +47,7 @@ def slit():
 
 def slack_outside(tree, tissue, clearance_mm=0.0):
     """Least room between any lumen and the surface, by exact distances; the root apart."""
-    exact = build_triangle_tree(tissue.vertices, tissue.faces)
+    exact = build_triangle_tree(tissue.surface.vertices, tissue.surface.faces)
     radius = tree_radii(tree)
     t = np.linspace(0, 1, 25)[None, :, None]
     axis = tree.proximal[1:, None] + t * (tree.distal - tree.proximal)[1:, None]
@@ -58,7 +58,7 @@ def slack_outside(tree, tissue, clearance_mm=0.0):
 
 def outside_exactly(tree, tissue):
     """Segments whose lumen isn't in the tissue by an independent checker; the root apart."""
-    corners = tissue.vertices[tissue.faces]
+    corners = tissue.surface.vertices[tissue.surface.faces]
     exact = surface_tree(corners)
     start, end, radius = tree.proximal[1:], tree.distal[1:], tree_radii(tree)[1:] - 1e-9
     away = to_surface(start, end, radius, exact, corners[exact.order])

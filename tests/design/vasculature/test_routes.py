@@ -54,12 +54,12 @@ def ends_at(here, there, ahead, behind):
 @pytest.fixture(scope="module")
 def across(torus):
     """Two ends on either side of the torus's hole that look at each other across it."""
-    middle = 0.5 * (np.abs(torus.vertices[:, :2]).max() + radii_of(torus).min())
+    middle = 0.5 * (np.abs(torus.surface.vertices[:, :2]).max() + radii_of(torus).min())
     return ends_at([middle, 0, 0], [-middle, 0, 0], [-0.5, 0.5**0.5, 0.5], [0.5, 0.5**0.5, -0.5])
 
 
 def radii_of(tissue):
-    return np.linalg.norm(tissue.vertices[:, :2], axis=1)
+    return np.linalg.norm(tissue.surface.vertices[:, :2], axis=1)
 
 
 def crowd_of(web, **rule):
@@ -81,7 +81,7 @@ def test_a_way_round_the_hole_is_found_and_holds_the_rules(web, across, torus):
     assert route.radius == pytest.approx(radius_for(length.sum(), across, web.rule), rel=1e-12)
     # Half a turn around the hole at least, and no detour.
     inner = radii_of(torus).min()
-    assert np.pi * inner < length.sum() < 1.2 * np.pi * np.abs(torus.vertices[:, 0]).max()
+    assert np.pi * inner < length.sum() < 1.2 * np.pi * np.abs(torus.surface.vertices[:, 0]).max()
     unit = step / length[:, None]
     limit = web.rule.straight - 1e-12
     assert unit[0] @ across.direction[0] / np.linalg.norm(across.direction[0]) >= limit
@@ -112,13 +112,13 @@ def test_the_way_back_is_as_long(web, across):
 
 
 def test_what_is_walled_in_has_no_way(web, torus):
-    middle = 0.5 * (np.abs(torus.vertices[:, 0]).max() + radii_of(torus).min())
+    middle = 0.5 * (np.abs(torus.surface.vertices[:, 0]).max() + radii_of(torus).min())
     beyond = ends_at([middle, 0, 0], [0, 0, 0], [-1, 0, 0], [1, 0, 0])
     assert find_route(beyond, crowd_of(web)) is None
 
 
 def test_a_vessel_in_the_way_is_gone_round(web, torus):
-    middle = 0.5 * (np.abs(torus.vertices[:, 0]).max() + radii_of(torus).min())
+    middle = 0.5 * (np.abs(torus.surface.vertices[:, 0]).max() + radii_of(torus).min())
     a = 0.12
     ends = ends_at(
         [middle * np.cos(a), -middle * np.sin(a), 0],

@@ -70,13 +70,13 @@ def test_the_lumen_has_the_print_s_own_size_up_to_its_ends(run: Path) -> None:
     found = scanned_lumen(run, designed())
     assert_allclose(found.network.lengths(), LENGTH, rtol=1e-6)
     assert_allclose(found.network.mean_radius(), RADIUS)
-    between = (found.vertices[:, 2] > 0.0) & (found.vertices[:, 2] < LENGTH)
-    radius = np.hypot(*found.vertices[between, :2].T)
+    between = (found.surface.vertices[:, 2] > 0.0) & (found.surface.vertices[:, 2] < LENGTH)
+    radius = np.hypot(*found.surface.vertices[between, :2].T)
     assert_allclose(np.median(radius), RADIUS, rtol=0.01)
     # Nothing of the rounded mouths, where the gel's faces are.
     assert radius.max() < 1.05 * RADIUS
-    assert found.vertices[:, 2].min() < 0.0
-    assert found.vertices[:, 2].max() > LENGTH
+    assert found.surface.vertices[:, 2].min() < 0.0
+    assert found.surface.vertices[:, 2].max() > LENGTH
 
 
 def test_a_lumen_that_isn_t_there_is_refused_with_volumes(run: Path) -> None:

@@ -114,8 +114,8 @@ def segmented(
         gel = gel + noise_mm * rough / rough.std()
     values = np.clip(0.5 - gel / 0.3, 0, 1).astype(np.float32)
     field = GelField(values, 0.5, 1.0, np.full(3, VOXEL), scan[0, 0, 0], blur_mm=0.02)
-    mesh = surface_mesh(field, None, 0.3)
-    return Segmentation(field, mesh.vertices, mesh.outward, mesh.faces, mesh.seen, 10.0, None)
+    surface, outward, seen = surface_mesh(field, None, 0.3)
+    return Segmentation(field, surface, outward, seen, 10.0, None)
 
 
 def scene(found: Segmentation, fit: Fit = IDENTITY, errors: ScanErrors = EXACT) -> Scene:

@@ -100,7 +100,7 @@ def test_what_cannot_hold_the_part_is_refused_and_said(datums: str, said: str) -
 
 def test_a_face_that_was_not_seen_is_refused() -> None:
     found = segmented()
-    found.seen[found.vertices[:, 2] < 0.4] = False
+    found.seen[found.surface.vertices[:, 2] < 0.4] = False
     with pytest.raises(DatumError, match=r"face .z isn't seen: 0 % of it"):
         frame(scene(found), *read_datums(["face -z", "face -x", "face -y"]))
 

@@ -9,7 +9,6 @@ from registration.picture import (
     DIRECTIONS,
     PictureOptions,
     Quantity,
-    ShadedMesh,
     View,
     draw_picture,
     fitted_camera,
@@ -21,7 +20,7 @@ from registration.picture.flow_marks import port_reach
 from ..report.sample import block_surface, planar_network
 
 NETWORK = planar_network()
-BLOCK = ShadedMesh(block_surface().vertices, block_surface().faces)
+BLOCK = block_surface().surface
 
 
 def quantity(key: str) -> Quantity:

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
+from design.geometry.surface import Surface
 from registration.picture.occlusion import occlude
-from registration.picture.shade import ShadedMesh, corner_normals
+from registration.picture.shade import corner_normals
 from registration.picture.shell import draw_shell, layer_opacity
 
 
@@ -53,9 +54,9 @@ def test_nothing_is_occluded_where_nothing_is() -> None:
 def test_a_box_keeps_its_edges_and_a_ball_is_smooth() -> None:
     trimesh = pytest.importorskip("trimesh")
     box = trimesh.creation.box((2.0, 3.0, 4.0))
-    normals = corner_normals(ShadedMesh(np.array(box.vertices), np.array(box.faces)))
+    normals = corner_normals(Surface(np.array(box.vertices), np.array(box.faces)))
     assert normals == pytest.approx(np.repeat(box.face_normals[:, None], 3, axis=1))
     ball = trimesh.creation.icosphere(3, 1.0)
-    normals = corner_normals(ShadedMesh(np.array(ball.vertices), np.array(ball.faces)))
+    normals = corner_normals(Surface(np.array(ball.vertices), np.array(ball.faces)))
     outward = np.array(ball.vertices)[ball.faces]
     assert np.einsum("fkx,fkx->fk", normals, outward).min() > 0.99

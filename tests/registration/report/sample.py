@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.measure import marching_cubes
 
+from design.geometry.surface import Surface
 from design.network import VesselKind, VesselNetwork
 from registration.report import ReportSurface
 
@@ -55,7 +56,8 @@ def deviation_surface(spacing: float = 0.2) -> ReportSurface:
     noise = np.random.default_rng(1).normal(0.0, 5.0, len(x))
     scalar = wave + noise - 6.0
     scalar[(x > 12.2) & (y > 7.0) & (z < 1.3)] = np.nan
-    return ReportSurface("Signed deviation, rigid", vertices, faces, scalar, "µm", (-100, 100))
+    surface = Surface(vertices, faces)
+    return ReportSurface("Signed deviation, rigid", surface, scalar, "µm", (-100, 100))
 
 
 def block_surface() -> ReportSurface:
@@ -63,7 +65,7 @@ def block_surface() -> ReportSurface:
     corners = np.array([[x, y, z] for x in (0, 16) for y in (0, 8) for z in (0, 3)], float)
     faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
              [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]  # fmt: skip
-    return ReportSurface("Block, as designed", corners, np.array(faces))
+    return ReportSurface("Block, as designed", Surface(corners, np.array(faces)))
 
 
 def sample_data() -> dict[str, Any]:

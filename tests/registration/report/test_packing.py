@@ -66,7 +66,7 @@ def test_packed_positions_come_back() -> None:
     for k in range(3):
         levels = np.array(running_sum(steps[:, k], 2**16))
         back = packed["low"][k] + packed["step"][k] * levels
-        assert np.abs(back - surface.vertices[:, k]).max() <= 0.51 * packed["step"][k]
+        assert np.abs(back - surface.surface.vertices[:, k]).max() <= 0.51 * packed["step"][k]
     assert packed["step"][0] < 0.001
 
 
@@ -77,4 +77,4 @@ def test_surfaces_share_the_triangles_and_small_ones_stay_whole() -> None:
     assert packed[1]["face_count"] == 12
     assert packed[1]["cell_mm"] == 0.0
     assert packed[0]["cell_mm"] > 0.0
-    assert packed[0]["full_face_count"] == len(surfaces[0].faces)
+    assert packed[0]["full_face_count"] == len(surfaces[0].surface.faces)

@@ -200,7 +200,7 @@ def test_names_are_shown_as_text(tmp_path: Path) -> None:
     data["registration"]["rigid"]["within"] = {HOSTILE: 0.5}
     block = block_surface()
     values = np.arange(8.0)
-    surface = ReportSurface(HOSTILE, block.vertices, block.faces, values, HOSTILE)
+    surface = ReportSurface(HOSTILE, block.surface, values, HOSTILE)
     figures = {HOSTILE: layer_picture()}
     page = written(tmp_path, data, surfaces=[surface], network=planar_network(), figures=figures)
     kinds = [s.get("type") for s in page.xpath("//script")]

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from design.geometry.surface import Surface
 from registration.report import ReportSurface
 from registration.report.simplify import (
     cluster_vertices,
@@ -32,26 +33,26 @@ def test_a_small_surface_stays_as_it_is() -> None:
     block = block_surface()
     shown = simplify(block, 12)
     assert shown.cell_mm == 0.0
-    np.testing.assert_array_equal(shown.vertices, block.vertices)
-    np.testing.assert_array_equal(shown.faces, block.faces)
+    np.testing.assert_array_equal(shown.surface.vertices, block.surface.vertices)
+    np.testing.assert_array_equal(shown.surface.faces, block.surface.faces)
 
 
 @pytest.mark.parametrize("max_faces", [4000, 1500, 300, 100])
 def test_no_more_triangles_than_asked_for(max_faces: int) -> None:
     shown = simplify(deviation_surface(0.2), max_faces)
-    assert 0 < len(shown.faces) <= max_faces
+    assert 0 < len(shown.surface.faces) <= max_faces
 
 
 def test_shape_and_values_are_kept_to_the_cell() -> None:
     surface = deviation_surface(0.1)
-    shown = simplify(surface, len(surface.faces) // 3)
-    before, after = (volume(s.vertices, s.faces) for s in (surface, shown))
+    shown = simplify(surface, len(surface.surface.faces) // 3)
+    before, after = (volume(s.surface.vertices, s.surface.faces) for s in (surface, shown))
     assert before > 0
     # The mean of points on a curved wall lies a little inside it.
     assert after == pytest.approx(before, rel=0.05)
     far = shown.cell_mm * np.sqrt(3.0)
-    for k in range(0, len(shown.vertices), 97):
-        near = np.linalg.norm(surface.vertices - shown.vertices[k], axis=1)
+    for k in range(0, len(shown.surface.vertices), 97):
+        near = np.linalg.norm(surface.surface.vertices - shown.surface.vertices[k], axis=1)
         assert near.min() < far
     assert shown.scalar is not None
     assert np.nanmax(shown.scalar) <= np.nanmax(surface.scalar)  # type: ignore[arg-type]
@@ -63,7 +64,7 @@ def test_a_flat_line_of_triangles_doesnt_loop_for_ever() -> None:
     vertices[:, 0] = np.arange(count)
     first = np.arange(count - 2)
     faces = np.stack([first, first + 1, first + 2], axis=1)
-    assert len(simplify(ReportSurface("line", vertices, faces), 50).faces) <= 50
+    assert len(simplify(ReportSurface("line", Surface(vertices, faces)), 50).surface.faces) <= 50
 
 
 def test_vertices_of_a_cluster_share_a_cell() -> None:

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from design.geometry.surface import Surface
 from registration.report import ReportError, ReportSurface
 from registration.report.surface import robust_limits
 
@@ -21,7 +22,7 @@ FACE = np.array([[0, 1, 2]])
 )
 def test_impossible_surfaces_are_refused(vertices, faces, scalar, limits, message) -> None:
     with pytest.raises(ReportError, match=message) as caught:
-        ReportSurface("lumen", vertices, faces, scalar, "µm", limits)
+        ReportSurface("lumen", Surface(vertices, faces), scalar, "µm", limits)
     assert "'lumen'" in str(caught.value)
 
 
@@ -38,5 +39,6 @@ def test_limits_of_one_sign_and_of_nothing() -> None:
 
 
 def test_given_limits_win() -> None:
-    surface = ReportSurface("lumen", CORNERS, FACE, np.array([0.0, 1, 2]), "µm", (-3.0, 4.0))
+    values = np.array([0.0, 1, 2])
+    surface = ReportSurface("lumen", Surface(CORNERS, FACE), values, "µm", (-3.0, 4.0))
     assert surface.colour_limits() == (-3.0, 4.0)

@@ -35,7 +35,7 @@ def write_network(run: Path, path: Path) -> None:
     source = load_source(run, None, Drive())
     known = [*quantities(source.network, source.known), *_more(run, source.network)]
     surface = source.surface
-    shown = [ReportSurface("Tissue", surface.vertices, surface.faces)] if surface else []
+    shown = [ReportSurface("Tissue", surface)] if surface else []
     page = NetworkPage(run.name, "radius", source.notes)
     write_network_html(path, source.network, known, shown, page)
 

@@ -161,7 +161,7 @@ def test_a_vertex_off_the_wall_is_refused() -> None:
     wall = lumen_wall(network, 0.5, 0.7)
     surface = wall_surface(network, wall)
     check_surface(surface, wall, 0.5)
-    surface.points[np.argmin(np.abs(surface.points[:, 0] - 2.0))] *= (1.0, 1.02, 1.02)
+    surface.vertices[np.argmin(np.abs(surface.vertices[:, 0] - 2.0))] *= (1.0, 1.02, 1.02)
     with pytest.raises(FlowError, match=r"can't be followed near .* lower the fillet ratio"):
         check_surface(surface, wall, 0.5)
 

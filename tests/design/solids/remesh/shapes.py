@@ -92,24 +92,24 @@ class Cube:
 def euler(surface: LabelledSurface) -> int:
     """Vertices less edges plus faces."""
     ends = np.sort(surface.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    return len(surface.points) - len(np.unique(ends, axis=0)) + len(surface.faces)
+    return len(surface.vertices) - len(np.unique(ends, axis=0)) + len(surface.faces)
 
 
 def areas(surface: LabelledSurface) -> FloatArray:
     """Of each face."""
-    a, b, c = (surface.points[surface.faces[:, k]] for k in range(3))
+    a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
     return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
 
 def volume(surface: LabelledSurface) -> float:
     """Enclosed, by the divergence theorem."""
-    a, b, c = (surface.points[surface.faces[:, k]] for k in range(3))
+    a, b, c = (surface.vertices[surface.faces[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", np.cross(a, b), c) / 6.0)
 
 
 def edges(surface: LabelledSurface) -> FloatArray:
     """Length of every side of every face, (f, 3)."""
-    corner = surface.points[surface.faces]
+    corner = surface.vertices[surface.faces]
     return np.linalg.norm(corner - corner[:, [1, 2, 0]], axis=2)
 
 

@@ -28,18 +28,18 @@ def test_a_twin_runs_the_other_way_along_the_same_edge() -> None:
 def test_valence_and_neighbours_are_those_of_the_grid() -> None:
     surface = torus_surface(1.0, 0.3)
     faces = surface.faces
-    twin, out = halfedges.twins_of(faces), halfedges.leaving(faces, len(surface.points))
-    for a in range(len(surface.points)):
+    twin, out = halfedges.twins_of(faces), halfedges.leaving(faces, len(surface.vertices))
+    for a in range(len(surface.vertices)):
         assert halfedges.valence(twin, out, a) == 6
         mine = {int(v) for v in faces[(faces == a).any(axis=1)].ravel()} - {a}
-        met = {b for b in range(len(surface.points)) if halfedges.joined(faces, twin, out, a, b)}
+        met = {b for b in range(len(surface.vertices)) if halfedges.joined(faces, twin, out, a, b)}
         assert met == mine
 
 
 @pytest.mark.parametrize("h", [0, 1, 2, 40, 133])
 def test_an_edge_is_split(h: int) -> None:
     surface = torus_surface(1.0, 0.3)
-    count, f = len(surface.points), len(surface.faces)
+    count, f = len(surface.vertices), len(surface.faces)
     faces = np.concatenate([surface.faces, np.zeros((2, 3), np.int64)])
     twin = np.concatenate([halfedges.twins_of(surface.faces), np.zeros(6, np.int64)])
     halfedges.split(faces, twin, h, count, f)
@@ -51,12 +51,12 @@ def test_an_edge_is_split(h: int) -> None:
 def test_an_edge_is_turned_and_turned_back(h: int) -> None:
     surface = torus_surface(1.0, 0.3)
     faces = surface.faces.copy()
-    twin, out = halfedges.twins_of(faces), halfedges.leaving(faces, len(surface.points))
+    twin, out = halfedges.twins_of(faces), halfedges.leaving(faces, len(surface.vertices))
     across = {int(halfedges.apex(faces, h)), int(halfedges.apex(faces, int(twin[h])))}
     halfedges.flip(faces, twin, out, h)
     assert _same_twins(faces, twin)
     assert halfedges.joined(faces, twin, out, *across)
-    for a in range(len(surface.points)):
+    for a in range(len(surface.vertices)):
         assert halfedges.origin(faces, int(out[a])) == a
 
 
@@ -64,7 +64,7 @@ def test_an_edge_is_turned_and_turned_back(h: int) -> None:
 def test_an_edge_is_drawn_in(h: int) -> None:
     surface = torus_surface(1.0, 0.3)
     faces = surface.faces.copy()
-    twin, out = halfedges.twins_of(faces), halfedges.leaving(faces, len(surface.points))
+    twin, out = halfedges.twins_of(faces), halfedges.leaving(faces, len(surface.vertices))
     gone, left = int(faces[h // 3, h % 3]), {h // 3, int(twin[h]) // 3}
     halfedges.collapse(faces, twin, out, h)
     rest = np.delete(faces, list(left), axis=0)

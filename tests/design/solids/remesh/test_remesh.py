@@ -23,7 +23,7 @@ from tests.design.solids.remesh.shapes import (
 
 def _ball() -> LabelledSurface:
     rough = cube_surface()
-    points = rough.points / np.sqrt(3.0)
+    points = rough.vertices / np.sqrt(3.0)
     return LabelledSurface(points, rough.faces, np.zeros(12, np.int64))
 
 
@@ -32,7 +32,7 @@ def test_a_cube_becomes_an_even_sphere() -> None:
     assert euler(found) == 2
     assert qualities(found).min() > 0.6
     assert qualities(found).mean() > 0.95
-    assert np.linalg.norm(found.points, axis=1) == pytest.approx(np.ones(len(found.points)))
+    assert np.linalg.norm(found.vertices, axis=1) == pytest.approx(np.ones(len(found.vertices)))
     # Flat triangles of edge h on a unit sphere lack h²/8·(…) of its area and volume.
     assert areas(found).sum() == pytest.approx(4.0 * np.pi, rel=0.01)
     assert volume(found) == pytest.approx(4.0 * np.pi / 3.0, rel=0.02)
@@ -51,7 +51,7 @@ def test_a_fine_surface_is_made_coarse() -> None:
 
 def test_edges_grow_where_longer_ones_are_wanted() -> None:
     found = remesh(_ball(), Sphere(0.16, slope=0.5), growth=1.0)
-    middle = found.points[found.faces].mean(axis=1)
+    middle = found.vertices[found.faces].mean(axis=1)
     mean = edges(found).mean(axis=1)
     low, high = mean[middle[:, 2] < -0.8].mean(), mean[middle[:, 2] > 0.8].mean()
     assert low == pytest.approx(0.16 * 0.55, rel=0.25)
@@ -77,9 +77,9 @@ def test_rims_and_corners_stay_where_they_are() -> None:
     assert volume(found) == pytest.approx(8.0, rel=1e-12)
     assert areas(found) @ (found.label == 3) == pytest.approx(4.0, rel=1e-12)
     for label in range(6):
-        side = found.points[np.unique(found.faces[found.label == label])]
+        side = found.vertices[np.unique(found.faces[found.label == label])]
         assert side[:, label // 2] == pytest.approx(np.full(len(side), 2.0 * (label % 2) - 1.0))
-    at_corner = (np.abs(np.abs(found.points) - 1.0) < 1e-12).all(axis=1)
+    at_corner = (np.abs(np.abs(found.vertices) - 1.0) < 1e-12).all(axis=1)
     assert at_corner.sum() == 8
     assert qualities(found).min() > 0.4
     assert edges(found).max() < 1.7 * 0.3
@@ -97,18 +97,18 @@ def test_patches_tell_sides_from_rims() -> None:
 
 def test_the_same_surface_comes_out_of_the_same_input() -> None:
     first, second = (remesh(torus_surface(1.0, 0.3), Torus(1.0, 0.3, 0.15)) for _ in range(2))
-    assert np.array_equal(first.points, second.points)
+    assert np.array_equal(first.vertices, second.vertices)
     assert np.array_equal(first.faces, second.faces)
 
 
 def test_open_and_turned_surfaces_and_sizes_of_nothing_are_refused() -> None:
     rough = _ball()
-    open_one = LabelledSurface(rough.points, rough.faces[1:], rough.label[1:])
+    open_one = LabelledSurface(rough.vertices, rough.faces[1:], rough.label[1:])
     turned = LabelledSurface(
-        rough.points, np.concatenate([rough.faces[:1, ::-1], rough.faces[1:]]), rough.label
+        rough.vertices, np.concatenate([rough.faces[:1, ::-1], rough.faces[1:]]), rough.label
     )
     doubled = LabelledSurface(
-        rough.points, np.concatenate([rough.faces, rough.faces]), np.zeros(24, np.int64)
+        rough.vertices, np.concatenate([rough.faces, rough.faces]), np.zeros(24, np.int64)
     )
     for bad in (open_one, turned, doubled):
         with pytest.raises(SolidError, match="isn't closed"):

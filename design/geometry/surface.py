@@ -1,0 +1,39 @@
+"""Triangle surface: the value that meshes travel in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A triangle surface, counter-clockwise seen from outside; it promises no more.
+
+    A closed one that can be printed is a `design.solids.Solid`, one whose faces belong to patches
+    a `design.solids.remesh.LabelledSurface`.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64, mm
+    faces : (m, 3) int32, or int64 where kernels want it
+    """
+
+    vertices: FloatArray
+    faces: NDArray[Any]
+
+    @property
+    def volume_mm3(self) -> float:
+        """Enclosed volume by the divergence theorem, mm³."""
+        a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """Lowest and highest corner, (2, 3), mm."""
+        return np.array([self.vertices.min(axis=0), self.vertices.max(axis=0)])
