@@ -19,7 +19,7 @@ from printctl.web.running import Running, only_server
 from printctl.web.security.gate import Gate, make_gate
 from printctl.web.security.scrubbing import Scrubbing
 from printctl.web.settings import ServeSettings
-from printctl.web.stop_door.keeping import DoorKeeper
+from printctl.web.stop_door.keeping import StopDoorProcess
 from printctl.web.stop_door.order import DoorOrder
 from printctl.web.workspace import Workspace
 
@@ -47,7 +47,7 @@ def serve(settings: ServeSettings, started: Callable[[Running], None]) -> None:
     with only_server(workspace), bind(settings.host, settings.port) as taken:
         port = taken.getsockname()[1]
         gate = make_gate(settings, workspace, port)
-        door = DoorKeeper(door_order(settings, workspace, gate, port))
+        door = StopDoorProcess(door_order(settings, workspace, gate, port))
         door.start()
         try:
             gate = replace(gate, stop_port=door.port)

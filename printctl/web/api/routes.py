@@ -29,7 +29,7 @@ class Health(BaseModel):
     version: str
 
 
-class Who(BaseModel):
+class ClientResponse(BaseModel):
     """A browser or script."""
 
     id: str
@@ -39,17 +39,17 @@ class Who(BaseModel):
 class ControlsState(BaseModel):
     """Who holds the controls, and who asks."""
 
-    holder: Who | None
-    you: Who
+    holder: ClientResponse | None
+    you: ClientResponse
 
 
-class Take(BaseModel):
+class ControlRequest(BaseModel):
     """A wish for the controls."""
 
     force: bool = Field(False, description="take them from whoever holds them")
 
 
-class StopSent(BaseModel):
+class StopResult(BaseModel):
     """One print or station that was told to halt."""
 
     folder: str
@@ -60,7 +60,7 @@ class StopSent(BaseModel):
 class StopAnswer(BaseModel):
     """What went out. How each ended comes as an event."""
 
-    sent: list[StopSent]
+    sent: list[StopResult]
     message: str
 
 
@@ -86,7 +86,7 @@ def router(core: Core, wires: Wires) -> APIRouter:
         return _state(core, who)
 
     @routes.post("/controls", summary="Take the controls, or take them over")
-    def take(who: Asking, wish: Take | None = None) -> ControlsState:
+    def take(who: Asking, wish: ControlRequest | None = None) -> ControlsState:
         core.controls.take(who, force=wish is not None and wish.force)
         publish_holder(core)
         return _state(core, who)
@@ -109,7 +109,7 @@ def router(core: Core, wires: Wires) -> APIRouter:
             else "nothing is connected to a printer here: nothing to stop; if something moves, "
             "cut its power"
         )
-        return StopAnswer(sent=[StopSent(**asdict(one)) for one in sent], message=said)
+        return StopAnswer(sent=[StopResult(**asdict(one)) for one in sent], message=said)
 
     @routes.websocket("/events")
     async def events(socket: WebSocket) -> None:
@@ -145,8 +145,8 @@ async def watch_holder(core: Core, every_s: float = 1.0) -> None:
 def _state(core: Core, who: Principal) -> ControlsState:
     held = core.controls.holder
     return ControlsState(
-        holder=None if held is None else Who(id=held.id, name=held.name),
-        you=Who(id=who.id, name=who.name),
+        holder=None if held is None else ClientResponse(id=held.id, name=held.name),
+        you=ClientResponse(id=who.id, name=who.name),
     )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, Field
 
-from printctl.web.design.checking import Checked
+from printctl.web.design.checking import CheckedRecipe
 from printctl.web.design.making import RunProgress
 from printctl.web.design.recipes import RecipeText
 
@@ -49,12 +49,12 @@ class RecipeAnswer(BaseModel):
     problems: list[ProblemAnswer]
 
     @classmethod
-    def of(cls, text: RecipeText, checked: Checked) -> RecipeAnswer:
+    def of(cls, text: RecipeText, checked: CheckedRecipe) -> RecipeAnswer:
         """Of a recipe."""
         return cls(name=text.name, text=text.text, version=text.version, problems=problems(checked))
 
 
-def problems(checked: Checked) -> list[ProblemAnswer]:
+def problems(checked: CheckedRecipe) -> list[ProblemAnswer]:
     """As the API tells them."""
     return [ProblemAnswer(path=list(p.path), message=p.message) for p in checked.problems]
 
@@ -66,19 +66,19 @@ class NewRecipe(BaseModel):
     source: str = Field(default="starter", max_length=64, description="starter, or an example.")
 
 
-class NameGiven(BaseModel):
+class RenameRequest(BaseModel):
     """Another name."""
 
     name: str = Field(max_length=64)
 
 
-class TextGiven(BaseModel):
+class RecipeTextRequest(BaseModel):
     """A recipe's text."""
 
     text: str = Field(max_length=256_000)
 
 
-class ChangedText(TextGiven):
+class ChangedText(RecipeTextRequest):
     """A changed text, and the version that was changed."""
 
     version: str | None = Field(default=None, description="Of the text before; none for a new one.")
@@ -137,7 +137,7 @@ class ProgressAnswer(BaseModel):
         )
 
 
-class StartGiven(BaseModel):
+class MakeRequest(BaseModel):
     """How far a design is to be made."""
 
     until: str = Field(default="lumens", max_length=40, description="Last stage; none that prints.")

@@ -60,7 +60,7 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class Checked:
+class CheckedRecipe:
     """A recipe's text, read and held against the schema.
 
     Attributes
@@ -77,7 +77,7 @@ class Checked:
     problems: tuple[Problem, ...]
 
 
-def check_text(text: str, folder: Path, store: ProfileStore) -> Checked:
+def check_text(text: str, folder: Path, store: ProfileStore) -> CheckedRecipe:
     """Read and check a recipe.
 
     Parameters
@@ -91,19 +91,19 @@ def check_text(text: str, folder: Path, store: ProfileStore) -> Checked:
     try:
         data = read_text(text)
     except BadRequestError as exc:
-        return Checked(None, None, (Problem((), str(exc)),))
+        return CheckedRecipe(None, None, (Problem((), str(exc)),))
     return check_data(data, folder, store)
 
 
-def check_data(data: dict[str, Any], folder: Path, store: ProfileStore) -> Checked:
+def check_data(data: dict[str, Any], folder: Path, store: ProfileStore) -> CheckedRecipe:
     """As `check_text`, of data."""
     named = tuple(_named(data, folder, store))
     try:
         recipe = Recipe.model_validate(data)
     except ValidationError as exc:
         found = tuple(_problem(dict(one), data) for one in exc.errors())
-        return Checked(data, None, found + named)
-    return Checked(data, None if named else recipe, named)
+        return CheckedRecipe(data, None, found + named)
+    return CheckedRecipe(data, None if named else recipe, named)
 
 
 def _problem(raw: dict[str, Any], data: dict[str, Any]) -> Problem:

@@ -39,7 +39,7 @@ def recipe_routes(recipes: Recipes) -> APIRouter:
         return recipe_form().as_json()
 
     @routes.post("/validate", summary="Hold a text against the schema; nothing is kept")
-    def validate(given: a.TextGiven) -> a.Validation:
+    def validate(given: a.RecipeTextRequest) -> a.Validation:
         checked = recipes.check(given.text)
         return a.Validation(valid=not checked.problems, problems=a.problems(checked))
 
@@ -60,11 +60,11 @@ def recipe_routes(recipes: Recipes) -> APIRouter:
         return answer(recipes.write(name, given.text, given.version))
 
     @routes.post("/{name}/duplicate", summary="Copy a recipe", status_code=201)
-    def duplicate(name: str, given: a.NameGiven) -> a.RecipeAnswer:
+    def duplicate(name: str, given: a.RenameRequest) -> a.RecipeAnswer:
         return answer(recipes.duplicate(name, given.name))
 
     @routes.post("/{name}/rename", summary="Give a recipe another name")
-    def rename(name: str, given: a.NameGiven) -> a.RecipeAnswer:
+    def rename(name: str, given: a.RenameRequest) -> a.RecipeAnswer:
         return answer(recipes.rename(name, given.name))
 
     @routes.delete("/{name}", summary="Put a recipe into the bin", status_code=204)

@@ -12,7 +12,7 @@ from typing import Final
 
 from design.files import write_bytes, write_text
 from printctl.recipe.starter import STARTER
-from printctl.web.design.checking import Checked, check_text
+from printctl.web.design.checking import CheckedRecipe, check_text
 from printctl.web.design.yaml_text import read_text, rewritten
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.profile_store import ProfileStore
@@ -108,7 +108,7 @@ class Recipes:
         """What a new recipe can begin from."""
         return ["starter", *sorted(path.stem for path in EXAMPLES.glob("*.yaml"))]
 
-    def check(self, text: str) -> Checked:
+    def check(self, text: str) -> CheckedRecipe:
         """Read a recipe's text and hold it against the schema."""
         return check_text(text, self.folder, self.store)
 

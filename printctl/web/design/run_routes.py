@@ -28,7 +28,7 @@ def run_routes(service: DesignService) -> APIRouter:
         )
 
     @routes.post("/{name}/start", summary="Make the design of the recipe of that name")
-    def start(name: str, given: a.StartGiven) -> a.ProgressAnswer:
+    def start(name: str, given: a.MakeRequest) -> a.ProgressAnswer:
         return a.ProgressAnswer.of(runs.start(name, given.until))
 
     @routes.post("/{name}/continue", summary="After the print: scan, registration, report")

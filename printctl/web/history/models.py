@@ -11,17 +11,17 @@ from printctl.link.history_entry import PrintEntry
 from printctl.records.repeat import RepeatPlan
 from printctl.records.verdict import outcome
 from printctl.records.verify import Verified
-from printctl.web.history.service import Shown
+from printctl.web.history.service import PrintDetails
 
 
-class AlarmTold(BaseModel):
+class AlarmResponse(BaseModel):
     """One alarm of a print."""
 
     at: float = Field(description="s since 1970; 0 where the journal doesn't say")
     text: str
 
 
-class PrintTold(BaseModel):
+class PastPrint(BaseModel):
     """One print as its journal tells it."""
 
     id: str
@@ -42,10 +42,10 @@ class PrintTold(BaseModel):
     done: int = Field(description="command lines that the printer took")
     total: int = Field(description="command lines in the job")
     begun: int = Field(description="how often it was begun or gone on with")
-    alarms: list[AlarmTold]
+    alarms: list[AlarmResponse]
 
     @classmethod
-    def of(cls, entry: PrintEntry) -> PrintTold:
+    def of(cls, entry: PrintEntry) -> PastPrint:
         """Without where its files lie."""
         values = asdict(entry)
         return cls(**{name: values[name] for name in cls.model_fields})
@@ -54,12 +54,12 @@ class PrintTold(BaseModel):
 class PrintsPage(BaseModel):
     """Some of the prints that were asked for."""
 
-    prints: list[PrintTold]
+    prints: list[PastPrint]
     total: int = Field(description="on all pages")
     offset: int
 
 
-class EventTold(BaseModel):
+class EventResponse(BaseModel):
     """Something that happened in a print."""
 
     at: float = Field(description="s since 1970; 0 where the journal doesn't say")
@@ -68,7 +68,7 @@ class EventTold(BaseModel):
     text: str
 
 
-class StretchTold(BaseModel):
+class StateInterval(BaseModel):
     """A time in one state, s since the print began."""
 
     state: str
@@ -79,7 +79,7 @@ class StretchTold(BaseModel):
 class WholePrint(BaseModel):
     """One print with all that there is of it."""
 
-    print: PrintTold
+    print: PastPrint
     verdict: Literal["pass", "fail", "undecided", ""] = Field(description="of the scan, if any")
     reasons: list[str]
     gcode_there: bool = Field(description="whether the bytes that were printed are still there")
@@ -87,17 +87,17 @@ class WholePrint(BaseModel):
     photos: list[str]
     note: dict[str, Any] = Field(description="what the operator noted")
     missing: list[str] = Field(description="what isn't there any more, or is of another print")
-    events: list[EventTold]
+    events: list[EventResponse]
     more_events: int
-    states: list[StretchTold]
+    states: list[StateInterval]
 
     @classmethod
-    def of(cls, shown: Shown) -> WholePrint:
+    def of(cls, shown: PrintDetails) -> WholePrint:
         """What the service gave."""
         found, line = shown.found, shown.line
         reasons = (found.verdict or {}).get("reasons", ())
         return cls(
-            print=PrintTold.of(shown.entry),
+            print=PastPrint.of(shown.entry),
             verdict=outcome(found.verdict),
             reasons=[str(text) for text in reasons],
             gcode_there=found.gcode is not None,
@@ -105,13 +105,13 @@ class WholePrint(BaseModel):
             photos=[n.partition("/")[2] for n in found.noted if n.startswith("photos/")],
             note=found.note(),
             missing=list(found.missing),
-            events=[EventTold(**asdict(one)) for one in line.events] if line else [],
+            events=[EventResponse(**asdict(one)) for one in line.events] if line else [],
             more_events=line.more if line else 0,
-            states=[StretchTold(**asdict(one)) for one in line.stretches] if line else [],
+            states=[StateInterval(**asdict(one)) for one in line.stretches] if line else [],
         )
 
 
-class VerifiedTold(BaseModel):
+class VerificationResponse(BaseModel):
     """What was found of a bundle."""
 
     whole: bool
@@ -123,7 +123,7 @@ class VerifiedTold(BaseModel):
     file: str
 
     @classmethod
-    def of(cls, found: Verified) -> VerifiedTold:
+    def of(cls, found: Verified) -> VerificationResponse:
         """What the service gave."""
         told = found.manifest.print if found.manifest and found.whole else None
         return cls(
@@ -137,7 +137,7 @@ class VerifiedTold(BaseModel):
         )
 
 
-class DifferenceTold(BaseModel):
+class DifferenceResponse(BaseModel):
     """Something that isn't as it was when it was printed."""
 
     what: str
@@ -145,20 +145,20 @@ class DifferenceTold(BaseModel):
     now: str
 
 
-class RepeatTold(BaseModel):
+class RepeatResponse(BaseModel):
     """A print that can be, or was, made ready again."""
 
     sha256: str
-    differences: list[DifferenceTold]
+    differences: list[DifferenceResponse]
     unknown: list[str] = Field(description="what nobody can tell whether it differs")
     set_up: dict[str, Any]
 
     @classmethod
-    def of(cls, plan: RepeatPlan) -> RepeatTold:
+    def of(cls, plan: RepeatPlan) -> RepeatResponse:
         """What the service gave."""
         return cls(
             sha256=plan.entry.sha256,
-            differences=[DifferenceTold(**asdict(one)) for one in plan.differences],
+            differences=[DifferenceResponse(**asdict(one)) for one in plan.differences],
             unknown=list(plan.unknown),
             set_up=plan.set_up,
         )

@@ -18,10 +18,10 @@ from printctl.web.api.answers import API, REFUSALS
 from printctl.web.errors import BadRequestError, ConflictError
 from printctl.web.history.models import (
     JobMade,
+    PastPrint,
     PrintsPage,
-    PrintTold,
-    RepeatTold,
-    VerifiedTold,
+    RepeatResponse,
+    VerificationResponse,
     WholePrint,
 )
 from printctl.web.history.service import HistoryService
@@ -81,7 +81,7 @@ def _lists(made: APIRouter, service: HistoryService) -> None:
     @made.get("", summary="Past prints, a page of them")
     def prints(query: Annotated[HistoryQuery, Depends(asked)]) -> PrintsPage:
         found = service.find(query)
-        told = [PrintTold.of(entry) for entry in found.entries]
+        told = [PastPrint.of(entry) for entry in found.entries]
         return PrintsPage(prints=told, total=found.total, offset=query.offset)
 
     @made.get(
@@ -113,11 +113,11 @@ def _records(made: APIRouter, service: HistoryService) -> None:
         key: Annotated[
             UploadFile | None, File(description="public key (PEM) to trust; else this lab's own")
         ] = None,
-    ) -> VerifiedTold:
+    ) -> VerificationResponse:
         pem = key.file.read(_KEY_BYTES + 1) if key is not None else b""
         if len(pem) > _KEY_BYTES:
             raise BadRequestError(f"the key has more than {_KEY_BYTES} bytes; it is no key")
-        return VerifiedTold.of(service.verify(bundle.file, pem))
+        return VerificationResponse.of(service.verify(bundle.file, pem))
 
 
 def _one(made: APIRouter, service: HistoryService) -> None:
@@ -164,8 +164,8 @@ def _one(made: APIRouter, service: HistoryService) -> None:
         return FileResponse(path, media_type=media)
 
     @made.get("/{print_id}/repeat", summary="What differs today from when it was printed")
-    def plan(print_id: PrintId) -> RepeatTold:
-        return RepeatTold.of(service.plan_repeat(print_id))
+    def plan(print_id: PrintId) -> RepeatResponse:
+        return RepeatResponse.of(service.plan_repeat(print_id))
 
     @made.post("/{print_id}/repeat", summary="Make a job of the same bytes; nothing is started")
     def repeat(print_id: PrintId) -> JobMade:

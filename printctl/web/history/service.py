@@ -36,7 +36,7 @@ _PICTURES: Final = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/
 
 
 @dataclass(frozen=True)
-class Shown:
+class PrintDetails:
     """One print with all that there is of it.
 
     Attributes
@@ -102,7 +102,7 @@ class HistoryService:
             raise NotFoundError(f"no print has the id {print_id[:40]!r}")
         return _running(found)
 
-    def one(self, print_id: str) -> Shown:
+    def one(self, print_id: str) -> PrintDetails:
         """One print with all that there is of it.
 
         Raises
@@ -114,7 +114,7 @@ class HistoryService:
             line = time_line(entry.journal)
         except OSError:
             line = None
-        return Shown(entry, evidence(entry), line)
+        return PrintDetails(entry, evidence(entry), line)
 
     def csv(self, query: HistoryQuery) -> Iterator[str]:
         """The prints that are asked for as CSV, a line at a time."""

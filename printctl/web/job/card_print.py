@@ -11,7 +11,7 @@ from printctl.printing.print_words import span
 from printctl.web.controls import Principal
 from printctl.web.job.parts import button, card, live, quiet_button, small, tried
 from printctl.web.job.print_facts import FACTS, facts
-from printctl.web.job.print_unfinished import Unfinished
+from printctl.web.job.print_unfinished import UnfinishedPane
 from printctl.web.job.service import JobService
 from printctl.web.shell.dialogs import dialog_named
 
@@ -39,7 +39,7 @@ class PrintCard:
             self._cells = ui.label().props("role=status").classes("job-warn")
             self._problem = live().classes("job-problem")
             self._add_buttons()
-            self._unfinished = Unfinished(service, who, job, self._do)
+            self._unfinished = UnfinishedPane(service, who, job, self._do)
             self._add_syringe()
             self._add_facts()
         self._ask = _sure(lambda: self._do(service.hands.cancel, job))

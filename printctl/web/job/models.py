@@ -19,7 +19,7 @@ class ResponseModel(BaseModel):
     """What is answered."""
 
 
-class JobTold(ResponseModel):
+class JobResponse(ResponseModel):
     """A job, and what is known of it without a dry run."""
 
     id: str = Field(description="run~NAME or file~NAME.")
@@ -34,7 +34,7 @@ class JobTold(ResponseModel):
     commands: int | None
 
 
-class CheckTold(ResponseModel):
+class CheckResponse(ResponseModel):
     """One check before the print."""
 
     check: str = Field(description="What was looked at.")
@@ -48,7 +48,7 @@ class CheckTold(ResponseModel):
     weight: Literal["refuses", "warns"]
 
 
-class PreflightTold(ResponseModel):
+class PreflightResponse(ResponseModel):
     """The list of checks, and what the dry run found."""
 
     model_config = ConfigDict(extra="allow")
@@ -56,7 +56,7 @@ class PreflightTold(ResponseModel):
     job: str
     key: str = Field(description="Of the job's content and the set-up.")
     passed: bool = Field(description="Whether nothing refuses the print.")
-    checks: list[CheckTold]
+    checks: list[CheckResponse]
     sha256: str
     duration_s: float
     layers: int
@@ -66,7 +66,7 @@ class PreflightTold(ResponseModel):
     reload_at: list[int] = Field(description="Commands before each change of syringe.")
 
 
-class MachineTold(ResponseModel):
+class MachineResponse(ResponseModel):
     """The printer that is connected."""
 
     profile: str
@@ -79,28 +79,28 @@ class MachineTold(ResponseModel):
     ul_left: float | None
 
 
-class FormTold(ResponseModel):
+class FormResponse(ResponseModel):
     """The set-up filled in, and the printer."""
 
     set_up: JobSetUp
-    machine: MachineTold | None
+    machine: MachineResponse | None
     checklist: list[dict[str, str]] = Field(description="Points to tick before the start.")
 
 
-class PreflightGiven(RequestModel):
+class PreflightRequest(RequestModel):
     """A set-up to check the job with; as it is filled in where it is left out."""
 
     set_up: JobSetUp | None = None
 
 
-class StartGiven(RequestModel):
+class StartRequest(RequestModel):
     """A start."""
 
     set_up: JobSetUp | None = Field(default=None, description="As it is filled in if left out.")
     confirmed: str = Field(max_length=500, description="The machine, as `machine.words` says it.")
 
 
-class ToStartGiven(RequestModel):
+class ToStartRequest(RequestModel):
     """A move of the tip to where a job starts."""
 
     start_mm: tuple[Millimetre, Millimetre, Millimetre] | None = Field(
@@ -108,19 +108,19 @@ class ToStartGiven(RequestModel):
     )
 
 
-class ToldTip(BaseModel):
+class TipResponse(BaseModel):
     """Where the tip stands now."""
 
     tip_mm: tuple[float, float, float] | None
 
 
-class PauseGiven(RequestModel):
+class PauseRequest(RequestModel):
     """When to pause."""
 
     after: Literal["now", "layer", "vessel"] = "now"
 
 
-class ResumeGiven(RequestModel):
+class ResumeRequest(RequestModel):
     """What was put in at a change of syringe."""
 
     plunger_mm: Annotated[float, Field(ge=0, le=1000)] | None = Field(
@@ -132,7 +132,7 @@ class ResumeGiven(RequestModel):
     unchanged: bool = Field(default=False, description="The syringe wasn't changed after all.")
 
 
-class RecoverGiven(RequestModel):
+class RecoverRequest(RequestModel):
     """Where the rest of a print begins."""
 
     from_line: Annotated[int, Field(ge=1, le=2**31)] | None = Field(
@@ -140,7 +140,7 @@ class RecoverGiven(RequestModel):
     )
 
 
-class RecoveryTold(ResponseModel):
+class RecoveryResponse(ResponseModel):
     """How to go on after the position was lost."""
 
     lines_left_out: int = Field(description="Commands of the job that aren't printed again.")
@@ -148,20 +148,20 @@ class RecoveryTold(ResponseModel):
     start_mm: tuple[float, float, float] | None
 
 
-class RestTold(ResponseModel):
+class RestResponse(ResponseModel):
     """The rest of a print, as a job of its own."""
 
     job: str
     steps: list[str]
 
 
-class ReloadGiven(RequestModel):
+class ReloadRequest(RequestModel):
     """Of several heads, whose syringe."""
 
     head: Annotated[int, Field(ge=0, le=15)] | None = None
 
 
-class StatusTold(ResponseModel):
+class StatusResponse(ResponseModel):
     """A print as its link process tells it."""
 
     model_config = ConfigDict(extra="allow")
@@ -176,7 +176,7 @@ class StatusTold(ResponseModel):
     deadman_left_s: float | None
 
 
-class ActionTold(ResponseModel):
+class ActionResponse(ResponseModel):
     """What may be done to a print now."""
 
     action: Literal["pause", "resume", "stop", "kill", "go_on", "recover", "give_up"]
@@ -188,7 +188,7 @@ class ActionTold(ResponseModel):
     )
 
 
-class PrintTold(StatusTold):
+class PrintResponse(StatusResponse):
     """A print, and how far it has come."""
 
     job: str
@@ -197,13 +197,15 @@ class PrintTold(StatusTold):
     share: float = Field(description="Of the time where that is known, else of the lines; 0 to 1.")
     words: dict[str, str] = Field(description="State, time, layer, vessel, ink, as people read.")
     time_left_s: float | None = Field(description="null for a print that is over.")
-    actions: list[ActionTold] = Field(description="Each action, and whether it is possible now.")
+    actions: list[ActionResponse] = Field(
+        description="Each action, and if it is possible now."
+    )
     progress: dict[str, Any] | None = Field(
         description="By time, layer, vessel and ink; null until the job's table is made."
     )
 
 
-class ViabilityTold(ResponseModel):
+class ViabilityResponse(ResponseModel):
     """The clock of the cells."""
 
     minutes: float | None
@@ -213,19 +215,19 @@ class ViabilityTold(ResponseModel):
     state: Literal["unknown", "in time", "close", "late"]
 
 
-class TickGiven(RequestModel):
+class TickRequest(RequestModel):
     """A step done, or not after all."""
 
     done: bool = True
 
 
-class NoteGiven(RequestModel):
+class NoteRequest(RequestModel):
     """A note."""
 
     text: Annotated[str, Field(min_length=1, max_length=10_000)]
 
 
-class RampGiven(RequestModel):
+class RampRequest(RequestModel):
     """Warming at a rate."""
 
     heater: Annotated[str, Field(max_length=40)] = "bed"
@@ -233,7 +235,7 @@ class RampGiven(RequestModel):
     rate_c_min: Annotated[float, Field(gt=0, le=20)] = 1.0
 
 
-class RampTold(ResponseModel):
+class RampResponse(ResponseModel):
     """Warming as it stands."""
 
     heater: str
@@ -245,7 +247,7 @@ class RampTold(ResponseModel):
     message: str
 
 
-class FlushTold(ResponseModel):
+class FlushResponse(ResponseModel):
     """How hard the channels may be flushed."""
 
     pressure_pa: float
@@ -253,7 +255,7 @@ class FlushTold(ResponseModel):
     vessel: str
 
 
-class StepTold(ResponseModel):
+class StepResponse(ResponseModel):
     """A step after the print."""
 
     id: str
@@ -263,7 +265,7 @@ class StepTold(ResponseModel):
     who: str
 
 
-class NoteTold(ResponseModel):
+class NoteResponse(ResponseModel):
     """A note of a print."""
 
     at: float
@@ -271,7 +273,7 @@ class NoteTold(ResponseModel):
     text: str
 
 
-class PhotoTold(ResponseModel):
+class PhotoResponse(ResponseModel):
     """A photo of a print."""
 
     at: float

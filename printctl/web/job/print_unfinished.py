@@ -24,7 +24,7 @@ _GIVE_UP = (
 )
 
 
-class Unfinished:
+class UnfinishedPane:
     """Buttons with a question each; two clicks lead to each of them.
 
     Parameters
@@ -72,7 +72,7 @@ class Unfinished:
 class _Rest:
     """The question of a recovery: what to do by hand, where to begin."""
 
-    def __init__(self, of: Unfinished) -> None:
+    def __init__(self, of: UnfinishedPane) -> None:
         self._of, self.needs_line, self.reason = of, False, ""
         with (
             dialog_named("Recover the rest of the print?") as self._dialog,

@@ -55,35 +55,35 @@ def routers(service: JobService) -> tuple[APIRouter, ...]:
 
 def _jobs(routes: APIRouter, service: JobService) -> None:
     @routes.get("/jobs", tags=["jobs"], summary="Every job, the newest first")
-    def list_jobs() -> list[m.JobTold]:
-        return [m.JobTold.model_validate(one.to_dict()) for one in service.jobs()]
+    def list_jobs() -> list[m.JobResponse]:
+        return [m.JobResponse.model_validate(one.to_dict()) for one in service.jobs()]
 
     @routes.post("/jobs", tags=["jobs"], summary="Upload a G-code file; nothing in it is run")
-    def upload(file: Annotated[UploadFile, File()]) -> m.JobTold:
+    def upload(file: Annotated[UploadFile, File()]) -> m.JobResponse:
         entry = service.upload(file.filename or "", file.file)
-        return m.JobTold.model_validate(entry.to_dict())
+        return m.JobResponse.model_validate(entry.to_dict())
 
     @routes.get("/jobs/{job}", tags=["jobs"], summary="One job")
-    def one_job(job: Job) -> m.JobTold:
-        return m.JobTold.model_validate(service.job(job).to_dict())
+    def one_job(job: Job) -> m.JobResponse:
+        return m.JobResponse.model_validate(service.job(job).to_dict())
 
     @routes.get("/jobs/{job}/form", tags=["jobs"], summary="The set-up filled in, the printer")
-    def form(job: Job) -> m.FormTold:
-        return m.FormTold(
+    def form(job: Job) -> m.FormResponse:
+        return m.FormResponse(
             set_up=service.set_up(job),
             machine=machine_told(service.machine()),
             checklist=checklist()["before"],
         )
 
     @routes.post("/jobs/{job}/preflight", tags=["jobs"], summary="Check before the print")
-    def preflight(job: Job, given: m.PreflightGiven) -> m.PreflightTold:
+    def preflight(job: Job, given: m.PreflightRequest) -> m.PreflightResponse:
         said = given.set_up or service.set_up(job)
-        return m.PreflightTold.model_validate(service.preflight(job, said))
+        return m.PreflightResponse.model_validate(service.preflight(job, said))
 
     @routes.post("/jobs/{job}/to-start", tags=["jobs"], summary="Move the tip to the job's start")
-    def to_start(job: Job, given: m.ToStartGiven, who: Who) -> m.ToldTip:
+    def to_start(job: Job, given: m.ToStartRequest, who: Who) -> m.TipResponse:
         start_mm = given.start_mm or service.set_up(job).start_mm
-        return m.ToldTip(tip_mm=service.to_start(who, job, start_mm).tip_mm)
+        return m.TipResponse(tip_mm=service.to_start(who, job, start_mm).tip_mm)
 
     @routes.get("/jobs/{job}/record", tags=["jobs"], summary="What is written down")
     def record(job: Job) -> PrintRecord:
@@ -99,44 +99,44 @@ def _prints(routes: APIRouter, service: JobService) -> None:
     tags: Final = ["prints"]
 
     @routes.get("/prints", tags=[*tags], summary="Prints that were started, as they stand")
-    def prints() -> list[m.PrintTold]:
+    def prints() -> list[m.PrintResponse]:
         found = (service.heard(one.id) for one in service.jobs())
         return [print_told(one) for one in found if one is not None]
 
     @routes.post("/prints/{job}/start", tags=[*tags], summary="Start; harmless when it goes on")
-    def start(job: Job, given: m.StartGiven, who: Who) -> m.PrintTold:
+    def start(job: Job, given: m.StartRequest, who: Who) -> m.PrintResponse:
         said = given.set_up or service.set_up(job)
         return print_told(service.start(who, job, said, given.confirmed))
 
     @routes.get("/prints/{job}", tags=[*tags], summary="State and progress")
-    def status(job: Job) -> m.PrintTold:
+    def status(job: Job) -> m.PrintResponse:
         found = service.heard(job)
         if found is None:
             raise NotFoundError(f"no print of {job} was ever started")
         return print_told(found)
 
     @routes.get("/prints/{job}/viability", tags=[*tags], summary="The clock of the cells")
-    def viability(job: Job) -> m.ViabilityTold:
-        return m.ViabilityTold.model_validate(service.viability(job).to_dict())
+    def viability(job: Job) -> m.ViabilityResponse:
+        return m.ViabilityResponse.model_validate(service.viability(job).to_dict())
 
     @routes.post("/prints/{job}/pause", tags=[*tags], summary="Hold, now or at a mark")
-    def pause(job: Job, given: m.PauseGiven, who: Who) -> m.StatusTold:
+    def pause(job: Job, given: m.PauseRequest, who: Who) -> m.StatusResponse:
         return status_told(service.hands.pause(who, job, given.after))
 
     @routes.post("/prints/{job}/resume", tags=[*tags], summary="Go on, with a new syringe's data")
-    def resume(job: Job, given: m.ResumeGiven, who: Who) -> m.StatusTold:
+    def resume(job: Job, given: m.ResumeRequest, who: Who) -> m.StatusResponse:
         return status_told(service.hands.resume(who, job, **given.model_dump()))
 
     @routes.post("/prints/{job}/reload", tags=[*tags], summary="Make room to change the syringe")
-    def reload(job: Job, given: m.ReloadGiven, who: Who) -> m.StatusTold:
+    def reload(job: Job, given: m.ReloadRequest, who: Who) -> m.StatusResponse:
         return status_told(service.hands.reload(who, job, given.head))
 
     @routes.post("/prints/{job}/alive", tags=[*tags], summary="Somebody is there")
-    def alive(job: Job, who: Who) -> m.StatusTold:
+    def alive(job: Job, who: Who) -> m.StatusResponse:
         return status_told(service.hands.alive(who, job))
 
     @routes.post("/prints/{job}/cancel", tags=[*tags], summary="Controlled stop; for everybody")
-    def cancel(job: Job) -> m.StatusTold:
+    def cancel(job: Job) -> m.StatusResponse:
         return status_told(service.hands.cancel(job))
 
 
@@ -145,22 +145,22 @@ def _broken_off(routes: APIRouter, service: JobService) -> None:
     tags: Final = ["prints"]
 
     @routes.post("/prints/{job}/go-on", tags=[*tags], summary="Go on after a print broke off")
-    def go_on(job: Job, who: Who) -> m.StatusTold:
+    def go_on(job: Job, who: Who) -> m.StatusResponse:
         return status_told(service.hands.go_on(who, job))
 
     @routes.get("/prints/{job}/recovery", tags=[*tags], summary="Plan the rest; nothing is written")
-    def recovery(job: Job, from_line: FromLine = None) -> m.RecoveryTold:
+    def recovery(job: Job, from_line: FromLine = None) -> m.RecoveryResponse:
         plan = service.hands.recovery(job, from_line)
-        return m.RecoveryTold(
+        return m.RecoveryResponse(
             lines_left_out=plan.begin, steps=list(plan.steps), start_mm=plan.start
         )
 
     @routes.post("/prints/{job}/recover", tags=[*tags], summary="Write the rest as a job")
-    def recover(job: Job, given: m.RecoverGiven, who: Who) -> m.RestTold:
-        return m.RestTold.model_validate(service.hands.recover(who, job, given.from_line))
+    def recover(job: Job, given: m.RecoverRequest, who: Who) -> m.RestResponse:
+        return m.RestResponse.model_validate(service.hands.recover(who, job, given.from_line))
 
     @routes.post("/prints/{job}/give-up", tags=[*tags], summary="Don't go on; write its end down")
-    def give_up(job: Job, who: Who) -> m.StatusTold:
+    def give_up(job: Job, who: Who) -> m.StatusResponse:
         return status_told(service.hands.give_up(who, job))
 
 
@@ -168,29 +168,31 @@ def _after(routes: APIRouter, service: JobService) -> None:
     after, tags = service.after, ["after a print"]
 
     @routes.get("/prints/{job}/steps", tags=[*tags], summary="Steps after the print")
-    def steps(job: Job) -> list[m.StepTold]:
-        return [m.StepTold.model_validate(one) for one in after.steps(job)]
+    def steps(job: Job) -> list[m.StepResponse]:
+        return [m.StepResponse.model_validate(one) for one in after.steps(job)]
 
     @routes.put("/prints/{job}/steps/{step}", tags=[*tags], summary="Tick a step, or take it back")
-    def tick(job: Job, step: str, given: m.TickGiven, who: Who) -> list[m.StepTold]:
-        return [m.StepTold.model_validate(one) for one in after.tick(who, job, step, given.done)]
+    def tick(job: Job, step: str, given: m.TickRequest, who: Who) -> list[m.StepResponse]:
+        return [
+            m.StepResponse.model_validate(one) for one in after.tick(who, job, step, given.done)
+        ]
 
     @routes.get("/prints/{job}/notes", tags=[*tags], summary="Notes")
-    def notes(job: Job) -> list[m.NoteTold]:
-        return [m.NoteTold.model_validate(one) for one in after.notes(job)]
+    def notes(job: Job) -> list[m.NoteResponse]:
+        return [m.NoteResponse.model_validate(one) for one in after.notes(job)]
 
     @routes.post("/prints/{job}/notes", tags=[*tags], summary="Add a note")
-    def note(job: Job, given: m.NoteGiven, who: Who) -> list[m.NoteTold]:
-        return [m.NoteTold.model_validate(one) for one in after.note(who, job, given.text)]
+    def note(job: Job, given: m.NoteRequest, who: Who) -> list[m.NoteResponse]:
+        return [m.NoteResponse.model_validate(one) for one in after.note(who, job, given.text)]
 
     @routes.get("/prints/{job}/photos", tags=[*tags], summary="Photos")
-    def photos(job: Job) -> list[m.PhotoTold]:
-        return [m.PhotoTold.model_validate(one) for one in after.photos(job)]
+    def photos(job: Job) -> list[m.PhotoResponse]:
+        return [m.PhotoResponse.model_validate(one) for one in after.photos(job)]
 
     @routes.post("/prints/{job}/photos", tags=[*tags], summary="Add a photo; it is written anew")
-    def add_photo(job: Job, file: Annotated[UploadFile, File()], who: Who) -> list[m.PhotoTold]:
+    def add_photo(job: Job, file: Annotated[UploadFile, File()], who: Who) -> list[m.PhotoResponse]:
         found = after.add_photo(who, job, file.file.read(MOST_BYTES + 1))
-        return [m.PhotoTold.model_validate(one) for one in found]
+        return [m.PhotoResponse.model_validate(one) for one in found]
 
     @routes.get(
         "/prints/{job}/photos/{name}",
@@ -203,37 +205,37 @@ def _after(routes: APIRouter, service: JobService) -> None:
         return FileResponse(after.photo(job, name), media_type="image/jpeg")
 
     @routes.get("/prints/{job}/flush", tags=[*tags], summary="How hard to flush; null if unknown")
-    def flush(job: Job, wall_shear_pa: float | None = None) -> m.FlushTold | None:
+    def flush(job: Job, wall_shear_pa: float | None = None) -> m.FlushResponse | None:
         found = after.flush(job, wall_shear_pa)
-        return None if found is None else m.FlushTold.model_validate(found.to_dict())
+        return None if found is None else m.FlushResponse.model_validate(found.to_dict())
 
     @routes.post("/melt-out", tags=[*tags], summary="Warm a heater at a rate")
-    def melt_out(given: m.RampGiven, who: Who) -> m.RampTold:
-        return m.RampTold.model_validate(after.melt_out(who, **given.model_dump()))
+    def melt_out(given: m.RampRequest, who: Who) -> m.RampResponse:
+        return m.RampResponse.model_validate(after.melt_out(who, **given.model_dump()))
 
     @routes.get("/melt-out", tags=[*tags], summary="The warming as it stands; null for none")
-    def melting() -> m.RampTold | None:
+    def melting() -> m.RampResponse | None:
         found = after.melting()
-        return None if found is None else m.RampTold.model_validate(found)
+        return None if found is None else m.RampResponse.model_validate(found)
 
     @routes.delete("/melt-out", tags=[*tags], summary="Raise the target no further")
-    def stop_melting() -> m.RampTold | None:
+    def stop_melting() -> m.RampResponse | None:
         found = after.stop_melting()
-        return None if found is None else m.RampTold.model_validate(found)
+        return None if found is None else m.RampResponse.model_validate(found)
 
 
-def machine_told(machine: Machine | None) -> m.MachineTold | None:
+def machine_told(machine: Machine | None) -> m.MachineResponse | None:
     """The printer, as the API tells it."""
     if machine is None:
         return None
-    return m.MachineTold.model_validate(asdict(machine) | {"words": machine.words})
+    return m.MachineResponse.model_validate(asdict(machine) | {"words": machine.words})
 
 
-def print_told(heard: PrintReport) -> m.PrintTold:
+def print_told(heard: PrintReport) -> m.PrintResponse:
     """A print, as the API tells it."""
-    return m.PrintTold.model_validate(heard.to_dict())
+    return m.PrintResponse.model_validate(heard.to_dict())
 
 
-def status_told(status: Status) -> m.StatusTold:
+def status_told(status: Status) -> m.StatusResponse:
     """A status, as the API tells it."""
-    return m.StatusTold.model_validate(status.to_dict())
+    return m.StatusResponse.model_validate(status.to_dict())

@@ -14,7 +14,7 @@ from printctl.calibration.readings import Readings, read_readings
 from printctl.errors import PrintctlError
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
-from printctl.web.printer.calibrating_asked import Asked, Prepared, Read
+from printctl.web.printer.calibrating_asked import CalibrationFiles, CalibrationRequest, Read
 from printctl.web.printer.printer_access import PrinterAccess
 from printctl.web.printer.wizards import BY_NAME, WIZARDS, Wizard
 from printctl.web.profile_store import ProfileStore
@@ -42,7 +42,7 @@ class Calibrating:
         """All there are."""
         return WIZARDS
 
-    def make(self, who: Principal, name: str, asked: Asked) -> Prepared:
+    def make(self, who: Principal, name: str, asked: CalibrationRequest) -> CalibrationFiles:
         """Write a test into the workspace's jobs, with its sheet beside it.
 
         Raises
@@ -67,7 +67,7 @@ class Calibrating:
         from printctl.web.printer.calibrating_work import written  # Loads scipy and the kernels.
 
         rows, made = written(name, asked, printer, syringe, path)
-        return Prepared(
+        return CalibrationFiles(
             job=f"file~{path.name}",
             lines=made.lines,
             duration_s=made.duration_s,

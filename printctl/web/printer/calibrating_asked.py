@@ -15,7 +15,7 @@ _Targets = Annotated[tuple[_MM, ...], Field(min_length=1, max_length=20)]
 _Cell = Annotated[str, Field(pattern=r"^[A-Za-z0-9 _.+-]{0,24}$")]
 
 
-class Asked(BaseModel):
+class CalibrationRequest(BaseModel):
     """What a test is made with; defaults are the command line's."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -46,7 +46,7 @@ class Read(BaseModel):
     part_mm: tuple[_MM, _MM] = (20.0, 20.0)
 
 
-class Prepared(BaseModel):
+class CalibrationFiles(BaseModel):
     """Written calibration test.
 
     Attributes

@@ -10,7 +10,7 @@ from nicegui import ui
 from firmware_profiles import Syringe
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError
-from printctl.web.printer.calibrating_asked import Asked, Read
+from printctl.web.printer.calibrating_asked import CalibrationRequest, Read
 from printctl.web.printer.parts import button, dialog, live, note, number, quiet_button, subheading
 from printctl.web.printer.service import PrinterService
 from printctl.web.printer.sheet import Sheet
@@ -81,7 +81,7 @@ class _Dialog:
         place = self._service.status.position_mm
         if place is None:
             raise BadRequestError("connect the printer and bring the tip to where the test begins")
-        asked = Asked(
+        asked = CalibrationRequest(
             printer=str(self._printer.value), syringe=str(self._syringe.value), at_mm=place
         )
         return self._service.calibrating.make(self._who, self._wizard.name, asked)

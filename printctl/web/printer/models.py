@@ -63,13 +63,13 @@ class Push(_Body):
     ul_s: Annotated[float, Field(gt=0, le=10_000)] | None = None
 
 
-class Typed(_Body):
+class ConsoleLine(_Body):
     """A line for the console."""
 
     text: Annotated[str, Field(min_length=1, max_length=200)]
 
 
-class Mount(_Body):
+class MountRequest(_Body):
     """What is mounted; keys left out stay as they are, an empty one takes away."""
 
     needle: Annotated[str, Field(max_length=64)] | None = None
@@ -160,14 +160,14 @@ class TouchingState(BaseModel):
     touching: dict[str, Any] | None
 
 
-class Found(BaseModel):
+class FittedConstants(BaseModel):
     """What readings say, 95 % intervals."""
 
     estimates: dict[str, dict[str, Any]]
     notes: tuple[str, ...]
 
 
-class Said(BaseModel):
+class ActionResult(BaseModel):
     """What was done, in words."""
 
     message: str

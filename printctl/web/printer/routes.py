@@ -125,7 +125,7 @@ def _add_hands(routes: APIRouter, service: PrinterService) -> None:
         return status_of(hands.plunger(who(request), body.ul, body.ul_s))
 
     @routes.post("/mount", summary="Say what is mounted")
-    def mount(body: m.Mount, request: Request) -> m.Status:
+    def mount(body: m.MountRequest, request: Request) -> m.Status:
         said = body.model_dump(exclude_unset=True)
         for key, model in _SORTS.items():
             if said.get(key):

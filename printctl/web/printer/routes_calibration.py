@@ -10,7 +10,7 @@ from fastapi import APIRouter, Request
 
 from printctl.web.controls import Principal
 from printctl.web.printer import models as m
-from printctl.web.printer.calibrating_asked import Asked, Prepared, Read
+from printctl.web.printer.calibrating_asked import CalibrationFiles, CalibrationRequest, Read
 from printctl.web.printer.service import PrinterService
 
 
@@ -25,16 +25,16 @@ def add_calibration(
         return [asdict(wizard) for wizard in calibrating.wizards]
 
     @routes.post("/calibrations/{name}/job", summary="Write a test into the workspace's jobs")
-    def make(name: str, body: Asked, request: Request) -> Prepared:
+    def make(name: str, body: CalibrationRequest, request: Request) -> CalibrationFiles:
         return calibrating.make(who(request), name, body)
 
     @routes.post("/calibrations/{name}/fit", summary="What readings say")
-    def fit(name: str, body: Read) -> m.Found:
+    def fit(name: str, body: Read) -> m.FittedConstants:
         found = calibrating.fit(name, body)
         estimates = {key: asdict(one) for key, one in found.lines.items()}
-        return m.Found(estimates=estimates, notes=found.notes)
+        return m.FittedConstants(estimates=estimates, notes=found.notes)
 
     @routes.post("/calibrations/weigh/profile", summary="Write a measured copy of a profile")
-    def save(body: m.Save, request: Request) -> m.Said:
+    def save(body: m.Save, request: Request) -> m.ActionResult:
         said = calibrating.save(who(request), body.read, body.mend, body.copy_name)
-        return m.Said(message=said)
+        return m.ActionResult(message=said)

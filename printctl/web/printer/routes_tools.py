@@ -27,7 +27,7 @@ def add_tools(routes: APIRouter, service: PrinterService, who: Who) -> None:
 
 def _add_console(routes: APIRouter, service: PrinterService, who: Who) -> None:
     @routes.post("/command", summary="Send a line by the console")
-    def command(body: m.Typed, request: Request) -> m.Replies:
+    def command(body: m.ConsoleLine, request: Request) -> m.Replies:
         return m.Replies(replies=service.console.send(who(request), body.text))
 
     @routes.get("/console", summary="What was typed, answered and refused")

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import BaseModel, Field
 
-from printctl.web.scan.slices import Opened
+from printctl.web.scan.slices import OpenScan
 from registration.readers import ScanOverrides
 
 Micrometres = float
@@ -38,7 +38,7 @@ class VolumeAnswer(BaseModel):
     threshold: float = Field(description="Between the two classes of voxels (Otsu).")
 
     @classmethod
-    def of(cls, found: Opened) -> VolumeAnswer:
+    def of(cls, found: OpenScan) -> VolumeAnswer:
         """Of a scan that was read."""
         dz, dy, dx = found.scan.geometric_voxel_mm
         return cls(
@@ -52,7 +52,7 @@ class VolumeAnswer(BaseModel):
         )
 
 
-class ScanSaid(BaseModel):
+class ScanMetadataRequest(BaseModel):
     """What the user says of a scan where its file doesn't."""
 
     voxel_um: tuple[Micrometres, Micrometres, Micrometres] | None = Field(
@@ -82,7 +82,7 @@ class ScanSaid(BaseModel):
         return ScanOverrides(voxel_mm=voxel, **said)
 
 
-class RegisterGiven(BaseModel):
+class RegisterRequest(BaseModel):
     """How a scan is registered."""
 
     filled: bool = Field(default=False, description="Lumens are brighter than the gel.")

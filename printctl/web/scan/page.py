@@ -12,10 +12,10 @@ from printctl.web.design.page import room_style
 from printctl.web.design.pane.embed import follow_theme
 from printctl.web.design.pane.in_thread import run_in_thread
 from printctl.web.errors import WebError
-from printctl.web.scan.answers import ScanSaid
+from printctl.web.scan.answers import ScanMetadataRequest
 from printctl.web.scan.findings import Findings
 from printctl.web.scan.pane.result_card import ResultCard
-from printctl.web.scan.pane.said_form import SaidForm
+from printctl.web.scan.pane.said_form import MetadataForm
 from printctl.web.scan.pane.slices_card import SlicesCard
 from printctl.web.scan.service import ScanService
 from printctl.web.shell.dialogs import dialog_named
@@ -52,7 +52,7 @@ class _Page:
             ui.button("Add a scan", on_click=self._add)
             self._delete = ui.button("Delete this scan", on_click=self._throw).props("outline")
         self._facts = ui.label().classes("pc-state-line").props("role=status")
-        self._form = SaidForm(self._say)
+        self._form = MetadataForm(self._say)
         self._slices = SlicesCard()
         self._registering()
         self._result = ResultCard()
@@ -117,7 +117,7 @@ class _Page:
         self._shown = None
         await self._follow()
 
-    async def _say(self, said: ScanSaid) -> None:
+    async def _say(self, said: ScanMetadataRequest) -> None:
         await run_or_notify(self._service.store.say, self._scan, said.overrides())
         await self._show(self._scan)
 

@@ -41,7 +41,7 @@ def _add_scans(routes: APIRouter, service: ScanService) -> None:
         return a.VolumeAnswer.of(service.opened(scan))
 
     @routes.put("/{scan}/said", summary="Say of a scan what its file doesn't: voxel size and kin")
-    def say(scan: str, given: a.ScanSaid) -> a.VolumeAnswer:
+    def say(scan: str, given: a.ScanMetadataRequest) -> a.VolumeAnswer:
         service.store.say(scan, given.overrides())
         return a.VolumeAnswer.of(service.opened(scan))
 
@@ -73,7 +73,7 @@ def _add_scans(routes: APIRouter, service: ScanService) -> None:
 
 def _add_registrations(routes: APIRouter, service: ScanService) -> None:
     @routes.post("/{scan}/with/{run}/start", summary="Register a scan with a run's design")
-    def start(scan: str, run: str, given: a.RegisterGiven) -> ProgressAnswer:
+    def start(scan: str, run: str, given: a.RegisterRequest) -> ProgressAnswer:
         return ProgressAnswer.of(service.register(scan, run, given.filled))
 
     @routes.post("/{scan}/with/{run}/cancel", summary="Stop a registration")

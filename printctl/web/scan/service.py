@@ -7,12 +7,12 @@ from typing import Final
 
 from printctl.run_folder.artefacts import HTML, NETWORK, SOLID
 from printctl.web.core import Core
-from printctl.web.design.making import Detached, RunProgress, Runs
+from printctl.web.design.making import DetachedProcesses, RunProgress, Runs
 from printctl.web.design.recipes import Recipes
 from printctl.web.design.service import ARTEFACTS
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.scan.findings import Findings, findings
-from printctl.web.scan.slices import Opened, Slices
+from printctl.web.scan.slices import OpenScan, Slices
 from printctl.web.scan.store import ScanStore
 from registration.errors import ScanFileError
 
@@ -26,10 +26,10 @@ class ScanService:
         self.core = core
         self.store = ScanStore(core.workspace, core.settings.upload_mb)
         self.slices = Slices()
-        self.processes = Detached()
+        self.processes = DetachedProcesses()
         self.runs = Runs(core.workspace, Recipes(core.workspace))
 
-    def opened(self, scan: str) -> Opened:
+    def opened(self, scan: str) -> OpenScan:
         """A scan, read.
 
         Raises

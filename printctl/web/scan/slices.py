@@ -30,7 +30,7 @@ _KEPT_PICTURES: Final = 400
 
 
 @dataclass(frozen=True)
-class Opened:
+class OpenScan:
     """A scan that is looked at.
 
     Attributes
@@ -55,12 +55,12 @@ class Opened:
         return (nx * dx, ny * dy, nz * dz)
 
 
-def opened(scan: Scan) -> Opened:
+def opened(scan: Scan) -> OpenScan:
     """A scan with a window and a threshold to begin with."""
     values = sample(scan.volume)
     low, high = (float(one) for one in np.quantile(values, (0.01, 0.985)))
     high = high if high > low else low + 1.0
-    return Opened(scan, low, high, _threshold(values))
+    return OpenScan(scan, low, high, _threshold(values))
 
 
 def sample(volume: NDArray[Any]) -> NDArray[np.float64]:
@@ -124,11 +124,11 @@ class Slices:
     """Keeps the last scans open, and their last pictures."""
 
     def __init__(self) -> None:
-        self._scans: OrderedDict[tuple[Any, ...], Opened] = OrderedDict()
+        self._scans: OrderedDict[tuple[Any, ...], OpenScan] = OrderedDict()
         self._pictures: OrderedDict[tuple[Any, ...], bytes] = OrderedDict()
         self._lock = threading.Lock()
 
-    def open(self, path: Path) -> Opened:
+    def open(self, path: Path) -> OpenScan:
         """Read a scan, unless it is open.
 
         Raises

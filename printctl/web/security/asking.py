@@ -23,7 +23,7 @@ _SYSTEMS: Final = ("Android", "iPhone", "iPad", "Windows", "Macintosh", "CrOS", 
 
 
 @dataclass(frozen=True)
-class Asking:
+class RequestFacts:
     """The parts of a request that decide about it.
 
     Attributes
@@ -45,7 +45,7 @@ class Asking:
     address: str
 
     @classmethod
-    def of(cls, scope: Scope) -> Asking:
+    def of(cls, scope: Scope) -> RequestFacts:
         """Read an ASGI scope."""
         client = scope.get("client")
         return cls(

@@ -6,7 +6,7 @@ import hmac
 import secrets
 from dataclasses import dataclass, field
 
-from printctl.web.security.origins import Ours, own_names
+from printctl.web.security.origins import ServerNames, own_names
 from printctl.web.security.sessions import Sessions, signing_secret
 from printctl.web.security.throttle import Throttle
 from printctl.web.settings import ServeSettings
@@ -37,7 +37,7 @@ class Gate:
     """
 
     sessions: Sessions
-    ours: Ours
+    ours: ServerNames
     token: str = field(repr=False)
     cookie: str
     password: str | None = field(default=None, repr=False)
@@ -62,7 +62,7 @@ def make_gate(settings: ServeSettings, workspace: Workspace, port: int, stop_por
     secret = signing_secret(workspace.private, settings.password)
     return Gate(
         sessions=Sessions(secret, workspace.private / "revoked"),
-        ours=Ours(settings.scheme, own_names(settings.names), settings.loopback),
+        ours=ServerNames(settings.scheme, own_names(settings.names), settings.loopback),
         token=secrets.token_urlsafe(32),
         cookie=f"printctl_{port}",
         password=settings.password,

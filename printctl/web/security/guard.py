@@ -21,7 +21,7 @@ from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Re
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from printctl.web.controls import Principal
-from printctl.web.security.asking import Asking
+from printctl.web.security.asking import RequestFacts
 from printctl.web.security.bodies import BodyLimits
 from printctl.web.security.gate import Gate
 from printctl.web.security.headers import security_headers
@@ -44,7 +44,7 @@ class RefusedError(Exception):
 
 
 @dataclass
-class Let:
+class Admission:
     """Who was let in, and the cookie to give them."""
 
     who: Principal | None
@@ -73,7 +73,7 @@ class Guard:
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
-        asking = Asking.of(scope)
+        asking = RequestFacts.of(scope)
         nonce = secrets.token_urlsafe(16)
         dressed = self._dressed(asking, nonce, send)
         try:
@@ -107,7 +107,7 @@ class Guard:
 
     # --- who may ---------------------------------------------------------------------------
 
-    def _admit(self, asking: Asking) -> Let:
+    def _admit(self, asking: RequestFacts) -> Admission:
         if self.gate.ours.host(asking.host) is None:
             raise RefusedError(
                 refusal(
@@ -126,14 +126,14 @@ class Guard:
         if "token" in asking.query and asking.for_page:
             self._by_link(asking)
         if asking.path.startswith(PUBLIC):
-            return Let(None)
+            return Admission(None)
         if asking.for_page:
             return self._by_visit(asking)
         raise RefusedError(
             refusal(401, "no session: open the page first, or send `Authorization: Bearer TOKEN`")
         )
 
-    def _check_origin(self, asking: Asking, bearer: str | None) -> None:
+    def _check_origin(self, asking: RequestFacts, bearer: str | None) -> None:
         origin = asking.headers.get("origin")
         if not asking.changes:
             if asking.site in ("cross-site", "same-site") and not asking.for_page:
@@ -147,18 +147,18 @@ class Guard:
             said = f"origin {origin[:80]!r} isn't" if origin is not None else "no origin that is"
             raise RefusedError(refusal(403, f"{said} this server's own page; scripts send a token"))
 
-    def _by_token(self, asking: Asking, shown: str) -> Let:
+    def _by_token(self, asking: RequestFacts, shown: str) -> Admission:
         if not self.gate.is_token(shown):
             log.warning("wrong token from %s", asking.address)
             raise self._wrong_token(asking, "wrong token; it stands in .printctl/serve.json")
-        return Let(Principal("script", f"a script at {asking.address or 'this machine'}"))
+        return Admission(Principal("script", f"a script at {asking.address or 'this machine'}"))
 
-    def _by_session(self, asking: Asking, session: Session) -> Let:
+    def _by_session(self, asking: RequestFacts, session: Session) -> Admission:
         old = self.gate.sessions.clock() - session.issued > RENEW_S
         renewed = self.gate.sessions.issue(session.id) if old else ""
-        return Let(_browser(asking, session), session, renewed)
+        return Admission(_browser(asking, session), session, renewed)
 
-    def _by_link(self, asking: Asking) -> None:
+    def _by_link(self, asking: RequestFacts) -> None:
         """Exchange the token in a link for a session, and the address for one without it."""
         if not self.gate.is_token(asking.query["token"][0]):
             raise self._wrong_token(asking, "the link's token is wrong: it is of another start")
@@ -168,7 +168,7 @@ class Guard:
         self.set_cookie(answer, self.gate.sessions.issue())
         raise RefusedError(answer)
 
-    def _by_visit(self, asking: Asking) -> Let:
+    def _by_visit(self, asking: RequestFacts) -> Admission:
         """A page asked for without a session."""
         if asking.site in ("cross-site", "same-site"):
             # A strict cookie isn't sent along a link of another site: ask once more, from here.
@@ -184,10 +184,10 @@ class Guard:
         if self.gate.open:
             cookie = self.gate.sessions.issue()
             session = self.gate.sessions.read(cookie)
-            return Let(_browser(asking, session) if session else None, session, cookie)
+            return Admission(_browser(asking, session) if session else None, session, cookie)
         raise RefusedError(RedirectResponse(f"/login?{urlencode({'next': asking.path})}", 303))
 
-    def _wrong_token(self, asking: Asking, message: str) -> RefusedError:
+    def _wrong_token(self, asking: RequestFacts, message: str) -> RefusedError:
         """Refuse a wrong token, and tell who tries many to wait; the right one never waits."""
         wait = self.gate.token_throttle.wait_s(asking.address)
         if wait:
@@ -217,7 +217,7 @@ class Guard:
 
         return given
 
-    def _dressed(self, asking: Asking, nonce: str, send: Send) -> Send:
+    def _dressed(self, asking: RequestFacts, nonce: str, send: Send) -> Send:
         host = self.gate.ours.host(asking.host)
         web = "wss" if self.gate.ours.scheme == "https" else "ws"
         sources = f"{web}://{asking.host}" if host else ""
@@ -284,5 +284,5 @@ def too_often(wait_s: int) -> JSONResponse:
     )
 
 
-def _browser(asking: Asking, session: Session) -> Principal:
+def _browser(asking: RequestFacts, session: Session) -> Principal:
     return Principal(session.id, f"{asking.browser} ({session.id[:3]})")

@@ -19,7 +19,7 @@ LOCAL_NAMES: Final = frozenset({"localhost"})
 
 
 @dataclass(frozen=True)
-class Ours:
+class ServerNames:
     """The server's own names.
 
     Attributes

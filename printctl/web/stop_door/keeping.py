@@ -30,7 +30,7 @@ class NoStopDoorError(PrintctlError):
 
 
 @dataclass
-class DoorKeeper:
+class StopDoorProcess:
     """The door's process, as the server holds it.
 
     Attributes

@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from printctl.web.security.origins import Ours
+from printctl.web.security.origins import ServerNames
 from printctl.web.security.sessions import Sessions
 
 
@@ -68,6 +68,6 @@ class DoorOrder:
         return Sessions(bytes.fromhex(self.secret), Path(self.revoked))
 
     @property
-    def ours(self) -> Ours:
+    def ours(self) -> ServerNames:
         """Which hosts are ours."""
-        return Ours(self.scheme, frozenset(self.names), self.loopback)
+        return ServerNames(self.scheme, frozenset(self.names), self.loopback)

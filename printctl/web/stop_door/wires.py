@@ -35,7 +35,7 @@ _SHORTLY_S: Final = 0.02
 
 
 @dataclass(frozen=True)
-class Sent:
+class SentStop:
     """Record of a stop that was sent.
 
     Attributes
@@ -105,7 +105,7 @@ class Wires:
                     self._drop(path)
             return [path for path in self._candidates() if self._connect(path)]
 
-    def kill(self, began: float) -> Iterator[Sent]:
+    def kill(self, began: float) -> Iterator[SentStop]:
         """Send a kill to all that is connected, then to what a last look finds.
 
         Parameters
@@ -133,7 +133,7 @@ class Wires:
         state = said.get("state", "unknown")
         return {"state": state, "message": said.get("message", "") if state in OVER else UNHEARD}
 
-    def unheard(self, sent: Sequence[Sent], patience_s: float) -> bool:
+    def unheard(self, sent: Sequence[SentStop], patience_s: float) -> bool:
         """Whether one of them hasn't said within ``patience_s`` that it has halted."""
         limit = self.clock() + patience_s
         words = (
@@ -183,9 +183,9 @@ class Wires:
             return False
         return True
 
-    def _sent(self, path: Path, began: float) -> Sent:
+    def _sent(self, path: Path, began: float) -> SentStop:
         record = self._records[path]
-        return Sent(str(path.parent), (self.clock() - began) * 1e3, record.process)
+        return SentStop(str(path.parent), (self.clock() - began) * 1e3, record.process)
 
     def _drop(self, path: Path) -> None:
         found = self._open.pop(path, None)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from printctl.cli.overlay import overlay
 from printctl.cli.register import register
 from printctl.recipe.making import FileScan
-from printctl.web.scan.answers import ScanSaid
+from printctl.web.scan.answers import ScanMetadataRequest
 from registration import Scan, ScanOverrides, read_scan, write_scan_tiff
 from registration.errors import ScanFileError
 from registration.readers.light import speckle_of
@@ -187,7 +187,7 @@ def test_every_place_takes_what_can_be_said_of_a_scan() -> None:
     for command in (register, overlay):
         assert wanted <= set(inspect.signature(command).parameters)
     assert wanted <= set(FileScan.model_fields)
-    assert wanted == set(ScanSaid.model_fields)
+    assert wanted == set(ScanMetadataRequest.model_fields)
 
 
 @pytest.mark.parametrize("kind", ["uint8", "int8", "uint16", "int16"])

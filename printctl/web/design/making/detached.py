@@ -27,7 +27,7 @@ _PATIENCE: Final = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL
 
 
 @dataclass
-class Detached:
+class DetachedProcesses:
     """Processes by the folders that they work in."""
 
     _children: dict[Path, subprocess.Popen[bytes]] = field(default_factory=dict)

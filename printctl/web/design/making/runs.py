@@ -17,7 +17,7 @@ from printctl.link.errors import LinkError
 from printctl.link.states import ENDED
 from printctl.pipeline.names import TOOLPATH_NAMES, names_until
 from printctl.run_folder.manifest import MANIFEST
-from printctl.web.design.making.detached import Detached
+from printctl.web.design.making.detached import DetachedProcesses
 from printctl.web.design.making.progress import RunProgress
 from printctl.web.design.recipes import Recipes
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
@@ -57,7 +57,7 @@ class Runs:
 
     def __init__(self, workspace: Workspace, recipes: Recipes) -> None:
         self._workspace, self._recipes = workspace, recipes
-        self.processes = Detached()
+        self.processes = DetachedProcesses()
         self._lock = threading.Lock()
 
     def rows(self) -> list[RunRow]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from printctl.web.design import form as forms
-from printctl.web.design.checking import Checked, Problem
+from printctl.web.design.checking import CheckedRecipe, Problem
 from printctl.web.design.recipes import Recipes
 from printctl.web.design.schema import recipe_form
 from printctl.web.design.yaml_text import rewritten
@@ -83,7 +83,7 @@ class Editor:
         if data != self.data or any(map(_differs, data.values(), self.data.values())):
             self.set_text(rewritten(self.text, data))
 
-    def _take(self, text: str, checked: Checked) -> None:
+    def _take(self, text: str, checked: CheckedRecipe) -> None:
         self.text, self.problems = text, checked.problems
         self.data = self.data if checked.data is None else checked.data
 

@@ -27,7 +27,7 @@ State = Literal["starting", "there", "lost"]
 
 
 @dataclass(frozen=True)
-class Still:
+class LatestPicture:
     """Latest picture of a camera.
 
     Attributes
@@ -58,7 +58,7 @@ class CameraState:
 
     state: State
     message: str
-    still: Still | None = None
+    still: LatestPicture | None = None
 
 
 class Camera(Protocol):
@@ -91,7 +91,7 @@ class CameraProcess:
         self, source: str, tell: Callable[[CameraState], None], apart_s: float = APART_S
     ) -> None:
         self._source, self._tell, self._apart_s = source, tell, apart_s
-        self._still: Still | None = None
+        self._still: LatestPicture | None = None
         self._problem, self._heard = "", time.monotonic()
         self._told: State = "starting"
         self._process: subprocess.Popen[bytes] | None = None
@@ -170,7 +170,7 @@ class CameraProcess:
         self._problem = message.problem
         if message.jpeg:
             number = self._still.number + 1 if self._still else 1
-            self._still = Still(number, time.time(), message.jpeg)
+            self._still = LatestPicture(number, time.time(), message.jpeg)
         self._say()
 
     def _say(self) -> None:

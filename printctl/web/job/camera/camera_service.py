@@ -7,7 +7,7 @@ from pathlib import Path
 from printctl.records.films import film_file
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError, NotFoundError
-from printctl.web.job.camera.camera import CameraProcess, CameraState, Still
+from printctl.web.job.camera.camera import CameraProcess, CameraState, LatestPicture
 from printctl.web.job.camera.timelapse import TimeLapse, TimeLapseState
 from printctl.web.job.following import PrintReport
 
@@ -53,7 +53,7 @@ class CameraService:
             raise NotFoundError("there is no camera; start the server with --camera")
         return self.camera.seen
 
-    def still(self) -> Still:
+    def still(self) -> LatestPicture:
         """The picture of now; an old one is never shown as the present.
 
         Raises

@@ -16,7 +16,7 @@ Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
 _FRESH = {"Cache-Control": "no-store"}
 
 
-class CameraTold(BaseModel):
+class CameraResponse(BaseModel):
     """The camera as it stands."""
 
     state: Literal["starting", "there", "lost"]
@@ -25,7 +25,7 @@ class CameraTold(BaseModel):
     at: float | None = Field(description="Of the last picture, s since 1970.")
 
 
-class TimeLapseTold(BaseModel):
+class TimeLapseResponse(BaseModel):
     """The time-lapse of a print."""
 
     frames: int = Field(description="Pictures kept.")
@@ -41,10 +41,10 @@ def add_routes(
     """Add them to the job's room."""
 
     @routes.get("/camera", tags=["camera"], summary="The camera as it stands")
-    def camera() -> CameraTold:
+    def camera() -> CameraResponse:
         seen = service.seen()
         number, at = (seen.still.number, seen.still.at) if seen.still else (0, None)
-        return CameraTold(state=seen.state, message=seen.message, number=number, at=at)
+        return CameraResponse(state=seen.state, message=seen.message, number=number, at=at)
 
     @routes.get(
         "/camera/still",
@@ -61,8 +61,8 @@ def add_routes(
         return Response(found.jpeg, media_type="image/jpeg", headers=headers)
 
     @routes.get("/prints/{job}/timelapse", tags=["camera"], summary="The last print's time-lapse")
-    def timelapse(job: Job) -> TimeLapseTold:
-        return TimeLapseTold.model_validate(service.timelapse(job, heard(job)).to_dict())
+    def timelapse(job: Job) -> TimeLapseResponse:
+        return TimeLapseResponse.model_validate(service.timelapse(job, heard(job)).to_dict())
 
     @routes.get(
         "/prints/{job}/timelapse/film",

@@ -8,12 +8,12 @@ from nicegui import ui
 from pydantic import ValidationError
 
 from firmware_profiles.wrong_values import wording
-from printctl.web.scan.answers import ScanSaid
+from printctl.web.scan.answers import ScanMetadataRequest
 
-Said = Callable[[ScanSaid], Awaitable[None]]
+Said = Callable[[ScanMetadataRequest], Awaitable[None]]
 
 
-class SaidForm:
+class MetadataForm:
     """Fields of what can be said of a scan.
 
     Parameters
@@ -56,7 +56,7 @@ class SaidForm:
     async def _say(self) -> None:
         size = [one.value for one in self._voxel]
         try:
-            said = ScanSaid(
+            said = ScanMetadataRequest(
                 voxel_um=tuple(size) if any(size) else None,
                 refractive_index=self._index.value,
                 optical_depth=_either(self._optical.value, "optical path", "length"),

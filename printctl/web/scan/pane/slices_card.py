@@ -7,7 +7,7 @@ from urllib.parse import urlencode
 
 from nicegui import ui
 
-from printctl.web.scan.slices import AXES, Axis, Opened
+from printctl.web.scan.slices import AXES, Axis, OpenScan
 
 _SEEN: Final[dict[Axis, str]] = {
     "z": "Along z (from above)",
@@ -22,12 +22,12 @@ class SlicesCard:
 
     def __init__(self) -> None:
         self._scan = ""
-        self._opened: Opened | None = None
+        self._opened: OpenScan | None = None
         self._images: dict[Axis, ui.element] = {}
         self._at: dict[Axis, ui.slider] = {}
         self._box = ui.column().classes("w-full gap-2")
 
-    def show(self, scan: str, opened: Opened) -> None:
+    def show(self, scan: str, opened: OpenScan) -> None:
         """Show a scan that was read."""
         self._scan, self._opened = scan, opened
         self._images, self._at = {}, {}
@@ -39,7 +39,7 @@ class SlicesCard:
                     self._plane(axis, opened)
         self._draw()
 
-    def _controls(self, opened: Opened) -> None:
+    def _controls(self, opened: OpenScan) -> None:
         low, high = opened.low, opened.high
         step = (high - low) / _MOST_STEPS
         with ui.row().classes("w-full items-end gap-4"):
@@ -54,7 +54,7 @@ class SlicesCard:
             slider = ui.slider(min=low, max=high, step=step, value=value, on_change=self._draw)
             return slider.props(f'aria-label="{name}" label debounce=150')
 
-    def _plane(self, axis: Axis, opened: Opened) -> None:
+    def _plane(self, axis: Axis, opened: OpenScan) -> None:
         count = opened.scan.volume.shape[AXES[axis]]
         x, y, z = opened.size_mm
         width, height = {"z": (x, y), "y": (x, z), "x": (y, z)}[axis]

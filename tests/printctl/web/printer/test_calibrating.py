@@ -10,7 +10,7 @@ import yaml
 from firmware_profiles import Printer, Syringe, load
 from printctl.errors import UsageError
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
-from printctl.web.printer.calibrating_asked import Asked, Read
+from printctl.web.printer.calibrating_asked import CalibrationRequest, Read
 from printctl.web.printer.service import PrinterService
 from tests.printctl.web.printer.conftest import ME
 
@@ -30,7 +30,9 @@ def weighed(share: float) -> Read:
 
 
 def test_a_test_lies_among_the_jobs_with_its_sheet(idle: PrinterService) -> None:
-    made = idle.calibrating.make(ME, "weigh", Asked(printer="generic_marlin", at_mm=AT))
+    made = idle.calibrating.make(
+        ME, "weigh", CalibrationRequest(printer="generic_marlin", at_mm=AT)
+    )
     job = idle.core.workspace.job_file(made.job)
     assert made.job in idle.core.workspace.jobs()
     assert len(made.rows) == 12
@@ -40,7 +42,7 @@ def test_a_test_lies_among_the_jobs_with_its_sheet(idle: PrinterService) -> None
 
 
 def test_a_test_that_preflight_refuses_is_not_written(idle: PrinterService) -> None:
-    outside = Asked(printer="generic_marlin", at_mm=(199.0, 100.0, 50.0), axis="x")
+    outside = CalibrationRequest(printer="generic_marlin", at_mm=(199.0, 100.0, 50.0), axis="x")
     with pytest.raises(Exception, match=r"(?i)outside|exceed|x_mm"):
         idle.calibrating.make(ME, "backlash", outside)
     assert idle.core.workspace.jobs() == []
