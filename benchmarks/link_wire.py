@@ -14,7 +14,7 @@ from benchmarks.checkers.link_order import Taken, body_of
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortLost
 from sim.families.marlin.printer import MarlinPrinter
-from sim.faults import Troubles
+from sim.faults import PermanentFaults
 from tests.printctl.link.simulated_transport import SimulatedTransport
 
 
@@ -66,7 +66,7 @@ class Ledger:
         self._reset()
 
 
-class BreakingTroubles(Troubles):
+class BreakingTroubles(PermanentFaults):
     """With a chance, per line written, that the connection is lost with all that is under way."""
 
     breaks: float = 0.0

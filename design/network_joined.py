@@ -74,7 +74,7 @@ class Snap:
 
 
 @dataclass(frozen=True, eq=False)
-class Joined:
+class JoinedNetwork:
     """The network, the ends that were moved, and how many ends meet nothing."""
 
     network: VesselNetwork
@@ -91,7 +91,7 @@ class _Foot:
     gap_mm: float
 
 
-def join_lines(path: Path, lines: list[Line]) -> Joined:
+def join_lines(path: Path, lines: list[Line]) -> JoinedNetwork:
     """Put every end that lies within another vessel on its axis, and cut that vessel there.
 
     An end lies within the vessel of whose radius (at the nearest place of its axis) the distance
@@ -126,7 +126,7 @@ def join_lines(path: Path, lines: list[Line]) -> Joined:
         end = ("start", "end")[side]
         snaps.append(Snap(lines[i].vessel, lines[foot.line].vessel, end, foot.gap_mm))
     network = chain_pieces(_pieces(path, lines, spots))
-    return Joined(network, tuple(snaps), free)
+    return JoinedNetwork(network, tuple(snaps), free)
 
 
 class _Near:

@@ -1,6 +1,6 @@
 """Profiles of printers, needles, syringes, inks, baths, dishes and plates, with sources."""
 
-from firmware_profiles.cross_checks import Doubt, doubts
+from firmware_profiles.cross_checks import ProfileDoubt, doubts
 from firmware_profiles.dishes import Dish
 from firmware_profiles.dispensers import MeasuredFlow, Plunger, Pneumatic
 from firmware_profiles.dispensing import SteadyFlow, steady_flow
@@ -14,14 +14,13 @@ from firmware_profiles.plates import Plate
 from firmware_profiles.printers import Axes, Printer
 from firmware_profiles.rheology import flow_ul_s, held_pa, pressure_pa, wall_stress_pa
 from firmware_profiles.tools import Needle, Syringe
-from firmware_profiles.watching import Watched
+from firmware_profiles.watching import WatchedGauge
 
 __all__ = [
     "MOST_HEADS",
     "Axes",
     "Bath",
     "Dish",
-    "Doubt",
     "Facts",
     "FileController",
     "Head",
@@ -34,11 +33,12 @@ __all__ = [
     "Plunger",
     "Pneumatic",
     "Printer",
+    "ProfileDoubt",
     "ProfileError",
     "Span",
     "SteadyFlow",
     "Syringe",
-    "Watched",
+    "WatchedGauge",
     "doubts",
     "flow_ul_s",
     "held_pa",

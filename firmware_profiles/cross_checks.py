@@ -25,7 +25,7 @@ STEP_SHARE: Final = 0.25
 
 
 @dataclass(frozen=True)
-class Doubt:
+class ProfileDoubt:
     """Something wrong with a profile, or to be known of it.
 
     Attributes
@@ -42,7 +42,7 @@ class Doubt:
     grave: bool = True
 
 
-def doubts(facts: Facts, syringes: Sequence[Syringe] = ()) -> list[Doubt]:
+def doubts(facts: Facts, syringes: Sequence[Syringe] = ()) -> list[ProfileDoubt]:
     """All that is to be said of a profile.
 
     Parameters
@@ -51,7 +51,7 @@ def doubts(facts: Facts, syringes: Sequence[Syringe] = ()) -> list[Doubt]:
     syringes : sequence of Syringe
         To hold a printer's plunger against.
     """
-    found: list[Doubt] = []
+    found: list[ProfileDoubt] = []
     match facts:
         case Printer():
             found += _printer(facts)
@@ -70,17 +70,19 @@ def doubts(facts: Facts, syringes: Sequence[Syringe] = ()) -> list[Doubt]:
             pass
     unmeasured = ", ".join(facts.starting_values)
     if unmeasured:
-        found.append(Doubt("starting_values", f"to be measured before use: {unmeasured}", False))
+        found.append(
+            ProfileDoubt("starting_values", f"to be measured before use: {unmeasured}", False)
+        )
     return found
 
 
-def _printer(printer: Printer) -> Iterator[Doubt]:
+def _printer(printer: Printer) -> Iterator[ProfileDoubt]:
     limit = printer.max_step_rate_hz or AVR_STEPS_HZ
     whose = "max_step_rate_hz" if printer.max_step_rate_hz else "an 8-bit board's; else say it"
     for axis in "xyze":
         rate = getattr(printer.steps_per_mm, axis) * getattr(printer.max_speed_mm_s, axis)
         if rate > limit:
-            yield Doubt(
+            yield ProfileDoubt(
                 f"max_speed_mm_s.{axis}",
                 f"{getattr(printer.steps_per_mm, axis):g} steps/mm at "
                 f"{getattr(printer.max_speed_mm_s, axis):g} mm/s are {rate:.0f} steps/s, above "
@@ -89,7 +91,7 @@ def _printer(printer: Printer) -> Iterator[Doubt]:
     for axis in "xy":
         most = getattr(printer.max_acceleration_mm_s2, axis)
         if printer.acceleration_mm_s2 > most:
-            yield Doubt(
+            yield ProfileDoubt(
                 "acceleration_mm_s2",
                 f"{printer.acceleration_mm_s2:g} mm/s² is above the {most:g} mm/s² of {axis} "
                 "(max_acceleration_mm_s2); the firmware would use the lower",
@@ -98,7 +100,7 @@ def _printer(printer: Printer) -> Iterator[Doubt]:
     link = family_of(printer).link
     cuts = link is not None and link.cuts_long_lines
     if cuts and printer.max_line_bytes > printer.receive_buffer_bytes:
-        yield Doubt(
+        yield ProfileDoubt(
             "max_line_bytes",
             f"{printer.max_line_bytes} bytes don't fit into the receive buffer of "
             f"{printer.receive_buffer_bytes} (receive_buffer_bytes); lines would be cut",
@@ -106,9 +108,9 @@ def _printer(printer: Printer) -> Iterator[Doubt]:
     yield from _safety(printer)
 
 
-def _safety(printer: Printer) -> Iterator[Doubt]:
+def _safety(printer: Printer) -> Iterator[ProfileDoubt]:
     if not printer.streamed:
-        yield Doubt(
+        yield ProfileDoubt(
             "firmware",
             f"{printer.firmware}: the controller's own software runs the file; what a stop "
             "switches off, and what stays on, is set up there",
@@ -117,45 +119,45 @@ def _safety(printer: Printer) -> Iterator[Doubt]:
         return
     timed = family_of(printer).timeout is not None
     if timed and printer.idle_timeout_s == 0:
-        yield Doubt(
+        yield ProfileDoubt(
             "idle_timeout_s",
             "0 s: a dead host leaves heaters and motors on; 600 s is usual",
             False,
         )
     if not timed:
-        yield Doubt(
+        yield ProfileDoubt(
             "firmware",
             f"{printer.firmware} has no timeout that a job can set: a dead host leaves heaters "
             "and motors on",
             False,
         )
     if "safe_state_on" not in printer.model_fields_set:
-        yield Doubt(
+        yield ProfileDoubt(
             "safe_state_on",
             "not said: after a stop all heaters go off; name what must stay on (ink cooling, bath "
             "cooling), or write [] if nothing must",
         )
     for item in printer.safe_state_on:
         if not item.startswith(("ink", "bath")):
-            yield Doubt(
+            yield ProfileDoubt(
                 "safe_state_on",
                 f"{item!r} begins with neither ink (the tool's temperature) nor bath (the bed's), "
                 "so nothing would keep it on",
             )
 
 
-def _head(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[Doubt]:
+def _head(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[ProfileDoubt]:
     head = printer.pneumatic
     if head is None:
         yield from _plunger(printer, syringes)
     elif printer.streamed and printer.safe_state_off[:1] != (head.closes,):
-        yield Doubt(
+        yield ProfileDoubt(
             "safe_state_off",
             f"doesn't begin with {head.closes!r} (dispenser: closes): a stop would leave the ink "
             "under pressure; put it first",
         )
     elif head.measured is not None and head.measured.pressure_kpa != head.pressure_kpa:
-        yield Doubt(
+        yield ProfileDoubt(
             "dispenser",
             f"the flow was measured at {head.measured.pressure_kpa:g} kPa, and the regulator "
             f"is set to {head.pressure_kpa:g} kPa (pressure_kpa): it is foreseen from the ink's "
@@ -164,20 +166,20 @@ def _head(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[Doubt]:
         )
 
 
-def _heads(printer: Printer) -> Iterator[Doubt]:
+def _heads(printer: Printer) -> Iterator[ProfileDoubt]:
     """Heads that stand beside each other: what no number of one alone tells."""
     limit = printer.max_step_rate_hz or AVR_STEPS_HZ
     for number, head in enumerate(printer.heads):
         one = printer.of_head(number)
         rate = one.steps_per_mm.e * one.max_speed_mm_s.e
         if rate > limit:
-            yield Doubt(
+            yield ProfileDoubt(
                 f"heads.{number}.max_plunger_mm_s",
                 f"{rate:.0f} steps/s of the plunger are above {limit:.0f} (max_step_rate_hz); "
                 "lower the speed",
             )
         if not head.moves:
-            yield Doubt(
+            yield ProfileDoubt(
                 f"heads.{number}",
                 f"{head.name!r} is fixed (no raises): its needle is as deep in the bath as the "
                 "other's, but for offset_mm.z; preflight refuses a job in which it would drag "
@@ -187,20 +189,20 @@ def _heads(printer: Printer) -> Iterator[Doubt]:
     steps = {printer.of_head(number).steps_per_mm.e for number in range(printer.head_count)}
     own = family_of(printer).heads
     if len(steps) > 1 and own and own.note:
-        yield Doubt(
+        yield ProfileDoubt(
             "heads",
             f"their plunger_steps_per_mm differ: {own.note}; see that it was",
             False,
         )
 
 
-def _plunger(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[Doubt]:
+def _plunger(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[ProfileDoubt]:
     """Steps, speed and stroke of the plunger in each syringe."""
     for syringe in syringes:
         area = math.pi / 4 * syringe.inner_mm**2
         step_ul = area / printer.steps_per_mm.e
         if step_ul > STEP_SHARE * SMALLEST_DOSE_UL:
-            yield Doubt(
+            yield ProfileDoubt(
                 "steps_per_mm.e",
                 f"one step is {step_ul * 1e3:.3g} nL in {syringe.name}, more than a quarter of "
                 f"the smallest dose, {SMALLEST_DOSE_UL:g} µL; take a narrower syringe or finer "
@@ -209,7 +211,7 @@ def _plunger(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[Doubt]:
             )
         stroke = syringe.volume_ul / area
         if printer.plunger_travel_mm and stroke > printer.plunger_travel_mm + 0.5:
-            yield Doubt(
+            yield ProfileDoubt(
                 "plunger_travel_mm",
                 f"{syringe.name} is {stroke:.1f} mm long when full, above "
                 f"{printer.plunger_travel_mm:g} mm; it can't be filled whole",
@@ -217,54 +219,54 @@ def _plunger(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[Doubt]:
             )
 
 
-def _syringe(syringe: Syringe) -> Iterator[Doubt]:
+def _syringe(syringe: Syringe) -> Iterator[ProfileDoubt]:
     stroke = syringe.volume_ul / (math.pi / 4 * syringe.inner_mm**2)
     if not 5 <= stroke <= 200:
-        yield Doubt(
+        yield ProfileDoubt(
             "inner_mm",
             f"{syringe.volume_ul:g} µL in a bore of {syringe.inner_mm:g} mm are {stroke:.3g} mm "
             "long; 5 to 200 mm is what syringes are: see the units",
         )
     if syringe.dead_volume_ul > 0.5 * syringe.volume_ul:
-        yield Doubt(
+        yield ProfileDoubt(
             "dead_volume_ul",
             f"{syringe.dead_volume_ul:g} µL are more than half of {syringe.volume_ul:g} µL "
             "(volume_ul): see the units",
         )
 
 
-def _needle(needle: Needle) -> Iterator[Doubt]:
+def _needle(needle: Needle) -> Iterator[ProfileDoubt]:
     wall = (needle.outer_mm - needle.inner_mm) / 2
     if wall < 0.02:
-        yield Doubt(
+        yield ProfileDoubt(
             "outer_mm",
             f"a wall of {wall * 1e3:.3g} µm is thinner than any needle's (20 µm); see both "
             "diameters",
         )
     if needle.length_mm < 5 * needle.inner_mm:
-        yield Doubt(
+        yield ProfileDoubt(
             "length_mm",
             f"{needle.length_mm:g} mm is short for a bore of {needle.inner_mm:g} mm: see the units",
         )
 
 
-def _ink(ink: Ink) -> Iterator[Doubt]:
+def _ink(ink: Ink) -> Iterator[ProfileDoubt]:
     yield from _measured(ink.calibrated, ink)
 
 
-def _bath(bath: Bath) -> Iterator[Doubt]:
+def _bath(bath: Bath) -> Iterator[ProfileDoubt]:
     yield from _measured(bath.calibrated, bath)
     if bath.melt_out_c is not None and bath.max_printing_c >= bath.melt_out_c:
-        yield Doubt(
+        yield ProfileDoubt(
             "max_printing_c",
             f"{bath.max_printing_c:g} °C isn't below melt_out_c, {bath.melt_out_c:g} °C: it would "
             "melt while it is printed in",
         )
 
 
-def _measured(calibrated: bool, facts: Facts) -> Iterator[Doubt]:
+def _measured(calibrated: bool, facts: Facts) -> Iterator[ProfileDoubt]:
     if calibrated and facts.starting_values:
-        yield Doubt(
+        yield ProfileDoubt(
             "calibrated",
             f"true, but starting_values has {', '.join(facts.starting_values)}; take out what was "
             "measured, or say false",

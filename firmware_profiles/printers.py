@@ -17,7 +17,7 @@ from firmware_profiles.file_controller import (
     refuse_family_sections,
 )
 from firmware_profiles.heads import Head, check_heads
-from firmware_profiles.watching import Watched
+from firmware_profiles.watching import WatchedGauge
 
 
 def _with_a_family(name: str) -> str:
@@ -151,7 +151,7 @@ class Printer(Facts):
         description="Commands that switch off what else is dangerous after a stop (pressure, UV, a "
         "pump); sent when the needle has left, before the heaters go off. Nothing that moves.",
     )
-    watch: tuple[Watched, ...] = Field(
+    watch: tuple[WatchedGauge, ...] = Field(
         default=(),
         description="Forces or pressures that the machine tells when asked, and their limits; "
         "asked for while it prints.",

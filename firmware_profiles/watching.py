@@ -12,7 +12,7 @@ from firmware_profiles.commands import SwitchCommand
 _STOPS: Final = frozenset({"M0", "M1", "M108", "M110", "M112", "M410", "M999"})
 
 
-class Watched(BaseModel):
+class WatchedGauge(BaseModel):
     """A force, pressure or the like that the firmware tells when it is asked."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)

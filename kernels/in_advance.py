@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Final
 
 from kernels.folder import cache_dir, kernel_of
-from kernels.needed import Needed, found, types_of
+from kernels.needed import NeededKernel, found, types_of
 
 _SOURCES: Final = Path(__file__).resolve().parent.parent
 _MOST_PROCESSES: Final = 8
@@ -28,7 +28,7 @@ Told = Callable[[int], None]
 """Is told how many kernels are done."""
 
 
-def missing(rows: Sequence[Needed]) -> list[Needed]:
+def missing(rows: Sequence[NeededKernel]) -> list[NeededKernel]:
     """Return those of ``rows`` for which the store has too few files younger than the source.
 
     A guess by names and times, in a few ms: keys are known only once all modules are loaded.
@@ -49,7 +49,7 @@ def processes() -> int:
     return min(cores or 1, _MOST_PROCESSES)
 
 
-def compile_in_advance(rows: Sequence[Needed], told: Told = lambda done: None) -> int:
+def compile_in_advance(rows: Sequence[NeededKernel], told: Told = lambda done: None) -> int:
     """Compile ``rows`` into the store; return how many couldn't be.
 
     Those are left to their first call, which compiles them or says what is wrong.
@@ -83,7 +83,7 @@ def _compiled(kernel: str, takes: str) -> bool:
     return True
 
 
-def _mark_as_checked(rows: Sequence[Needed]) -> None:
+def _mark_as_checked(rows: Sequence[NeededKernel]) -> None:
     """Give files of these kernels a time after their sources', so that they count as looked at."""
     stems = {_file_stem(one.kernel) for one in rows}
     for path in _files():

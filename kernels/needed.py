@@ -20,7 +20,7 @@ LIST: Final = Path(__file__).with_name("needed.jsonl")
 
 
 @dataclass(frozen=True)
-class Needed:
+class NeededKernel:
     """A kernel and the argument types that it is compiled for.
 
     Attributes
@@ -38,20 +38,20 @@ class Needed:
     by: frozenset[str]
 
 
-def needed(*works: str) -> list[Needed]:
+def needed(*works: str) -> list[NeededKernel]:
     """Return what ``works`` need; with none given all that is listed. Empty without the list."""
     if not LIST.is_file():
         return []
     return [one for one in _listed() if not works or one.by & set(works)]
 
 
-def _listed() -> Iterator[Needed]:
+def _listed() -> Iterator[NeededKernel]:
     for line in LIST.read_text(encoding="utf-8").splitlines():
         data = json.loads(line)
-        yield Needed(data["kernel"], json.dumps(data["takes"]), frozenset(data["by"]))
+        yield NeededKernel(data["kernel"], json.dumps(data["takes"]), frozenset(data["by"]))
 
 
-def write(rows: Iterable[Needed], path: Path = LIST) -> None:
+def write(rows: Iterable[NeededKernel], path: Path = LIST) -> None:
     """Write the list anew."""
     lines = [
         json.dumps({"kernel": one.kernel, "by": sorted(one.by), "takes": json.loads(one.takes)})

@@ -37,7 +37,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class BothWays:
+class FitDeviations:
     """Deviations after one fit, mm: at all scanned vertices, the seen ones, and the way back."""
 
     all_mm: FloatArray
@@ -51,7 +51,7 @@ class BothWays:
 
 
 @dataclass(frozen=True)
-class Registered:
+class RegistrationParts:
     """What segmentation, alignment and gauging gave.
 
     Attributes
@@ -72,15 +72,17 @@ class Registered:
     cross_um: float | None
     spread: int
     places: tuple[Place, ...]
-    rigid: BothWays
-    scaled: BothWays
+    rigid: FitDeviations
+    scaled: FitDeviations
     findings: Findings
     frame: Frame
     characteristics: tuple[Characteristic, ...]
     errors: ScanErrors
 
 
-def assemble(found: Registered, scan: Scan, options: RegistrationOptions) -> RegistrationReport:
+def assemble(
+    found: RegistrationParts, scan: Scan, options: RegistrationOptions
+) -> RegistrationReport:
     """Put all numbers into the units and signs of the report."""
     segmentation, alignment, findings = found.segmentation, found.alignment, found.findings
     rigid, scaled = found.rigid, found.scaled

@@ -25,7 +25,7 @@ LARGEST_FIELD = 20.0
 
 
 @dataclass(frozen=True)
-class Prepared:
+class PreparedScan:
     """What every step behind the segmentation takes; build with `of`.
 
     Attributes
@@ -57,7 +57,7 @@ class Prepared:
     @staticmethod
     def of(
         scan: Scan, model: Solid, network: VesselNetwork, options: RegistrationOptions
-    ) -> Prepared:
+    ) -> PreparedScan:
         """Segment the scan, and see what the model is.
 
         Raises
@@ -75,7 +75,9 @@ class Prepared:
         surface = preparing.result()
         is_lumen = _model_is_lumen(surface, network)
         section_mm = options.section_mm or thinnest / 4
-        return Prepared(scan, network, options, segmentation, surface, is_lumen, errors, section_mm)
+        return PreparedScan(
+            scan, network, options, segmentation, surface, is_lumen, errors, section_mm
+        )
 
 
 def _check_sizes(scan: Scan, model: Solid, thinnest_mm: float) -> None:

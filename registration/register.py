@@ -13,7 +13,7 @@ from design.network import VesselNetwork
 from design.solids.solid import Solid
 from kernels import beside
 from registration.alignment import Alignment, Fit, align, cross_check, later_doubts
-from registration.assemble import BothWays, Registered, assemble
+from registration.assemble import FitDeviations, RegistrationParts, assemble
 from registration.findings import Findings, Inspection, inspect
 from registration.gauging import ScannedSurface, deviations, surface_points
 from registration.gauging.face_places import LEAST_UM, Place, ScannedFaces
@@ -30,7 +30,7 @@ from registration.geometry import (
 from registration.geometry.faces import POINTS, RIM_BLURS, RIM_MM
 from registration.laying import Ground, laid
 from registration.options import RegistrationOptions
-from registration.prepared import Prepared
+from registration.prepared import PreparedScan
 from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import GelEvidence, gel_evidence
@@ -65,13 +65,13 @@ def register_scan(
         When the scan can't be segmented, doesn't fit the model, or model and network don't
         belong together.
     """
-    case = Prepared.of(scan, model, network, options or RegistrationOptions())
+    case = PreparedScan.of(scan, model, network, options or RegistrationOptions())
     with beside() as other:
         found = _registered(case, other)
     return assemble(found, scan, case.options)
 
 
-def _registered(case: Prepared, other: Executor) -> Registered:
+def _registered(case: PreparedScan, other: Executor) -> RegistrationParts:
     """Align, measure and inspect; `other` does beside it what doesn't wait for this."""
     segmentation = case.segmentation
     evidence = other.submit(
@@ -80,7 +80,7 @@ def _registered(case: Prepared, other: Executor) -> Registered:
     lying = _laid(case)
     measured = _measured(case, lying.alignment, other)
     findings = _inspected(case, lying.alignment, measured.scaled, evidence.result())
-    return Registered(
+    return RegistrationParts(
         segmentation,
         _doubted(case, lying.alignment, measured.cross_um.result()),
         case.is_lumen,
@@ -105,7 +105,7 @@ class _Lying:
     frame: Frame
 
 
-def _laid(case: Prepared) -> _Lying:
+def _laid(case: PreparedScan) -> _Lying:
     """Find the pose, and lay the part's frame on the print."""
     alignment = _aligned(case)
     faces = () if case.is_lumen else _faces(case, alignment)
@@ -115,7 +115,7 @@ def _laid(case: Prepared) -> _Lying:
     return _Lying(replace(alignment, rigid=frame.fit), faces, frame)
 
 
-def _aligned(case: Prepared) -> Alignment:
+def _aligned(case: PreparedScan) -> Alignment:
     segmentation, scan = case.segmentation, case.scan
     return align(
         case.surface,
@@ -130,7 +130,7 @@ def _aligned(case: Prepared) -> Alignment:
     )
 
 
-def _faces(case: Prepared, alignment: Alignment) -> tuple[Face, ...]:
+def _faces(case: PreparedScan, alignment: Alignment) -> tuple[Face, ...]:
     return outer_faces(case.surface, case.network, case.segmentation, alignment.scaled)
 
 
@@ -140,8 +140,8 @@ class _Measured:
 
     Attributes
     ----------
-    rigid : Future of BothWays
-    scaled : BothWays
+    rigid : Future of FitDeviations
+    scaled : FitDeviations
     cross_um : Future of float or None, µm
     spread : int
         Points on the design from which the scanned surface was looked for.
@@ -149,14 +149,14 @@ class _Measured:
         Where the surface away from lumens stands out.
     """
 
-    rigid: Future[BothWays]
-    scaled: BothWays
+    rigid: Future[FitDeviations]
+    scaled: FitDeviations
     cross_um: Future[float | None]
     spread: int
     places: Future[tuple[Place, ...]]
 
 
-def _measured(case: Prepared, alignment: Alignment, other: Executor) -> _Measured:
+def _measured(case: PreparedScan, alignment: Alignment, other: Executor) -> _Measured:
     surface, segmentation = case.surface, case.segmentation
     spread, scanned = surface_points(surface), ScannedSurface.of(segmentation)
     points = segmentation.surface.vertices[segmentation.seen]
@@ -167,7 +167,7 @@ def _measured(case: Prepared, alignment: Alignment, other: Executor) -> _Measure
     return _Measured(rigid, scaled, cross_um, len(spread), places)
 
 
-def _places(case: Prepared, fit: Fit, found: BothWays) -> tuple[Place, ...]:
+def _places(case: PreparedScan, fit: Fit, found: FitDeviations) -> tuple[Place, ...]:
     """Where outer faces stand out; none where only lumens were scanned or errors aren't known."""
     segmentation, blur_mm = case.segmentation, case.segmentation.field.blur_mm
     if case.is_lumen or not np.isfinite(case.errors.outer_mm):
@@ -190,14 +190,16 @@ def _places(case: Prepared, fit: Fit, found: BothWays) -> tuple[Place, ...]:
     ).places_off()
 
 
-def _both_ways(case: Prepared, scanned: ScannedSurface, fit: Fit, spread: FloatArray) -> BothWays:
+def _both_ways(
+    case: PreparedScan, scanned: ScannedSurface, fit: Fit, spread: FloatArray
+) -> FitDeviations:
     segmentation = case.segmentation
     there = deviations(case.surface, fit.apply(segmentation.surface.vertices), case.is_lumen)
-    return BothWays(there, there[segmentation.seen], scanned.deviations_back(spread, fit))
+    return FitDeviations(there, there[segmentation.seen], scanned.deviations_back(spread, fit))
 
 
 def _inspected(
-    case: Prepared, alignment: Alignment, scaled: BothWays, evidence: GelEvidence
+    case: PreparedScan, alignment: Alignment, scaled: FitDeviations, evidence: GelEvidence
 ) -> Findings:
     return inspect(
         Inspection(
@@ -216,13 +218,15 @@ def _inspected(
     )
 
 
-def _doubted(case: Prepared, alignment: Alignment, cross_um: float | None) -> Alignment:
+def _doubted(case: PreparedScan, alignment: Alignment, cross_um: float | None) -> Alignment:
     """Add the doubts that come up only behind the alignment."""
     later = later_doubts(cross_um, float(case.segmentation.seen.mean()))
     return replace(alignment, doubts=(*alignment.doubts, *later))
 
 
-def _characterised(case: Prepared, lying: _Lying, findings: Findings) -> tuple[Characteristic, ...]:
+def _characterised(
+    case: PreparedScan, lying: _Lying, findings: Findings
+) -> tuple[Characteristic, ...]:
     """Form and place of faces and vessels in the frame."""
     scene = Scene(case.network, lying.faces, cuts_of(findings.vessels), case.errors)
     gauged = tuple(vessel.gauged_fraction for vessel in findings.vessels)

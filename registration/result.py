@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry.surface import Surface
-from registration.alignment import AXES, Rival, Uncertainty
+from registration.alignment import AXES, AlternativePose, Uncertainty
 from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
 from registration.gauging.face_places import Place
 from registration.geometry import Characteristic, Frame
@@ -55,7 +55,7 @@ class RegistrationReport:
         Which way the part lay under the light.
     depth_axis : int
         The part's axis that lies most along the light.
-    rivals : tuple of Rival
+    rivals : tuple of AlternativePose
         Other poses that were tried, the closest first.
     uncertainty : Uncertainty
         95 % intervals of the scaled fit.
@@ -118,7 +118,7 @@ class RegistrationReport:
     doubts: tuple[str, ...]
     lay: str
     depth_axis: int
-    rivals: tuple[Rival, ...]
+    rivals: tuple[AlternativePose, ...]
     uncertainty: Uncertainty
     cross_check_um: float | None
     rigid: Deviation
@@ -292,7 +292,7 @@ def _characteristic_dict(one: Characteristic) -> dict[str, Any]:
     }
 
 
-def _rival_dict(rival: Rival) -> dict[str, Any]:
+def _rival_dict(rival: AlternativePose) -> dict[str, Any]:
     return {
         "motion": rival.motion,
         "mirrored": rival.mirrored,

@@ -20,7 +20,7 @@ from typing import Final
 
 import numpy as np
 
-from sim.faults import Direction, Troubles
+from sim.faults import Direction, PermanentFaults
 
 _OK: Final = re.compile(rb"(?m)^ok\n")
 _BEGINS_OK: Final = re.compile(rb"(?m)^ok")
@@ -31,15 +31,15 @@ class BadLine:
 
     Parameters
     ----------
-    troubles : Troubles
+    troubles : PermanentFaults
     rng : Generator, optional
         Of what goes wrong; needed where anything does by chance.
     """
 
     def __init__(
-        self, troubles: Troubles | None = None, rng: np.random.Generator | None = None
+        self, troubles: PermanentFaults | None = None, rng: np.random.Generator | None = None
     ) -> None:
-        self.troubles = troubles or Troubles()
+        self.troubles = troubles or PermanentFaults()
         self._rng = rng or np.random.default_rng(0)
         self._late: deque[tuple[float, bytes]] = deque()
         self._burst_rate, self._burst_left = 0.0, 0

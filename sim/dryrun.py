@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from firmware_profiles import Printer
 from sim.cold import extrusion_allowed
 from sim.dryrun_checks import check
-from sim.dryrun_feed import Starved, run_program, starvation
+from sim.dryrun_feed import StarvedMotion, run_program, starvation
 from sim.dryrun_finding import Finding
 from sim.dryrun_heat import Heating, heatings
 from sim.executed import ExecutedMotion
 from sim.executed_log import executed_motion
 from sim.gcode import Program
-from sim.gcode_extended import Named
+from sim.gcode_extended import NamedCommand
 from sim.gcode_modal import MOVE
 from sim.heads import Heads, read_heads
 from sim.line_times import line_times
@@ -59,9 +59,9 @@ class DryRun:
         Farthest plunger positions, from the start's.
     merged_moves : int
         Moves below the firmware's least steps, taken over by their successors.
-    starved : Starved
+    starved : StarvedMotion
         What the wire is too slow for.
-    named : tuple of Named
+    named : tuple of NamedCommand
         Klipper's commands with names, which the program holds as M105 or G92.
     valve : Valve or None
         A pneumatic head's, as the file switches it; None for a plunger.
@@ -93,8 +93,8 @@ class DryRun:
     plunger_max_mm: float
     plunger_min_mm: float
     merged_moves: int
-    starved: Starved
-    named: tuple[Named, ...]
+    starved: StarvedMotion
+    named: tuple[NamedCommand, ...]
     valve: Valve | None
     heads: Heads
     heats: tuple[Heating, ...]

@@ -14,7 +14,7 @@ from sim.dryrun_finding import Finding
 from sim.errors import LineError
 from sim.firmware_codes import is_known, is_known_name
 from sim.gcode import NO_COMMAND, Program, code_name
-from sim.gcode_extended import Named
+from sim.gcode_extended import NamedCommand
 from sim.gcode_modal import BAD, HOME, MOVE
 from sim.heads import head_findings
 from sim.planner_stepper import LEAST_RATE
@@ -31,7 +31,7 @@ def check(
     program: Program,
     printer: Printer,
     extrudes: NDArray[np.bool_],
-    named: tuple[Named, ...] = (),
+    named: tuple[NamedCommand, ...] = (),
     gcode: bytes = b"",
     refused: tuple[tuple[int, LineError], ...] = (),
 ) -> dict[str, Any]:
@@ -272,7 +272,7 @@ def _cold(program: Program, moves: NDArray[np.bool_], remedy: str) -> list[Findi
 
 
 def _unknown(
-    program: Program, printer: Printer, named: tuple[Named, ...]
+    program: Program, printer: Printer, named: tuple[NamedCommand, ...]
 ) -> tuple[tuple[int, str], ...]:
     strange = [
         number
@@ -321,7 +321,7 @@ def _strange(
     return found
 
 
-def _offset(named: tuple[Named, ...]) -> list[Finding]:
+def _offset(named: tuple[NamedCommand, ...]) -> list[Finding]:
     """Offsets by a command with a name: they shift what comes after, unknown to this dry run."""
     offsets = [at for at in named if meanings().get(at.name) is Meaning.SHIFTS]
     lines = [at.line for at in offsets if _shifts(at.words)]

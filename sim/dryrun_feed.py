@@ -91,7 +91,7 @@ def run_program(
 
 
 @dataclass(frozen=True)
-class Starved:
+class StarvedMotion:
     """Motion that the wire is too slow for.
 
     Attributes
@@ -116,18 +116,18 @@ def starvation(
     extrudes: NDArray[np.bool_],
     times: LineTimes,
     fed: PlannedProgram,
-) -> Starved:
+) -> StarvedMotion:
     """Compare a run with one in which lines come at once; parameters as of `run_program`."""
     if not fed.starved.any() or not times.byte_s:
-        return Starved()
+        return StarvedMotion()
     at_once = replace(times, out_s=np.sign(times.out_s) * 1e-9, ok_s=times.ok_s * 0.0,
                       turnaround_s=0.0)  # fmt: skip
     free = run_program(program, printer, start_mm, extrudes, at_once)
     late = fed.starved & ~free.starved
     seconds = fed.duration_s - free.duration_s
     if not late.any() or seconds < LEAST_LOSS * fed.duration_s:
-        return Starved()
-    return Starved(int(late.sum()), seconds, int(program.line[int(late.argmax())]))
+        return StarvedMotion()
+    return StarvedMotion(int(late.sum()), seconds, int(program.line[int(late.argmax())]))
 
 
 @jit

@@ -16,7 +16,7 @@ import numpy as np
 from firmware_profiles.families import meanings
 from firmware_profiles.families.grammar import Meaning
 from sim.gcode import Command, Program, code, parse_line
-from sim.gcode_extended import Named
+from sim.gcode_extended import NamedCommand
 
 Part = Literal["ink", "bath", "both"]
 Bound = Literal["is", "least", "most"]
@@ -50,7 +50,9 @@ class Heating:
     bound: Bound = "is"
 
 
-def heatings(program: Program, gcode: bytes, named: tuple[Named, ...]) -> tuple[Heating, ...]:
+def heatings(
+    program: Program, gcode: bytes, named: tuple[NamedCommand, ...]
+) -> tuple[Heating, ...]:
     """All settings of a file, in its order.
 
     Parameters
@@ -58,7 +60,7 @@ def heatings(program: Program, gcode: bytes, named: tuple[Named, ...]) -> tuple[
     program : Program
     gcode : bytes
         What it was read from.
-    named : tuple of Named
+    named : tuple of NamedCommand
         Commands with names.
     """
     rows = np.flatnonzero(np.isin(program.code, _CODES))
@@ -83,7 +85,7 @@ def _said(command: Command) -> list[tuple[Part, float]]:
     return [(part, command.values[word]) for word in letters if word in command.values]
 
 
-def _named(at: Named) -> list[Heating]:
+def _named(at: NamedCommand) -> list[Heating]:
     heater = at.words.get("HEATER") or at.words.get("SENSOR", "")
     part: Part = "both"
     if heater.startswith("extruder"):

@@ -120,7 +120,7 @@ class Fault(BaseModel):
         return self
 
 
-class Troubles(BaseModel):
+class PermanentFaults(BaseModel):
     """What is wrong with cable and board all the time, most of it as a chance; see the module."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -137,7 +137,7 @@ class Troubles(BaseModel):
     latency_s: Seconds = 0.0
 
 
-class FaultFile(Troubles):
+class FaultFile(PermanentFaults):
     """A fault file; see the module."""
 
     seed: Annotated[int, Field(ge=0)] = 0

@@ -19,7 +19,7 @@ NOTHING: Final = b"M105"
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedCommand:
     """A command with a name: its line, from 1, and its words."""
 
     line: int
@@ -27,7 +27,7 @@ class Named:
     words: dict[str, str]
 
 
-def plain_command(named: Named) -> bytes:
+def plain_command(named: NamedCommand) -> bytes:
     """One named command in G-code."""
     meaning = meanings().get(named.name)
     if meaning is Meaning.CHOOSES:

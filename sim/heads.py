@@ -19,7 +19,7 @@ from firmware_profiles import Head, Printer
 from firmware_profiles.families import family_of
 from sim.dryrun_finding import Finding
 from sim.gcode import Program, code, parse_line
-from sim.gcode_extended import Named
+from sim.gcode_extended import NamedCommand
 from sim.gcode_modal import SET_POSITION, TOOL
 from sim.valve import CLOSED, UNKNOWN, Valve, read_switch
 
@@ -59,7 +59,9 @@ class Heads:
         return np.asarray(found)
 
 
-def read_heads(program: Program, gcode: bytes, named: tuple[Named, ...], printer: Printer) -> Heads:
+def read_heads(
+    program: Program, gcode: bytes, named: tuple[NamedCommand, ...], printer: Printer
+) -> Heads:
     """Follow the commands that raise and lower heads; parameters as of `sim.valve.read_switch`."""
     heads = printer.heads or ()
     count = printer.head_count
@@ -74,7 +76,9 @@ def read_heads(program: Program, gcode: bytes, named: tuple[Named, ...], printer
     return Heads(raised, said, lift, offset)
 
 
-def _switch(program: Program, gcode: bytes, named: tuple[Named, ...], head: Head) -> Valve | None:
+def _switch(
+    program: Program, gcode: bytes, named: tuple[NamedCommand, ...], head: Head
+) -> Valve | None:
     if head.raises is None or head.lowers is None:
         return None
     return read_switch(program, gcode, named, head.lowers, head.raises)

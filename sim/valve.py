@@ -24,7 +24,7 @@ from firmware_profiles import Pneumatic, Printer
 from sim.errors import GcodeError
 from sim.executed import ExecutedMotion
 from sim.gcode import Program, parse_line
-from sim.gcode_extended import Named
+from sim.gcode_extended import NamedCommand
 from sim.gcode_modal import DWELL
 from sim.outputs import output_of
 from sim.written import read_written
@@ -66,7 +66,9 @@ class Valve:
         return found
 
 
-def read_valve(program: Program, gcode: bytes, named: tuple[Named, ...], head: Pneumatic) -> Valve:
+def read_valve(
+    program: Program, gcode: bytes, named: tuple[NamedCommand, ...], head: Pneumatic
+) -> Valve:
     """Find the lines that switch the valve.
 
     Parameters
@@ -74,7 +76,7 @@ def read_valve(program: Program, gcode: bytes, named: tuple[Named, ...], head: P
     program : Program
     gcode : bytes
         What it was read from, Klipper's commands with names as they came or not.
-    named : tuple of Named
+    named : tuple of NamedCommand
         Klipper's commands with names.
     head : Pneumatic
     """
@@ -82,7 +84,7 @@ def read_valve(program: Program, gcode: bytes, named: tuple[Named, ...], head: P
 
 
 def read_switch(
-    program: Program, gcode: bytes, named: tuple[Named, ...], on: str, off: str
+    program: Program, gcode: bytes, named: tuple[NamedCommand, ...], on: str, off: str
 ) -> Valve:
     """Find the lines that switch something by one command with two values.
 

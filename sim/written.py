@@ -11,14 +11,14 @@ from firmware_profiles import Printer
 from firmware_profiles.families import family_of
 from sim.errors import LineError
 from sim.gcode import Program, read_gcode
-from sim.gcode_extended import Named
+from sim.gcode_extended import NamedCommand
 from sim.reading.file import read_file
 
 _SECONDS: Final = 60.0
 """The reader takes F as per minute."""
 
 
-class Written(NamedTuple):
+class ReadProgram(NamedTuple):
     """A file as it was read.
 
     Attributes
@@ -26,7 +26,7 @@ class Written(NamedTuple):
     program : Program
     gcode : bytes
         What it was read from: as many lines as the file, each as it is sent.
-    named : tuple of Named
+    named : tuple of NamedCommand
         Commands with names, which the program holds as M105, T or G92.
     refused : tuple of (int, LineError)
         Lines that can't be read, which the program leaves out.
@@ -34,11 +34,13 @@ class Written(NamedTuple):
 
     program: Program
     gcode: bytes
-    named: tuple[Named, ...]
+    named: tuple[NamedCommand, ...]
     refused: tuple[tuple[int, LineError], ...]
 
 
-def read_written(gcode: bytes, printer: Printer, start_mm: tuple[float, float, float]) -> Written:
+def read_written(
+    gcode: bytes, printer: Printer, start_mm: tuple[float, float, float]
+) -> ReadProgram:
     """Read a file.
 
     Parameters
@@ -59,7 +61,7 @@ def read_written(gcode: bytes, printer: Printer, start_mm: tuple[float, float, f
     program = read_gcode(text, start_mm, printer.head_count, rule)
     if file.per_second is not None:
         program = _timed(program, file.per_second)
-    return Written(program, text, file.named, file.refused)
+    return ReadProgram(program, text, file.named, file.refused)
 
 
 def _timed(program: Program, per_second: tuple[tuple[int, bool], ...]) -> Program:

@@ -12,8 +12,8 @@ from design.toolpath.fresh import FreshOptions, fresh_toolpath
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Printer, Syringe, load
 from firmware_profiles.families import family_names
-from printctl.gate import Bounds, Door, Known, judge
-from printctl.gate.verdict import Allowed
+from printctl.gate import Bounds, LineOrigin, PrinterSituation, judge
+from printctl.gate.verdict import AllowedLine
 from printctl.link.clock import VirtualClock
 from printctl.link.families import protocol_for
 from printctl.link.journal import Journal
@@ -59,10 +59,10 @@ def test_lines_are_read_as_it_reads_them(printer: Printer) -> None:
 
 
 def test_the_gate_has_its_question(printer: Printer) -> None:
-    known = Known(Bounds(printer))
-    assert isinstance(judge("M777", Door.CONSOLE, known), Allowed)
-    assert not isinstance(judge("M777", Door.JOB, known), Allowed)
-    assert not isinstance(judge("M503", Door.CONSOLE, known), Allowed)
+    known = PrinterSituation(Bounds(printer))
+    assert isinstance(judge("M777", LineOrigin.CONSOLE, known), AllowedLine)
+    assert not isinstance(judge("M777", LineOrigin.JOB, known), AllowedLine)
+    assert not isinstance(judge("M503", LineOrigin.CONSOLE, known), AllowedLine)
 
 
 def test_its_job_passes_dry_run_and_preflight(printer: Printer) -> None:

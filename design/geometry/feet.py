@@ -16,7 +16,7 @@ from kernels import jit, pjit
 FloatArray = NDArray[np.float64]
 
 
-class Feet(NamedTuple):
+class NearestPoints(NamedTuple):
     """Nearest points on a surface.
 
     Attributes
@@ -31,11 +31,11 @@ class Feet(NamedTuple):
     weight: FloatArray
 
 
-def nearest_feet(tree: TriangleTree, points: FloatArray) -> Feet:
+def nearest_feet(tree: TriangleTree, points: FloatArray) -> NearestPoints:
     """The nearest place of the surface to each of ``points`` (n, 3), mm."""
     face, weight = np.empty(len(points), np.int64), np.empty((len(points), 3))
     _feet(tree, np.ascontiguousarray(points, dtype=np.float64), face, weight)
-    return Feet(face, weight)
+    return NearestPoints(face, weight)
 
 
 @jit

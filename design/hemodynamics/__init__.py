@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from design.hemodynamics.conditions import Behind, FlowConditions
+    from design.hemodynamics.conditions import FlowConditions, OutletLoad
     from design.hemodynamics.fluids import Carreau, Fluid, Newtonian, PowerLaw, Pries1994
     from design.hemodynamics.one_d import (
         OneDOptions,
@@ -53,7 +53,6 @@ if TYPE_CHECKING:
     from design.hemodynamics.zero_d.validity import question_pressure
 
 __all__ = [
-    "Behind",
     "Carreau",
     "FlowConditions",
     "FlowSolution",
@@ -65,6 +64,7 @@ __all__ = [
     "Newtonian",
     "OneDOptions",
     "OneDSolution",
+    "OutletLoad",
     "PowerLaw",
     "PressureOutlet",
     "Pries1994",

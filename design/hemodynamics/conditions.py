@@ -14,7 +14,7 @@ from design.units import WATER_DENSITY
 
 
 @dataclass(frozen=True)
-class Behind:
+class OutletLoad:
     """What lies behind an outlet in steady flow; a Windkessel is its two resistances in series.
 
     Attributes
@@ -57,7 +57,7 @@ class FlowConditions:
         At every outlet without a flow of its own.
     outlet_flow_ul_s : mapping of node to µL/s
         Flow out of single outlets; those not named have `outlet_pressure_pa`.
-    behind : mapping of node to Behind
+    behind : mapping of node to OutletLoad
         Of single outlets.
     inlets, outlets : tuples of nodes, optional
         Where the network's own (nodes that vessels only leave, or only enter) aren't meant.
@@ -77,7 +77,7 @@ class FlowConditions:
     inlets: tuple[int, ...] | None = None
     outlets: tuple[int, ...] | None = None
     fluid: Fluid | None = None
-    behind: Mapping[int, Behind] = field(default_factory=dict)
+    behind: Mapping[int, OutletLoad] = field(default_factory=dict)
     losses: Losses = field(default_factory=Losses)
     density: float = WATER_DENSITY
 

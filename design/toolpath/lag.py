@@ -38,7 +38,7 @@ MOST_OF_RATE: Final = 0.9
 
 
 @dataclass(frozen=True)
-class Advanced:
+class AdvancedToolpath:
     """A toolpath whose plunger is driven ahead.
 
     Attributes
@@ -54,7 +54,7 @@ class Advanced:
     stood_ul: float
 
 
-def advanced(toolpath: Toolpath, lag_s: float, rate_ul_s: float) -> Advanced:
+def advanced(toolpath: Toolpath, lag_s: float, rate_ul_s: float) -> AdvancedToolpath:
     """Compensate a lag along all strokes (runs of writing moves of one head).
 
     Parameters
@@ -90,7 +90,7 @@ def advanced(toolpath: Toolpath, lag_s: float, rate_ul_s: float) -> Advanced:
         ),
     )
     changed = replace(fine, volume_ul=volume)
-    return Advanced(_with_stands(changed, stands, rate_ul_s), lag_s, stood)
+    return AdvancedToolpath(_with_stands(changed, stands, rate_ul_s), lag_s, stood)
 
 
 @dataclass(frozen=True)

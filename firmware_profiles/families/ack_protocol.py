@@ -106,12 +106,12 @@ class AckProtocol(ABC):
         self.lines_done, self.number = first, number
 
     def renumber(self, now: float) -> None:
-        """Hear that the printer answers, and count from 0; `InStep` follows."""
+        """Hear that the printer answers, and count from 0; `Synchronised` follows."""
         self.number = 0
         self.ask(now)
 
     def confirm(self, now: float) -> None:
-        """Hear where the printer is, which it says in its turn; `InStep` follows.
+        """Hear where the printer is, which it says in its turn; `Synchronised` follows.
 
         An ok without a position before it answers an earlier line, and is passed over.
         """
@@ -120,7 +120,7 @@ class AckProtocol(ABC):
         self.fly(now)
 
     def ask(self, now: float) -> None:
-        """Hear that the printer answers; `InStep` follows. It can't say which line it took last."""
+        """Hear that the printer answers; `Synchronised` follows. It can't say which line it took last."""
         self.flight, self.in_job, self.probing = PROBE, False, True
         self.fly(now)
 
@@ -172,7 +172,7 @@ class AckProtocol(ABC):
             if self.flight is None and self._rest:
                 self._take_half(now, events)
             elif now - self.sent_at > self._patience():
-                self.end(said.Silent(now - self.sent_at), events)
+                self.end(said.NoReply(now - self.sent_at), events)
             else:
                 self.on_silence(now, events)
         return events
@@ -223,10 +223,12 @@ class AckProtocol(ABC):
         """Take one line from the printer."""
         sort, words = self.sort(text), text.decode("ascii", "backslashreplace")
         if sort is Sort.HALT:
-            self.end(said.Halted(words), events)
+            self.end(said.FirmwareHalted(words), events)
         elif sort is Sort.RESTART:
             over = bool(self.lines)
-            self.end(said.WasReset(), events) if over else events.append(said.Booted())
+            self.end(said.FirmwareReset(), events) if over else events.append(
+                said.FirmwareStarted()
+            )
         elif sort is Sort.FAULT:
             self.held = True
             answers = self.in_job or (self._waits and self._behind_job)
@@ -254,7 +256,7 @@ class AckProtocol(ABC):
         """Count the line in flight as taken, and send the next."""
         if self.probing:
             self.probing = False
-            events.append(said.InStep(self.number))
+            events.append(said.Synchronised(self.number))
             self.flight, self.deadline = None, math.inf
             return
         self.number += 1
@@ -262,7 +264,7 @@ class AckProtocol(ABC):
         if self.in_job:
             self.lines_done += 1
         else:
-            events.append(said.Replied(self.flight or b"", self.number, tuple(self.heard)))
+            events.append(said.CommandReplied(self.flight or b"", self.number, tuple(self.heard)))
         self._send_next(now)
 
     def end(self, event: Event, events: list[Event]) -> None:

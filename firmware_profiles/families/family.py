@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING
 from firmware_profiles.families.dialect import Dialect
 from firmware_profiles.families.gate_facts import GateFacts
 from firmware_profiles.families.grammar import Grammar
-from firmware_profiles.families.job_facts import ByHand, ColdExtrusion, HeadFacts, IdleTimeout
+from firmware_profiles.families.job_facts import (
+    ColdExtrusion,
+    ConfigurationFacts,
+    HeadFacts,
+    IdleTimeout,
+)
 from firmware_profiles.families.link_facts import LinkFacts
 from firmware_profiles.families.probe_facts import ProbeFacts
 
@@ -40,7 +45,7 @@ class Family:
         How it is told to push without a hot end; None where it always does.
     heads : HeadFacts or None
         How it changes between several heads; None where that isn't known.
-    by_hand : ByHand or None
+    by_hand : ConfigurationFacts or None
         What a person must see to in its configuration.
     advance : bytes
         Pattern of the command that sets pressure advance, its group the value, s; empty for none.
@@ -59,7 +64,7 @@ class Family:
     timeout: IdleTimeout | None = None
     cold: ColdExtrusion | None = None
     heads: HeadFacts | None = None
-    by_hand: ByHand | None = None
+    by_hand: ConfigurationFacts | None = None
     advance: bytes = b""
     advances_across_only: bool = False
     file_controllers: Mapping[str, str] = field(default_factory=dict)

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
-class Ask:
+class AllowQuery:
     """Let a question pass; with other letters than these the code sets something."""
 
     letters: str = ""
 
 
 @dataclass(frozen=True)
-class OnlyWith:
+class AllowValues:
     """Let a setting pass that takes another back: these words with these values alone.
 
     Attributes
@@ -30,7 +30,7 @@ class OnlyWith:
 
 
 @dataclass(frozen=True)
-class TakeOffsetBack:
+class AllowOffsetReset:
     """Let a head's offset pass whose words are all 0.
 
     Attributes
@@ -56,7 +56,7 @@ class Advance:
 
 
 @dataclass(frozen=True)
-class HeatNamed:
+class CheckNamedHeater:
     """Judge the target of a heater that is told by its name.
 
     Attributes
@@ -111,7 +111,16 @@ class ChooseHead:
     """Let a head pass that the printer has, named as `HeadFacts.select` says."""
 
 
-Rule = Ask | OnlyWith | TakeOffsetBack | Advance | HeatNamed | Timeout | Keys | ChooseHead
+Rule = (
+    AllowQuery
+    | AllowValues
+    | AllowOffsetReset
+    | Advance
+    | CheckNamedHeater
+    | Timeout
+    | Keys
+    | ChooseHead
+)
 
 
 @dataclass(frozen=True)

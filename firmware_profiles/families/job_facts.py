@@ -99,7 +99,7 @@ SELECT_BY_T = re.compile(r"T([0-7])(?: [SP]\d)?")
 
 
 @dataclass(frozen=True)
-class ByHand:
+class ConfigurationFacts:
     """Things that stand in the firmware's configuration, where nothing tells them.
 
     Attributes

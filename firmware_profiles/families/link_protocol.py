@@ -14,7 +14,7 @@ from typing import Protocol, TypeAlias
 
 
 @dataclass(frozen=True)
-class Replied:
+class CommandReplied:
     """A control command was taken and answered.
 
     Attributes
@@ -32,7 +32,7 @@ class Replied:
 
 
 @dataclass(frozen=True)
-class InStep:
+class Synchronised:
     """Renumbering or asking has succeeded: the printer last took line ``number``."""
 
     number: int
@@ -65,7 +65,7 @@ class Notice:
 
 
 @dataclass(frozen=True)
-class WentBack:
+class LinesResent:
     """Lines that an ok which wasn't theirs had acknowledged are sent again.
 
     Something that nobody sent has been answered, so it may have been done: the protocol holds the
@@ -85,7 +85,7 @@ class WentBack:
 
 
 @dataclass(frozen=True)
-class Stray:
+class StrayOk:
     """An ok that belongs to no line: a fragment of a garbled one may have been done unverified.
 
     The protocol holds the job (``held``) until the position has been verified.
@@ -132,7 +132,7 @@ class Waiting:
 
 
 @dataclass(frozen=True)
-class PersonAwaited:
+class WaitingForPerson:
     """The printer waits for a person at its own button (``paused for user``)."""
 
 
@@ -159,25 +159,25 @@ class Noisy:
 
 @dataclass(frozen=True)
 class Halting:
-    """The firmware says that it has stopped for good; it is asked why, and `Halted` follows."""
+    """Firmware has reported a final stop; it is queried for the reason, `FirmwareHalted` follows."""
 
     text: str
 
 
 @dataclass(frozen=True)
-class Halted:
+class FirmwareHalted:
     """The firmware has stopped for good (``kill``); only a reset brings it back."""
 
     text: str
 
 
 @dataclass(frozen=True)
-class Booted:
+class FirmwareStarted:
     """The firmware has started, before anything was agreed on with it."""
 
 
 @dataclass(frozen=True)
-class WasReset:
+class FirmwareReset:
     """The firmware has started anew after its lines were numbered; the protocol is over.
 
     It no longer knows where its needle is.
@@ -185,7 +185,7 @@ class WasReset:
 
 
 @dataclass(frozen=True)
-class OutOfStep:
+class LostSynchronisation:
     """The printer's last line is none that the host can go on from.
 
     Attributes
@@ -199,30 +199,30 @@ class OutOfStep:
 
 
 @dataclass(frozen=True)
-class Silent:
+class NoReply:
     """No usable answer within all time limits."""
 
     seconds: float
 
 
 Event: TypeAlias = (
-    Replied
-    | InStep
+    CommandReplied
+    | Synchronised
     | Fault
     | Notice
-    | WentBack
-    | Stray
+    | LinesResent
+    | StrayOk
     | TokenSent
     | Waiting
-    | PersonAwaited
+    | WaitingForPerson
     | Action
     | Noisy
     | Halting
-    | Halted
-    | Booted
-    | WasReset
-    | OutOfStep
-    | Silent
+    | FirmwareHalted
+    | FirmwareStarted
+    | FirmwareReset
+    | LostSynchronisation
+    | NoReply
 )
 
 Places: TypeAlias = Callable[[Sequence[bytes], int], Mapping[str, float]]
@@ -284,22 +284,22 @@ class LinkProtocol(Protocol):
         ...
 
     def renumber(self, now: float) -> None:
-        """Set the printer's last line to 0; `InStep` follows, or an error event."""
+        """Set the printer's last line to 0; `Synchronised` follows, or an error event."""
         ...
 
     def ask(self, now: float) -> None:
-        """Ask which line was taken last; `InStep` follows, or an error event."""
+        """Ask which line was taken last; `Synchronised` follows, or an error event."""
         ...
 
     def confirm(self, now: float) -> None:
         """Have the printer say what it can say only once all before is carried out.
 
-        `InStep` follows, or an error event. Nothing may be in flight.
+        `Synchronised` follows, or an error event. Nothing may be in flight.
         """
         ...
 
     def submit(self, command: bytes, now: float) -> None:
-        """Send a control command ahead of further job lines; `Replied` follows."""
+        """Send a control command ahead of further job lines; `CommandReplied` follows."""
         ...
 
     def cut_in(self, commands: Sequence[bytes], again: bool, now: float) -> bool:

@@ -2,20 +2,20 @@
 
 from printctl.bead.bundles import of_bundles
 from printctl.bead.filaments import written_filaments
-from printctl.bead.files import PLAYED, Wanted, write_prediction
-from printctl.bead.lag import LagSaid, lag_of
-from printctl.bead.predict import Mounting, Predicted, predict_job
+from printctl.bead.files import PLAYED, OutputFiles, write_prediction
+from printctl.bead.lag import ChosenLag, lag_of
+from printctl.bead.predict import InkPrediction, Mounting, predict_job
 from printctl.bead.summary import prediction_facts, prediction_lines
 from printctl.bead.vessels import VesselDiameters, vessel_diameters
 from printctl.bead.warn import bead_warnings
 
 __all__ = [
     "PLAYED",
-    "LagSaid",
+    "ChosenLag",
+    "InkPrediction",
     "Mounting",
-    "Predicted",
+    "OutputFiles",
     "VesselDiameters",
-    "Wanted",
     "bead_warnings",
     "lag_of",
     "of_bundles",

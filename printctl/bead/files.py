@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from printctl.bead.play import played
-from printctl.bead.predict import Predicted
+from printctl.bead.predict import InkPrediction
 from printctl.bead.tables import write_bead_csv, write_layers_csv, write_vessels_csv
 from printctl.bead.time_line import write_time_line
 from printctl.bead.vessels import VesselDiameters
@@ -27,7 +27,7 @@ VesselWidths = tuple[int, VesselDiameters, VesselDiameters | None]
 
 
 @dataclass(frozen=True)
-class Wanted:
+class OutputFiles:
     """Output files to write for a prediction.
 
     Attributes
@@ -53,10 +53,10 @@ class Wanted:
 
 def write_prediction(
     folder: Path,
-    all_heads: Sequence[Predicted],
+    all_heads: Sequence[InkPrediction],
     vessels: Sequence[VesselWidths],
     facts: Sequence[Mapping[str, Any]],
-    wanted: Wanted,
+    wanted: OutputFiles,
 ) -> list[str]:
     """Write tables, a page to play, a time line for each head, and voxels where they are wanted.
 
@@ -64,12 +64,12 @@ def write_prediction(
     ----------
     folder : Path
         Made where it isn't there.
-    all_heads : sequence of Predicted
+    all_heads : sequence of InkPrediction
     vessels : sequence of (head, with lag, without lag)
         Empty where the network isn't known.
     facts : sequence of mapping
         `prediction_facts` of each head.
-    wanted : Wanted
+    wanted : OutputFiles
 
     Returns
     -------
@@ -107,10 +107,10 @@ def write_prediction(
 
 def _write_play(
     folder: Path,
-    all_heads: Sequence[Predicted],
+    all_heads: Sequence[InkPrediction],
     vessels: Sequence[VesselWidths],
     facts: Sequence[Mapping[str, Any]],
-    wanted: Wanted,
+    wanted: OutputFiles,
 ) -> list[str]:
     if not any(np.any(one.bead.lays & one.bead.writes) for one in all_heads):
         return []

@@ -11,7 +11,7 @@ How = Literal["measured", "given", "unknown"]
 
 
 @dataclass(frozen=True)
-class LagSaid:
+class ChosenLag:
     """Chosen pressure lag and its origin.
 
     Attributes
@@ -29,13 +29,13 @@ class LagSaid:
     note: str = ""
 
 
-def lag_of(ink: Ink, syringe: Syringe, needle: Needle | None, given_s: float | None) -> LagSaid:
+def lag_of(ink: Ink, syringe: Syringe, needle: Needle | None, given_s: float | None) -> ChosenLag:
     """Take the user's lag, else the ink's own if it was measured with this syringe and needle."""
     if given_s is not None:
-        return LagSaid(given_s, "given", f"the lag of {given_s:g} s was given, not measured here")
+        return ChosenLag(given_s, "given", f"the lag of {given_s:g} s was given, not measured here")
     own = ink.lag
     if own is None:
-        return LagSaid(
+        return ChosenLag(
             0.0,
             "unknown",
             f"nobody measured how {ink.name}'s flow lags (printctl calibrate lag): predicted "
@@ -43,10 +43,10 @@ def lag_of(ink: Ink, syringe: Syringe, needle: Needle | None, given_s: float | N
         )
     mounted = (syringe.name, needle.name if needle else "no needle named")
     if (own.syringe, own.needle) != mounted:
-        return LagSaid(
+        return ChosenLag(
             0.0,
             "unknown",
             f"the lag of {ink.name} was measured with {own.syringe} and {own.needle}, and "
             f"{mounted[0]} and {mounted[1]} are mounted: predicted without a lag; measure it again",
         )
-    return LagSaid(own.lag_s, "measured")
+    return ChosenLag(own.lag_s, "measured")

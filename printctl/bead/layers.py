@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from printctl.bead.predict import Predicted
+from printctl.bead.predict import InkPrediction
 from sim.bead import Bead
 
 IntArray = NDArray[np.int64]
 
 
-def layer_rows(found: Predicted) -> list[dict[str, Any]]:
+def layer_rows(found: InkPrediction) -> list[dict[str, Any]]:
     """A row for each layer that is written: volume, and width of its lines with and without lag."""
     late, prompt = _by_layer(found.bead, found.source), _by_layer(found.prompt, found.prompt_source)
     rows = []

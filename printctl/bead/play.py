@@ -9,10 +9,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from printctl.bead.predict import Predicted
+from printctl.bead.predict import InkPrediction
 from printctl.bead.vessels import VesselDiameters
 from registration.report.gcode import Act
-from registration.report.play import Played, PlayNote, PlayRows, thinned
+from registration.report.play import Playback, PlayNote, PlayRows, thinned
 from sim.bead import swell
 from sim.deposit_levels import written_levels
 
@@ -26,16 +26,16 @@ _ROUNDED_MM: Final = 1e-4
 
 
 def played(
-    all_heads: Sequence[Predicted],
+    all_heads: Sequence[InkPrediction],
     facts: Sequence[Mapping[str, Any]],
     vessels: Mapping[int, VesselDiameters],
     remarks: Sequence[tuple[int, str]] = (),
-) -> Played:
+) -> Playback:
     """Return the playback data of a prediction, thinned for the page.
 
     Parameters
     ----------
-    all_heads : sequence of Predicted
+    all_heads : sequence of InkPrediction
     facts : sequence of mapping
         `prediction_facts` of each; their warnings are shown.
     vessels : mapping of head to VesselDiameters
@@ -55,7 +55,7 @@ def played(
     for one in all_heads:
         name = one.mounting.ink.name
         inks[one.head] = f"head {one.head}: {name}" if len(all_heads) > 1 else name
-    whole = Played(
+    whole = Playback(
         rows,
         embedded,
         z,
@@ -67,7 +67,7 @@ def played(
     return thinned(whole)
 
 
-def _rows(one: Predicted, held: VesselDiameters | None, several: bool) -> PlayRows:
+def _rows(one: InkPrediction, held: VesselDiameters | None, several: bool) -> PlayRows:
     """One head's pieces; ink of those that are left out is laid by the one before."""
     bead, pieces = one.bead, one.bead.pieces
     moves = pieces.length > _WAY_MM
@@ -104,7 +104,7 @@ def _without(rows: PlayRows, left_out: NDArray[np.bool_]) -> PlayRows:
     return replace(rows, laid_ul=laid).taken(kept)
 
 
-def _wanted(one: Predicted, held: VesselDiameters | None) -> FloatArray:
+def _wanted(one: InkPrediction, held: VesselDiameters | None) -> FloatArray:
     """Width that each piece is to have, (n,), mm; NaN where nobody says it."""
     if held is not None:
         return held.piece_mm
@@ -127,7 +127,9 @@ def _in_time(every: Sequence[PlayRows]) -> tuple[PlayRows, FloatArray]:
     return rows, rows.laid_ul
 
 
-def _strokes(all_heads: Sequence[Predicted], every: Sequence[PlayRows], rows: PlayRows) -> IntArray:
+def _strokes(
+    all_heads: Sequence[InkPrediction], every: Sequence[PlayRows], rows: PlayRows
+) -> IntArray:
     """Number of the path that each row belongs to; no two heads share one."""
     past = np.cumsum([0, *(int(one.layer.max(initial=0)) + 1 for one in every)])
     place = {one.head: k for k, one in enumerate(all_heads)}
@@ -156,7 +158,7 @@ def _runs(rows: PlayRows, group: IntArray) -> tuple[IntArray, FloatArray]:
 
 
 def _warnings(
-    all_heads: Sequence[Predicted], facts: Sequence[Mapping[str, Any]], rows: PlayRows
+    all_heads: Sequence[InkPrediction], facts: Sequence[Mapping[str, Any]], rows: PlayRows
 ) -> list[PlayNote]:
     found = []
     for one, own in zip(all_heads, facts, strict=True):
@@ -179,7 +181,7 @@ def _done_s(rows: PlayRows, line: int, those: NDArray[np.bool_] | bool = True) -
     return float(rows.end_s[at[-1]]) if len(at) else None
 
 
-def _notes(all_heads: Sequence[Predicted], designed: bool) -> list[str]:
+def _notes(all_heads: Sequence[InkPrediction], designed: bool) -> list[str]:
     if designed:
         against = (
             "Widths are held against the designed vessels; in joints and overlaps, and along "

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from design.toolpath import MoveKind
 from firmware_profiles import Ink, Needle, Printer, Syringe, steady_flow
-from printctl.bead.lag import LagSaid, lag_of
+from printctl.bead.lag import ChosenLag, lag_of
 from printctl.errors import UsageError
 from printctl.gcode_view.line_map import LineMap
 from printctl.gcode_view.widths import cross_sections
@@ -44,7 +44,7 @@ class Mounting:
 
 
 @dataclass(frozen=True)
-class Predicted:
+class InkPrediction:
     """What one head leaves in the bath.
 
     Attributes
@@ -55,7 +55,7 @@ class Predicted:
         With lag and advance.
     prompt : Bead
         As if the ink came at once: what the plunger pushes, without lag and advance.
-    lag : LagSaid
+    lag : ChosenLag
     advance_s : float, s
         Largest K that the firmware has in force.
     source : (n,) int64
@@ -78,7 +78,7 @@ class Predicted:
     mounting: Mounting
     bead: Bead
     prompt: Bead
-    lag: LagSaid
+    lag: ChosenLag
     advance_s: float
     source: IntArray
     prompt_source: IntArray
@@ -95,7 +95,7 @@ def predict_job(
     mountings: Sequence[Mounting],
     line_map: LineMap | None = None,
     lag_s: float | None = None,
-) -> tuple[Predicted, ...]:
+) -> tuple[InkPrediction, ...]:
     """Predict what each head lays.
 
     Parameters
@@ -133,13 +133,13 @@ def predict_job(
     return tuple(one if one.bead.style == style else _restyled(one, style) for one in found)
 
 
-def _style(found: Sequence[Predicted]) -> Style:
+def _style(found: Sequence[InkPrediction]) -> Style:
     """One style for all heads: layers only where all write in layers."""
     styles = {one.prompt.style for one in found if one.prompt.writes.any()}
     return "layered" if styles == {"layered"} else "embedded"
 
 
-def _restyled(one: Predicted, style: Style) -> Predicted:
+def _restyled(one: InkPrediction, style: Style) -> InkPrediction:
     def anew(bead: Bead) -> Bead:
         width = np.sqrt(4 / np.pi * bead.area_mm2) if style == "embedded" else bead.width_mm
         return replace(bead, style=style, width_mm=width)
@@ -155,7 +155,7 @@ def _of_head(
     mounted: Mounting,
     line_map: LineMap | None,
     lag_s: float | None,
-) -> Predicted:
+) -> InkPrediction:
     lag = _lag(printer, mounted, lag_s)
     motion, area = _pushing(run, printer, mounted)
     advance = advance_of(run, gcode, printer) if printer.pneumatic is None else None
@@ -186,7 +186,7 @@ def _of_head(
     of_strands = line_map is not None and line_map.strand is not None
     said = printer.pneumatic is None and ahead_s == 0
     asked = _asked(run, motion, late, area) if said else np.full(len(late), np.nan)
-    return Predicted(number, mounted, *both, of_vessels, ahead_s, asked, of_strands)
+    return InkPrediction(number, mounted, *both, of_vessels, ahead_s, asked, of_strands)
 
 
 def _asked(run: DryRun, motion: ExecutedMotion, bead: Bead, area_mm2: float) -> FloatArray:
@@ -206,7 +206,7 @@ def _asked(run: DryRun, motion: ExecutedMotion, bead: Bead, area_mm2: float) -> 
     return np.where(bead.writes, section[row[np.maximum(bead.pieces.block, 0)]], np.nan)
 
 
-def _lag(printer: Printer, mounted: Mounting, given_s: float | None) -> LagSaid:
+def _lag(printer: Printer, mounted: Mounting, given_s: float | None) -> ChosenLag:
     if printer.pneumatic is None:
         return lag_of(mounted.ink, mounted.syringe, mounted.needle, given_s)
     if given_s is not None:
@@ -214,7 +214,7 @@ def _lag(printer: Printer, mounted: Mounting, given_s: float | None) -> LagSaid:
             f"--lag-s: {printer.name} has a valve, whose delays its profile says "
             "(opening_delay_s, closing_delay_s); leave it out"
         )
-    return LagSaid(0.0, "unknown", "a valve's flow is taken as steady while it stands open")
+    return ChosenLag(0.0, "unknown", "a valve's flow is taken as steady while it stands open")
 
 
 def _pushing(run: DryRun, printer: Printer, mounted: Mounting) -> tuple[ExecutedMotion, float]:

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from firmware_profiles import Bath
-from printctl.bead.predict import Predicted
+from printctl.bead.predict import InkPrediction
 from printctl.bead.vessels import VesselDiameters
 from printctl.bead.warn import bead_warnings
 
 
 def prediction_facts(
-    found: Predicted,
+    found: InkPrediction,
     bath: Bath | None,
     vessels: VesselDiameters | None = None,
     prompt: VesselDiameters | None = None,
@@ -22,7 +22,7 @@ def prediction_facts(
 
     Parameters
     ----------
-    found : Predicted
+    found : InkPrediction
     bath : Bath or None
     vessels, prompt : VesselDiameters, optional
         Against the design: as predicted, and as if the ink came at once.

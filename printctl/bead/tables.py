@@ -11,7 +11,7 @@ import numpy as np
 
 from design.files import write_text
 from printctl.bead.layers import layer_rows
-from printctl.bead.predict import Predicted
+from printctl.bead.predict import InkPrediction
 from printctl.bead.vessels import VesselDiameters
 
 BEAD = (
@@ -27,7 +27,7 @@ LAYERS = (
 )  # fmt: skip
 
 
-def write_bead_csv(path: Path, all_heads: list[Predicted]) -> None:
+def write_bead_csv(path: Path, all_heads: list[InkPrediction]) -> None:
     """A row a piece of an embedded print; in layers, of which there are many, a row a line.
 
     `kind` is writes, travels or stands; x, y, z is where the piece ends.
@@ -38,7 +38,7 @@ def write_bead_csv(path: Path, all_heads: list[Predicted]) -> None:
     write_text(path, text.getvalue())
 
 
-def _rows(text: io.StringIO, found: Predicted) -> None:
+def _rows(text: io.StringIO, found: InkPrediction) -> None:
     bead, pieces = found.bead, found.bead.pieces
     first = np.arange(len(bead))
     if bead.style == "layered":
@@ -92,7 +92,7 @@ def write_vessels_csv(
     write_text(path, text.getvalue())
 
 
-def write_layers_csv(path: Path, all_heads: list[Predicted]) -> None:
+def write_layers_csv(path: Path, all_heads: list[InkPrediction]) -> None:
     """A row for each layer."""
     text = _begun(LAYERS)
     writer = csv.writer(text, lineterminator="\n")

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from design.files import write_bytes
-from printctl.bead.predict import Predicted
+from printctl.bead.predict import InkPrediction
 from registration.report.drawing import styled
 from registration.report.svg import ACCENT, INK, MUTED, RULE
 
@@ -29,7 +29,7 @@ LATE: Final = "#b0578d"
 
 
 def write_time_line(
-    path: Path, found: Predicted, window_s: tuple[float, float] | None = None
+    path: Path, found: InkPrediction, window_s: tuple[float, float] | None = None
 ) -> None:
     """Draw one head's prediction.
 
@@ -37,7 +37,7 @@ def write_time_line(
     ----------
     path : Path
         Ends in ``.png``.
-    found : Predicted
+    found : InkPrediction
     window_s : (from, to), optional, s
         From the job's first pulse; the whole by default.
     """
@@ -59,7 +59,7 @@ def write_time_line(
     write_bytes(path, image.getvalue())
 
 
-def _draw(axes: list[Axes], found: Predicted, window: tuple[float, float] | None) -> None:
+def _draw(axes: list[Axes], found: InkPrediction, window: tuple[float, float] | None) -> None:
     bead, pieces = found.bead, found.bead.pieces
     time = pieces.time - pieces.time[0]
     low, high = window or (0.0, float(time[-1]))
@@ -120,7 +120,9 @@ def _scaled(axes: Axes, push: FloatArray, out: FloatArray) -> None:
         )  # fmt: skip
 
 
-def _mark(axes: list[Axes], found: Predicted, time: FloatArray, low: float, high: float) -> None:
+def _mark(
+    axes: list[Axes], found: InkPrediction, time: FloatArray, low: float, high: float
+) -> None:
     """Strokes as bands, every other one; what they are for above, where there is room."""
     bead = found.bead
     rows = np.flatnonzero(bead.writes)

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from firmware_profiles import Bath, wall_stress_pa
-from printctl.bead.predict import Predicted
+from printctl.bead.predict import InkPrediction
 from sim.bead import Bead, crevice, drag, settling, swell
 
 THIN: Final = 0.8
@@ -56,7 +56,7 @@ class BeadWarning:
         return f"{where}{self.text}" + ("" if self.calibrated else " (uncalibrated)")
 
 
-def bead_warnings(found: Predicted, bath: Bath | None) -> list[BeadWarning]:
+def bead_warnings(found: InkPrediction, bath: Bath | None) -> list[BeadWarning]:
     """All warnings of one head's prediction."""
     return [
         *_of_lag(found),
@@ -67,7 +67,7 @@ def bead_warnings(found: Predicted, bath: Bath | None) -> list[BeadWarning]:
     ]
 
 
-def _of_lag(found: Predicted) -> Iterator[BeadWarning]:
+def _of_lag(found: InkPrediction) -> Iterator[BeadWarning]:
     ink, lag = found.mounting.ink, found.lag
     if lag.note:
         yield BeadWarning("lag", 0, lag.note, False)
@@ -107,7 +107,7 @@ def _of_lag(found: Predicted) -> Iterator[BeadWarning]:
         )
 
 
-def _of_flow(found: Predicted) -> Iterator[BeadWarning]:
+def _of_flow(found: InkPrediction) -> Iterator[BeadWarning]:
     bead = found.bead
     sure = found.lag.how == "measured"
     moving = bead.pieces.length > 1e-9
@@ -124,7 +124,7 @@ def _of_flow(found: Predicted) -> Iterator[BeadWarning]:
         yield BeadWarning(sort, line, f"{total:.3g} µL {what} ({by_line[line]:.3g} µL)", sure)
 
 
-def _of_widths(found: Predicted) -> Iterator[BeadWarning]:
+def _of_widths(found: InkPrediction) -> Iterator[BeadWarning]:
     """Where what comes out is far from what the plunger pushes there; none without a lag."""
     bead, prompt = found.bead, found.prompt
     if bead is prompt or found.ahead_s > 0:
@@ -163,7 +163,7 @@ def _asked_mm(bead: Bead, prompt: Bead) -> np.ndarray:
     return np.where(bead.writes & (asked > LEAST * usual), asked, 0.0)
 
 
-def _of_pressure(found: Predicted) -> Iterator[BeadWarning]:
+def _of_pressure(found: InkPrediction) -> Iterator[BeadWarning]:
     bead, mounted = found.bead, found.mounting
     ink, needle = mounted.ink, mounted.needle
     if needle is None:
@@ -194,7 +194,7 @@ def _of_pressure(found: Predicted) -> Iterator[BeadWarning]:
         )
 
 
-def _of_bath(found: Predicted, bath: Bath | None) -> Iterator[BeadWarning]:
+def _of_bath(found: InkPrediction, bath: Bath | None) -> Iterator[BeadWarning]:
     bead, ink, needle = found.bead, found.mounting.ink, found.mounting.needle
     if ink.swell_factor is None:
         yield BeadWarning(
@@ -230,7 +230,7 @@ def _of_bath(found: Predicted, bath: Bath | None) -> Iterator[BeadWarning]:
         )
 
 
-def _settles(found: Predicted, bath: Bath) -> Iterator[BeadWarning]:
+def _settles(found: InkPrediction, bath: Bath) -> Iterator[BeadWarning]:
     ink = found.mounting.ink
     held = settling(found.bead, ink, bath)
     if held is None or held.held:

@@ -45,7 +45,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Made:
+class CalibrationOutput:
     """What was written of a test.
 
     Attributes
@@ -64,7 +64,7 @@ class Made:
 
 def make_test(
     job: Job, columns: tuple[str, ...], rows: list[list[str]], facts: dict[str, float]
-) -> Made:
+) -> CalibrationOutput:
     """Write the G-code and the CSV file beside it, after the same checks as a print's.
 
     Raises
@@ -97,27 +97,27 @@ def make_test(
     table.writelines(f"# {key}={value:g}\n" for key, value in facts.items())
     csv.writer(table, lineterminator="\n").writerows([list(columns), *rows])
     write_text(job.sheet, table.getvalue())
-    return Made(gcode.line_count, run.duration_s, tuple(warnings(checks)))
+    return CalibrationOutput(gcode.line_count, run.duration_s, tuple(warnings(checks)))
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredValue:
     """What a key gets: its value, and what its source is to say of it."""
 
     value: Any
     said: str
 
 
-def measured_key(facts: Facts, key: str, estimate: Estimate) -> dict[str, Measured]:
+def measured_key(facts: Facts, key: str, estimate: Estimate) -> dict[str, MeasuredValue]:
     """One key with its estimate; a part of a group (``steps_per_mm.e``) keeps the others."""
     name, _, part = key.partition(".")
     value: Any = estimate.value
     if part:
         value = {**getattr(facts, name).model_dump(mode="json"), part: value}
-    return {key: Measured(value, f"{estimate.text()}, 95 %")}
+    return {key: MeasuredValue(value, f"{estimate.text()}, 95 %")}
 
 
-def save_measured(path: Path, facts: Facts, found: Mapping[str, Measured]) -> str:
+def save_measured(path: Path, facts: Facts, found: Mapping[str, MeasuredValue]) -> str:
     """Write a copy of a profile with keys changed for what was measured; its source says so.
 
     Returns

@@ -14,7 +14,7 @@ from printctl.cli.calibrate_options import tell
 
 
 @dataclass(frozen=True)
-class Weighed:
+class WeighingOptions:
     """What was weighed, out of what."""
 
     printer: Printer
@@ -30,7 +30,7 @@ def open_rows(head: Pneumatic, doses_ul: list[float], flow: float) -> list[list[
 
 
 def weigh_flow(
-    what: Weighed,
+    what: WeighingOptions,
     data: Readings,
     density: tuple[float, float],
     write: Path | None,
@@ -57,7 +57,7 @@ def weigh_flow(
         write_changed(write, what.printer, "dispenser", values, found.flow_ul_s)
 
 
-def _notes(found: FlowWeighing, what: Weighed) -> list[str]:
+def _notes(found: FlowWeighing, what: WeighingOptions) -> list[str]:
     foreseen = flow_ul_s(what.ink, what.needle, what.head.pressure_kpa * 1e3) * what.ink.flow_factor
     agrees = found.flow_ul_s.holds(foreseen)
     return [

@@ -8,10 +8,10 @@ from typing import Any
 
 from firmware_profiles import Facts
 from printctl.calibration import Estimate
-from printctl.calibration.writing import Job, Measured, make_test, measured_key, save_measured
+from printctl.calibration.writing import Job, MeasuredValue, make_test, measured_key, save_measured
 from printctl.cli.options import messages, print_lines
 
-__all__ = ["Job", "Measured", "write_changed", "write_measured", "write_mended", "write_test"]
+__all__ = ["Job", "MeasuredValue", "write_changed", "write_measured", "write_mended", "write_test"]
 
 
 def write_test(
@@ -41,9 +41,9 @@ def write_mended(path: Path, facts: Facts, key: str, estimate: Estimate) -> None
 
 def write_changed(path: Path, facts: Facts, key: str, value: Any, estimate: Estimate) -> None:
     """Write a copy of a profile with one key's value changed for what was measured."""
-    write_measured(path, facts, {key: Measured(value, f"{estimate.text()}, 95 %")})
+    write_measured(path, facts, {key: MeasuredValue(value, f"{estimate.text()}, 95 %")})
 
 
-def write_measured(path: Path, facts: Facts, found: Mapping[str, Measured]) -> None:
+def write_measured(path: Path, facts: Facts, found: Mapping[str, MeasuredValue]) -> None:
     """Write a copy of a profile with keys changed for what was measured; its source says so."""
     messages().print(f"wrote {path}: {save_measured(path, facts, found)}", markup=False)

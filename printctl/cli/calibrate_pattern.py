@@ -14,9 +14,9 @@ from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.calibration.patterns import (
     Bead,
     LineSeries,
-    Mounted,
     Pattern,
-    Written,
+    PatternSetUp,
+    WrittenPattern,
     bridge_pattern,
     comb_pattern,
     joint_pattern,
@@ -95,9 +95,15 @@ def pattern(
     _refuse_air(machine)
     named = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
     set_for = set_up(machine, syringe, ink, place, named)
-    used = Mounted(printer, syringe, ink, needle, material.flow_factor, material.swell_factor)
+    used = PatternSetUp(printer, syringe, ink, needle, material.flow_factor, material.swell_factor)
     _write(
-        _Job(output, Written(_made(name, bead, own), used), set_for, place, load(Syringe, syringe))
+        _Job(
+            output,
+            WrittenPattern(_made(name, bead, own), used),
+            set_for,
+            place,
+            load(Syringe, syringe),
+        )
     )
 
 
@@ -180,7 +186,7 @@ class _Job:
     """What is to be written, where."""
 
     path: Path
-    written: Written
+    written: WrittenPattern
     set_up: SetUp
     at_mm: tuple[float, float, float]
     syringe: Syringe

@@ -10,7 +10,7 @@ import typer
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.calibration import weighing_path
 from printctl.calibration.results import weighing_of, weighing_result
-from printctl.cli.calibrate_air import Weighed, open_rows, weigh_flow
+from printctl.cli.calibrate_air import WeighingOptions, open_rows, weigh_flow
 from printctl.cli.calibrate_files import Job, write_mended, write_test
 from printctl.cli.calibrate_options import At, Csv, Gcode, Write, given, numbers_of, tell
 from printctl.cli.options import JsonFlag, PrinterOption, SyringeOption, three_numbers
@@ -49,7 +49,7 @@ def weigh(
     machine, filled = load(Printer, printer), load(Syringe, syringe)
     volumes = numbers_of(doses, "--doses") * repeats
     if machine.pneumatic is not None:
-        what = Weighed(machine, machine.pneumatic, load(Ink, ink), load(Needle, needle))
+        what = WeighingOptions(machine, machine.pneumatic, load(Ink, ink), load(Needle, needle))
         if gcode is not None:
             path = weighing_path(volumes, flow, wait)
             job = Job(gcode, path, machine, filled, three_numbers(at, "--at"), doses=True)

@@ -11,10 +11,10 @@ import typer
 
 from design.files import write_bytes, write_text
 from firmware_profiles import Ink, load
-from printctl.calibration.patterns import Written, read_pattern
+from printctl.calibration.patterns import WrittenPattern, read_pattern
 from printctl.calibration.widths import (
     Answer,
-    Known,
+    GivenValues,
     MeasuredPicture,
     PictureFacts,
     fit_replies,
@@ -23,7 +23,7 @@ from printctl.calibration.widths import (
     typed_replies,
     typed_widths,
 )
-from printctl.cli.calibrate_files import Measured, write_measured
+from printctl.cli.calibrate_files import MeasuredValue, write_measured
 from printctl.cli.calibrate_options import CameraFile, Write, numbers_of, tell
 from printctl.cli.options import JsonFlag, messages, print_lines
 from printctl.errors import UsageError
@@ -78,7 +78,7 @@ def widths(
     if um_per_px is not None and camera is not None:
         raise UsageError("--camera has the scale: leave --um-per-px out, or --camera")
     written = _pattern(file, pattern)
-    known = Known(flow_factor)
+    known = GivenValues(flow_factor)
     if written.pattern.name not in ("lines", "spiral") and flow_factor is not None:
         raise UsageError(f"--flow-factor belongs to lines or a spiral; this is a {_name(written)}")
     notes: list[str] = []
@@ -100,7 +100,7 @@ def widths(
         _write(write, answer, load(Ink, ink or written.mounted.ink))
 
 
-def _pattern(file: Path, named: Path | None) -> Written:
+def _pattern(file: Path, named: Path | None) -> WrittenPattern:
     if not file.is_file():
         raise UsageError(f"{file} doesn't exist; give the sheet (.csv) or a picture")
     if named is None:
@@ -113,7 +113,7 @@ def _pattern(file: Path, named: Path | None) -> Written:
     return read_pattern(named)
 
 
-def _name(written: Written) -> str:
+def _name(written: WrittenPattern) -> str:
     return f"pattern of {written.pattern.name}"
 
 
@@ -129,13 +129,13 @@ def _corners(text: str | None) -> np.ndarray | None:
     return np.array(values).reshape(_CORNERS, 2)
 
 
-def _from_sheet(file: Path, written: Written, known: Known) -> Answer:
+def _from_sheet(file: Path, written: WrittenPattern, known: GivenValues) -> Answer:
     if written.pattern.name in ("lines", "spiral"):
         return fit_widths(written, typed_widths(file, written), known)
     return fit_replies(written, typed_replies(file, written))
 
 
-def _from_picture(seen: MeasuredPicture, written: Written, known: Known) -> Answer:
+def _from_picture(seen: MeasuredPicture, written: WrittenPattern, known: GivenValues) -> Answer:
     if seen.widths is not None:
         return fit_widths(written, seen.widths, known)
     assert seen.replies is not None  # one of the two
@@ -155,5 +155,5 @@ def _write(path: Path, answer: Answer, ink: Ink) -> None:
     if not answer.changes:
         raise UsageError(f"{path} isn't written: this print tells nothing that a profile holds")
     write_measured(
-        path, ink, {key: Measured(one.value, one.said) for key, one in answer.changes.items()}
+        path, ink, {key: MeasuredValue(one.value, one.said) for key, one in answer.changes.items()}
     )

@@ -12,7 +12,7 @@ import typer
 from design.files import write_text
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
-from printctl.comparing import Judged, Named, read_folders
+from printctl.comparing import NewLimits, PrintNames, read_folders
 from printctl.errors import UsageError
 from registration.comparison import (
     Comparison,
@@ -139,11 +139,11 @@ class _Files:
 
 def _named(
     count: int, repeatability: bool, prints: str | None, operators: str | None, parts: str | None
-) -> Named:
+) -> PrintNames:
     if not repeatability and (operators or parts):
         raise UsageError("--operators and --parts describe a gauge study; add --repeatability")
     given = ((prints, "--prints"), (operators, "--operators"), (parts, "--parts"))
-    return Named(*(_names(text, option, count) for text, option in given))
+    return PrintNames(*(_names(text, option, count) for text, option in given))
 
 
 def _names(text: str | None, option: str, count: int) -> list[str] | None:
@@ -158,13 +158,13 @@ def _names(text: str | None, option: str, count: int) -> list[str] | None:
     return names
 
 
-def _judged(tolerance_um: float | None, percent: float | None) -> Judged | None:
+def _judged(tolerance_um: float | None, percent: float | None) -> NewLimits | None:
     if tolerance_um is None and percent is None:
         return None
-    return Judged(tolerance_um or 100.0, percent or 10.0)
+    return NewLimits(tolerance_um or 100.0, percent or 10.0)
 
 
-def _judged_note(judged: Judged | None) -> list[str]:
+def _judged_note(judged: NewLimits | None) -> list[str]:
     if judged is None:
         return []
     return [

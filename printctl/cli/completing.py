@@ -26,7 +26,7 @@ OTHERWISE: Final = {("flow", "--profile")}
 """Command and option that means another thing there: of the pulse, in this case."""
 
 
-class Offered(NamedTuple):
+class CompletionWord(NamedTuple):
     """A word that may come next, as typer takes it."""
 
     value: str
@@ -34,9 +34,9 @@ class Offered(NamedTuple):
     help: str | None = None
 
 
-def offered(words: Iterable[str], begun: str) -> list[Offered]:
+def offered(words: Iterable[str], begun: str) -> list[CompletionWord]:
     """Those of the words that begin as what was typed."""
-    return [Offered(word) for word in words if word.startswith(begun)]
+    return [CompletionWord(word) for word in words if word.startswith(begun)]
 
 
 def with_profiles(command: Any) -> Any:
@@ -51,10 +51,10 @@ def with_profiles(command: Any) -> Any:
     return command
 
 
-def _names_of(kind: str) -> Callable[[Any, Any, str], list[Offered]]:
+def _names_of(kind: str) -> Callable[[Any, Any, str], list[CompletionWord]]:
     """A file of the user's own is completed by the shell, as no shipped name begins like it."""
 
-    def names(ctx: Any, param: Any, begun: str) -> list[Offered]:
+    def names(ctx: Any, param: Any, begun: str) -> list[CompletionWord]:
         profiles = import_module("firmware_profiles")
         return offered(profiles.shipped(getattr(profiles, kind)), begun)
 

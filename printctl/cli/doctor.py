@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from printctl.cli.options import JsonFlag, print_json, print_lines
-from printctl.doctor import Examined, examine
+from printctl.doctor import Examination, examine
 
 
 def doctor(
@@ -35,14 +35,14 @@ def doctor(
         raise typer.Exit(1)
 
 
-def _tell(found: Examined) -> None:
+def _tell(found: Examination) -> None:
     for section, entries in found.facts.items():
         lines = [f"  {key:<20} {value}" for key, value in entries.items()] or ["  none"]
         print_lines(section, *lines)
     print_lines("", *_verdict(found))
 
 
-def _verdict(found: Examined) -> list[str]:
+def _verdict(found: Examination) -> list[str]:
     if not found.findings:
         return ["nothing to complain of"]
     order = sorted(found.findings, key=lambda one: not one.blocks)

@@ -15,7 +15,7 @@ from design.network import VesselNetwork
 from design.network_csv import read_network_csv
 from design.units import UL_S_PER_ML_MIN
 from printctl.cli.calibrate_options import CameraFile
-from printctl.cli.dye_predict import Foreseen, predict_front
+from printctl.cli.dye_predict import FrontOptions, predict_front
 from printctl.cli.network_options import UnitOption
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
@@ -90,7 +90,7 @@ def dye(
     if predict:
         if video is not None or marks is not None:
             raise UsageError("--predict takes no film and no marks; leave them out, or --predict")
-        asked = Foreseen(model, unit, out, flow_ml_min, frames_per_s, as_printed,
+        asked = FrontOptions(model, unit, out, flow_ml_min, frames_per_s, as_printed,
                          tuple(at or ()), diffusivity_mm2_s)  # fmt: skip
         predict_front(asked, as_json)
         return

@@ -19,7 +19,7 @@ _USUAL_ML_MIN = 0.25
 
 
 @dataclass(frozen=True)
-class Foreseen:
+class FrontOptions:
     """What is asked of a front."""
 
     model: Path
@@ -32,7 +32,7 @@ class Foreseen:
     diffusivity_mm2_s: float
 
 
-def predict_front(asked: Foreseen, as_json: bool) -> None:
+def predict_front(asked: FrontOptions, as_json: bool) -> None:
     """Foresee, write and say it.
 
     Raises

@@ -12,7 +12,7 @@ from printctl.cli import flow_options as options
 from printctl.cli.flow_case import is_svzerod, run_case
 from printctl.cli.flow_part import part_of
 from printctl.cli.flow_printed import run_as_printed
-from printctl.cli.flow_ranks import Elsewhere, beyond
+from printctl.cli.flow_ranks import ExternalSolvers, beyond
 from printctl.cli.flow_solve import FlowOutput, pulsatile, space, steady, waves
 from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.options import JsonFlag, print_json, print_lines
@@ -97,7 +97,7 @@ def flow(
     pulsatile(source.network, part, out, svzerod, found)
     waves(source.network, part, out, svoned, found)
     space(source.network, part, out, fillet, found)
-    elsewhere = Elsewhere(out, fillet, ranks, ranks_python, slurm, svmultiphysics)
+    elsewhere = ExternalSolvers(out, fillet, ranks, ranks_python, slurm, svmultiphysics)
     beyond(source.network, part, elsewhere, found)
     matched = flow_match.Match(match_split, want, match_percent, least_lumen_mm)
     flow_match.match(source.network, part, out, fillet, matched, found)

@@ -26,7 +26,7 @@ CASE = "ranks"
 
 
 @dataclass(frozen=True)
-class Elsewhere:
+class ExternalSolvers:
     """What is asked of other programs.
 
     Attributes
@@ -50,7 +50,9 @@ class Elsewhere:
     svmultiphysics: Path | None
 
 
-def beyond(network: VesselNetwork, part: FlowPart, asked: Elsewhere, found: FlowOutput) -> None:
+def beyond(
+    network: VesselNetwork, part: FlowPart, asked: ExternalSolvers, found: FlowOutput
+) -> None:
     """Do what is asked for; nothing where nothing is.
 
     Raises

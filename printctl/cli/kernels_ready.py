@@ -13,7 +13,7 @@ from printctl.cli.options import messages
 from printctl.progress import Listener, StageBars
 
 if TYPE_CHECKING:
-    from kernels.needed import Needed
+    from kernels.needed import NeededKernel
 
 FEWEST: Final = 20
 """Fewer are compiled when they are called: processes of their own take seconds to begin."""
@@ -37,7 +37,7 @@ def have_kernels(*works: str, listener: Listener | None = None) -> None:
         compile_with_bar(rows, listener)
 
 
-def compile_with_bar(rows: Sequence[Needed], listener: Listener | None = None) -> None:
+def compile_with_bar(rows: Sequence[NeededKernel], listener: Listener | None = None) -> None:
     """Compile ``rows``, saying how far it is."""
     from kernels import cache_dir
     from kernels.in_advance import compile_in_advance, processes

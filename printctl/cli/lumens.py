@@ -10,7 +10,7 @@ from design.network import VesselNetwork
 from design.solids import Solid
 from printctl.cli import lumens_options as options
 from printctl.cli.lumens_read import (
-    InkSaid,
+    InkOptions,
     is_embedded,
     place_of_filaments,
     place_of_layers,
@@ -66,7 +66,7 @@ def lumens(
     Of layers what they leave open; of an embedded print what its filaments make open. Ends with
     exit code 3 when a lumen is closed or leaks.
     """
-    said = InkSaid(printer, syringe, ink, needle, flow_ul_s, filament_mm, line_um, layer_um)
+    said = InkOptions(printer, syringe, ink, needle, flow_ul_s, filament_mm, line_um, layer_um)
     writing, gcode = writing_of(said), read_gcode_file(file)
     designed = None if network is None else read_designed(network, unit)
     part = read_part(model, network, unit)

@@ -31,7 +31,7 @@ from printctl.set_up.by_name import of_each
 
 
 @dataclass(frozen=True)
-class InkSaid:
+class InkOptions:
     """What the user says of ink and E; None is left open."""
 
     printer: str
@@ -44,7 +44,7 @@ class InkSaid:
     layer_um: float | None = None
 
 
-def writing_of(said: InkSaid) -> Writing:
+def writing_of(said: InkOptions) -> Writing:
     """How the file's moves become ink.
 
     Raises
@@ -75,7 +75,7 @@ def writing_of(said: InkSaid) -> Writing:
     )
 
 
-def _flow(said: InkSaid, printer: Printer) -> float:
+def _flow(said: InkOptions, printer: Printer) -> float:
     head = printer.pneumatic
     for option, value in (
         ("--syringe", said.syringe),
@@ -94,7 +94,7 @@ def _flow(said: InkSaid, printer: Printer) -> float:
     return steady_flow(head, load(Ink, said.ink), load(Needle, said.needle)).ul_s
 
 
-def _areas(said: InkSaid, printer: Printer, inks: list[Ink] | None) -> list[float] | None:
+def _areas(said: InkOptions, printer: Printer, inks: list[Ink] | None) -> list[float] | None:
     """Volume of one E of each head, µL/mm; None where line widths are given."""
     if sum(value is not None for value in (said.syringe, said.filament_mm, said.line_um)) != 1:
         raise UsageError(

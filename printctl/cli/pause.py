@@ -14,7 +14,7 @@ from printctl.link.marks import MarkKind
 from printctl.link.states import LinkState
 
 
-class After(StrEnum):
+class PauseAfter(StrEnum):
     """What is to be finished first."""
 
     LAYER = "layer"
@@ -24,7 +24,7 @@ class After(StrEnum):
 def pause(
     run: RunArg,
     after: Annotated[
-        After | None,
+        PauseAfter | None,
         typer.Option("--after", help="Finish the current layer or vessel first."),
     ] = None,
     now: Annotated[

@@ -135,7 +135,7 @@ def print_job(
     if running(order) is None:
         mounted = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
         set_for = set_up(profile, syringe, ink, tip, mounted)
-        care = _check(file, set_for, tip, Chosen(care, usable, reload, accept_crossings))
+        care = _check(file, set_for, tip, AcceptedRisks(care, usable, reload, accept_crossings))
         order = replace(order, care=care)
     outcome = _print(order, profile, tip, yes)
     _tell(outcome, place, as_json)
@@ -144,7 +144,7 @@ def print_job(
 
 
 @dataclass(frozen=True)
-class Chosen:
+class AcceptedRisks:
     """What the user chose of what the checks may refuse.
 
     Attributes
@@ -161,7 +161,9 @@ class Chosen:
     accept_crossings: bool
 
 
-def _check(file: Path, mounted: SetUp, tip: tuple[float, float, float], chosen: Chosen) -> Care:
+def _check(
+    file: Path, mounted: SetUp, tip: tuple[float, float, float], chosen: AcceptedRisks
+) -> Care:
     """Check the file before the first byte; the care with what follows from it.
 
     That is: where a syringe must be changed and whose, and what failed and was accepted.

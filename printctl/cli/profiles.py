@@ -6,10 +6,10 @@ import typer
 
 from printctl.cli.profiles_check import check
 from printctl.cli.profiles_probe import probe
-from printctl.cli.profiles_show import ShowByDefault, show
+from printctl.cli.profiles_show import ProfileGroup, show
 
 profiles = typer.Typer(
-    cls=ShowByDefault, help="Known printers and materials: list, show, check, ask a printer."
+    cls=ProfileGroup, help="Known printers and materials: list, show, check, ask a printer."
 )
 profiles.command("show")(show)
 profiles.command("check")(check)

@@ -35,7 +35,7 @@ KINDS: dict[str, type[Facts]] = {
 }
 
 
-class ShowByDefault(TyperGroup):
+class ProfileGroup(TyperGroup):
     """``printctl profiles NAME`` shows a profile: what is no subcommand is a name."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

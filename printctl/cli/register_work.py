@@ -14,7 +14,7 @@ from printctl.cli.options import messages
 from printctl.cli.progress_option import Steps
 from printctl.cli.register_design import DesignRead
 from printctl.pipeline.measurement_record import Corrections
-from printctl.pipeline.registering import Registered
+from printctl.pipeline.registering import RegisteredScan
 from printctl.recipe.record import RecordPart
 from registration import RegistrationOptions, ScanOverrides, register_scan
 from registration.corrected import corrected_scan
@@ -58,19 +58,19 @@ class Measuring:
         )
 
 
-def registered(how: Measuring, design: DesignRead, steps: Steps) -> Registered:
+def registered(how: Measuring, design: DesignRead, steps: Steps) -> RegisteredScan:
     """Read the scan and register it."""
     options = how.options
     measured = corrected_scan(how.scan, how.said, how.optics, how.air_above, True)
     note(measured.notes)
     steps.begin("registration")
     found = register_scan(measured, design.surface, design.vessels, options)
-    return Registered(how.scan, measured, design.model, design.surface, design.network,
+    return RegisteredScan(how.scan, measured, design.model, design.surface, design.network,
                       design.vessels, found, design.printed)  # fmt: skip
 
 
 def judged(
-    made: Registered, how: Measuring, limits: Tolerances, stated: RecordPart
+    made: RegisteredScan, how: Measuring, limits: Tolerances, stated: RecordPart
 ) -> dict[str, Any]:
     """Numbers and verdict, with the measurement record."""
     data = made.judged(limits)

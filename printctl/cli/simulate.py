@@ -68,7 +68,7 @@ def simulate(
     run = dry_run(gcode, profile, tip)
     shaft = file_shaft(file, run, mounted)
     checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
-    said = options.BeadSaid(out, lag_s, network, unit, place, voxel_um, window_s)
+    said = options.BeadChoices(out, lag_s, network, unit, place, voxel_um, window_s)
     bead = None
     if said.asks:
         # What measures and draws the bead takes seconds to load; the dry run needs none of it.

@@ -11,10 +11,10 @@ import numpy as np
 
 from design.network import VesselNetwork
 from printctl.bead import (
+    InkPrediction,
     Mounting,
-    Predicted,
+    OutputFiles,
     VesselDiameters,
-    Wanted,
     predict_job,
     prediction_facts,
     prediction_lines,
@@ -24,7 +24,7 @@ from printctl.bead import (
 )
 from printctl.cli.lumens_read import place_of_filaments, read_designed
 from printctl.cli.options import messages, print_lines
-from printctl.cli.simulate_options import BeadSaid
+from printctl.cli.simulate_options import BeadChoices
 from printctl.errors import UsageError
 from printctl.gcode_view import read_line_map
 from printctl.set_up import SetUp
@@ -37,7 +37,7 @@ def predicted(
     gcode: bytes,
     run: DryRun,
     setup: SetUp,
-    said: BeadSaid,
+    said: BeadChoices,
     remarks: tuple[tuple[int, str], ...] = (),
 ) -> list[dict[str, Any]]:
     """Predict, write what is wanted, and give a dict for each head.
@@ -69,14 +69,14 @@ def predicted(
     return facts
 
 
-def _wanted(said: BeadSaid) -> Wanted:
+def _wanted(said: BeadChoices) -> OutputFiles:
     for option, value in (("--voxel-um", said.voxel_um), ("--window-s", said.window)):
         if value is not None and said.out is None:
             raise UsageError(f"{option} says how a file is written; give --out FOLDER, too")
     if said.place is not None and said.network is None:
         raise UsageError("--place is where a network's origin stands; give --network, too")
     window = None if said.window is None else _window(said.window)
-    return Wanted(None if said.voxel_um is None else said.voxel_um * 1e-3, window)
+    return OutputFiles(None if said.voxel_um is None else said.voxel_um * 1e-3, window)
 
 
 def _window(text: str) -> tuple[float, float]:
@@ -90,7 +90,7 @@ def _window(text: str) -> tuple[float, float]:
 
 
 def _against_design(
-    heads: tuple[Predicted, ...], said: BeadSaid
+    heads: tuple[InkPrediction, ...], said: BeadChoices
 ) -> list[tuple[int, VesselDiameters, VesselDiameters | None]]:
     """Vessels of each head, with and without lag; empty without a network."""
     if said.network is None:
@@ -118,7 +118,7 @@ def _against_design(
 
 
 def _both(
-    one: Predicted, network: VesselNetwork, place: np.ndarray
+    one: InkPrediction, network: VesselNetwork, place: np.ndarray
 ) -> tuple[VesselDiameters, VesselDiameters | None]:
     factor = swell(one.mounting.ink)[0]
     late = vessel_diameters(one.bead, one.source, network, place, factor)

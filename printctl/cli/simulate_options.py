@@ -50,7 +50,7 @@ WindowOption = Annotated[
 
 
 @dataclass(frozen=True)
-class BeadSaid:
+class BeadChoices:
     """What the options say; None for what wasn't given."""
 
     out: Path | None = None
@@ -64,4 +64,4 @@ class BeadSaid:
     @property
     def asks(self) -> bool:
         """Whether anything of this is wanted."""
-        return self != BeadSaid()
+        return self != BeadChoices()

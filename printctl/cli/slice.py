@@ -20,7 +20,14 @@ from printctl.cli.options import (
 )
 from printctl.errors import UsageError
 from printctl.set_up.by_name import loads_of, of_each
-from printctl.slicing import SliceJob, Written, assemble, head_of_each, read_modifier, slice_parts
+from printctl.slicing import (
+    JobFigures,
+    SliceJob,
+    assemble,
+    head_of_each,
+    read_modifier,
+    slice_parts,
+)
 
 _HEIGHT_PART = 0.01
 """Of the part's height: what layers may be off by before it is told."""
@@ -105,7 +112,7 @@ def _lines_mm(printer: Printer, text: str) -> tuple[float, ...]:
     return tuple(found)
 
 
-def _notes(job: SliceJob, written: Written) -> list[str]:
+def _notes(job: SliceJob, written: JobFigures) -> list[str]:
     """What a person should know before printing."""
     found = _height_note(written)
     for number, ul in enumerate(written.report.written_ul_of_heads):
@@ -124,7 +131,7 @@ def _notes(job: SliceJob, written: Written) -> list[str]:
     return found
 
 
-def _height_note(written: Written) -> list[str]:
+def _height_note(written: JobFigures) -> list[str]:
     """Say where whole layers make the part more than a hundredth higher or lower."""
     off = written.height_mm - written.part_mm
     if abs(off) <= _HEIGHT_PART * written.part_mm:
@@ -136,7 +143,7 @@ def _height_note(written: Written) -> list[str]:
     ]
 
 
-def _facts(job: SliceJob, written: Written, models: list[Path], out: Path) -> dict[str, Any]:
+def _facts(job: SliceJob, written: JobFigures, models: list[Path], out: Path) -> dict[str, Any]:
     report = written.report
     found = {
         "gcode": str(out),

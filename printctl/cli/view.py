@@ -29,8 +29,8 @@ from printctl.cli.network_options import (
     ViscosityOption,
 )
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.cli.view_gcode import SUFFIXES, GcodeWish, is_gcode, view_gcode
-from printctl.cli.view_network import NetworkWish, view_network
+from printctl.cli.view_gcode import SUFFIXES, GcodeViewOptions, is_gcode, view_gcode
+from printctl.cli.view_network import NetworkViewOptions, view_network
 from printctl.errors import UsageError
 from printctl.networks import READ, Drive
 from registration.report.network_view import MAX_PIECES
@@ -86,14 +86,14 @@ def view(
     _check(context, source, out, png, gcode)
     page = out if out is not None or png is not None else _default_page(source)
     if gcode:
-        asked = GcodeWish(
+        asked = GcodeViewOptions(
             colour, layer, printer, syringe, filament_mm, flow_ul_s, layer_um, width, palette,
             model, unit, place,
         )  # fmt: skip
         found = view_gcode(source, page, png, asked)
     else:
         drive = Drive(inlet_flow_ml_min, viscosity_mpa_s)
-        wish = NetworkWish(
+        wish = NetworkViewOptions(
             colour, seen_from, width, palette, unit, tissue, tissue_unit, drive, most_pieces
         )
         found = view_network(source, page, png, wish)

@@ -36,7 +36,7 @@ _NEEDS: Final = {
 
 
 @dataclass(frozen=True)
-class GcodeWish:
+class GcodeViewOptions:
     """What the user asks of a G-code file; None is left to the file or to a default."""
 
     colour: str | None = None
@@ -59,7 +59,7 @@ def is_gcode(source: Path) -> bool:
 
 
 def view_gcode(
-    source: Path, page: Path | None, png: Path | None, wish: GcodeWish
+    source: Path, page: Path | None, png: Path | None, wish: GcodeViewOptions
 ) -> tuple[dict[str, Path], tuple[str, ...]]:
     """Write the page and the picture that are asked for.
 
@@ -91,7 +91,7 @@ def view_gcode(
     return written, job.notes
 
 
-def _check_model(wish: GcodeWish, png: Path | None) -> None:
+def _check_model(wish: GcodeViewOptions, png: Path | None) -> None:
     if wish.model is None and wish.unit is not None:
         raise UsageError(f"--unit {wish.unit}: it is for a network, or of the --model; drop it")
     if wish.model is None and wish.place is not None:
@@ -100,7 +100,7 @@ def _check_model(wish: GcodeWish, png: Path | None) -> None:
         raise UsageError("--colour and --model both colour the picture; give one")
 
 
-def _outlines(job: GcodeJob, wish: GcodeWish) -> PartOutlines | None:
+def _outlines(job: GcodeJob, wish: GcodeViewOptions) -> PartOutlines | None:
     part = read_part(wish.model, None, wish.unit)
     if part is None:
         return None
@@ -110,7 +110,7 @@ def _outlines(job: GcodeJob, wish: GcodeWish) -> PartOutlines | None:
     return PartOutlines(job, part, place)
 
 
-def _read(source: Path, wish: GcodeWish) -> GcodeJob:
+def _read(source: Path, wish: GcodeViewOptions) -> GcodeJob:
     pushing = _pushing(wish)
     data = read_gcode_file(source)
     if not data.strip():
@@ -122,7 +122,7 @@ def _read(source: Path, wish: GcodeWish) -> GcodeJob:
     return read_job(data, source.name, pushing, line_map)
 
 
-def _pushing(wish: GcodeWish) -> Pushing:
+def _pushing(wish: GcodeViewOptions) -> Pushing:
     printer = load(Printer, wish.printer or _PRINTER)
     if wish.filament_mm is not None and wish.syringe is not None:
         raise UsageError("--filament-mm and --syringe both say what E is counted in; give one")

@@ -32,7 +32,7 @@ _NEEDS = {
 
 
 @dataclass(frozen=True)
-class NetworkWish:
+class NetworkViewOptions:
     """What the user asks of a network."""
 
     colour: str | None
@@ -47,7 +47,7 @@ class NetworkWish:
 
 
 def view_network(
-    source: Path, page: Path | None, png: Path | None, wish: NetworkWish
+    source: Path, page: Path | None, png: Path | None, wish: NetworkViewOptions
 ) -> tuple[dict[str, Path], tuple[str, ...]]:
     """Write the page and the picture that are asked for.
 

@@ -19,7 +19,7 @@ from registration.judging import judge_plain
 
 
 @dataclass(frozen=True)
-class Judged:
+class NewLimits:
     """Limits by which all prints are judged anew.
 
     Attributes
@@ -33,7 +33,7 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class Named:
+class PrintNames:
     """What the folders are, by any names; None: as journals and records say.
 
     Attributes
@@ -53,15 +53,17 @@ class Named:
         return {name: None if each is None else each[number] for name, each in given.items()}
 
 
-def read_folders(folders: Sequence[Path], named: Named, judged: Judged | None) -> list[GaugedScan]:
+def read_folders(
+    folders: Sequence[Path], named: PrintNames, judged: NewLimits | None
+) -> list[GaugedScan]:
     """Read the registrations of several folders.
 
     Parameters
     ----------
     folders : sequence of Path
         Run folders, or those of `printctl register`.
-    named : Named
-    judged : Judged or None
+    named : PrintNames
+    judged : NewLimits or None
         None: the verdicts stand that were given.
 
     Raises
@@ -87,7 +89,7 @@ def read_folders(folders: Sequence[Path], named: Named, judged: Judged | None) -
 
 
 def _read(
-    folder: Path, label: str, named: dict[str, str | None], judged: Judged | None
+    folder: Path, label: str, named: dict[str, str | None], judged: NewLimits | None
 ) -> GaugedScan:
     whole = _load(folder)
     own = "registration" in whole
@@ -122,7 +124,7 @@ def _record(numbers: dict[str, Any]) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _judged(numbers: dict[str, Any], judged: Judged, folder: Path) -> dict[str, Any]:
+def _judged(numbers: dict[str, Any], judged: NewLimits, folder: Path) -> dict[str, Any]:
     try:
         numbers |= judge_plain(numbers, judged.tolerance_um, judged.diameter_percent)
         return verdict(numbers)

@@ -21,7 +21,7 @@ class DesignPart(Part):
     bounds_mm: Annotated[tuple[Three, Three], Field(description="Of the construct.")]
 
 
-class MadeWith(Part):
+class PrintConditions(Part):
     """How the prints were made that it was measured on."""
 
     method: Literal["fresh", "embedded"]
@@ -91,7 +91,7 @@ class CompensationFile(Part):
 
     schema_version: Literal[1] = Field(alias="printctl_compensation")
     design: DesignPart
-    made_with: MadeWith
+    made_with: PrintConditions
     simulated: bool = Field(description="Whether a simulated scan is among its evidence.")
     prints: Annotated[tuple[PrintPart, ...], Field(min_length=1)]
     gain: GainPart = GainPart()

@@ -44,7 +44,7 @@ Facts = dict[str, dict[str, Any]]
 
 
 @dataclass(frozen=True)
-class Examined:
+class Examination:
     """Result of examining this computer: facts by section, and findings."""
 
     facts: Facts
@@ -61,7 +61,7 @@ class Examined:
         return {**self.facts, "findings": found, "fit": not self.blocked}
 
 
-def examine() -> Examined:
+def examine() -> Examination:
     """Look at this machine; nothing is changed, and no port is opened."""
     ours, missing_ours = _ours()
     libraries, missing = _libraries()
@@ -102,7 +102,7 @@ def examine() -> Examined:
                 "--port 8081` takes another"
             )
         )
-    return Examined(facts, tuple(findings))
+    return Examination(facts, tuple(findings))
 
 
 def _python() -> list[Finding]:

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from design.files import write_bytes
-from design.hemodynamics.dye import Carried, DyeFront, check_frames, dye_curves, front_table
+from design.hemodynamics.dye import CarryingFlow, DyeFront, check_frames, dye_curves, front_table
 from design.network import FloatArray, VesselNetwork
 from printctl.flow.outputs import write_columns
 from registration.report.figures import network_figure
@@ -34,7 +34,7 @@ class Place:
 def write_front(
     folder: Path,
     network: VesselNetwork,
-    carried: Carried,
+    carried: CarryingFlow,
     front: DyeFront,
     places: Sequence[Place],
     interval_s: float,
@@ -85,7 +85,7 @@ def ends(network: VesselNetwork, front: DyeFront) -> list[Place]:
 def _write_curves(
     path: Path,
     network: VesselNetwork,
-    carried: Carried,
+    carried: CarryingFlow,
     front: DyeFront,
     places: Sequence[Place],
 ) -> None:

@@ -24,7 +24,7 @@ from printctl.compensation import (
 from printctl.errors import UsageError
 from printctl.feedback.depth import Depth, depth_of
 from printctl.feedback.evidence import Print
-from printctl.feedback.local import Local, Moved, local_excess, node_offsets
+from printctl.feedback.local import Local, NodeOffset, local_excess, node_offsets
 from printctl.feedback.readings import Reading, as_made_with, readings
 from printctl.feedback.size import Size, less, size_of
 from printctl.feedback.whole import (
@@ -303,7 +303,7 @@ def _vessel_parts(
 
 
 def _node_parts(
-    prints: Sequence[Print], moved: Sequence[Moved], gain: float, depth: Depth
+    prints: Sequence[Print], moved: Sequence[NodeOffset], gain: float, depth: Depth
 ) -> tuple[NodePart, ...]:
     nodes = sorted({n for p in prints for n in p.base.offset_mm} | {one.node for one in moved})
     change = {
@@ -327,7 +327,7 @@ def _evidence(
     scales: dict[str, dict[str, Any]],
     common: Radial,
     own: Sequence[Local],
-    moved: Sequence[Moved],
+    moved: Sequence[NodeOffset],
     choices: Choices,
 ) -> dict[str, Any]:
     """What was measured, with its 95 % interval, and whether it was corrected."""

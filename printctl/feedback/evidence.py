@@ -15,7 +15,7 @@ from design.solids import read_solid
 from design.toolpath.correction import Corrections, Stretch
 from printctl.compensation import (
     DesignPart,
-    MadeWith,
+    PrintConditions,
     PrintPart,
     corrections_of_file,
     load_compensation,
@@ -40,7 +40,7 @@ class Print:
     facts : PrintPart
         Where from, digests, scale.
     design : DesignPart
-    made_with : MadeWith
+    made_with : PrintConditions
     network : VesselNetwork
         The design.
     base : Corrections
@@ -53,7 +53,7 @@ class Print:
 
     facts: PrintPart
     design: DesignPart
-    made_with: MadeWith
+    made_with: PrintConditions
     network: VesselNetwork
     base: Corrections
     found: dict[str, Any]
@@ -102,7 +102,7 @@ def read_print(folder: Path) -> Print:
     return Print(
         facts=_facts(folder, origin, found, digest_file(path)),
         design=DesignPart(**origin["design"]),
-        made_with=MadeWith(**origin["made_with"]),
+        made_with=PrintConditions(**origin["made_with"]),
         network=read_network_csv(folder / NETWORK, unit="mm"),
         base=_base(made, origin),
         found=found,
@@ -256,9 +256,9 @@ def _facts(folder: Path, origin: dict[str, Any], found: dict[str, Any], digest: 
     )
 
 
-def _made_with(facts: dict[str, Any]) -> MadeWith:
+def _made_with(facts: dict[str, Any]) -> PrintConditions:
     part, profiles = facts["recipe"]["toolpath"], facts["profiles"]
-    return MadeWith(
+    return PrintConditions(
         method=part["method"],
         printer=profiles["printer"]["name"],
         needle=profiles["needle"]["name"],

@@ -148,7 +148,7 @@ def _variance(values: Sequence[float]) -> float:
 
 
 @dataclass(frozen=True)
-class Moved:
+class NodeOffset:
     """Offset of a single node.
 
     Attributes
@@ -165,7 +165,7 @@ class Moved:
 
 def node_offsets(
     network: VesselNetwork, prints: Sequence[dict[int, Reading]], voxel_mm: float
-) -> tuple[Moved, ...]:
+) -> tuple[NodeOffset, ...]:
     """Where nodes went, from the offsets of the vessels that meet there.
 
     A vessel tells its offset across itself only: of each it counts as the plane across its end.
@@ -182,7 +182,7 @@ def node_offsets(
         size = np.maximum((mean**2 + spread[:, range(3), range(3)]).mean(axis=0), 1e-12)
         variance = np.array([size[:2].mean(), size[:2].mean(), size[2]])
     half = NORMAL_95 * np.sqrt(spread[:, range(3), range(3)])
-    return tuple(Moved(int(n), m, h) for n, m, h in zip(nodes, mean, half, strict=True))
+    return tuple(NodeOffset(int(n), m, h) for n, m, h in zip(nodes, mean, half, strict=True))
 
 
 def _equations(

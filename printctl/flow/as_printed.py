@@ -29,7 +29,7 @@ _FEW: Final = 0.5
 
 
 @dataclass(frozen=True)
-class Printed:
+class PrintedNetwork:
     """A network's lumens as they were measured, vessels numbered as designed.
 
     Attributes
@@ -69,7 +69,7 @@ def read_rows(folder: Path) -> list[dict[str, Any]]:
     return list(rows)
 
 
-def printed_lumens(network: VesselNetwork, rows: Sequence[Mapping[str, Any]]) -> Printed:
+def printed_lumens(network: VesselNetwork, rows: Sequence[Mapping[str, Any]]) -> PrintedNetwork:
     """Put measured sections on the designed axes, as registration's own 0D flow does.
 
     Parameters
@@ -91,7 +91,7 @@ def printed_lumens(network: VesselNetwork, rows: Sequence[Mapping[str, Any]]) ->
     if not any(np.isfinite(lumen.error) for lumen in lumens):
         raise UsageError(f"no vessel's diameter was measured in {NUMBERS}; leave --as-printed out")
     closed = np.array([row.get("open") is False for row in rows])
-    return Printed(network_of_lumens(network, lumens), closed, measured)
+    return PrintedNetwork(network_of_lumens(network, lumens), closed, measured)
 
 
 def _lumen(network: VesselNetwork, vessel: int, row: Mapping[str, Any]) -> MeasuredLumen:
@@ -158,7 +158,7 @@ class OpenPart:
         return {self.node[node]: value for node, value in values.items() if node in self.node}
 
 
-def open_part(printed: Printed, design: VesselNetwork) -> OpenPart:
+def open_part(printed: PrintedNetwork, design: VesselNetwork) -> OpenPart:
     """What of a printed network flow can run through.
 
     Closed vessels are taken out, and dead ends behind them.

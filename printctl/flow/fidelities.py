@@ -22,7 +22,7 @@ from printctl.flow.comparison import (
 )
 from printctl.flow.match import reduced_summary
 from printctl.flow.one_d import one_d_options
-from printctl.flow.three_d import Resolved, Tell, pulse_at, resolve, write_resolved
+from printctl.flow.three_d import FlowInMesh, Tell, pulse_at, resolve, write_resolved
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ComparePart
 from registration.report.flow_figures import comparison_figure
@@ -86,7 +86,7 @@ def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
     return done
 
 
-def _compared(case: Case, part: ComparePart, found: Resolved | None, tell: Tell) -> Comparison:
+def _compared(case: Case, part: ComparePart, found: FlowInMesh | None, tell: Tell) -> Comparison:
     probes, _ = places(case.network, part)
     if case.pulse is None:
         others = {} if found is None else {"3D": _steady_at(found, probes)}
@@ -101,7 +101,7 @@ def _waves(
     case: Case,
     conditions: PulsatileConditions,
     probes: Probes,
-    found: Resolved | None,
+    found: FlowInMesh | None,
     tell: Tell,
 ) -> dict[str, ProbeWaves]:
     waves: dict[str, ProbeWaves] = {}
@@ -121,7 +121,7 @@ def _waves(
     return waves
 
 
-def _steady_at(found: Resolved, probes: Probes) -> ProbeWaves:
+def _steady_at(found: FlowInMesh, probes: Probes) -> ProbeWaves:
     """Pressure at probes, and the flow of their vessels: a section amid a fork isn't one's own."""
     at = probe_steady(found.network, probes, found.steady.field)
     flow = vessel_flows(found.network, found.steady)

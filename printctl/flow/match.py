@@ -13,7 +13,7 @@ from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d import ThreeDSolution
 from design.hemodynamics.three_d.effective import effective, gap
 from design.hemodynamics.three_d.match import (
-    Matched,
+    MatchedNetwork,
     MatchOptions,
     ideal_target,
     match_split,
@@ -98,7 +98,7 @@ def reduced_summary(
     return told
 
 
-def _history(done: Matched) -> dict[str, Any]:
+def _history(done: MatchedNetwork) -> dict[str, Any]:
     rounds = done.history
     return {
         "round": np.arange(1, len(rounds) + 1),
@@ -111,7 +111,7 @@ def _history(done: Matched) -> dict[str, Any]:
     }
 
 
-def _vessels(done: Matched) -> dict[str, Any]:
+def _vessels(done: MatchedNetwork) -> dict[str, Any]:
     """A row a vessel; a flow that isn't asked for is NaN."""
     count = done.network.vessel_count
     wanted = np.full(count, np.nan)

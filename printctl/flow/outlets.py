@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from design.hemodynamics import (
-    Behind,
+    OutletLoad,
     PressureOutlet,
     ResistanceOutlet,
     WindkesselOutlet,
@@ -42,13 +42,13 @@ def outlet_of(given: PulseOutlet | None, distal_pa: float, volume: float = 1.0) 
     return WindkesselOutlet(proximal, compliance, resistance, distal_pa)
 
 
-def steady_of(outlet: Outlet) -> Behind:
+def steady_of(outlet: Outlet) -> OutletLoad:
     """The same in steady flow."""
     if isinstance(outlet, ResistanceOutlet):
-        return Behind(outlet.resistance, outlet.distal_pa)
+        return OutletLoad(outlet.resistance, outlet.distal_pa)
     if isinstance(outlet, WindkesselOutlet):
-        return Behind(outlet.proximal + outlet.distal, outlet.distal_pa)
-    return Behind(0.0, float(outlet.waveform.at(np.zeros(1))[0]))
+        return OutletLoad(outlet.proximal + outlet.distal, outlet.distal_pa)
+    return OutletLoad(0.0, float(outlet.waveform.at(np.zeros(1))[0]))
 
 
 def read_outlets(path: Path, network: VesselNetwork, volume: float = 1.0) -> dict[int, Outlet]:

@@ -19,7 +19,7 @@ from design.network_csv import read_network_csv
 from printctl.errors import UsageError
 from printctl.flow.as_printed import (
     OpenPart,
-    Printed,
+    PrintedNetwork,
     even_radii,
     open_part,
     printed_lumens,
@@ -184,7 +184,7 @@ def _space(
     case: PrintedCase,
     how: ThreeDPart,
     design: VesselNetwork,
-    found: tuple[Printed, OpenPart],
+    found: tuple[PrintedNetwork, OpenPart],
     tell: Callable[[str], None],
 ) -> Pair:
     conditions, (_, part) = _conditions(case, design), found

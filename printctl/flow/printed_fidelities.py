@@ -27,7 +27,7 @@ from design.hemodynamics.three_d import (
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.network import FloatArray, VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
-from printctl.flow.as_printed import OpenPart, Printed
+from printctl.flow.as_printed import OpenPart, PrintedNetwork
 from printctl.flow.three_d import SHARP, options_of, wall_shear_of_vessels
 from printctl.recipe.space import ThreeDPart
 
@@ -224,14 +224,14 @@ def _inflow(network: VesselNetwork, flow: FloatArray) -> float:
 
 
 def printed_table(
-    design: VesselNetwork, printed: Printed, pairs: Mapping[str, Pair]
+    design: VesselNetwork, printed: PrintedNetwork, pairs: Mapping[str, Pair]
 ) -> dict[str, Any]:
     """Columns of `flow_as_printed.csv`, a row a fidelity and vessel."""
     blocks = [_block(design, printed, name, pair) for name, pair in pairs.items()]
     return {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
 
 
-def _block(design: VesselNetwork, printed: Printed, name: str, pair: Pair) -> dict[str, Any]:
+def _block(design: VesselNetwork, printed: PrintedNetwork, name: str, pair: Pair) -> dict[str, Any]:
     count, one, other = design.vessel_count, pair.designed, pair.printed
     ends = _known(pair, count)
     wide, found = 2e3 * design.mean_radius(), 2e3 * printed.network.mean_radius()
@@ -276,7 +276,9 @@ def _low_high(name: str, ends: FloatArray) -> dict[str, FloatArray]:
     return {f"{name}_low": ends[0], f"{name}_high": ends[1]}
 
 
-def printed_summary(printed: Printed, pairs: Mapping[str, Pair], band: ShearBand | None) -> Any:
+def printed_summary(
+    printed: PrintedNetwork, pairs: Mapping[str, Pair], band: ShearBand | None
+) -> Any:
     """What the print does to the flow, by fidelity."""
     told: dict[str, Any] = {
         "vessels": len(printed.closed),

@@ -37,7 +37,7 @@ and drawn out straight to the end. Registration leaves out sections there, too."
 
 
 @dataclass(frozen=True)
-class Scanned:
+class ScannedLumen:
     """A lumen's surface, and the network in the same frame.
 
     Attributes
@@ -51,7 +51,7 @@ class Scanned:
     network: VesselNetwork
 
 
-def scanned_lumen(folder: Path, network: VesselNetwork) -> Scanned:
+def scanned_lumen(folder: Path, network: VesselNetwork) -> ScannedLumen:
     """Find the lumen of ``network``, whose radii are the measured ones, in a run's scan.
 
     The run folder has the scan's surface stretched onto the design; here it has its own size
@@ -81,7 +81,7 @@ def scanned_lumen(folder: Path, network: VesselNetwork) -> Scanned:
     for port in free_ends(placed):
         lumen = _drawn_out(lumen, port, _INSET_VOXELS * voxel)
     _check_size(lumen, placed)
-    return Scanned(Surface(*arrays_of(lumen)), placed)
+    return ScannedLumen(Surface(*arrays_of(lumen)), placed)
 
 
 def _numbers(folder: Path) -> dict[str, Any]:

@@ -48,7 +48,7 @@ Tell = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
-class Resolved:
+class FlowInMesh:
     """A network's lumens, meshed, the steady flow in them, and how old the fluid is."""
 
     network: VesselNetwork
@@ -63,7 +63,7 @@ def resolve(
     part: ThreeDPart,
     fillet_ratio: float,
     tell: Tell,
-) -> tuple[Resolved, dict[str, Any]]:
+) -> tuple[FlowInMesh, dict[str, Any]]:
     """Mesh the lumens, solve the steady flow; summary.
 
     Raises
@@ -101,7 +101,7 @@ def resolve(
             "pressure": error.pressure, "flow": error.flow, "wall_shear": error.wall_shear
         }  # fmt: skip
     tell(1.0, "")
-    return Resolved(network, mesh, solution, ages), summary
+    return FlowInMesh(network, mesh, solution, ages), summary
 
 
 def options_of(part: ThreeDPart) -> FlowOptions:
@@ -109,7 +109,7 @@ def options_of(part: ThreeDPart) -> FlowOptions:
     return FlowOptions(order=part.order, convection=part.inertia, memory_gb=part.memory_gb)
 
 
-def write_resolved(folder: Path, found: Resolved) -> tuple[str, str]:
+def write_resolved(folder: Path, found: FlowInMesh) -> tuple[str, str]:
     """Write `THREE_D`, a row a vessel, and `FIELD` for ParaView; their names.
 
     Raises
@@ -125,7 +125,7 @@ def write_resolved(folder: Path, found: Resolved) -> tuple[str, str]:
     return THREE_D, FIELD
 
 
-def vessel_table(found: Resolved) -> dict[str, Any]:
+def vessel_table(found: FlowInMesh) -> dict[str, Any]:
     """Flow and pressure amid each vessel, and wall shear on its wall."""
     amid = probe_steady(found.network, midpoints(found.network), found.steady.field)
     mean, most = wall_shear_of_vessels(found.network, found.steady)
@@ -161,7 +161,7 @@ def wall_shear_of_vessels(
 
 
 def pulse_at(
-    found: Resolved,
+    found: FlowInMesh,
     conditions: PulsatileConditions,
     part: ThreeDPart,
     probes: Probes,

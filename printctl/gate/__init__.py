@@ -6,25 +6,25 @@ refused, with the reason.
 
 from printctl.gate.heat import check_heat
 from printctl.gate.judge import foreseen, judge, judge_line
-from printctl.gate.known import UNNAMED_C, Door, Known, Limit, Phase
+from printctl.gate.known import UNNAMED_C, Limit, LineOrigin, Phase, PrinterSituation
 from printctl.gate.limits import RIM_MARGIN_MM, Bounds, reach, speed_limit
 from printctl.gate.motion import DEFAULT_MM_S, check_homing, check_step
 from printctl.gate.of_job import changed_settings, refused_lines
-from printctl.gate.verdict import Act, Allowed, NotAllowed, Place, Refusal, Verdict
+from printctl.gate.verdict import AllowedLine, LineAction, NotAllowed, Place, Refusal, Verdict
 
 __all__ = [
     "DEFAULT_MM_S",
     "RIM_MARGIN_MM",
     "UNNAMED_C",
-    "Act",
-    "Allowed",
+    "AllowedLine",
     "Bounds",
-    "Door",
-    "Known",
     "Limit",
+    "LineAction",
+    "LineOrigin",
     "NotAllowed",
     "Phase",
     "Place",
+    "PrinterSituation",
     "Refusal",
     "Verdict",
     "changed_settings",

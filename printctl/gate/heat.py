@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from firmware_profiles.families.gate_facts import HeatNamed
-from printctl.gate.known import Known
-from printctl.gate.verdict import Act, Allowed, NotAllowed
+from firmware_profiles.families.gate_facts import CheckNamedHeater
+from printctl.gate.known import PrinterSituation
+from printctl.gate.verdict import AllowedLine, LineAction, NotAllowed
 from sim.reading import GcodeLine
 
 HEATERS: Final = {
@@ -22,7 +22,7 @@ HEATERS: Final = {
 _KINDS: Final = frozenset({"nozzle", "bed", "chamber"})
 
 
-def check_heat(known: Known, heater: str, celsius: float) -> None:
+def check_heat(known: PrinterSituation, heater: str, celsius: float) -> None:
     """Refuse a heater that the printer hasn't, and a target too hot for what is mounted.
 
     Raises
@@ -41,7 +41,7 @@ def check_heat(known: Known, heater: str, celsius: float) -> None:
         )
 
 
-def set_target(line: GcodeLine, known: Known) -> Allowed:
+def set_target(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     """Judge a line that sets a target by S and doesn't wait.
 
     Raises
@@ -53,10 +53,10 @@ def set_target(line: GcodeLine, known: Known) -> Allowed:
         raise NotAllowed("say the target as S and a number of °C")
     heater = _heater(line, known)
     check_heat(known, heater, celsius)
-    return Allowed(line.text.decode("ascii"), Act.HEAT, heater=heater, celsius=celsius)
+    return AllowedLine(line.text.decode("ascii"), LineAction.HEAT, heater=heater, celsius=celsius)
 
 
-def wait_for(line: GcodeLine, known: Known) -> Allowed:
+def wait_for(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     """Judge a line of a job that sets a target, by S or R, and may wait for it.
 
     Raises
@@ -71,16 +71,16 @@ def wait_for(line: GcodeLine, known: Known) -> Allowed:
     heater = _heater(line, known)
     for celsius in targets:
         check_heat(known, heater, celsius or 0.0)
-    return Allowed(line.text.decode("ascii"), heater=heater, celsius=targets[0] or 0.0)
+    return AllowedLine(line.text.decode("ascii"), heater=heater, celsius=targets[0] or 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class NamedTarget:
     """Judge of commands that set, or wait for, the target of a heater told by its name."""
 
-    facts: HeatNamed
+    facts: CheckNamedHeater
 
-    def __call__(self, line: GcodeLine, known: Known) -> Allowed:
+    def __call__(self, line: GcodeLine, known: PrinterSituation) -> AllowedLine:
         """Judge a line.
 
         Raises
@@ -100,15 +100,15 @@ class NamedTarget:
             check_heat(known, heater, celsius)
         text = line.text.decode("ascii")
         if len(facts.targets) > 1:  # a range, which is waited for and not set
-            return Allowed(text)
-        return Allowed(text, heater=heater, celsius=targets[0])
+            return AllowedLine(text)
+        return AllowedLine(text, heater=heater, celsius=targets[0])
 
     @property
     def _form(self) -> str:
         facts = self.facts
         return f"say {facts.key}=NAME and {' or '.join(f'{key}=°C' for key in facts.targets)}"
 
-    def _heater(self, line: GcodeLine, known: Known) -> str:
+    def _heater(self, line: GcodeLine, known: PrinterSituation) -> str:
         facts = self.facts
         name = line.parameters.get(facts.key, "")
         number = name.removeprefix(facts.numbered)
@@ -131,7 +131,7 @@ def _number(text: str, key: str) -> float:
     return value
 
 
-def _heater(line: GcodeLine, known: Known) -> str:
+def _heater(line: GcodeLine, known: PrinterSituation) -> str:
     kind, head = HEATERS[line.code], line.words.get("T", 0.0)
     if "T" in line.words and kind != "nozzle":
         raise NotAllowed(f"T names a head, and {line.code} heats the {kind}; take T out")
@@ -140,7 +140,7 @@ def _heater(line: GcodeLine, known: Known) -> str:
     return kind + (f" {head:.0f}" if head else "")
 
 
-def _no_head(name: str, known: Known) -> NotAllowed:
+def _no_head(name: str, known: PrinterSituation) -> NotAllowed:
     """Say which heads the machine has."""
     printer = known.printer
     heads = "one head, T0" if printer.head_count == 1 else f"T0 to T{printer.head_count - 1}"

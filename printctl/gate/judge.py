@@ -10,11 +10,11 @@ from functools import cache
 from typing import Final
 
 from firmware_profiles import Printer
-from printctl.gate.known import Door, Known
+from printctl.gate.known import LineOrigin, PrinterSituation
 from printctl.gate.limits import Bounds
 from printctl.gate.reasons import reason
 from printctl.gate.rules import of_the_moment, rule, rules
-from printctl.gate.verdict import NOT_BY_HAND, Allowed, NotAllowed, Refusal, Verdict
+from printctl.gate.verdict import NOT_BY_HAND, AllowedLine, NotAllowed, Refusal, Verdict
 from sim.errors import GcodeError
 from sim.firmware_codes import is_known_line
 from sim.reading import BLANK, GcodeLine, read_line
@@ -23,16 +23,16 @@ LONGEST: Final = 200
 """Characters of a line that a person types."""
 
 
-def judge(typed: str, door: Door, known: Known) -> Verdict:
+def judge(typed: str, door: LineOrigin, known: PrinterSituation) -> Verdict:
     """Judge one line.
 
     Parameters
     ----------
     typed : str
         One command; comments, a line number and its checksum may be in it.
-    door : Door
+    door : LineOrigin
         Where it comes from.
-    known : Known
+    known : PrinterSituation
         The moment.
     """
     shown = typed.strip()[:60].encode("ascii", "backslashreplace").decode()
@@ -50,32 +50,32 @@ def foreseen(typed: str, printer: Printer) -> Verdict:
 
     Moves, homing and heat are judged by what is known when they are sent.
     """
-    known = Known(Bounds(printer))
-    verdict = judge(typed, Door.CONSOLE, known)
-    if isinstance(verdict, Allowed):
+    known = PrinterSituation(Bounds(printer))
+    verdict = judge(typed, LineOrigin.CONSOLE, known)
+    if isinstance(verdict, AllowedLine):
         return verdict
     try:
         line = _read(typed, printer)
     except (NotAllowed, GcodeError):
         return verdict
-    later = of_the_moment(rule(line, printer.firmware, Door.CONSOLE))
-    return Allowed(line.text.decode("ascii")) if later else verdict
+    later = of_the_moment(rule(line, printer.firmware, LineOrigin.CONSOLE))
+    return AllowedLine(line.text.decode("ascii")) if later else verdict
 
 
-def judge_line(line: GcodeLine, door: Door, known: Known) -> Verdict:
+def judge_line(line: GcodeLine, door: LineOrigin, known: PrinterSituation) -> Verdict:
     """Judge one line that was read."""
     printer, shown = known.printer, line.text.decode("ascii")
-    console = door is Door.CONSOLE
+    console = door is LineOrigin.CONSOLE
     said = _of_profile(line, printer)
     if said is not None:
         if console and said == "print":
             return Refusal(f"{shown} {NOT_BY_HAND}: it switches what a print alone switches")
-        return Allowed(shown)
+        return AllowedLine(shown)
     found = rule(line, printer.firmware, door)
     prefix = f"{shown} {NOT_BY_HAND}" if console else shown
     if found is None:
         if not console and line.code in printer.extra_commands:
-            return Allowed(shown)
+            return AllowedLine(shown)
         listed = rules(printer.firmware, door)
         return Refusal(f"{prefix}: {reason(line.code, listed, console)}")
     if console and not is_known_line(printer, line):

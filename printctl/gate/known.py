@@ -16,7 +16,7 @@ UNNAMED_C: Final = 45.0
 """Hottest target while nobody said which ink or bath is there: cells and proteins bear no more."""
 
 
-class Door(StrEnum):
+class LineOrigin(StrEnum):
     """Origin of a G-code line."""
 
     CONSOLE = "console"
@@ -48,7 +48,7 @@ _UNNAMED_BATH: Final = Limit(
 
 
 @dataclass(frozen=True)
-class Known:
+class PrinterSituation:
     """The moment, as far as it is known.
 
     Attributes
@@ -80,11 +80,11 @@ class Known:
     needle_off: bool = False
 
     @staticmethod
-    def of_job(printer: Printer) -> Known:
+    def of_job(printer: Printer) -> PrinterSituation:
         """For a job's lines: its moves and its heat are judged by preflight, as a whole."""
         anything = Limit(math.inf, "judged by preflight")
         heat = dict.fromkeys(("nozzle", "bed", "chamber"), anything)
-        return Known(Bounds(printer), Phase.PRINTING, heat=heat)
+        return PrinterSituation(Bounds(printer), Phase.PRINTING, heat=heat)
 
     @property
     def printer(self) -> Printer:

@@ -12,7 +12,7 @@ from typing import Final
 
 from firmware_profiles import Dish, Needle, Printer
 from printctl.gate.verdict import NotAllowed, Place
-from printctl.set_up import WALL_CLEARANCE_MM, Standing, hub_gap_of, wall_gap_of
+from printctl.set_up import WALL_CLEARANCE_MM, PlacedDish, hub_gap_of, wall_gap_of
 
 RIM_MARGIN_MM: Final = 2.0
 """Kept above the rim by a needle that goes sideways over it."""
@@ -72,13 +72,13 @@ class Bounds:
         return self.floor_mm + self.dish.wall_mm + RIM_MARGIN_MM
 
     @property
-    def standing(self) -> Standing | None:
+    def standing(self) -> PlacedDish | None:
         """The dish in its place, where that is known."""
         if not self.trusted or self.dish is None:
             return None
         if self.centre_mm is None or self.floor_mm is None:
             return None
-        return Standing(self.dish, self.centre_mm, self.floor_mm)
+        return PlacedDish(self.dish, self.centre_mm, self.floor_mm)
 
 
 def check_move(bounds: Bounds, start: Place, target: Place) -> None:

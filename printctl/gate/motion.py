@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from printctl.gate.known import Known, Phase
+from printctl.gate.known import Phase, PrinterSituation
 from printctl.gate.limits import check_move, check_speed, speed_limit
-from printctl.gate.verdict import Act, Allowed, NotAllowed, Place
+from printctl.gate.verdict import AllowedLine, LineAction, NotAllowed, Place
 from sim.reading import GcodeLine
 
 AXES: Final = "xyz"
@@ -16,7 +16,7 @@ DEFAULT_MM_S: Final = 5.0
 _TINY_MM: Final = 1e-6
 
 
-def move(line: GcodeLine, known: Known) -> Allowed:
+def move(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     """Judge a straight move that a person typed.
 
     Raises
@@ -50,10 +50,12 @@ def move(line: GcodeLine, known: Known) -> Allowed:
     else:
         text = line.text.decode("ascii")
     check_step(known, start, target, speed)
-    return Allowed(text, Act.MOVE, target=target, speed_mm_s=speed)
+    return AllowedLine(text, LineAction.MOVE, target=target, speed_mm_s=speed)
 
 
-def check_step(known: Known, start: Place, target: Place, speed_mm_s: float | None) -> None:
+def check_step(
+    known: PrinterSituation, start: Place, target: Place, speed_mm_s: float | None
+) -> None:
     """Refuse a straight move of the tip beyond the limits.
 
     Raises
@@ -65,7 +67,9 @@ def check_step(known: Known, start: Place, target: Place, speed_mm_s: float | No
         check_speed(known.bounds, start, target, speed_mm_s)
 
 
-def _push(line: GcodeLine, known: Known, speed: float | None, *, alone: bool) -> Allowed:
+def _push(
+    line: GcodeLine, known: PrinterSituation, speed: float | None, *, alone: bool
+) -> AllowedLine:
     """The plunger, in a pause alone: standing, it is moved in µL and counted."""
     printer = known.printer
     if known.phase is not Phase.PAUSED or known.plunger_mm is None:
@@ -89,10 +93,10 @@ def _push(line: GcodeLine, known: Known, speed: float | None, *, alone: bool) ->
             f"{said}, at most {limit:g} mm/s (max_speed_mm_s.e of {printer.name}, plunger_ul_s of "
             f"the ink); write F{limit * 60:g} or less"
         )
-    return Allowed(line.text.decode("ascii"))
+    return AllowedLine(line.text.decode("ascii"))
 
 
-def home(line: GcodeLine, known: Known) -> Allowed:
+def home(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     """Judge homing.
 
     Raises
@@ -103,10 +107,10 @@ def home(line: GcodeLine, known: Known) -> Allowed:
         raise NotAllowed("nothing is homed in a print: the needle would be driven into the dish")
     axes = tuple(axis for axis in AXES if axis.upper() in line.words) or tuple(AXES)
     check_homing(known)
-    return Allowed(line.text.decode("ascii"), Act.HOME, axes=axes)
+    return AllowedLine(line.text.decode("ascii"), LineAction.HOME, axes=axes)
 
 
-def check_homing(known: Known) -> None:
+def check_homing(known: PrinterSituation) -> None:
     """Refuse homing with a needle mounted.
 
     Raises

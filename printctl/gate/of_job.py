@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from firmware_profiles import Printer
 from printctl.gate.judge import judge_line
-from printctl.gate.known import Door, Known
+from printctl.gate.known import LineOrigin, PrinterSituation
 from printctl.gate.verdict import Refusal, Verdict
 from sim.reading import GcodeLine
 
@@ -22,10 +22,10 @@ def refused_lines(
         Line of the file, and what stands there.
     printer : Printer
     """
-    found, known, kept = [], Known.of_job(printer), dict[bytes, Verdict]()
+    found, known, kept = [], PrinterSituation.of_job(printer), dict[bytes, Verdict]()
     for number, line in lines:
         if line.text not in kept:
-            kept[line.text] = judge_line(line, Door.JOB, known)
+            kept[line.text] = judge_line(line, LineOrigin.JOB, known)
         verdict = kept[line.text]
         if isinstance(verdict, Refusal):
             found.append((number, line.code, verdict.message))
@@ -34,9 +34,9 @@ def refused_lines(
 
 def changed_settings(lines: Sequence[GcodeLine], printer: Printer) -> tuple[str, ...]:
     """Settings of the firmware (codes) that a job changes, in its order; undone at its end."""
-    known, found = Known.of_job(printer), dict[str, None]()
+    known, found = PrinterSituation.of_job(printer), dict[str, None]()
     for line in lines:
-        verdict = judge_line(line, Door.JOB, known)
+        verdict = judge_line(line, LineOrigin.JOB, known)
         if not isinstance(verdict, Refusal):
             found.update(dict.fromkeys(verdict.undo))
     return tuple(found)

@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from firmware_profiles.families import family_of
-from printctl.gate.known import Known
+from printctl.gate.known import PrinterSituation
 from printctl.gate.reasons import REASONS
-from printctl.gate.verdict import Allowed, NotAllowed
+from printctl.gate.verdict import AllowedLine, NotAllowed
 from sim.reading import GcodeLine
 
-Judge = Callable[[GcodeLine, Known], Allowed]
-Planned = Callable[[Known, str], tuple[float, str]]
+Judge = Callable[[GcodeLine, PrinterSituation], AllowedLine]
+Planned = Callable[[PrinterSituation, str], tuple[float, str]]
 """Value of a letter by the profile, and the key that says it."""
 LEAST_TIMEOUT_S: Final = 60.0
 """Three times the interval of the link's sign of life in a pause (`printctl.link.pauses`)."""
@@ -26,10 +26,10 @@ _SAME: Final = 1e-4
 def passes(words: str | None = None) -> Judge:
     """Let a code pass with these letters alone; with any where None is given."""
 
-    def judge(line: GcodeLine, known: Known) -> Allowed:
+    def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
         if words is not None:
             _only(line, words)
-        return Allowed(line.text.decode("ascii"))
+        return AllowedLine(line.text.decode("ascii"))
 
     return judge
 
@@ -37,14 +37,14 @@ def passes(words: str | None = None) -> Judge:
 def asks(words: str = "") -> Judge:
     """Let a question pass: a code that sets something as soon as it has other words."""
 
-    def judge(line: GcodeLine, known: Known) -> Allowed:
+    def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
         beyond = sorted({*line.words, *line.parameters} - set(words))
         if beyond:
             why = REASONS.get(line.code, "that isn't done from here")
             raise NotAllowed(
                 f"with {' '.join(beyond)} it sets something ({line.code} alone asks): {why}"
             )
-        return Allowed(line.text.decode("ascii"))
+        return AllowedLine(line.text.decode("ascii"))
 
     return judge
 
@@ -62,14 +62,14 @@ def only_with(values: Mapping[str, float], also: str = "", remedy: str = "") -> 
         What to do instead of another value.
     """
 
-    def judge(line: GcodeLine, known: Known) -> Allowed:
+    def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
         given = {**line.words, **{key: as_number(text) for key, text in line.parameters.items()}}
         wrong = [key for key, value in given.items() if key not in also and (
             key not in values or value != values[key])]  # fmt: skip
         if wrong or not given.keys() & values.keys():
             said = " ".join(f"{key}{value:g}" for key, value in values.items())
             raise NotAllowed(f"only {line.code} {said} passes; {remedy}")
-        return Allowed(line.text.decode("ascii"))
+        return AllowedLine(line.text.decode("ascii"))
 
     return judge
 
@@ -80,7 +80,7 @@ def as_planned(planned: Planned, words: str) -> Judge:
     The dry run plans with the profile's values: another would make all its times wrong.
     """
 
-    def judge(line: GcodeLine, known: Known) -> Allowed:
+    def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
         _only(line, words)
         for letter, value in line.words.items():
             wanted, key = planned(known, letter)
@@ -90,12 +90,12 @@ def as_planned(planned: Planned, words: str) -> Judge:
                     f"{said} isn't {letter}{wanted:g} ({key} of {known.printer.name}), with which "
                     "the dry run plans; take it out, or correct the profile"
                 )
-        return Allowed(line.text.decode("ascii"), undo=(line.code,))
+        return AllowedLine(line.text.decode("ascii"), undo=(line.code,))
 
     return judge
 
 
-def cold_extrusion(line: GcodeLine, known: Known) -> Allowed:
+def cold_extrusion(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     """Let M302 pass with P0 or P1, and S up to `HOTTEST_LEAST_C`; the job's end undoes it.
 
     Of other values each firmware makes its own: P-1 allows on Marlin and forbids on RepRapFirmware.
@@ -108,7 +108,7 @@ def cold_extrusion(line: GcodeLine, known: Known) -> Allowed:
         raise NotAllowed(
             f"S is the least temperature at which the plunger moves, 0 to {HOTTEST_LEAST_C:g} °C"
         )
-    return Allowed(line.text.decode("ascii"), undo=(line.code,))
+    return AllowedLine(line.text.decode("ascii"), undo=(line.code,))
 
 
 def timeout(key: str, *, zero_is_off: bool = False) -> Judge:
@@ -124,7 +124,7 @@ def timeout(key: str, *, zero_is_off: bool = False) -> Judge:
         Whether 0 is none at all, which preflight judges.
     """
 
-    def judge(line: GcodeLine, known: Known) -> Allowed:
+    def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
         given = {**line.words, **{name: as_number(text) for name, text in line.parameters.items()}}
         most = max(LONGEST_TIMEOUT_S, known.printer.idle_timeout_s)
         for name, seconds in given.items():
@@ -136,7 +136,7 @@ def timeout(key: str, *, zero_is_off: bool = False) -> Judge:
                     "and a shorter one ends the print in a pause, a change of syringe or a wait, "
                     "in which the link gives a sign of life every 20 s"
                 )
-        return Allowed(line.text.decode("ascii"), undo=(line.code,) if given else ())
+        return AllowedLine(line.text.decode("ascii"), undo=(line.code,) if given else ())
 
     return judge
 
@@ -144,7 +144,7 @@ def timeout(key: str, *, zero_is_off: bool = False) -> Judge:
 def keyed(spans: Mapping[str, tuple[float, float] | None], needs: tuple[str, ...]) -> Judge:
     """Let a command with a name pass: these keys, with numbers in these spans (None: a text)."""
 
-    def judge(line: GcodeLine, known: Known) -> Allowed:
+    def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
         told = line.parameters
         beyond = sorted(set(told) - set(spans))
         missing = [key for key in needs if key not in told]
@@ -155,12 +155,12 @@ def keyed(spans: Mapping[str, tuple[float, float] | None], needs: tuple[str, ...
             span, value = spans[key], as_number(text)
             if span is not None and (value is None or not span[0] <= value <= span[1]):
                 raise NotAllowed(f"{key}={text} is outside {span[0]:g} to {span[1]:g}")
-        return Allowed(line.text.decode("ascii"))
+        return AllowedLine(line.text.decode("ascii"))
 
     return judge
 
 
-def choose_head(line: GcodeLine, known: Known) -> Allowed:
+def choose_head(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     """Let a head pass that the printer has.
 
     Raises
@@ -175,13 +175,13 @@ def choose_head(line: GcodeLine, known: Known) -> Allowed:
         raise NotAllowed(f"it names no head in a way that checks follow; write {example}")
     if int(found[1] or 0) >= printer.head_count:
         raise NotAllowed(f"{printer.name} has {printer.head_count} heads, counted from 0 (heads)")
-    return Allowed(line.text.decode("ascii"))
+    return AllowedLine(line.text.decode("ascii"))
 
 
 def within(words: Mapping[str, tuple[float, float]], *, needs: str = "") -> Judge:
     """Let a code pass whose numbers are in these spans."""
 
-    def judge(line: GcodeLine, known: Known) -> Allowed:
+    def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
         _only(line, "".join(words))
         if any(letter not in line.words for letter in needs):
             raise NotAllowed(f"{needs} isn't given, and what it then does differs; write it")
@@ -189,7 +189,7 @@ def within(words: Mapping[str, tuple[float, float]], *, needs: str = "") -> Judg
             low, high = words[letter]
             if value is not None and not low <= value <= high:
                 raise NotAllowed(f"{letter}{value:g} is outside {low:g} to {high:g}")
-        return Allowed(line.text.decode("ascii"))
+        return AllowedLine(line.text.decode("ascii"))
 
     return judge
 
@@ -197,7 +197,7 @@ def within(words: Mapping[str, tuple[float, float]], *, needs: str = "") -> Judg
 def refuses(why: str) -> Judge:
     """Let nothing pass."""
 
-    def judge(line: GcodeLine, known: Known) -> Allowed:
+    def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
         raise NotAllowed(why)
 
     return judge

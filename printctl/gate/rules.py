@@ -12,7 +12,7 @@ from typing import Final
 
 from firmware_profiles.families import family_of, find_family, gate_facts
 from printctl.gate.heat import NamedTarget, set_target, wait_for
-from printctl.gate.known import Door, Known, Phase
+from printctl.gate.known import LineOrigin, Phase, PrinterSituation
 from printctl.gate.motion import home, move
 from printctl.gate.parts import (
     Judge,
@@ -27,39 +27,39 @@ from printctl.gate.parts import (
     timeout,
     within,
 )
-from printctl.gate.verdict import Allowed, NotAllowed
+from printctl.gate.verdict import AllowedLine, NotAllowed
 from sim.reading import GcodeLine
 
 Rules = dict[str, Judge]
 _FAN: Final = within({"S": (0, 255), "P": (0, 20)}, needs="S")
 
 
-def _still(line: GcodeLine, known: Known) -> Allowed:
+def _still(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     """A wait for the motors, where none of them writes."""
     if known.phase is Phase.PRINTING:
         raise NotAllowed("it stops the needle in the gel until the planner is empty; pause instead")
     return passes("")(line, known)
 
 
-def _speed(known: Known, letter: str) -> tuple[float, str]:
+def _speed(known: PrinterSituation, letter: str) -> tuple[float, str]:
     per = family_of(known.printer).gate.speed_per_s
     return getattr(known.printer.max_speed_mm_s, letter.lower()) * per, "max_speed_mm_s"
 
 
-def _axis_acceleration(known: Known, letter: str) -> tuple[float, str]:
+def _axis_acceleration(known: PrinterSituation, letter: str) -> tuple[float, str]:
     axes = known.printer.max_acceleration_mm_s2
     return getattr(axes, letter.lower()), "max_acceleration_mm_s2"
 
 
-def _acceleration(known: Known, letter: str) -> tuple[float, str]:
+def _acceleration(known: PrinterSituation, letter: str) -> tuple[float, str]:
     return known.printer.acceleration_mm_s2, "acceleration_mm_s2"
 
 
-def _least_segment(known: Known, letter: str) -> tuple[float, str]:
+def _least_segment(known: PrinterSituation, letter: str) -> tuple[float, str]:
     return known.printer.min_segment_time_s * 1e6, "min_segment_time_s, in µs"
 
 
-def _corners(line: GcodeLine, known: Known) -> Allowed:
+def _corners(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     """Only the least time of a segment: the rest can't be set back."""
     if "J" in line.words:
         raise NotAllowed(
@@ -72,18 +72,18 @@ def _corners(line: GcodeLine, known: Known) -> Allowed:
 def _advance(key: str) -> Judge:
     """Let pressure advance pass as the profile has it."""
 
-    def judge(line: GcodeLine, known: Known) -> Allowed:
+    def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
         own = known.printer.advance_s
         said = line.parameters.get(key)
         if said is None and not line.code[1:].isdigit():
-            return Allowed(line.text.decode("ascii"))  # by its name alone it asks
+            return AllowedLine(line.text.decode("ascii"))  # by its name alone it asks
         value = line.number(key) if said is None else as_number(said)
         if value is None or not abs(value - own) <= 1e-9 or set(line.words) - {key}:
             raise NotAllowed(
                 f"pressure advance is {own:g} s (advance_s of {known.printer.name}), and checks "
                 "count on it; correct the profile"
             )
-        return Allowed(line.text.decode("ascii"))
+        return AllowedLine(line.text.decode("ascii"))
 
     return judge
 
@@ -91,17 +91,17 @@ def _advance(key: str) -> Judge:
 def _offset_taken_back(head: str) -> Judge:
     """Let a head's offset of 0 pass."""
 
-    def judge(line: GcodeLine, known: Known) -> Allowed:
+    def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
         if head not in line.words or any(mm for key, mm in line.words.items() if key != head):
             raise NotAllowed(
                 f"only an offset of a head that is taken back passes: {line.code} {head}1 X0 Y0 Z0"
             )
-        return Allowed(line.text.decode("ascii"))
+        return AllowedLine(line.text.decode("ascii"))
 
     return judge
 
 
-def _power_off(line: GcodeLine, known: Known) -> Allowed:
+def _power_off(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     """Motors that lose their power at once."""
     if "S" in line.words:
         raise NotAllowed(
@@ -111,13 +111,13 @@ def _power_off(line: GcodeLine, known: Known) -> Allowed:
     return passes("XYZE")(line, known)
 
 
-def _head(line: GcodeLine, known: Known) -> Allowed:
+def _head(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     """A head that the printer has, chosen without the macros of a change of tools."""
     own = family_of(known.printer).heads
     free = own.macro_free if own else ""
     if free and line.words.get(free[0]) != float(free[1:]):
         raise NotAllowed(f"macros of the board may move it; write {line.code} {free}")
-    return Allowed(line.text.decode("ascii"))
+    return AllowedLine(line.text.decode("ascii"))
 
 
 _ASKED: Final[Rules] = {
@@ -195,11 +195,11 @@ _JOB: Final[Rules] = {
 def _judge(own: gate_facts.Rule) -> Judge:
     """Make the judge of a family's own rule."""
     match own:
-        case gate_facts.Ask():
+        case gate_facts.AllowQuery():
             return asks(own.letters)
-        case gate_facts.OnlyWith():
+        case gate_facts.AllowValues():
             return only_with(own.values, "", own.remedy)
-        case gate_facts.TakeOffsetBack():
+        case gate_facts.AllowOffsetReset():
             return _offset_taken_back(own.head)
         case gate_facts.Advance():
             return _advance(own.key)
@@ -209,7 +209,7 @@ def _judge(own: gate_facts.Rule) -> Judge:
             return keyed(own.spans, own.needs)
         case gate_facts.ChooseHead():
             return choose_head
-        case gate_facts.HeatNamed():
+        case gate_facts.CheckNamedHeater():
             return NamedTarget(own)
 
 
@@ -219,22 +219,22 @@ def of_the_moment(judge: Judge | None) -> bool:
 
 
 @cache
-def rules(family: str, door: Door) -> Rules:
+def rules(family: str, door: LineOrigin) -> Rules:
     """Rules of a door, by code.
 
     Parameters
     ----------
     family : str
         The profile's ``firmware``.
-    door : Door
+    door : LineOrigin
     """
     facts = find_family(family).gate
-    common, own = (_JOB, facts.job) if door is Door.JOB else (_CONSOLE, facts.console)
+    common, own = (_JOB, facts.job) if door is LineOrigin.JOB else (_CONSOLE, facts.console)
     return {**common, **{code: _judge(one) for code, one in own.items()}}
 
 
-def rule(line: GcodeLine, family: str, door: Door) -> Judge | None:
+def rule(line: GcodeLine, family: str, door: LineOrigin) -> Judge | None:
     """Rule of a line; None where no door lets its code pass."""
     if line.code[:1] == "T" and line.code[1:].isdigit():
-        return _head if door is Door.JOB else None
+        return _head if door is LineOrigin.JOB else None
     return rules(family, door).get(line.code)

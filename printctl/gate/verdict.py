@@ -10,7 +10,7 @@ Place = tuple[float, float, float]
 NOT_BY_HAND: Final = "isn't for manual use"
 
 
-class Act(StrEnum):
+class LineAction(StrEnum):
     """What carries an allowed line out."""
 
     SEND = "send"
@@ -24,14 +24,14 @@ class Act(StrEnum):
 
 
 @dataclass(frozen=True)
-class Allowed:
+class AllowedLine:
     """Verdict on an allowed line.
 
     Attributes
     ----------
     text : str
         What is sent: rendered from what was understood.
-    act : Act
+    act : LineAction
     target : (x, y, z) or None, mm
         Of a move.
     speed_mm_s : float or None, mm/s
@@ -46,7 +46,7 @@ class Allowed:
     """
 
     text: str
-    act: Act = Act.SEND
+    act: LineAction = LineAction.SEND
     target: Place | None = None
     speed_mm_s: float | None = None
     axes: tuple[str, ...] = ()
@@ -68,7 +68,7 @@ class Refusal:
     message: str
 
 
-Verdict = Allowed | Refusal
+Verdict = AllowedLine | Refusal
 
 
 class NotAllowed(Exception):  # noqa: N818 (an answer, which `printctl.gate.judge` gives back)

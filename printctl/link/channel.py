@@ -21,7 +21,7 @@ _LAST_BYTES: Final = 80
 
 
 class EventHandler(Protocol):
-    """What becomes of a printer's events; `Replied` and `InStep` are the channel's own."""
+    """What becomes of a printer's events; `Replied` and `Synchronised` are the channel's own."""
 
     def handle(self, event: said.Event) -> None:
         """Take notice of an event; raise `PrintEnded` or `LinkError` where it ends all."""
@@ -91,7 +91,7 @@ class Channel:
         self.wiring, self.logbook, self.kill, self.heard = wiring, logbook, kill, heard
         self._handler = handler
         self._awaited = -1
-        self._replies: list[said.Replied] = []
+        self._replies: list[said.CommandReplied] = []
         self._in_step: list[int] = []
 
     # --- one step --------------------------------------------------------------------------------
@@ -191,18 +191,18 @@ class Channel:
     def handle(self, events: Sequence[said.Event]) -> None:
         """Take what is the channel's own; hand on the rest."""
         for event in events:
-            if isinstance(event, said.Replied):
+            if isinstance(event, said.CommandReplied):
                 if event.number == self._awaited:  # another's is of a command that was sent again
                     self._replies.append(event)
-            elif isinstance(event, said.InStep):
+            elif isinstance(event, said.Synchronised):
                 self._in_step.append(event.number)
             else:
                 self._note_own(event)
                 self._handler.handle(event)
 
     def _note_own(self, event: said.Event) -> None:
-        if isinstance(event, said.WentBack) and event.controls:
+        if isinstance(event, said.LinesResent) and event.controls:
             # the newest is the one whose reply is waited for
             self._awaited = event.first + len(event.controls) - 1
-        elif isinstance(event, (said.Booted, said.WasReset)):
+        elif isinstance(event, (said.FirmwareStarted, said.FirmwareReset)):
             self.heard.boot()

@@ -34,8 +34,8 @@ from printctl.link.door_places import (
     MOST_GUESTS,
     NO_HANDLE,
     RETRY_S,
-    Guest,
-    Guests,
+    ClientPlace,
+    ClientPlaces,
     Reserve,
 )
 from printctl.link.errors import LinkError
@@ -86,7 +86,7 @@ def forget(address: str) -> None:
 
 
 @dataclass
-class Door(ABC):
+class SocketServer(ABC):
     """Serves clients in a thread of its own, from `start` to `finish`.
 
     A kind of door says what may be wished (`wishes`), what a client is told (`told`) and what
@@ -103,9 +103,11 @@ class Door(ABC):
     listener: socket.socket
     token: str
     reserve: Reserve = field(init=False, default_factory=Reserve)
-    _guests: Guests = field(init=False, default_factory=Guests)
+    _guests: ClientPlaces = field(init=False, default_factory=ClientPlaces)
     _deaf_until: float = field(init=False, default=0.0)
-    _mail: deque[tuple[Guest | None, dict[str, Any]]] = field(init=False, default_factory=deque)
+    _mail: deque[tuple[ClientPlace | None, dict[str, Any]]] = field(
+        init=False, default_factory=deque
+    )
     _kill: threading.Event = field(init=False, default_factory=threading.Event)
     _over: threading.Event = field(init=False, default_factory=threading.Event)
 
@@ -144,7 +146,7 @@ class Door(ABC):
         """Status as a JSON object."""
 
     @abstractmethod
-    def wishes(self) -> Mapping[str, Callable[[Guest, dict[str, Any]], None]]:
+    def wishes(self) -> Mapping[str, Callable[[ClientPlace, dict[str, Any]], None]]:
         """What grants each wish; raises `LinkError` for one that can't be granted."""
 
     # --- for any thread ------------------------------------------------------------------------
@@ -153,7 +155,7 @@ class Door(ABC):
         """Tell all subscribers, never waiting."""
         self.post(None, {"event": "status", **status})
 
-    def post(self, guest: Guest | None, message: dict[str, Any]) -> None:
+    def post(self, guest: ClientPlace | None, message: dict[str, Any]) -> None:
         """Send to one client, or to all subscribers, never waiting."""
         self._mail.append((guest, message))
         self._wake()
@@ -222,7 +224,7 @@ class Door(ABC):
         connection.setblocking(False)
         if len(self._guests) >= MOST_GUESTS:
             self._one_leaves()
-        guest = Guest(connection)
+        guest = ClientPlace(connection)
         self._guests.add(guest)
         self._selector.register(connection, selectors.EVENT_READ)
         self.reserve.refill()
@@ -244,13 +246,13 @@ class Door(ABC):
             self._dismiss(leaver)
         return leaver is not None
 
-    def _dismiss(self, guest: Guest) -> None:
+    def _dismiss(self, guest: ClientPlace) -> None:
         with contextlib.suppress(KeyError, ValueError):
             self._selector.unregister(guest.socket)
         self._guests.remove(guest)
         guest.socket.close()
 
-    def _attend(self, guest: Guest, mask: int) -> None:
+    def _attend(self, guest: ClientPlace, mask: int) -> None:
         if mask & selectors.EVENT_WRITE:
             self._flush(guest)
         if not mask & selectors.EVENT_READ:
@@ -268,7 +270,7 @@ class Door(ABC):
         for line in lines:
             self._answer(guest, line)
 
-    def _answer(self, guest: Guest, line: bytes) -> None:
+    def _answer(self, guest: ClientPlace, line: bytes) -> None:
         try:
             wish = json.loads(line)
             if not secrets.compare_digest(str(wish.get("token", "")), self.token):
@@ -285,17 +287,17 @@ class Door(ABC):
         except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
             self.post(guest, {"event": "refused", "message": f"can't read {line[:80]!r}"})
 
-    def _subscribe(self, guest: Guest, wish: dict[str, Any]) -> None:
+    def _subscribe(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
         guest.subscribed = True
         self.post(guest, {"event": "status", **self.told()})
 
-    def _status(self, guest: Guest, wish: dict[str, Any]) -> None:
+    def _status(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
         self.post(guest, {"event": "status", "asked": True, **self.told()})
 
-    def _do_kill(self, guest: Guest, wish: dict[str, Any]) -> None:
+    def _do_kill(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
         self._kill.set()
 
-    def _do_detach(self, guest: Guest, wish: dict[str, Any]) -> None:
+    def _do_detach(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
         guest.subscribed = False
 
     def _deliver(self) -> None:
@@ -307,7 +309,7 @@ class Door(ABC):
                     one.unsent += data
                     self._flush(one)
 
-    def _flush(self, guest: Guest) -> None:
+    def _flush(self, guest: ClientPlace) -> None:
         try:
             guest.unsent = guest.unsent[guest.socket.send(guest.unsent) :]
         except BlockingIOError:

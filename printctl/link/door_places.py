@@ -16,7 +16,7 @@ NO_HANDLE: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 
 @dataclass
-class Guest:
+class ClientPlace:
     """One client's connection.
 
     Attributes
@@ -36,38 +36,38 @@ class Guest:
 
 
 @dataclass
-class Guests:
+class ClientPlaces:
     """The clients of a door, the oldest first."""
 
-    _by_socket: dict[socket.socket, Guest] = field(default_factory=dict)
+    _by_socket: dict[socket.socket, ClientPlace] = field(default_factory=dict)
 
-    def __contains__(self, one: Guest) -> bool:
+    def __contains__(self, one: ClientPlace) -> bool:
         return one.socket in self._by_socket
 
     def __len__(self) -> int:
         return len(self._by_socket)
 
-    def of(self, end: object) -> Guest | None:
+    def of(self, end: object) -> ClientPlace | None:
         """Return the client of a socket; None of one that has left."""
         return self._by_socket.get(end)  # type: ignore[call-overload]
 
-    def all(self) -> list[Guest]:
+    def all(self) -> list[ClientPlace]:
         """Return every client."""
         return list(self._by_socket.values())
 
-    def subscribers(self) -> list[Guest]:
+    def subscribers(self) -> list[ClientPlace]:
         """Return who hears all news."""
         return [one for one in self._by_socket.values() if one.subscribed]
 
-    def add(self, one: Guest) -> None:
+    def add(self, one: ClientPlace) -> None:
         """Let a client in."""
         self._by_socket[one.socket] = one
 
-    def remove(self, one: Guest) -> None:
+    def remove(self, one: ClientPlace) -> None:
         """Let a client out; nothing happens where it has left."""
         self._by_socket.pop(one.socket, None)
 
-    def leaver(self) -> Guest | None:
+    def leaver(self) -> ClientPlace | None:
         """Return who makes room for a new client, which may bring a kill.
 
         First who has asked for nothing yet, then who isn't subscribed; of these the oldest.

@@ -40,7 +40,7 @@ _ANSWER: Final = re.compile(
 )
 
 
-class Tunable(Protocol):
+class TunableBaud(Protocol):
     """A wire whose baud rate can be changed while it is open."""
 
     def write(self, data: bytes) -> None:
@@ -177,12 +177,12 @@ def rates_to_try(printer: Printer) -> tuple[int, ...]:
     return tuple(dict.fromkeys((printer.baud, *printer.bauds)))
 
 
-def sweep(wire: Tunable, rates: Sequence[int], clock: Clock, resets: bool) -> int:
+def sweep(wire: TunableBaud, rates: Sequence[int], clock: Clock, resets: bool) -> int:
     """Ask at one rate after the other; give the first at which a firmware answers.
 
     Parameters
     ----------
-    wire : Tunable
+    wire : TunableBaud
         Open, at the first rate.
     rates : sequence of int
     clock : Clock
@@ -214,7 +214,7 @@ def sweep(wire: Tunable, rates: Sequence[int], clock: Clock, resets: bool) -> in
     )
 
 
-def _let_start(wire: Tunable, clock: Clock) -> None:
+def _let_start(wire: TunableBaud, clock: Clock) -> None:
     """Wait for the first sign of a start, and until it is over; at whatever rate, it is a sign."""
     limit = clock.now() + BOOT_LIMIT_S
     wait = FIRST_WORD_S

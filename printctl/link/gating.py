@@ -10,11 +10,11 @@ from typing import Final
 from firmware_profiles import Printer
 from firmware_profiles.families.position_reply import parse_position
 from printctl.gate import (
-    Allowed,
+    AllowedLine,
     Bounds,
-    Door,
-    Known,
+    LineOrigin,
     Phase,
+    PrinterSituation,
     Refusal,
     Verdict,
     changed_settings,
@@ -49,7 +49,7 @@ class Manual:
     refused: Callable[[str], None] | None = None
 
 
-def let_through(verdict: Verdict) -> Allowed:
+def let_through(verdict: Verdict) -> AllowedLine:
     """Return what was allowed.
 
     Raises
@@ -67,17 +67,17 @@ class PausedTip:
 
     Parameters
     ----------
-    limits : Known
+    limits : PrinterSituation
         What the station knows, or the profile alone.
     ask : callable
         Sends a command and gives the printer's reply.
     """
 
-    def __init__(self, limits: Known, ask: Ask) -> None:
+    def __init__(self, limits: PrinterSituation, ask: Ask) -> None:
         self._limits, self._ask = limits, ask
         self._clear_mm: float | None = None
 
-    def known(self) -> Known:
+    def known(self) -> PrinterSituation:
         """The moment; the printer is asked where it stands."""
         at = parse_position(self._ask(b"M114"))
         if not {"X", "Y", "Z"} <= set(at):
@@ -99,9 +99,9 @@ class PausedTip:
         return Bounds(bounds.printer, trusted=True, needle=bounds.needle, clear_mm=clear_mm)
 
 
-def judge_typed(text: str, known: Known) -> Verdict:
+def judge_typed(text: str, known: PrinterSituation) -> Verdict:
     """Judge what a person typed into a print."""
-    return judge(text, Door.CONSOLE, known)
+    return judge(text, LineOrigin.CONSOLE, known)
 
 
 def is_of_the_line(fault: str) -> bool:

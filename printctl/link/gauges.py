@@ -13,7 +13,7 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-from firmware_profiles import Watched
+from firmware_profiles import WatchedGauge
 from printctl.link.channel import Channel
 from printctl.link.errors import HandshakeError
 
@@ -26,7 +26,7 @@ class Gauge:
 
     Parameters
     ----------
-    watched : Watched
+    watched : WatchedGauge
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class Gauge:
         Answers since then that couldn't be read.
     """
 
-    def __init__(self, watched: Watched) -> None:
+    def __init__(self, watched: WatchedGauge) -> None:
         self.watched = watched
         self.value, self.due, self.unread = math.nan, 0.0, 0
         self._number = re.compile(watched.regex)

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 from firmware_profiles import Printer
 from printctl.link.families import link_facts
-from printctl.link.run_on import RunOn, unknown_run_on
+from printctl.link.run_on import MotorRunOn, unknown_run_on
 
 
 @dataclass(frozen=True)
@@ -52,12 +52,12 @@ class Halting:
     stops_at_once: bool = False
     runs_on_s: float = 0.0
 
-    def told(self, run_on: RunOn | None, stopped: bool) -> str:
+    def told(self, run_on: MotorRunOn | None, stopped: bool) -> str:
         """Say what the motors did, or may have done.
 
         Parameters
         ----------
-        run_on : RunOn or None
+        run_on : MotorRunOn or None
             How far they may have run on; None where nobody knows what moved.
         stopped : bool
             Whether the printer lived between ``first`` and ``last``.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from printctl.gate import Allowed, Door, Known, judge
+from printctl.gate import AllowedLine, LineOrigin, PrinterSituation, judge
 from printctl.link.channel import Channel
 from printctl.link.temperatures import parse_temperatures, target_command
 
@@ -50,7 +50,7 @@ class HeatCheck:
         """Take the targets that this print had set after ``read`` lines, from its journal."""
         self._targets, self._read = dict(targets), read
 
-    def set_by_hand(self, allowed: Allowed) -> None:
+    def set_by_hand(self, allowed: AllowedLine) -> None:
         """Take notice of a target that a person has set in the print."""
         if allowed.heater and self._targets:
             self._read_job()
@@ -105,10 +105,13 @@ class HeatCheck:
 
     def _read_job(self) -> None:
         """Take notice of what the job's own lines have set since they were last read."""
-        taken, known = self._logbook.progress.taken, Known.of_job(self._channel.wiring.printer)
+        taken, known = (
+            self._logbook.progress.taken,
+            PrinterSituation.of_job(self._channel.wiring.printer),
+        )
         for line in taken[self._read :]:
             if not line.startswith((b"G0", b"G1")):
-                verdict = judge(line.decode("ascii", "replace"), Door.JOB, known)
-                if isinstance(verdict, Allowed) and verdict.heater:
+                verdict = judge(line.decode("ascii", "replace"), LineOrigin.JOB, known)
+                if isinstance(verdict, AllowedLine) and verdict.heater:
                     self._targets[verdict.heater] = verdict.celsius
         self._read = len(taken)

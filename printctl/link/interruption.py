@@ -33,7 +33,7 @@ WAITS: Final = (
 FIRST: Final = "stopping behind the line that is being made: kill doesn't wait"
 
 
-class StopAsked(Exception):  # noqa: N818
+class StopRequested(Exception):  # noqa: N818
     """A stop was asked for and nothing is in flight: go no further, end the print."""
 
 
@@ -78,10 +78,10 @@ class Interruption:
 
         Raises
         ------
-        StopAsked
+        StopRequested
         """
         if self._asked and self._logbook.state not in EARLY and self._wiring.protocol.idle:
-            raise StopAsked
+            raise StopRequested
 
     @property
     def _asked(self) -> bool:

@@ -10,7 +10,7 @@ from typing import Final
 from printctl.link.errors import PortLost
 from printctl.link.firmware import Firmware
 from printctl.link.halting import Halting, halting_of
-from printctl.link.run_on import RunOn
+from printctl.link.run_on import MotorRunOn
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.wiring import Wiring
 
@@ -111,7 +111,7 @@ class Kill:
         late = self._wiring.clock.now() - self._left > WIRE_S
         self._alive |= late and not self._sent
 
-    def words(self, run_on: RunOn | None) -> str:
+    def words(self, run_on: MotorRunOn | None) -> str:
         """Return what was sent and how soon it worked, once the printer has halted."""
         printer_s = self._wiring.clock.now() - self._left
         return (

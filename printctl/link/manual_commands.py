@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from printctl.gate import Known, Refusal
+from printctl.gate import PrinterSituation, Refusal
 from printctl.link.channel import Channel
 from printctl.link.gating import Manual, judge_typed
 from printctl.link.heat_check import HeatCheck
-from printctl.link.interruption import StopAsked
+from printctl.link.interruption import StopRequested
 from printctl.link.requests import RequestQueue
 
 
@@ -27,12 +27,12 @@ class ManualCommands:
         self._channel, self._logbook = channel, channel.logbook
         self._requests, self._heat = requests, heat
 
-    def send_all(self, known: Callable[[], Known]) -> None:
+    def send_all(self, known: Callable[[], PrinterSituation]) -> None:
         """Send what waits; ``known`` is what the gate is told of the moment."""
         while (manual := self._requests.take_command()) is not None:
             self._send(manual, known)
 
-    def _send(self, manual: Manual, known: Callable[[], Known]) -> None:
+    def _send(self, manual: Manual, known: Callable[[], PrinterSituation]) -> None:
         """Send a command, if the gate lets it pass as things stand.
 
         What the printer says against it ends no print: nothing else was under way.
@@ -48,7 +48,7 @@ class ManualCommands:
         before = self._logbook.fault
         try:
             lines = self._channel.command(verdict.text.encode("ascii"))
-        except StopAsked:
+        except StopRequested:
             manual.refused("the print is being stopped")
             raise
         complaint = self._logbook.excuse(before)

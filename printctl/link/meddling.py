@@ -13,7 +13,7 @@ from printctl.link.position_check import PositionCheck
 
 
 @dataclass(frozen=True)
-class Meddling:
+class ForeignCommands:
     """Has a printer that others wrote to as the job counts on.
 
     M114 tells where a printer is, not how it reads the next line: relative places, a flow factor

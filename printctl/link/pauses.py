@@ -17,9 +17,9 @@ from printctl.link.families import link_facts
 from printctl.link.gating import PausedTip
 from printctl.link.head_choice import HeadChoice
 from printctl.link.idle_motors import IdleMotors
-from printctl.link.interruption import StopAsked
+from printctl.link.interruption import StopRequested
 from printctl.link.manual_commands import ManualCommands
-from printctl.link.meddling import Meddling
+from printctl.link.meddling import ForeignCommands
 from printctl.link.modal import Modal
 from printctl.link.position_check import PositionCheck
 from printctl.link.print_requests import PrintRequests
@@ -29,7 +29,7 @@ from printctl.link.states import LinkState
 from printctl.link.syringe_change import CHANGE, SyringeChange
 from printctl.link.syringe_changer import SyringeChanger
 from printctl.link.valve_switch import ValveSwitch
-from printctl.link.watch import Due, Watch
+from printctl.link.watch import DueTask, Watch
 
 PAUSE_SIGN_S: Final = 20.0
 """Interval of the sign of life in a pause."""
@@ -49,7 +49,7 @@ class Pauses:
     change : SyringeChange
     changer : SyringeChanger
     position : PositionCheck
-    meddling : Meddling
+    meddling : ForeignCommands
     heads : HeadChoice
     valve : ValveSwitch
     motors : IdleMotors
@@ -66,7 +66,7 @@ class Pauses:
     change: SyringeChange
     changer: SyringeChanger
     position: PositionCheck
-    meddling: Meddling
+    meddling: ForeignCommands
     heads: HeadChoice
     valve: ValveSwitch
     motors: IdleMotors
@@ -82,15 +82,15 @@ class Pauses:
         clock, done = self.channel.wiring.clock, progress.done
         due = watch.due(clock.now(), done)
         where = ", ".join(str(mark) for mark in progress.job.marks.here(done)) or f"line {done}"
-        if due is Due.RELOAD:
+        if due is DueTask.RELOAD:
             planned = done in watch.reload_at
             self.change.plan(watch.reload_head(done) if planned else self.requests.reload_head)
             self.pause(f"paused at the {where}: {self.change.words()}", changing=True)
-        elif due is Due.PAUSE:
+        elif due is DueTask.PAUSE:
             self.pause(f"paused at the {where}")
-        elif due is Due.DEADMAN:
+        elif due is DueTask.DEADMAN:
             self._nobody_there()
-        elif due is Due.CHECKPOINT:
+        elif due is DueTask.CHECKPOINT:
             self._checkpoint(where)
             watch.checked(clock.now(), done)
 
@@ -181,7 +181,7 @@ class Pauses:
             self.commands.send_all(tip.known)
             request = queue.take()
             if request is Request.STOP:
-                raise StopAsked
+                raise StopRequested
             if request is Request.RELOAD and not self.change.going_on:
                 self.change.plan(self.requests.reload_head)
                 self.excursion.lose_count()

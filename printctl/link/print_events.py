@@ -12,7 +12,7 @@ from printctl.link.interruption import Interruption
 from printctl.link.kill import HALTED_BEFORE, Kill
 from printctl.link.logbook import Logbook
 from printctl.link.requests import Request, RequestQueue
-from printctl.link.run_on import RunOn
+from printctl.link.run_on import MotorRunOn
 from printctl.link.states import EARLY, LinkState, PrintEnded
 from printctl.link.wiring import Wiring
 
@@ -55,19 +55,19 @@ class PrintEvents:
         self._handlers: dict[type, Callable[[Any], None]] = {
             said.Fault: self._on_fault,
             said.Notice: self._on_notice,
-            said.WentBack: self._on_went_back,
-            said.Stray: self._on_stray,
+            said.LinesResent: self._on_went_back,
+            said.StrayOk: self._on_stray,
             said.TokenSent: self._on_token_sent,
             said.Waiting: self._on_waiting,
             said.Action: self._on_action,
-            said.PersonAwaited: self._on_person_awaited,
+            said.WaitingForPerson: self._on_person_awaited,
             said.Noisy: self._on_noisy,
             said.Halting: self._on_halting,
-            said.Halted: self._on_halted,
-            said.Booted: self._on_booted,
-            said.WasReset: self._on_reset,
-            said.OutOfStep: self._on_out_of_step,
-            said.Silent: self._on_silent,
+            said.FirmwareHalted: self._on_halted,
+            said.FirmwareStarted: self._on_booted,
+            said.FirmwareReset: self._on_reset,
+            said.LostSynchronisation: self._on_out_of_step,
+            said.NoReply: self._on_silent,
         }
 
     def handle(self, event: said.Event) -> None:
@@ -87,7 +87,7 @@ class PrintEvents:
     def _on_notice(self, event: said.Notice) -> None:
         self._logbook.notice(event.text)
 
-    def _on_went_back(self, event: said.WentBack) -> None:
+    def _on_went_back(self, event: said.LinesResent) -> None:
         self._logbook.alarm(
             f"lines {event.first} to {event.last} weren't taken after all; sent again"
         )
@@ -105,7 +105,7 @@ class PrintEvents:
             f"on, the print ends after {event.limit:.0f} s (--silent-limit)"
         )
 
-    def _on_stray(self, event: said.Stray) -> None:
+    def _on_stray(self, event: said.StrayOk) -> None:
         if self._kill.asked.is_set():  # its own M410 is answered by an ok, too
             return
         self._progress.doubt()
@@ -140,7 +140,7 @@ class PrintEvents:
             self._logbook.alarm(f"the printer asks for {event.name!r}")
             self._requests.add(_ACTIONS[event.name], by=f"the printer (//action:{event.name})")
 
-    def _on_person_awaited(self, event: said.PersonAwaited) -> None:
+    def _on_person_awaited(self, event: said.WaitingForPerson) -> None:
         self._logbook.alarm(
             "the printer waits for somebody to press its own button (paused for user): press it or "
             "stop the print"
@@ -156,11 +156,11 @@ class PrintEvents:
 
     def _on_halting(self, event: said.Halting) -> None:
         if self._kill.asked.is_set():  # it is known why
-            self._on_halted(said.Halted(event.text))
+            self._on_halted(said.FirmwareHalted(event.text))
         self._kill.halted()
         self._logbook.alarm(f"the firmware halted itself ({event.text}); it is asked why")
 
-    def _on_halted(self, event: said.Halted) -> None:
+    def _on_halted(self, event: said.FirmwareHalted) -> None:
         itself = self._kill.halted_itself
         self._kill.halted()
         if itself and self._kill.asked.is_set():
@@ -177,18 +177,18 @@ class PrintEvents:
             known=False,
         )
 
-    def _run_on(self) -> RunOn | None:
+    def _run_on(self) -> MotorRunOn | None:
         """How far motors may run on; None where other moves than the job's may be under way."""
         if self._logbook.state is not LinkState.PRINTING:
             return None
         return self._progress.run_on(self._wiring.clock.now())
 
-    def _on_booted(self, event: said.Booted) -> None:
+    def _on_booted(self, event: said.FirmwareStarted) -> None:
         if self._kill.asked.is_set():
             raise PrintEnded(LinkState.KILLED, "killed by the user, by the reset line", known=False)
 
-    def _on_reset(self, event: said.WasReset) -> None:
-        self._on_booted(said.Booted())
+    def _on_reset(self, event: said.FirmwareReset) -> None:
+        self._on_booted(said.FirmwareStarted())
         if not self._logbook.begun:
             raise HandshakeError(
                 f"the printer at {self._wiring.transport.name} was reset during the handshake; "
@@ -201,7 +201,7 @@ class PrintEvents:
             known=False,
         )
 
-    def _on_out_of_step(self, event: said.OutOfStep) -> None:
+    def _on_out_of_step(self, event: said.LostSynchronisation) -> None:
         raise PrintEnded(
             LinkState.POSITION_UNKNOWN,
             f"the printer's last line is {event.last}, the host's {event.expected}; another "
@@ -209,7 +209,7 @@ class PrintEvents:
             known=False,
         )
 
-    def _on_silent(self, event: said.Silent) -> None:
+    def _on_silent(self, event: said.NoReply) -> None:
         if self._logbook.state in EARLY:
             printer = self._wiring.printer
             raise HandshakeError(

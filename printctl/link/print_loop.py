@@ -5,12 +5,12 @@ from __future__ import annotations
 import contextlib
 from dataclasses import replace
 
-from printctl.gate import Known, Phase
+from printctl.gate import Phase, PrinterSituation
 from printctl.link.agreeing import agree_start
 from printctl.link.channel import POLL_S
 from printctl.link.connecting import connect
 from printctl.link.errors import LinkError
-from printctl.link.interruption import StopAsked
+from printctl.link.interruption import StopRequested
 from printctl.link.job_start import told_start
 from printctl.link.journalled_print import JournalledPrint
 from printctl.link.marks import MarkKind
@@ -43,7 +43,7 @@ class PrintLoop:
         """
         try:
             self._run(history)
-        except StopAsked:
+        except StopRequested:
             self._parts.ending.stop()
 
     def _run(self, history: JournalledPrint | None) -> None:
@@ -178,7 +178,7 @@ class PrintLoop:
         parts.commands.send_all(self._printing)
         while (request := parts.queue.take()) is not None:
             if request is Request.STOP:
-                raise StopAsked
+                raise StopRequested
             if request is Request.PAUSE:
                 parts.pauses.pause()
             elif request is Request.RESUME:
@@ -186,7 +186,7 @@ class PrintLoop:
             elif request is Request.RELOAD:  # asked for in a pause that is over
                 parts.requests.want(MarkKind.RELOAD)
 
-    def _printing(self) -> Known:
+    def _printing(self) -> PrinterSituation:
         """Return what the gate is told while lines go out."""
         return replace(self._wiring.limits(), phase=Phase.PRINTING)
 

@@ -19,7 +19,7 @@ from printctl.link.interruption import Interruption
 from printctl.link.job import Job
 from printctl.link.logbook import Logbook
 from printctl.link.manual_commands import ManualCommands
-from printctl.link.meddling import Meddling
+from printctl.link.meddling import ForeignCommands
 from printctl.link.other_clients import OtherClients
 from printctl.link.pauses import Pauses
 from printctl.link.position_check import PositionCheck
@@ -54,7 +54,7 @@ class PrintParts:
     clients : OtherClients
     firmware : FirmwareCheck
     position : PositionCheck
-    meddling : Meddling
+    meddling : ForeignCommands
     heat : HeatCheck
     valve : ValveSwitch
     ending : Ending
@@ -75,7 +75,7 @@ class PrintParts:
     firmware: FirmwareCheck
     frame: FrameCheck
     position: PositionCheck
-    meddling: Meddling
+    meddling: ForeignCommands
     heat: HeatCheck
     valve: ValveSwitch
     ending: Ending
@@ -100,7 +100,7 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
     valve = ValveSwitch(channel)
     frame = FrameCheck(channel)
     position = PositionCheck(channel, valve, frame)
-    meddling, excursion = Meddling(channel, firmware, position, heat), Excursion()
+    meddling, excursion = ForeignCommands(channel, firmware, position, heat), Excursion()
     returning = Returning(channel, heads, position, excursion)
     ending = Ending(channel, firmware, heads, position, valve, excursion, interruption)
     pauses = Pauses(

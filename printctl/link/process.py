@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Final
 
 from firmware_profiles import Printer, ProfileError, load
-from printctl.gate import Known
+from printctl.gate import PrinterSituation
 from printctl.link.care import Care
 from printctl.link.clock import RealClock
 from printctl.link.errors import AlreadyPrinting, LinkError
@@ -99,7 +99,7 @@ class Wire:
     on_start: Callable[[Streamer], None]
     on_status: Callable[[Status], None]
     fresh: bool = False
-    room: Callable[[], Known] | None = None
+    room: Callable[[], PrinterSituation] | None = None
 
 
 def serve(order: Order, wire: Wire | None = None) -> Status:

@@ -9,7 +9,7 @@ from printctl.link.heads import head_at
 from printctl.link.job import Job
 from printctl.link.modal import Modal, ModalTrail, modal_state, relieved_mm
 from printctl.link.planned_moves import planned_moves
-from printctl.link.run_on import Answers, RunOn, longest_run_on
+from printctl.link.run_on import Answers, MotorRunOn, longest_run_on
 from printctl.link.stop_place import StopPlace, find_stood
 from printctl.link.wiring import Wiring
 
@@ -107,7 +107,7 @@ class JobProgress:
         if found.certain:
             self._made.stood(found.line)
 
-    def run_on(self, now: float) -> RunOn | None:
+    def run_on(self, now: float) -> MotorRunOn | None:
         """Return how far motors may run on, halted at ``now``; None where the job doesn't tell.
 
         Moves in flight are among those under way: an arc is answered when all but its end was made.

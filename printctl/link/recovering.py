@@ -19,7 +19,7 @@ from printctl.link.job import Job
 from printctl.link.job_frame import JobFrame, frame_at
 from printctl.link.journalled_print import JournalledPrint
 from printctl.link.modal import HOMING, Modal, places_told
-from printctl.link.recovery_begin import Beginning, beginning
+from printctl.link.recovery_begin import RestStart, beginning
 from printctl.link.recovery_steps import by_hand, what_is_there
 from printctl.link.rest_lines import rest_lines
 from printctl.link.retreat import Retreat, count_from
@@ -134,7 +134,7 @@ def _counted(at: Modal, frame: JobFrame, begin: int) -> Modal:
 
 def _way_in(
     job: Job,
-    found: Beginning,
+    found: RestStart,
     printer: Printer,
     retreat: Retreat,
     frame: JobFrame,

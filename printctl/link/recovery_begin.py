@@ -29,7 +29,7 @@ class NoCheckpoint(LinkError):  # noqa: N818
 
 
 @dataclass(frozen=True)
-class Beginning:
+class RestStart:
     """Job line and position at which the rest begins.
 
     Attributes
@@ -52,7 +52,7 @@ class Beginning:
     stood: str = ""
 
 
-def _where_it_stood(job: Job, stood: Record) -> Beginning:
+def _where_it_stood(job: Job, stood: Record) -> RestStart:
     """Go on with the line in whose middle a printer was stopped, or with one that is surely open.
 
     Raises
@@ -82,12 +82,12 @@ def _where_it_stood(job: Job, stood: Record) -> Beginning:
             f"journal can't tell exactly; line {line} is the first that may not have been made. "
             "Nothing is left out, but what follows may be written already: look at the part."
         )
-    return Beginning(index, "where it was stopped", at, relieved, told)
+    return RestStart(index, "where it was stopped", at, relieved, told)
 
 
 def beginning(
     job: Job, history: JournalledPrint, printer: Printer, from_line: int | None
-) -> Beginning:
+) -> RestStart:
     """Find where the rest begins: as asked, where the printer stood, or behind a sure checkpoint.
 
     Raises
@@ -100,7 +100,7 @@ def beginning(
     if from_line is None and history.stood is not None:
         return _where_it_stood(job, history.stood)
     index, why = _line_to_begin(job, history, printer, from_line)
-    return Beginning(index, why, modal_state(job.lines, index), relieved_mm(job.lines, index))
+    return RestStart(index, why, modal_state(job.lines, index), relieved_mm(job.lines, index))
 
 
 def _line_to_begin(

@@ -9,7 +9,7 @@ from printctl.link.job import Job
 from printctl.link.job_frame import JobFrame
 from printctl.link.journalled_print import JournalledPrint
 from printctl.link.marks import MarkKind
-from printctl.link.recovery_begin import Beginning
+from printctl.link.recovery_begin import RestStart
 from printctl.link.written_twice import written_twice
 
 
@@ -54,7 +54,7 @@ def by_hand(printer: Printer, frame: JobFrame) -> tuple[str, ...]:
 
 
 def what_is_there(
-    job: Job, history: JournalledPrint, found: Beginning, printer: Printer, ul_per_mm: float | None
+    job: Job, history: JournalledPrint, found: RestStart, printer: Printer, ul_per_mm: float | None
 ) -> tuple[str, ...]:
     """From where the file goes on, and what may be written twice."""
     begin = found.index

@@ -12,7 +12,7 @@ from printctl.link.frame_check import FrameCheck
 from printctl.link.head_choice import HeadChoice
 from printctl.link.heat_check import HeatCheck
 from printctl.link.journalled_print import JournalledPrint
-from printctl.link.meddling import Meddling
+from printctl.link.meddling import ForeignCommands
 from printctl.link.modal import Modal
 from printctl.link.pauses import Pauses
 from printctl.link.position_check import PositionCheck
@@ -34,7 +34,7 @@ class Resumption:
     firmware : FirmwareCheck
     frame : FrameCheck
     heat : HeatCheck
-    meddling : Meddling
+    meddling : ForeignCommands
     heads : HeadChoice
     position : PositionCheck
     valve : ValveSwitch
@@ -49,7 +49,7 @@ class Resumption:
     firmware: FirmwareCheck
     frame: FrameCheck
     heat: HeatCheck
-    meddling: Meddling
+    meddling: ForeignCommands
     heads: HeadChoice
     position: PositionCheck
     valve: ValveSwitch

@@ -28,7 +28,7 @@ MOST_STEPS: Final = 11_000.0
 """Step events/s beyond which load grows no more: one interrupt makes two."""
 
 
-class RunOn(NamedTuple):
+class MotorRunOn(NamedTuple):
     """How long motors run on, s, and how far the tip, mm."""
 
     seconds: float
@@ -58,16 +58,16 @@ class MoveTimeline:
     starts: list[float]
     held: int
 
-    def ends_after(self, begin_s: float, wait_s: float) -> RunOn:
+    def ends_after(self, begin_s: float, wait_s: float) -> MotorRunOn:
         """Return how far motors run on from ``begin_s``."""
         running = max(bisect_right(self.starts, begin_s) - 1, 0)
         empty_s = self.starts[min(running + self.held, len(self.starts) - 1)]
         begin = _between(self.time_s, self.wait_s, begin_s)
         end_s = min(_between(self.wait_s, self.time_s, begin + wait_s), max(empty_s, begin_s))
         path = _between(self.time_s, self.path_mm, end_s)
-        return RunOn(end_s - begin_s, path - _between(self.time_s, self.path_mm, begin_s))
+        return MotorRunOn(end_s - begin_s, path - _between(self.time_s, self.path_mm, begin_s))
 
-    def longest(self, begin_s: float, end_s: float, wait_s: float) -> RunOn:
+    def longest(self, begin_s: float, end_s: float, wait_s: float) -> MotorRunOn:
         """Return the longest of `ends_after` for a halt between two moments.
 
         Between knots, and the moments from which the motors stop at a knot, the time is linear.
@@ -97,7 +97,7 @@ class Answers:
 
 def longest_run_on(
     moves: Sequence[PlannedMove], sure: int, answers: Answers, now: float, printer: Printer
-) -> RunOn:
+) -> MotorRunOn:
     """Return the farthest that motors may run on after a halt.
 
     While the planner is full it answers a line when a move ends. So where the last answers came

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from printctl.link.care import NewSyringe
-from printctl.link.door import Door, forget, listen
-from printctl.link.door_places import Guest
+from printctl.link.door import SocketServer, forget, listen
+from printctl.link.door_places import ClientPlace
 from printctl.link.errors import Refused
 from printctl.link.marks import MarkKind
 from printctl.link.states import Status
@@ -25,7 +25,7 @@ __all__ = ["Server", "forget", "listen"]
 
 
 @dataclass
-class Server(Door):
+class Server(SocketServer):
     """Serves the clients of a print.
 
     Attributes
@@ -43,7 +43,7 @@ class Server(Door):
         """The print's status."""
         return self.streamer.status.to_dict()
 
-    def wishes(self) -> Mapping[str, Callable[[Guest, dict[str, Any]], None]]:
+    def wishes(self) -> Mapping[str, Callable[[ClientPlace, dict[str, Any]], None]]:
         """What else may be wished of a print."""
         return {
             "stop": self._do_stop,
@@ -58,27 +58,27 @@ class Server(Door):
         """Tell all subscribers; from any thread, never waiting."""
         self.tell_all(status.to_dict())
 
-    def _do_stop(self, guest: Guest, wish: dict[str, Any]) -> None:
+    def _do_stop(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
         self.streamer.stop()
 
-    def _do_pause(self, guest: Guest, wish: dict[str, Any]) -> None:
+    def _do_pause(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
         after = wish.get("after")
         self.streamer.pause(MarkKind(after) if after else None)
         self.publish(self.streamer.status)
 
-    def _do_reload(self, guest: Guest, wish: dict[str, Any]) -> None:
+    def _do_reload(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
         head = wish.get("head")
         self.streamer.reload(*(() if head is None else (int(head),)))
         self.publish(self.streamer.status)
 
-    def _do_resume(self, guest: Guest, wish: dict[str, Any]) -> None:
+    def _do_resume(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
         change = wish.get("change")
         self.streamer.resume(NewSyringe(**change) if change else None, bool(wish.get("unchanged")))
 
-    def _do_alive(self, guest: Guest, wish: dict[str, Any]) -> None:
+    def _do_alive(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
         self.streamer.alive()
 
-    def _do_command(self, guest: Guest, wish: dict[str, Any]) -> None:
+    def _do_command(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
         text = str(wish["text"])
 
         def done(lines: tuple[bytes, ...]) -> None:

@@ -13,7 +13,7 @@ _AHEAD: Final = 2
 """Most lines in flight: a mark nearer than that may be passed before it is looked at."""
 
 
-class Due(Enum):
+class DueTask(Enum):
     """What is to be done between two lines."""
 
     NOTHING = auto()
@@ -92,18 +92,18 @@ class Watch:
             wanted.append(first)
         return min([*wanted, total])
 
-    def due(self, now: float, done: int) -> Due:
+    def due(self, now: float, done: int) -> DueTask:
         """What is to be done now, with nothing in flight after ``done`` lines."""
         kinds = {mark.kind for mark in self.marks.here(done)}
         if done in self.reload_at or (self.after is MarkKind.RELOAD and self.after in kinds):
-            return Due.RELOAD
+            return DueTask.RELOAD
         if self.after in kinds:
-            return Due.PAUSE
+            return DueTask.PAUSE
         if self._overdue(now) and (kinds or not self._any_from(done)):
-            return Due.DEADMAN
+            return DueTask.DEADMAN
         if self._wants_checkpoint(now) and done != self._seen and kinds - {MarkKind.RELOAD}:
-            return Due.CHECKPOINT
-        return Due.NOTHING
+            return DueTask.CHECKPOINT
+        return DueTask.NOTHING
 
     def paused(self, done: int) -> None:
         """Take notice that the print is held after ``done`` lines, for whatever reason."""

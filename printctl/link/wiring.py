@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from firmware_profiles import Printer
 from firmware_profiles.families.link_protocol import LinkProtocol
-from printctl.gate import Bounds, Known
+from printctl.gate import Bounds, PrinterSituation
 from printctl.link.clock import Clock
 from printctl.link.journal import Journal
 from printctl.link.retreat import Retreat
@@ -43,8 +43,8 @@ class Wiring:
     retreat: Retreat = field(default_factory=Retreat)
     fresh: bool = True
     on_status: Callable[[Status], None] = lambda status: None
-    room: Callable[[], Known] | None = None
+    room: Callable[[], PrinterSituation] | None = None
 
-    def limits(self) -> Known:
+    def limits(self) -> PrinterSituation:
         """Return what the gate judges by: a station's knowledge, or the profile alone."""
-        return self.room() if self.room is not None else Known(Bounds(self.printer))
+        return self.room() if self.room is not None else PrinterSituation(Bounds(self.printer))

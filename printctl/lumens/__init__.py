@@ -13,7 +13,7 @@ from printctl.lumens.network import network_lumens
 from printctl.lumens.place import find_filament_place, find_place
 from printctl.lumens.read import Writing, read_filaments, read_layers, writes_at
 from printctl.lumens.report import LumenReport, report_dict, report_lumens
-from printctl.lumens.stations import Stations
+from printctl.lumens.stations import SectionStations
 from printctl.lumens.strokes import Strokes
 from printctl.lumens.trees import network_trees
 
@@ -26,7 +26,7 @@ __all__ = [
     "Lumens",
     "Merge",
     "Openings",
-    "Stations",
+    "SectionStations",
     "Strokes",
     "Writing",
     "WrittenLines",

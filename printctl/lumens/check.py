@@ -15,7 +15,7 @@ from printctl.lumens.measure import measure
 from printctl.lumens.model import model_lumens
 from printctl.lumens.network import network_lumens
 from printctl.lumens.report import LumenReport, report_dict, report_lumens
-from printctl.lumens.stations import FloatArray, Stations
+from printctl.lumens.stations import FloatArray, SectionStations
 from printctl.lumens.trees import network_trees
 from printctl.lumens.wording import listed
 
@@ -130,7 +130,7 @@ def check_model(
 
 def _check(
     lines: WrittenLines,
-    stations: Stations,
+    stations: SectionStations,
     trees: Lumens,
     place: FloatArray,
     stepped: WrittenLines,

@@ -14,7 +14,7 @@ from printctl.lumens.measure import Openings
 from printctl.lumens.merges import Merge, find_merges
 from printctl.lumens.network import network_lumens
 from printctl.lumens.report import LumenReport, report_dict, report_lumens
-from printctl.lumens.stations import FloatArray, Stations
+from printctl.lumens.stations import FloatArray, SectionStations
 from printctl.lumens.wording import listed
 
 MEANING: Final = (
@@ -146,7 +146,7 @@ def check_filaments(
 
 
 def _joints(
-    network: VesselNetwork, stations: Stations, found: Openings, place_mm: FloatArray
+    network: VesselNetwork, stations: SectionStations, found: Openings, place_mm: FloatArray
 ) -> FloatArray:
     """Opening over design at the narrowest of each joint's vessels, near the joint."""
     degree, ends = network.degree(), network.vessel_nodes[stations.lumen]

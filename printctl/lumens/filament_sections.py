@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from printctl.lumens.filaments import Filaments, in_short_pieces
 from printctl.lumens.measure import Openings
-from printctl.lumens.stations import FloatArray, IntArray, Stations
+from printctl.lumens.stations import FloatArray, IntArray, SectionStations
 
 RAYS: Final = 32
 STATIONS_AT_ONCE: Final = 20_000
@@ -25,13 +25,13 @@ PASSES: Final = 6
 TOUCH_MM: Final = 1e-6
 
 
-def measure_filaments(found: Filaments, stations: Stations) -> Openings:
+def measure_filaments(found: Filaments, stations: SectionStations) -> Openings:
     """Widest circle and written area of each station's section; 0 where nothing is written.
 
     Parameters
     ----------
     found : Filaments
-    stations : Stations
+    stations : SectionStations
         Of the designed vessels, in the printer's frame.
     """
     pieces = in_short_pieces(found)
@@ -59,7 +59,7 @@ def _chunks(count: int) -> Iterator[IntArray]:
 
 
 def _discs(
-    pieces: Filaments, piece: IntArray, stations: Stations, row: IntArray
+    pieces: Filaments, piece: IntArray, stations: SectionStations, row: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """Disc in which each piece cuts its station's plane: middle (m, 3) from the axis, radius.
 
@@ -83,7 +83,7 @@ def _widest(
     middle: FloatArray,
     radius: FloatArray,
     of: IntArray,
-    stations: Stations,
+    stations: SectionStations,
     rows: IntArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Diameter, area and centre of each station's open space."""
@@ -112,7 +112,7 @@ def _reaches(
     of: IntArray,
     core: FloatArray,
     first: FloatArray,
-    stations: Stations,
+    stations: SectionStations,
     rows: IntArray,
 ) -> FloatArray:
     """How far each ray from the core goes through overlapping discs, (k, RAYS), mm."""

@@ -43,7 +43,7 @@ def check_width(width: FloatArray, line: IntArray) -> None:
 
 
 @dataclass(frozen=True)
-class SaidHeights:
+class LayerHeightComments:
     """Heights of layers that a file's comments say (``;HEIGHT:0.06``).
 
     Attributes
@@ -65,10 +65,10 @@ class SaidHeights:
         return np.where(at >= 0, self.mm[np.maximum(at, 0)], np.nan)
 
 
-def said_heights(gcode: bytes) -> SaidHeights:
+def said_heights(gcode: bytes) -> LayerHeightComments:
     """Read a file's comments."""
     said = read_comments(plain_lines(gcode))
-    return SaidHeights(said.height_lines, said.height_mm)
+    return LayerHeightComments(said.height_lines, said.height_mm)
 
 
 def slabs(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
 from printctl.lumens.line_widths import (
-    SaidHeights,
+    LayerHeightComments,
     check_level,
     check_width,
     dose_per_mm,
@@ -166,7 +166,7 @@ def layered(
     window_mm: float,
     beads: Sequence[BeadSection] = (ROUNDED,),
     head: IntArray | None = None,
-    said: SaidHeights | None = None,
+    said: LayerHeightComments | None = None,
 ) -> WrittenLines:
     """Strokes as lines in level layers; see `read_lines`.
 
@@ -179,7 +179,7 @@ def layered(
         Of each head.
     head : (n,) int64 or None
         Of each stroke; None where one head writes all.
-    said : SaidHeights or None
+    said : LayerHeightComments or None
         Heights that the file says.
 
     Raises

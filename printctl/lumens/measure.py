@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from printctl.lumens.lines import WrittenLines
-from printctl.lumens.stations import FloatArray, IntArray, Stations
+from printctl.lumens.stations import FloatArray, IntArray, SectionStations
 from sim.lumen_kernels import sections
 from sim.lumen_ray_kernels import Slabs, list_cells, mark_needed
 
@@ -41,7 +41,7 @@ class Openings:
     area: FloatArray
 
 
-def measure(lines: WrittenLines, stations: Stations) -> Openings:
+def measure(lines: WrittenLines, stations: SectionStations) -> Openings:
     """Widest circle and open area of each station's section."""
     stations = _at_crests(stations, lines)
     slabs = slabs_near(lines, stations)
@@ -57,7 +57,7 @@ def measure(lines: WrittenLines, stations: Stations) -> Openings:
     return Openings(diameter, centre, area)
 
 
-def _at_crests(stations: Stations, lines: WrittenLines) -> Stations:
+def _at_crests(stations: SectionStations, lines: WrittenLines) -> SectionStations:
     """Stations of steep vessels, moved along them to the middle of their layer.
 
     There lines are widest. Between two crests a level section would look into the notch of their
@@ -72,7 +72,7 @@ def _at_crests(stations: Stations, lines: WrittenLines) -> Stations:
     return replace(stations, axis=stations.axis + way[:, None] * stations.along)
 
 
-def _rays(stations: Stations) -> IntArray:
+def _rays(stations: SectionStations) -> IntArray:
     wanted = np.ceil(2 * np.pi * stations.radius / RAY_SPACING_MM)
     return np.clip(wanted, LEAST_RAYS, MOST_RAYS).astype(np.int64)
 
@@ -91,7 +91,7 @@ def _flanks(lines: WrittenLines) -> tuple[FloatArray, FloatArray]:
     return deep, np.minimum(share, 1.0) * thick / 2
 
 
-def slabs_near(lines: WrittenLines, stations: Stations) -> Slabs:
+def slabs_near(lines: WrittenLines, stations: SectionStations) -> Slabs:
     """Sort the lines near the lumens into cells."""
     reach = (stations.limit + stations.window)[:, None] * np.sqrt(
         np.clip(1.0 - stations.along**2, 0.0, 1.0)

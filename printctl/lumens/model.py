@@ -17,7 +17,7 @@ from printctl.errors import UsageError
 from printctl.lumens.leaks import Grid, Lumens, Pixels
 from printctl.lumens.lines import WrittenLines
 from printctl.lumens.network import BEYOND, BEYOND_MM
-from printctl.lumens.stations import FloatArray, IntArray, Stations
+from printctl.lumens.stations import FloatArray, IntArray, SectionStations
 from printctl.lumens.trees import margin_mm, mouth_pieces
 from sim.lumen_kernels import widest_in_polygon
 from sim.lumen_leak_kernels import label_pieces, label_ring
@@ -39,7 +39,7 @@ class _Hole:
 
 def model_lumens(
     solid: Solid, lines: WrittenLines, place_mm: FloatArray
-) -> tuple[Stations, Lumens]:
+) -> tuple[SectionStations, Lumens]:
     """A station for each hole of the part at the middle of each written layer.
 
     Holes that overlap from one layer to the next are one lumen as long as each has one partner;
@@ -114,7 +114,7 @@ def _trees(
     holes: list[_Hole],
     lumen: IntArray,
     tree: IntArray,
-    stations: Stations,
+    stations: SectionStations,
     lines: WrittenLines,
     place: FloatArray,
 ) -> Lumens:
@@ -141,7 +141,7 @@ def _trees(
 
 def _stations(
     holes: list[_Hole], lumen: IntArray, lines: WrittenLines, place: FloatArray
-) -> Stations:
+) -> SectionStations:
     layer = np.array([hole.layer for hole in holes])
     flat = np.array([hole.centre for hole in holes])
     height = ((lines.low + lines.high) / 2)[layer]
@@ -152,7 +152,7 @@ def _stations(
     far = np.array([np.linalg.norm(h.ring - h.centre, axis=1).max() for h in holes])
     up = np.zeros_like(axis)
     up[:, 2] = 1.0
-    return Stations(
+    return SectionStations(
         lumen=lumen,
         axis=axis,
         along=up,

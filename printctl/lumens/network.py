@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from design.network import VesselNetwork
-from printctl.lumens.stations import BoolArray, FloatArray, Stations
+from printctl.lumens.stations import BoolArray, FloatArray, SectionStations
 
 BEYOND: Final = 1.5
 """How far is looked, in designed radii, and `BEYOND_MM` more."""
@@ -18,7 +18,7 @@ END: Final = 1e-6
 
 def network_lumens(
     network: VesselNetwork, place_mm: FloatArray, layer_mm: float, line_mm: float
-) -> Stations:
+) -> SectionStations:
     """Stations along each vessel.
 
     They stand so close that no line and no layer fits between two: at most half a line's width
@@ -46,7 +46,7 @@ def network_lumens(
     within = np.arange(len(piece)) - np.repeat(np.cumsum(count) - count, count)
     share = (within + 0.5) / count[piece]
     radius = r0[piece] + share * (r1 - r0)[piece]
-    return Stations(
+    return SectionStations(
         lumen=vessel[piece],
         axis=start[piece] + share[:, None] * way[piece] + place_mm,
         along=along[piece],

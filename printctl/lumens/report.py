@@ -11,7 +11,7 @@ import numpy as np
 from printctl.lumens.leaks import Leak
 from printctl.lumens.lines import WrittenLines
 from printctl.lumens.measure import Openings
-from printctl.lumens.stations import BoolArray, FloatArray, IntArray, Stations
+from printctl.lumens.stations import BoolArray, FloatArray, IntArray, SectionStations
 
 CLOSED_MM: Final = 0.02
 """Ink doesn't leave so thin a hole open."""
@@ -65,7 +65,7 @@ class LumenReport:
 
 
 def report_lumens(
-    stations: Stations, openings: Openings, lines: WrittenLines | None, place_mm: FloatArray
+    stations: SectionStations, openings: Openings, lines: WrittenLines | None, place_mm: FloatArray
 ) -> LumenReport:
     """Gather the stations' sections by lumen; ``lines`` is None where there are no layers."""
     first = stations.first
@@ -92,7 +92,7 @@ def report_lumens(
     )
 
 
-def _layers(stations: Stations, lines: WrittenLines | None) -> IntArray:
+def _layers(stations: SectionStations, lines: WrittenLines | None) -> IntArray:
     """Layer of each station; `NO_LAYER` in a print without layers."""
     if lines is None:
         return np.full(len(stations), NO_LAYER, dtype=np.int64)
@@ -101,7 +101,7 @@ def _layers(stations: Stations, lines: WrittenLines | None) -> IntArray:
 
 
 def _conductance(
-    stations: Stations, opened: FloatArray, designed: FloatArray, closed: BoolArray
+    stations: SectionStations, opened: FloatArray, designed: FloatArray, closed: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
     """Conductance against the design's, and the diameter of the even tube with it; (m,) each.
 

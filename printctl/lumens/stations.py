@@ -13,7 +13,7 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Stations:
+class SectionStations:
     """Sections to be measured, lumen after lumen, in the printer's frame.
 
     Attributes

@@ -3,7 +3,7 @@
 from printctl.networks.formats import (
     LOSSES,
     READ,
-    Noted,
+    NetworkWithNotes,
     check_target,
     read_network,
     read_noted,
@@ -15,7 +15,7 @@ __all__ = [
     "LOSSES",
     "READ",
     "Drive",
-    "Noted",
+    "NetworkWithNotes",
     "Source",
     "check_target",
     "load_source",

@@ -17,7 +17,7 @@ from printctl.errors import UsageError
 __all__ = [
     "LOSSES",
     "READ",
-    "Noted",
+    "NetworkWithNotes",
     "check_target",
     "read_network",
     "read_noted",
@@ -32,14 +32,14 @@ LOSSES: Final = {
 """What a format can't hold, by suffix."""
 
 
-class Noted(NamedTuple):
+class NetworkWithNotes(NamedTuple):
     """A network, and sentences for the user on what its reader made of it."""
 
     network: VesselNetwork
     notes: tuple[str, ...]
 
 
-def read_noted(path: Path, unit: LengthUnit | None, ends: Path | None = None) -> Noted:
+def read_noted(path: Path, unit: LengthUnit | None, ends: Path | None = None) -> NetworkWithNotes:
     """As `read_network`, with what the user should know of it.
 
     ``ends`` is the file of inlets and outlets that may come with X-CAVATE's.
@@ -47,12 +47,12 @@ def read_noted(path: Path, unit: LengthUnit | None, ends: Path | None = None) ->
     if path.suffix.lower() != ".txt":
         if ends is not None:
             raise UsageError(f"a file of inlets and outlets goes with X-CAVATE's .txt, not {path}")
-        return Noted(read_network(path, unit), ())
+        return NetworkWithNotes(read_network(path, unit), ())
     _check_said(path, unit)
     if ends is not None and not ends.is_file():
         raise UsageError(f"{ends} isn't there, or no file; check the path")
     found = read_network_xcavate(path, ends)
-    return Noted(found.network, found.notes)
+    return NetworkWithNotes(found.network, found.notes)
 
 
 def read_network(path: Path, unit: LengthUnit | None) -> VesselNetwork:

@@ -22,7 +22,7 @@ from printctl.errors import UsageError
 from printctl.flow import TABLE
 from printctl.networks.formats import read_noted
 from printctl.run_folder.artefacts import NETWORK, NUMBERS, SURFACE
-from registration.picture import FLOW, GAUGED, Known
+from registration.picture import FLOW, GAUGED, VesselQuantities
 from registration.report.network_view import columns
 
 _FLOW: Final = ("flow_ul_s", *FLOW)
@@ -51,7 +51,7 @@ class Source:
     ----------
     name : str
     network : VesselNetwork
-    known : Known
+    known : VesselQuantities
     surface : Surface or None
         The tissue's.
     notes : tuple of str
@@ -60,7 +60,7 @@ class Source:
 
     name: str
     network: VesselNetwork
-    known: Known
+    known: VesselQuantities
     surface: Surface | None
     notes: tuple[str, ...]
 
@@ -87,7 +87,7 @@ def load_source(path: Path, unit: LengthUnit | None, drive: Drive) -> Source:
         raise UsageError(f"{path} doesn't exist; give a run folder or a network's file")
     if not path.is_dir():
         network, notes = read_noted(path, unit)
-        return with_flow(Source(path.stem, network, Known(), None, notes), drive)
+        return with_flow(Source(path.stem, network, VesselQuantities(), None, notes), drive)
     if not (path / NETWORK).is_file():
         raise UsageError(
             f"{path} holds no {NETWORK}, so it is no run folder; `printctl run` or "
@@ -106,7 +106,7 @@ def _run(folder: Path, drive: Drive) -> Source:
         notes.append(f"{TABLE} isn't that of {NETWORK} and is left out; run the recipe again.")
     surface = read_solid(folder / SURFACE, unit="mm") if (folder / SURFACE).is_file() else None
     name = folder.resolve().name
-    source = Source(name, network, Known(flow or {}, gauged), surface, tuple(notes))
+    source = Source(name, network, VesselQuantities(flow or {}, gauged), surface, tuple(notes))
     return source if flow else with_flow(source, drive)
 
 
@@ -152,5 +152,5 @@ def with_flow(source: Source, drive: Drive) -> Source:
         f"{drive.viscosity_mpa_s:g} mPa·s, outlets at 0 mmHg; the highest pressure is "
         f"{highest:.3g} mmHg."
     )
-    known = Known(flow, source.known.gauged)
+    known = VesselQuantities(flow, source.known.gauged)
     return replace(source, known=known, notes=(*source.notes, note))

@@ -6,12 +6,12 @@ from design.network import VesselNetwork
 from design.solids import read_solid, validate_file
 from design.vasculature import PLANAR_DIMPLES, Dimple
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.solid_build import Built, build
+from printctl.pipeline.solid_build import RunSolids, build
 from printctl.recipe.growth import NamedNetwork
 from printctl.run_folder.artefacts import SURFACE
 
 
-def built_solids(context: RunContext, network: VesselNetwork | None = None) -> Built:
+def built_solids(context: RunContext, network: VesselNetwork | None = None) -> RunSolids:
     """All solids of the recipe; a design of ours brings its fiducial dimples.
 
     ``network`` is put in the design's place where it is given.

@@ -11,7 +11,7 @@ from design.errors import ToolpathError
 from design.hemodynamics import scaled_network
 from design.solids import Solid, surface_genus
 from design.toolpath.correction import check_outside, check_walls
-from printctl.compensation import CompensationFile, MadeWith, changes_line, save_compensation
+from printctl.compensation import CompensationFile, PrintConditions, changes_line, save_compensation
 from printctl.errors import SafetyError, UsageError
 from printctl.pipeline.built_solids import built_solids
 from printctl.pipeline.context import SIMULATED_PORT, RunContext
@@ -96,10 +96,10 @@ def _check_use(context: RunContext, made: CompensationFile) -> None:
             )
 
 
-def made_with(context: RunContext) -> MadeWith:
+def made_with(context: RunContext) -> PrintConditions:
     """What this print is made with."""
     part = context.recipe.toolpath
-    return MadeWith(
+    return PrintConditions(
         method=part.method,
         printer=context.printer.name,
         needle=context.needle.name,

@@ -27,7 +27,7 @@ from printctl.flow.conditions import steady_conditions
 from printctl.pipeline.filled import Filled, filled_heads
 from printctl.pipeline.heads import vessel_heads
 from printctl.pipeline.tissue_source import make_tissue
-from printctl.plates.place import Stand
+from printctl.plates.place import WellDish
 from printctl.plates.sweep import varied_ink
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
@@ -58,7 +58,7 @@ class RunContext:
     bars: StageBars
     assume_yes: bool = False
     reused: set[str] = field(default_factory=set)
-    stand: Stand | None = None
+    stand: WellDish | None = None
     ink_changes: Mapping[str, Any] = field(default_factory=dict)
     title: str = ""
     siblings: Sequence[RunContext] = ()

@@ -33,14 +33,14 @@ def peak_mb() -> float:
 
 
 @dataclass
-class Meter:
+class RunMeter:
     """Context manager: wall seconds and peak MB of what runs inside."""
 
     seconds: float = 0.0
     peak_mb: float = 0.0
     _begin: float = 0.0
 
-    def __enter__(self) -> Meter:
+    def __enter__(self) -> RunMeter:
         _reset_peak()
         self._begin = time.perf_counter()
         return self

@@ -32,7 +32,7 @@ from printctl.recipe import Recipe
 from printctl.recipe.growth import GivenNetwork
 from printctl.recipe.making import Embedded, Fresh
 from printctl.recipe.tissue import Annulus, Block, Cylinder
-from printctl.set_up import Standing
+from printctl.set_up import PlacedDish
 from printctl.set_up.check import Check, refuse_failed
 
 FloatArray = NDArray[np.float64]
@@ -111,7 +111,7 @@ def _placed(
     yield from reach_checks(points, printer)
     if part.dish is None or part.dish_centre_mm is None:
         return
-    standing = Standing(load(Dish, part.dish), part.dish_centre_mm, printer.z_mm.low)
+    standing = PlacedDish(load(Dish, part.dish), part.dish_centre_mm, printer.z_mm.low)
     tips, moves = np.stack([points, points], axis=1), np.ones(len(points), np.bool_)
     yield wall_check(tips, moves, standing, held.needle, _vessel_of(network))
     yield hub_check(tips, moves, standing, held.needle, _vessel_of(network))

@@ -42,7 +42,7 @@ PAGES: Final = "printctl.pipeline.registration_pages"
 
 
 @dataclass(frozen=True, eq=False)
-class Registered:
+class RegisteredScan:
     """A scan, the design it was held against, and what came of it.
 
     Attributes

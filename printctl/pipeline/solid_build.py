@@ -42,7 +42,7 @@ _LEAST_CUT = 0.3
 
 
 @dataclass(frozen=True)
-class Built:
+class RunSolids:
     """The solids of a run.
 
     Attributes
@@ -80,7 +80,7 @@ def build(
     tissue: Solid,
     tissue_genus: int,
     marks: Sequence[Dimple] = (),
-) -> Built:
+) -> RunSolids:
     """Make all solids that ``part`` asks for.
 
     Parameters
@@ -114,7 +114,7 @@ def build(
     for index, text in enumerate(part.texts):
         construct = _lettered(construct, text, index)
     chamber, holes = _chamber(part.chamber, network, construct, nodes)
-    return Built(
+    return RunSolids(
         lumen=lumen_solid(network, fillet_ratio=part.fillet_ratio),
         construct=construct,
         chamber=chamber,

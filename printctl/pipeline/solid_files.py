@@ -18,7 +18,7 @@ from design.solids import (
 )
 from design.solids.read import SUFFIXES
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.solid_build import Built
+from printctl.pipeline.solid_build import RunSolids
 from printctl.recipe.tissue import Block, Cylinder
 
 WRITERS: Final[dict[str, Callable[[Path, Solid], None]]] = {
@@ -30,7 +30,7 @@ WRITERS: Final[dict[str, Callable[[Path, Solid], None]]] = {
 }
 
 
-def write_solids(context: RunContext, built: Built) -> tuple[list[str], dict[str, Any]]:
+def write_solids(context: RunContext, built: RunSolids) -> tuple[list[str], dict[str, Any]]:
     """Write all files; their names, and what was read back of STEP.
 
     STL is always written, as later stages read it; 3MF holds the construct alone.
@@ -52,7 +52,7 @@ def checkable(name: str) -> bool:
     return Path(name).suffix in SUFFIXES
 
 
-def _write_steps(context: RunContext, built: Built) -> dict[str, Any]:
+def _write_steps(context: RunContext, built: RunSolids) -> dict[str, Any]:
     """The lumens, and the construct where it is a block or cylinder with lumens and dimples."""
     network = context.network
     found = {"lumen.step": write_step(context.folder / "lumen.step", network)}

@@ -10,7 +10,7 @@ from typing import Any
 
 from design.files import replacing
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.meter import Meter
+from printctl.pipeline.meter import RunMeter
 from printctl.progress import Report, StageBars
 from printctl.run_folder.manifest import StageRecord, digest_file, digest_json
 from printctl.sources import source_digest
@@ -66,7 +66,7 @@ def run_stages(context: RunContext, stages: Sequence[Stage], bars: StageBars) ->
 
 def run_as_one(context: RunContext, stages: Sequence[Stage], bars: StageBars, name: str) -> None:
     """Run stages as `run_stages`, under one bar: of many parts that are all made alike."""
-    with bars.all(), bars.stage(name) as report, Meter() as meter:
+    with bars.all(), bars.stage(name) as report, RunMeter() as meter:
         notes = []
         stages = wanted(context, stages)
         for number, stage in enumerate(stages):
@@ -97,7 +97,7 @@ def _run_one(context: RunContext, stage: Stage, report: Report) -> str:
             _take_over(context, stage, theirs, other.folder)
             return f"as in {other.folder.name}"
     context.manifest.stages.pop(stage.name, None)
-    with Meter() as meter:
+    with RunMeter() as meter:
         summary, outputs = stage.work(context, report)
     digests = {name: digest_file(context.folder / name) for name in outputs}
     context.manifest.stages[stage.name] = StageRecord(

@@ -2,15 +2,15 @@
 
 from printctl.plates.assign import Well, assigned, scanned_wells
 from printctl.plates.names import expand
-from printctl.plates.place import Stand, StandingPlate, standing_plate
+from printctl.plates.place import StandingPlate, WellDish, standing_plate
 from printctl.plates.route import route
 from printctl.plates.sweep import Point, points, varied_recipe
 
 __all__ = [
     "Point",
-    "Stand",
     "StandingPlate",
     "Well",
+    "WellDish",
     "assigned",
     "expand",
     "points",

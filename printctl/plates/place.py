@@ -14,7 +14,7 @@ RIM_CLEARANCE_MM: Final = 2.0
 
 
 @dataclass(frozen=True)
-class Stand:
+class WellDish:
     """One well as the dish in which a part stands.
 
     Attributes
@@ -88,9 +88,9 @@ class StandingPlate:
         x, y = self.turned(*self.plate.offset_mm(well))
         return round(self.middle_mm[0] + x, 3), round(self.middle_mm[1] + y, 3)
 
-    def stand(self, well: str) -> Stand:
+    def stand(self, well: str) -> WellDish:
         """The well, as a part is put into it."""
-        return Stand(well, self.centre_mm(well), self.dish, self.bath_mm, self.safe_z_mm)
+        return WellDish(well, self.centre_mm(well), self.dish, self.bath_mm, self.safe_z_mm)
 
 
 def standing_plate(

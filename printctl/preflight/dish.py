@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from firmware_profiles import Bath, Needle
 from printctl.preflight.wall_gaps import PlaceNames, hub_check, wall_check
 from printctl.set_up.check import Check
-from printctl.set_up.standing import Standing
+from printctl.set_up.standing import PlacedDish
 from sim.dryrun import DryRun
 from sim.gcode_modal import MOVE
 
@@ -49,14 +49,14 @@ def unknown_dish() -> Check:
 
 
 def dish_checks(
-    run: DryRun, standing: Standing, needle: Needle, ink_ul: float = 0.0
+    run: DryRun, standing: PlacedDish, needle: Needle, ink_ul: float = 0.0
 ) -> list[Check]:
     """Walls for every move of needle or hub below their top; depth where it is known.
 
     Parameters
     ----------
     run : DryRun
-    standing : Standing
+    standing : PlacedDish
     needle : Needle
     ink_ul : float, µL
         Written into the bath, which rises by it.
@@ -89,7 +89,7 @@ def tips_of(run: DryRun) -> FloatArray:
     return np.stack([begins, ends], axis=1)
 
 
-def _depth(run: DryRun, standing: Standing, needle: Needle, ink_ul: float) -> list[Check]:
+def _depth(run: DryRun, standing: PlacedDish, needle: Needle, ink_ul: float) -> list[Check]:
     surface = standing.floor_mm + (standing.bath_mm or 0.0)
     dish, tips = standing.dish, tips_of(run)
     written = run.doses & (np.linalg.norm(np.diff(tips, axis=1)[:, 0], axis=1) > 0)

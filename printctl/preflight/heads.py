@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from firmware_profiles import Needle, Printer
 from printctl.preflight.wall_gaps import wall_gap
 from printctl.set_up.check import Check
-from printctl.set_up.standing import WALL_CLEARANCE_MM, Standing
+from printctl.set_up.standing import WALL_CLEARANCE_MM, PlacedDish
 from sim.dryrun import DryRun
 from sim.gcode_modal import DWELL, MOVE, SYNC
 
@@ -58,7 +58,7 @@ def of_each_head(
 def head_checks(
     run: DryRun,
     printer: Printer,
-    standing: Standing | None = None,
+    standing: PlacedDish | None = None,
     needles: Sequence[Needle | None] = (),
 ) -> list[Check]:
     """Raised and lowered heads; the needles that don't write against ink, bath and wall.
@@ -67,7 +67,7 @@ def head_checks(
     ----------
     run : DryRun
     printer : Printer
-    standing : Standing or None
+    standing : PlacedDish or None
         The dish and the bath in it, where they are known.
     needles : sequence of Needle or None
         Of each head, for its thickness beside the wall.
@@ -184,7 +184,7 @@ def _lowered_into(run: DryRun, printer: Printer) -> Check:
     )
 
 
-def _idle_above(run: DryRun, printer: Printer, standing: Standing | None) -> Check:
+def _idle_above(run: DryRun, printer: Printer, standing: PlacedDish | None) -> Check:
     """The needle that doesn't write, against what it would drag through: bath, or ink."""
     top, _ = _written_top(run)
     what, key = "all that is written", "heads: raised_mm, offset_mm"
@@ -216,7 +216,7 @@ def _idle_above(run: DryRun, printer: Printer, standing: Standing | None) -> Che
 
 
 def _idle_in_walls(
-    run: DryRun, printer: Printer, standing: Standing, needles: Sequence[Needle | None]
+    run: DryRun, printer: Printer, standing: PlacedDish, needles: Sequence[Needle | None]
 ) -> Check:
     """The needle that doesn't write, against the dish's wall: above it, or clear of it inside."""
     worst, row, whose = np.inf, -1, 0

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer, ProfileError, steady_flow
-from printctl.set_up import Loaded
+from printctl.set_up import HeadLoading
 from sim.dryrun import DryRun
 from sim.gcode_modal import MOVE
 
 FloatArray = NDArray[np.float64]
 
 
-def volumes(run: DryRun, printer: Printer, loads: Sequence[Loaded]) -> FloatArray:
+def volumes(run: DryRun, printer: Printer, loads: Sequence[HeadLoading]) -> FloatArray:
     """Ink pushed out by each row of the program, of the head in use, (rows,), µL.
 
     Of a pneumatic head whose needle nobody named, at whose flow one can only guess, the ink's
@@ -33,7 +33,7 @@ def volumes(run: DryRun, printer: Printer, loads: Sequence[Loaded]) -> FloatArra
     return np.where(run.doses & (program.kind == MOVE), flow * lasts, 0.0)
 
 
-def written_ul(run: DryRun, printer: Printer, loads: Sequence[Loaded]) -> float:
+def written_ul(run: DryRun, printer: Printer, loads: Sequence[HeadLoading]) -> float:
     """What comes out of all heads in the whole run, µL; nothing where the pressure moves no ink."""
     try:
         return float(volumes(run, printer, loads).sum())

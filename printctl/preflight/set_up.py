@@ -20,7 +20,7 @@ from printctl.preflight.steps import step_checks
 from printctl.preflight.viability import PrintTime, viability_checks
 from printctl.preflight.well_map import read_wells
 from printctl.preflight.wells import Wells, well_checks
-from printctl.set_up import Check, Loaded, SetUp, budget_of
+from printctl.set_up import Check, HeadLoading, SetUp, budget_of
 from sim.dryrun import DryRun
 
 
@@ -52,7 +52,7 @@ def file_checks(run: DryRun, setup: SetUp, map_path: Path | None = None) -> list
     return checks + ([_unnamed(missing)] if missing else [])
 
 
-def _wells(run: DryRun, setup: SetUp, loads: Sequence[Loaded], map_path: Path) -> Wells | None:
+def _wells(run: DryRun, setup: SetUp, loads: Sequence[HeadLoading], map_path: Path) -> Wells | None:
     try:
         return read_wells(map_path, run.program.line, volumes(run, setup.printer, loads))
     except ProfileError:  # a pressure that moves no ink is said by a check of its own
@@ -64,7 +64,7 @@ def _wells(run: DryRun, setup: SetUp, loads: Sequence[Loaded], map_path: Path) -
 
 
 def _of_head(
-    run: DryRun, printer: Printer, setup: SetUp, load: Loaded, ink_ul: float
+    run: DryRun, printer: Printer, setup: SetUp, load: HeadLoading, ink_ul: float
 ) -> list[Check]:
     """Checks of what one head holds, and of its needle's way; all heads write ``ink_ul``."""
     checks = [

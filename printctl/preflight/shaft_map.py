@@ -21,7 +21,7 @@ _NETWORK = ("nodes", "vessel_nodes", "offset", "points", "radius")
 
 
 @dataclass(frozen=True)
-class Written:
+class ShaftMap:
     """What an embedded job's map says besides its lines.
 
     Attributes
@@ -62,7 +62,7 @@ def written_arrays(
     place_mm : (3,) float64, mm
         From there to the printer's.
     overlap_radii, clearance_mm, needles_mm
-        As in `Written`.
+        As in `ShaftMap`.
     bundled : (v,) bool or None
         Vessels written as several strands.
     """
@@ -76,7 +76,7 @@ def written_arrays(
     }
 
 
-def read_written(path: Path) -> Written | None:
+def read_written(path: Path) -> ShaftMap | None:
     """Read the map of an embedded job; None where it is of layers, or there is none.
 
     Raises
@@ -99,12 +99,12 @@ def read_written(path: Path) -> Written | None:
         ) from exc
 
 
-def written_of(data: Mapping[str, NDArray[Any]]) -> Written:
+def written_of(data: Mapping[str, NDArray[Any]]) -> ShaftMap:
     """What the arrays of a map say: ``source`` and ``kind`` of each line, and `written_arrays`."""
     arrays = {name: data[f"network_{name}"] for name in _NETWORK}
     network = WrittenNetwork(**arrays, bundled=data.get("bundled"))
     writes = data["kind"] == MoveKind.WRITE
-    return Written(
+    return ShaftMap(
         LineSources(data["source"].astype(np.int64), writes),
         network.moved(data["place_mm"]),
         float(data["overlap_radii"]),

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Needle, Printer
 from printctl.preflight.ink_volumes import volumes
-from printctl.preflight.shaft_map import Written
-from printctl.set_up import Loaded
+from printctl.preflight.shaft_map import ShaftMap
+from printctl.set_up import HeadLoading
 from sim.clearance import Clearance, NeedleBody, check_clearance, motion_of
 from sim.dryrun import DryRun
 
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 
 def shaft_clearance(
-    run: DryRun, printer: Printer, loads: Sequence[Loaded], written: Written
+    run: DryRun, printer: Printer, loads: Sequence[HeadLoading], written: ShaftMap
 ) -> Clearance:
     """Check every move of a run; a head whose needle nobody named has the one planned for.
 

@@ -26,7 +26,7 @@ _ROUNDING: Final = 1e-6
 
 
 @dataclass(frozen=True)
-class Written:
+class WritingMoves:
     """Moves that write, (n,) each.
 
     Attributes
@@ -60,7 +60,7 @@ def step_checks(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
     return checks
 
 
-def written(run: DryRun) -> Written:
+def written(run: DryRun) -> WritingMoves:
     """The file's moves that write."""
     program = run.program
     begin = np.vstack([program.start[None, :3], program.target[:-1, :3]])[: len(program)]
@@ -69,7 +69,7 @@ def written(run: DryRun) -> Written:
     writes = run.doses & (program.kind == MOVE) & (length > _STILL_MM)
     rows = np.flatnonzero(writes)
     breaks = np.cumsum(~writes & (program.kind == MOVE))[rows]
-    return Written(
+    return WritingMoves(
         length[rows],
         np.diff(program.plunger, prepend=0.0)[rows],
         program.line[rows],
@@ -78,7 +78,7 @@ def written(run: DryRun) -> Written:
     )
 
 
-def _axis_step(wrote: Written, printer: Printer) -> Check:
+def _axis_step(wrote: WritingMoves, printer: Printer) -> Check:
     steps = printer.steps_per_mm
     step = max(1 / steps.x, 1 / steps.y, 1 / steps.z if wrote.rises else 0.0)
     at = int(wrote.length.argmin())
@@ -96,7 +96,7 @@ def _axis_step(wrote: Written, printer: Printer) -> Check:
     )
 
 
-def _plunger_step(wrote: Written, printer: Printer) -> Check:
+def _plunger_step(wrote: WritingMoves, printer: Printer) -> Check:
     """The way of line that one step of the plunger makes, at the file's mean flow."""
     way = float(wrote.length.sum() / wrote.plunger.sum()) / printer.steps_per_mm.e
     at = int(wrote.length.argmin())
@@ -114,7 +114,7 @@ def _plunger_step(wrote: Written, printer: Printer) -> Check:
     )
 
 
-def _least_dose(wrote: Written, run: DryRun, printer: Printer, syringe: Syringe) -> Check:
+def _least_dose(wrote: WritingMoves, run: DryRun, printer: Printer, syringe: Syringe) -> Check:
     """A step, or E's last digit, against the dose of the smallest unbroken line."""
     dose = np.bincount(wrote.stroke, wrote.plunger)
     first = np.searchsorted(wrote.stroke, np.arange(len(dose)))

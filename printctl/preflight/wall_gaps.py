@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Dish, Needle
 from printctl.set_up.check import Check
-from printctl.set_up.standing import HUB_MM, WALL_CLEARANCE_MM, Standing
+from printctl.set_up.standing import HUB_MM, WALL_CLEARANCE_MM, PlacedDish
 
 FloatArray = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ class PlaceNames(Protocol):
 
 
 def wall_gap(
-    tips: FloatArray, moves: NDArray[np.bool_], standing: Standing, outer_mm: float
+    tips: FloatArray, moves: NDArray[np.bool_], standing: PlacedDish, outer_mm: float
 ) -> FloatArray:
     """Distance of a needle to the wall in each move, (n,), mm; infinite where it is above it.
 
@@ -34,7 +34,7 @@ def wall_gap(
         Before and after each row, printer's frame.
     moves : (n,) bool
         Rows that count.
-    standing : Standing
+    standing : PlacedDish
     outer_mm : float, mm
         The needle's.
     """
@@ -49,7 +49,7 @@ def wall_gap(
 
 
 def hub_gap(
-    tips: FloatArray, moves: NDArray[np.bool_], standing: Standing, needle: Needle
+    tips: FloatArray, moves: NDArray[np.bool_], standing: PlacedDish, needle: Needle
 ) -> FloatArray:
     """Distance of the needle's hub to the wall in each move, as `wall_gap`."""
     hubs = tips + [0.0, 0.0, needle.length_mm]
@@ -59,7 +59,7 @@ def hub_gap(
 def wall_check(
     tips: FloatArray,
     moves: NDArray[np.bool_],
-    standing: Standing,
+    standing: PlacedDish,
     needle: Needle,
     places: PlaceNames,
 ) -> Check:
@@ -77,7 +77,7 @@ def wall_check(
 def hub_check(
     tips: FloatArray,
     moves: NDArray[np.bool_],
-    standing: Standing,
+    standing: PlacedDish,
     needle: Needle,
     places: PlaceNames,
 ) -> Check:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from firmware_profiles import Dish, Needle
 from printctl.preflight.dish import tips_of
 from printctl.preflight.wall_gaps import hub_gap, hub_remedy, wall_gap
-from printctl.set_up import WALL_CLEARANCE_MM, Check, Standing
+from printctl.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
 from sim.dryrun import DryRun
 from sim.gcode_modal import MOVE
 
@@ -49,10 +49,10 @@ class Wells:
     safe_z_mm: float
     ink_ul: Mapping[str, float]
 
-    def standing(self, number: int) -> Standing:
+    def standing(self, number: int) -> PlacedDish:
         """One well as a dish."""
         x, y = self.centre_mm[number].tolist()
-        return Standing(self.dish, (x, y), self.floor_mm, self.bath_mm)
+        return PlacedDish(self.dish, (x, y), self.floor_mm, self.bath_mm)
 
     def nearest(self, tips: FloatArray) -> IntArray:
         """The well whose middle is nearest to each place, (…,)."""
@@ -166,7 +166,7 @@ class _Well:
         return Check(check, value, WALL_CLEARANCE_MM, "mm", passed, self.place(row), remedy)
 
 
-def _bath(at: _Well, standing: Standing, needle: Needle, ink_ul: float) -> list[Check]:
+def _bath(at: _Well, standing: PlacedDish, needle: Needle, ink_ul: float) -> list[Check]:
     """Rise of the bath, its surface, and the hub above it."""
     surface = standing.floor_mm + (standing.bath_mm or 0.0)
     tips, dish = at.tips, standing.dish

@@ -15,7 +15,7 @@ from printctl.link.client import attach
 from printctl.link.record import JOURNAL, LinkRecord, load_record
 from printctl.link.states import LinkState, Status
 from printctl.print_state.actions import Possible, PrintAction, possible_actions
-from printctl.printing.journalled import Journalled, journalled
+from printctl.printing.journalled import JournalledFacts, journalled
 from printctl.printing.print_words import made_words, print_words, state_words
 from printctl.printing.progress import Filling, Progress, predicted_s, progress
 from printctl.printing.remaining import Remaining
@@ -36,7 +36,7 @@ class PrintTruth:
     folder : Path
     status : Status
         State, lines and message: of the link process while it lives, else what it left.
-    journal : Journalled
+    journal : JournalledFacts
     progress : Progress or None
         By time, layer and ink; None until the job's table was made (the page does, and
         `printctl print`'s checks don't).
@@ -46,7 +46,7 @@ class PrintTruth:
 
     folder: Path
     status: Status
-    journal: Journalled = field(default_factory=Journalled)
+    journal: JournalledFacts = field(default_factory=JournalledFacts)
     progress: Progress | None = None
     actions: tuple[Possible, ...] = ()
 
@@ -112,7 +112,7 @@ def read_print(folder: Path) -> PrintTruth:
 def truth_of(
     folder: Path,
     status: Status,
-    journal: Journalled,
+    journal: JournalledFacts,
     table: JobTable | None = None,
     remaining: Remaining | None = None,
     filling: Filling | None = None,
@@ -148,7 +148,7 @@ def _next_step(actions: tuple[Possible, ...]) -> str:
     return ways
 
 
-def remaining_of(table: JobTable, journal: Journalled) -> Remaining:
+def remaining_of(table: JobTable, journal: JournalledFacts) -> Remaining:
     """Return the estimate of what is left, by the pace that the journal's checkpoints tell."""
     found = Remaining(float(table.time_s[-1]))
     for done, active_s in journal.paces:
@@ -156,7 +156,7 @@ def remaining_of(table: JobTable, journal: Journalled) -> Remaining:
     return found
 
 
-def filling_of(folder: Path, journal: Journalled) -> Filling | None:
+def filling_of(folder: Path, journal: JournalledFacts) -> Filling | None:
     """Return the syringe in use; None where nobody knows it, as of several heads."""
     record: LinkRecord = load_record(folder)
     care = Care.from_dict(record.care)

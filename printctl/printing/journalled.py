@@ -15,7 +15,7 @@ _AT_WORK: Final = LinkState.PRINTING
 
 
 @dataclass(frozen=True)
-class Journalled:
+class JournalledFacts:
     """Facts of a print so far, from its journal.
 
     Attributes
@@ -48,17 +48,17 @@ class Journalled:
         return self.active_s + (max(now - self.since, 0.0) if self.since is not None else 0.0)
 
 
-def journalled(path: Path) -> Journalled:
+def journalled(path: Path) -> JournalledFacts:
     """Read a journal; an absent one counts as empty."""
     try:
         return read_so_far(record for record in read_records(path) if record)
     except OSError:
-        return Journalled()
+        return JournalledFacts()
 
 
-def read_so_far(records: Iterable[dict[str, Any]]) -> Journalled:
+def read_so_far(records: Iterable[dict[str, Any]]) -> JournalledFacts:
     """Read the last print of a journal's records."""
-    found, paces = Journalled(), list[tuple[int, float]]()
+    found, paces = JournalledFacts(), list[tuple[int, float]]()
     for record in records:
         sort, at = record.get("t"), float(record.get("at", 0.0))
         if sort == "job":
@@ -78,19 +78,19 @@ def read_so_far(records: Iterable[dict[str, Any]]) -> Journalled:
     return _with(found, paces=tuple(paces))
 
 
-def _begun(before: Journalled, record: dict[str, Any]) -> Journalled:
+def _begun(before: JournalledFacts, record: dict[str, Any]) -> JournalledFacts:
     """A job record begins a print, or goes on with an interrupted one."""
     sha256, at = str(record.get("sha256", "")), float(record.get("started", 0.0))
     if before.sha256 == sha256 and before.sha256:
         return _with(before, since=None)
-    return Journalled(sha256=sha256, started=at)
+    return JournalledFacts(sha256=sha256, started=at)
 
 
-def _changed(before: Journalled, works: bool, at: float) -> Journalled:
+def _changed(before: JournalledFacts, works: bool, at: float) -> JournalledFacts:
     if works:
         return before if before.since is not None else _with(before, since=at)
     return _with(before, active_s=before.active_until(at), since=None)
 
 
-def _with(before: Journalled, **said: Any) -> Journalled:
-    return Journalled(**{**vars(before), **said})
+def _with(before: JournalledFacts, **said: Any) -> JournalledFacts:
+    return JournalledFacts(**{**vars(before), **said})

@@ -36,7 +36,7 @@ class Signature(StrEnum):
 
 
 @dataclass(frozen=True)
-class Verified:
+class BundleCheck:
     """Result of verifying a bundle.
 
     Attributes
@@ -89,7 +89,7 @@ _SAID = {
 }
 
 
-def verify_bundle(path: Path, trusted: Sequence[PublicKey]) -> Verified:
+def verify_bundle(path: Path, trusted: Sequence[PublicKey]) -> BundleCheck:
     """Verify a file.
 
     Raises
@@ -104,7 +104,7 @@ def verify_bundle(path: Path, trusted: Sequence[PublicKey]) -> Verified:
         raise BundleError(f"{path} can't be read: {exc.strerror}; check the path") from exc
 
 
-def verify_stream(stream: BinaryIO, trusted: Sequence[PublicKey]) -> Verified:
+def verify_stream(stream: BinaryIO, trusted: Sequence[PublicKey]) -> BundleCheck:
     """Verify a bundle.
 
     Parameters
@@ -119,7 +119,7 @@ def verify_stream(stream: BinaryIO, trusted: Sequence[PublicKey]) -> Verified:
         manifest_bytes = _small(stream, members, MANIFEST, LARGEST)
         manifest = read_manifest(manifest_bytes)
     except BundleError as exc:
-        return Verified((str(exc),))
+        return BundleCheck((str(exc),))
     changed = [*_files(stream, members, manifest)]
     if members[MANIFEST].crc != zlib.crc32(manifest_bytes):
         changed.append(f"{MANIFEST}: it doesn't match its checksum")
@@ -128,7 +128,7 @@ def verify_stream(stream: BinaryIO, trusted: Sequence[PublicKey]) -> Verified:
     said, fingerprint = _signature(stream, members, manifest, manifest_bytes, trusted)
     if said is Signature.WRONG:
         changed.append(f"{MANIFEST}: it isn't what was signed, or the signature was changed")
-    return Verified(tuple(changed), said, fingerprint, manifest)
+    return BundleCheck(tuple(changed), said, fingerprint, manifest)
 
 
 def _files(stream: BinaryIO, members: dict[str, Member], manifest: Manifest) -> list[str]:

@@ -9,13 +9,13 @@ from typing import Any
 import yaml
 
 from printctl.recipe.override import recipe_data
-from printctl.search.rank import Ranked
+from printctl.search.rank import RankedCandidate
 from printctl.search.run import SearchResult
 
 _WITH_FILES = ("tissue", "vasculature", "flow", "toolpath", "scan")
 
 
-def best_recipe(found: SearchResult, row: Ranked, out: Path) -> str:
+def best_recipe(found: SearchResult, row: RankedCandidate, out: Path) -> str:
     """The candidate's recipe as YAML text.
 
     The user's files that it names are told as seen from ``out``, where it is put.

@@ -57,7 +57,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class CandidateSet:
     """All candidates, and what they are drawn from.
 
     Attributes
@@ -74,7 +74,7 @@ class Drawn:
     candidates: Sequence[Candidate]
 
 
-def draw_candidates(search: SearchFile, folder: Path) -> Drawn:
+def draw_candidates(search: SearchFile, folder: Path) -> CandidateSet:
     """Draw all candidates of a search.
 
     Parameters
@@ -100,7 +100,7 @@ def draw_candidates(search: SearchFile, folder: Path) -> Drawn:
     for number, values in enumerate(drawn(search), 1):
         one = _candidate(search, base, path.parent, number, values)
         found.setdefault(one.key, one)
-    return Drawn(search, path.parent, list(found.values()))
+    return CandidateSet(search, path.parent, list(found.values()))
 
 
 def _check_key(key: str) -> None:

@@ -42,7 +42,7 @@ from printctl.recipe.override import recipe_data
 from printctl.recipe.tissue import TissuePart
 from printctl.run_folder.artefacts import NETWORK
 from printctl.run_folder.manifest import Manifest, digest_json
-from printctl.search.quantities import QUANTITIES, Grown, numbers_of
+from printctl.search.quantities import QUANTITIES, GrownCandidate, numbers_of
 from printctl.sources import source_digest
 
 CODE = ("design", "firmware_profiles", "kernels")
@@ -172,7 +172,7 @@ def _check_files(context: RunContext, task: Task) -> None:
         )
 
 
-def _grown(context: RunContext, task: Task) -> Grown:
+def _grown(context: RunContext, task: Task) -> GrownCandidate:
     recipe = context.recipe
     context.tissue = _tissue(recipe.tissue, task.folder, tuple(sorted(task.files.items())))
     made, _ = vasculature.make_network(context)
@@ -187,7 +187,7 @@ def _grown(context: RunContext, task: Task) -> Grown:
     found = measures_dict(measure_network(designed, context.tissue, options, through))
     band = shear_band(recipe.flow)
     shares = None if band is None else band_summary(context.network, solution, band)
-    return Grown(designed, found, flow, printability(context), shares)
+    return GrownCandidate(designed, found, flow, printability(context), shares)
 
 
 @lru_cache(maxsize=4)

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from printctl.search.quantities import QUANTITIES
-from printctl.search.rank import Ranked, counted
+from printctl.search.rank import RankedCandidate, counted
 from printctl.search.run import SearchResult
 from registration.report.drawing import styled, to_svg
 from registration.report.svg import ACCENT, MUTED
@@ -92,13 +92,13 @@ def _draw(axes: Axes, found: SearchResult, across: str, up: str) -> None:
 
 
 def _dots(
-    axes: Axes, rows: Sequence[Ranked], across: str, up: str, label: str, **style: Any
+    axes: Axes, rows: Sequence[RankedCandidate], across: str, up: str, label: str, **style: Any
 ) -> None:
     points = np.array([[_at(row, across), _at(row, up)] for row in rows]).reshape(-1, 2)
     axes.scatter(points[:, 0], points[:, 1], label=label, **style)
 
 
-def _at(row: Ranked, name: str) -> float:
+def _at(row: RankedCandidate, name: str) -> float:
     if name in QUANTITIES:
         value = row.numbers.get(name)
         return np.nan if value is None else counted(name, row.numbers)
@@ -106,7 +106,9 @@ def _at(row: Ranked, name: str) -> float:
     return float(said) if isinstance(said, int | float) else np.nan
 
 
-def _stairs(axes: Axes, found: SearchResult, front: Sequence[Ranked], across: str, up: str) -> None:
+def _stairs(
+    axes: Axes, found: SearchResult, front: Sequence[RankedCandidate], across: str, up: str
+) -> None:
     """The edge of what was reached: nothing that was found lies on its good side."""
     goals = found.drawn.search.goals
     points = sorted((_at(row, across), _at(row, up)) for row in front)

@@ -18,7 +18,7 @@ _SLACK: Final = 1e-9
 
 
 @dataclass(frozen=True)
-class Grown:
+class GrownCandidate:
     """One candidate, grown and measured.
 
     Attributes
@@ -49,7 +49,7 @@ class Quantity:
     ----------
     label, unit : str
         For people.
-    of : function of Grown
+    of : function of GrownCandidate
         The number, or None where it has no meaning.
     grain : float
         Differences below it mean nothing (rounding); 0 where all of them count.
@@ -57,7 +57,7 @@ class Quantity:
 
     label: str
     unit: str
-    of: Callable[[Grown], float | None]
+    of: Callable[[GrownCandidate], float | None]
     grain: float = 0.0
 
     @property
@@ -66,16 +66,16 @@ class Quantity:
         return f"{self.label}, {self.unit}" if self.unit else self.label
 
 
-def numbers_of(grown: Grown) -> dict[str, float | None]:
+def numbers_of(grown: GrownCandidate) -> dict[str, float | None]:
     """Every quantity; None where it has no meaning for this network."""
     found = {name: one.of(grown) for name, one in QUANTITIES.items()}
     return {name: None if v is None or not isfinite(v) else float(v) for name, v in found.items()}
 
 
-def _at(section: str, *path: str, factor: float = 1.0) -> Callable[[Grown], float | None]:
+def _at(section: str, *path: str, factor: float = 1.0) -> Callable[[GrownCandidate], float | None]:
     """A number of the measures, None where any of the way to it is missing."""
 
-    def of(grown: Grown) -> float | None:
+    def of(grown: GrownCandidate) -> float | None:
         value: Any = grown.measures[section]
         for step in path:
             value = None if value is None else value[step]
@@ -84,16 +84,16 @@ def _at(section: str, *path: str, factor: float = 1.0) -> Callable[[Grown], floa
     return of
 
 
-def _flow(key: str) -> Callable[[Grown], float | None]:
+def _flow(key: str) -> Callable[[GrownCandidate], float | None]:
     return lambda grown: grown.flow[key]
 
 
-def too_thin_percent(grown: Grown) -> float:
+def too_thin_percent(grown: GrownCandidate) -> float:
     """Share of the length that is narrower than what can be printed."""
     return _length_percent(grown, lambda low, high: low < grown.limits.lumen_mm * (1 - _SLACK))
 
 
-def too_wide_percent(grown: Grown) -> float:
+def too_wide_percent(grown: GrownCandidate) -> float:
     """Share of the length that is wider than one filament can be; 0 where there is no limit."""
     widest = grown.limits.widest_mm
     if widest is None:
@@ -101,7 +101,7 @@ def too_wide_percent(grown: Grown) -> float:
     return _length_percent(grown, lambda low, high: high > widest * (1 + _SLACK))
 
 
-def _length_percent(grown: Grown, counts: Callable[[Any, Any], Any]) -> float:
+def _length_percent(grown: GrownCandidate, counts: Callable[[Any, Any], Any]) -> float:
     """Percent of all pieces' length of which ``counts(thinner, wider diameter)`` is true."""
     start, end, ra, rb, _ = grown.network.pieces()
     length = np.linalg.norm(end - start, axis=1)
@@ -109,12 +109,12 @@ def _length_percent(grown: Grown, counts: Callable[[Any, Any], Any]) -> float:
     return float(100 * length[told].sum() / length.sum())
 
 
-def thin_walls(grown: Grown) -> float:
+def thin_walls(grown: GrownCandidate) -> float:
     """Places where the wall between two vessels is thinner than what can be printed."""
     return float(collisions(grown.network, grown.limits.wall_mm).count)
 
 
-def wall_shear_outside_percent(grown: Grown) -> float | None:
+def wall_shear_outside_percent(grown: GrownCandidate) -> float | None:
     """Share of the wall's area with a wall shear outside the band; None without a band."""
     if grown.band is None:
         return None

@@ -21,7 +21,7 @@ _ORDER: tuple[State, ...] = ("good", "beyond limits", "undefined", "refused")
 
 
 @dataclass(frozen=True)
-class Ranked:
+class RankedCandidate:
     """Candidate with its rank.
 
     Attributes
@@ -55,7 +55,7 @@ class Ranked:
 
 def ranked(
     search: SearchFile, results: Sequence[tuple[Candidate, Mapping[str, Any]]]
-) -> list[Ranked]:
+) -> list[RankedCandidate]:
     """The candidates in order, the best first; of equals the one drawn first.
 
     The score weighs goals of different units against each other by how far they range among the
@@ -97,8 +97,8 @@ class _Row:
         return self.candidate.key
 
 
-def _ranked(rank: int, row: _Row, score: float | None, front: int | None) -> Ranked:
-    return Ranked(rank, row.candidate, row.state, row.numbers, score, front, row.said)
+def _ranked(rank: int, row: _Row, score: float | None, front: int | None) -> RankedCandidate:
+    return RankedCandidate(rank, row.candidate, row.state, row.numbers, score, front, row.said)
 
 
 def _judged(search: SearchFile, candidate: Candidate, result: Mapping[str, Any]) -> _Row:

@@ -12,9 +12,9 @@ from rich.console import Console
 
 from printctl.pipeline.lock import run_lock
 from printctl.progress import Report, StageBars
-from printctl.search.candidates import Candidate, Drawn, draw_candidates
+from printctl.search.candidates import Candidate, CandidateSet, draw_candidates
 from printctl.search.model import SearchFile
-from printctl.search.rank import Ranked, ranked
+from printctl.search.rank import RankedCandidate, ranked
 from printctl.search.store import Store
 from printctl.search.workers import Workers
 
@@ -25,8 +25,8 @@ class SearchResult:
 
     Attributes
     ----------
-    drawn : Drawn
-    rows : sequence of Ranked
+    drawn : CandidateSet
+    rows : sequence of RankedCandidate
         The best first.
     made, kept : int
         Results made now, and known from before.
@@ -34,8 +34,8 @@ class SearchResult:
         Candidate's number to what went wrong; such a candidate is tried again next time.
     """
 
-    drawn: Drawn
-    rows: Sequence[Ranked]
+    drawn: CandidateSet
+    rows: Sequence[RankedCandidate]
     made: int
     kept: int
     broken: Mapping[int, str]
@@ -46,7 +46,7 @@ class SearchResult:
         return len(self.drawn.candidates) - len(self.rows)
 
     @property
-    def best(self) -> Ranked | None:
+    def best(self) -> RankedCandidate | None:
         """The best candidate that keeps all limits, if there is one."""
         first = self.rows[0] if self.rows else None
         return first if first is not None and first.state == "good" else None

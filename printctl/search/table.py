@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from printctl.search.quantities import QUANTITIES
-from printctl.search.rank import Ranked
+from printctl.search.rank import RankedCandidate
 from printctl.search.run import SearchResult
 
 FIRST: Final = 10
@@ -55,7 +55,7 @@ def table_lines(found: SearchResult) -> list[str]:
     return [f"{line}  {said}".rstrip() for line, said in zip(shown, more, strict=True)]
 
 
-def _row(found: SearchResult, row: Ranked) -> list[str]:
+def _row(found: SearchResult, row: RankedCandidate) -> list[str]:
     search = found.drawn.search
     told = [str(row.rank), _number(row.front), _number(row.score)]
     varied = [_number(row.candidate.values[key]) for key in search.vary]
@@ -70,7 +70,7 @@ def _number(value: Any) -> str:
 
 def count_lines(found: SearchResult) -> list[str]:
     """How far the search is, in sentences."""
-    rows: Sequence[Ranked] = found.rows
+    rows: Sequence[RankedCandidate] = found.rows
     states = {state: sum(row.state == state for row in rows) for state in dict.fromkeys(
         row.state for row in rows
     )}  # fmt: skip

@@ -5,11 +5,11 @@ The checks themselves, which look at G-code, are in `printctl.preflight`.
 
 from printctl.set_up.budget import Budget, budget_of
 from printctl.set_up.check import Check, placed_failures, refuse_failed, warnings
-from printctl.set_up.mounted import Loaded, SetUp
+from printctl.set_up.mounted import HeadLoading, SetUp
 from printctl.set_up.standing import (
     ABOVE_WALL_MM,
     WALL_CLEARANCE_MM,
-    Standing,
+    PlacedDish,
     hub_gap_of,
     wall_gap_of,
 )
@@ -19,9 +19,9 @@ __all__ = [
     "WALL_CLEARANCE_MM",
     "Budget",
     "Check",
-    "Loaded",
+    "HeadLoading",
+    "PlacedDish",
     "SetUp",
-    "Standing",
     "budget_of",
     "hub_gap_of",
     "placed_failures",

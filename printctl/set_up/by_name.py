@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
 from printctl.errors import UsageError
-from printctl.set_up.mounted import Loaded, SetUp
-from printctl.set_up.standing import Standing
+from printctl.set_up.mounted import HeadLoading, SetUp
+from printctl.set_up.standing import PlacedDish
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def set_up(
     standing = None
     if dish is not None:
         centre = _centre(mounted.dish_centre) if mounted.dish_centre else tip[:2]
-        standing = Standing(load(Dish, dish), centre, printer.z_mm.low, mounted.bath_depth)
+        standing = PlacedDish(load(Dish, dish), centre, printer.z_mm.low, mounted.bath_depth)
     elif mounted.dish_centre is not None or mounted.bath_depth is not None:
         raise UsageError("--dish-centre and --bath-depth belong to a dish; give --dish")
     loads = loads_of(printer, syringe, ink, mounted.needle)
@@ -85,14 +85,16 @@ def syringes_of(printer: Printer, syringe: str) -> list[Syringe]:
     return [load(Syringe, name) for name in of_each(printer, syringe, "--syringe")]
 
 
-def loads_of(printer: Printer, syringe: str, ink: str, needle: str | None) -> tuple[Loaded, ...]:
+def loads_of(
+    printer: Printer, syringe: str, ink: str, needle: str | None
+) -> tuple[HeadLoading, ...]:
     """What each head holds."""
     inks = [load(Ink, name) for name in of_each(printer, ink, "--ink")]
     needles: list[Needle | None] = [None] * printer.head_count
     if needle is not None:
         needles = [load(Needle, name) for name in of_each(printer, needle, "--needle")]
     parts = zip(syringes_of(printer, syringe), inks, needles, strict=True)
-    return tuple(Loaded(*part) for part in parts)
+    return tuple(HeadLoading(*part) for part in parts)
 
 
 def _centre(text: str) -> tuple[float, float]:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from firmware_profiles import Bath, Ink, Needle, Printer, Syringe
-from printctl.set_up.standing import Standing
+from printctl.set_up.standing import PlacedDish
 
 
 @dataclass(frozen=True)
-class Loaded:
+class HeadLoading:
     """What one of several heads holds; the needle is None where nobody said it."""
 
     syringe: Syringe
@@ -28,9 +28,9 @@ class SetUp:
     ink : Ink
     needle, bath : Needle, Bath or None
         None where nobody said it.
-    standing : Standing or None
+    standing : PlacedDish or None
         The dish, where it stands and how high it is filled.
-    heads : tuple of Loaded
+    heads : tuple of HeadLoading
         What each of several heads holds; syringe, ink and needle are then the first one's.
     """
 
@@ -39,11 +39,11 @@ class SetUp:
     ink: Ink
     needle: Needle | None = None
     bath: Bath | None = None
-    standing: Standing | None = None
-    heads: tuple[Loaded, ...] = ()
+    standing: PlacedDish | None = None
+    heads: tuple[HeadLoading, ...] = ()
 
-    def load_of(self, number: int) -> Loaded:
+    def load_of(self, number: int) -> HeadLoading:
         """What a head holds; the same in each where nobody said it of each."""
         if number < len(self.heads):
             return self.heads[number]
-        return Loaded(self.syringe, self.ink, self.needle)
+        return HeadLoading(self.syringe, self.ink, self.needle)

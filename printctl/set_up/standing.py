@@ -19,7 +19,7 @@ HUB_MM: Final = 12.0
 
 
 @dataclass(frozen=True)
-class Standing:
+class PlacedDish:
     """Dish at its position on the printer.
 
     Attributes
@@ -63,7 +63,7 @@ class Standing:
         return self.bath_mm + (max(ink_ul, 0.0) + dipped_ul) / self.area_mm2
 
 
-def wall_gap_of(ends: Sequence[Point], standing: Standing, outer_mm: float) -> float:
+def wall_gap_of(ends: Sequence[Point], standing: PlacedDish, outer_mm: float) -> float:
     """Return the distance of a needle to the wall in one straight move, mm; above it infinite.
 
     As `printctl.preflight.wall_gaps.wall_gap` of many moves, without NumPy, which a station's and
@@ -73,7 +73,7 @@ def wall_gap_of(ends: Sequence[Point], standing: Standing, outer_mm: float) -> f
     ----------
     ends : two (x, y, z), mm
         Before and after, printer's frame.
-    standing : Standing
+    standing : PlacedDish
     outer_mm : float, mm
         The needle's.
     """
@@ -88,7 +88,7 @@ def wall_gap_of(ends: Sequence[Point], standing: Standing, outer_mm: float) -> f
     return gap - outer_mm / 2
 
 
-def hub_gap_of(ends: Sequence[Point], standing: Standing, needle: Needle) -> float:
+def hub_gap_of(ends: Sequence[Point], standing: PlacedDish, needle: Needle) -> float:
     """Return the distance of the needle's hub to the wall in one move, as `wall_gap_of`."""
     hubs = [(x, y, z + needle.length_mm) for x, y, z in ends]
     return wall_gap_of(hubs, standing, needle.hub_outer_mm or HUB_MM)

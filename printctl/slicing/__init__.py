@@ -1,13 +1,13 @@
 """Slice mesh files without a recipe: parts, modifiers, heads, placement."""
 
-from printctl.slicing.job import SliceJob, Written, slice_parts
+from printctl.slicing.job import JobFigures, SliceJob, slice_parts
 from printctl.slicing.modifiers import read_modifier
 from printctl.slicing.parts import Assembly, assemble, head_of_each
 
 __all__ = [
     "Assembly",
+    "JobFigures",
     "SliceJob",
-    "Written",
     "assemble",
     "head_of_each",
     "read_modifier",

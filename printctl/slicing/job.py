@@ -22,7 +22,7 @@ from design.toolpath.gcode import (
 from firmware_profiles import Dish, Printer, steady_flow
 from printctl.errors import UsageError
 from printctl.pipeline.writer_options import gcode_options
-from printctl.set_up import ABOVE_WALL_MM, Loaded
+from printctl.set_up import ABOVE_WALL_MM, HeadLoading
 from printctl.slicing.parts import Assembly
 
 FloatArray = NDArray[np.float64]
@@ -39,7 +39,7 @@ class SliceJob:
     ----------
     parts : Assembly
     printer : Printer
-    loads : tuple of Loaded
+    loads : tuple of HeadLoading
         What each head holds, its needle too.
     lines_mm : tuple of float, mm
         Width of each head's lines.
@@ -51,14 +51,14 @@ class SliceJob:
 
     parts: Assembly
     printer: Printer
-    loads: tuple[Loaded, ...]
+    loads: tuple[HeadLoading, ...]
     lines_mm: tuple[float, ...]
     options: FreshOptions
     dish: Dish | None = None
 
 
 @dataclass(frozen=True)
-class Written:
+class JobFigures:
     """Figures of a written job.
 
     Attributes
@@ -82,7 +82,7 @@ class Written:
     part_mm: float
 
 
-def slice_parts(job: SliceJob, out: Path) -> Written:
+def slice_parts(job: SliceJob, out: Path) -> JobFigures:
     """Write a job's G-code to ``out`` and its line map beside it.
 
     Raises
@@ -100,7 +100,7 @@ def slice_parts(job: SliceJob, out: Path) -> Written:
     lines = save_gcode(out, out.with_suffix(".map.npz"), parts)
     heights = np.diff(layers.levels)
     low, high = job.parts.bounds
-    return Written(
+    return JobFigures(
         layers.report(),
         lines,
         place,

@@ -2,10 +2,10 @@
 
 from printctl.link.temperatures import Temperature
 from printctl.station.client import Station, attach, connect
-from printctl.station.status import Mounted, StationState, StationStatus
+from printctl.station.status import MountedParts, StationState, StationStatus
 
 __all__ = [
-    "Mounted",
+    "MountedParts",
     "Station",
     "StationState",
     "StationStatus",

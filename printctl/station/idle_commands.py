@@ -14,10 +14,10 @@ from typing import Any, Final
 from firmware_profiles.families import family_of
 from printctl.gate import (
     DEFAULT_MM_S,
-    Act,
-    Door,
-    Known,
+    LineAction,
+    LineOrigin,
     NotAllowed,
+    PrinterSituation,
     check_heat,
     check_homing,
     check_step,
@@ -208,21 +208,21 @@ class IdleCommands:
 
     def _command(self, wish: dict[str, Any]) -> Answer:
         """A line of the console; one that moves or heats goes the way of the wish for that."""
-        line = let_through(judge(str(wish["text"]), Door.CONSOLE, self._known))
-        if line.act is Act.SEND:
+        line = let_through(judge(str(wish["text"]), LineOrigin.CONSOLE, self._known))
+        if line.act is LineAction.SEND:
             lines = self.standby.do(line.text)
             self.standby.look()
             return {"lines": lines}
-        if line.act is Act.MOVE and line.target is not None:
+        if line.act is LineAction.MOVE and line.target is not None:
             answer = self._go(line.target, line.speed_mm_s)
-        elif line.act is Act.HOME:
+        elif line.act is LineAction.HOME:
             answer = self._home({"axes": line.axes})
         else:
             answer = self._heat({"name": line.heater, "celsius": line.celsius})
         return {"lines": [answer["message"]] if answer.get("message") else []}
 
     @property
-    def _known(self) -> Known:
+    def _known(self) -> PrinterSituation:
         """What the gate is told."""
         standby = self.standby
         told = tuple(one.name for one in standby.temperatures)

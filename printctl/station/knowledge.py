@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 from firmware_profiles import Printer
-from printctl.gate import Bounds, Known
+from printctl.gate import Bounds, PrinterSituation
 from printctl.link.errors import Refused
 from printctl.printing.syringes import usable_mm
 from printctl.station.heat_limits import heat_limits
 from printctl.station.mounted_profiles import MountedProfiles, read_mounted_profiles
-from printctl.station.status import Mounted, Place
+from printctl.station.status import MountedParts, Place
 
 _NAMES: Final = ("needle", "syringe", "ink", "dish", "bath")
 _UNKNOWN: Final = (False, False, False)
@@ -25,7 +25,7 @@ class Knowledge:
     Attributes
     ----------
     printer : Printer
-    mounted : Mounted
+    mounted : MountedParts
     homed : (x, y, z) of bool
         Axes whose count means the printer's frame.
     plunger_mm : float or None, mm
@@ -37,7 +37,7 @@ class Knowledge:
     """
 
     printer: Printer
-    mounted: Mounted = field(default_factory=Mounted)
+    mounted: MountedParts = field(default_factory=MountedParts)
     homed: tuple[bool, bool, bool] = _UNKNOWN
     plunger_mm: float | None = None
     part_in_dish: bool = False
@@ -69,12 +69,12 @@ class Knowledge:
         )
 
     @property
-    def limits(self) -> Known:
+    def limits(self) -> PrinterSituation:
         """What the gate judges by, but for the moment."""
         per_mm, ink = self.profiles.ul_per_mm, self.profiles.ink
         bears = math.inf if ink is None or per_mm is None else ink.plunger_ul_s / per_mm
         heat = heat_limits(self.profiles, self.part_in_dish)
-        return Known(self.bounds, heat=heat, plunger_mm_s=bears)
+        return PrinterSituation(self.bounds, heat=heat, plunger_mm_s=bears)
 
     @property
     def plunger_left_mm(self) -> float | None:
@@ -137,11 +137,11 @@ class Knowledge:
             For an unknown key or profile, or a number that is none.
         """
         said = dict(said)
-        unknown = set(said) - {*Mounted.__dataclass_fields__, "plunger_mm"}
+        unknown = set(said) - {*MountedParts.__dataclass_fields__, "plunger_mm"}
         if unknown:
             raise Refused(
                 f"{sorted(unknown)[0]!r} can't be mounted; what can: "
-                f"{', '.join(Mounted.__dataclass_fields__)}, plunger_mm"
+                f"{', '.join(MountedParts.__dataclass_fields__)}, plunger_mm"
             )
         used = said.pop("plunger_mm", 0.0 if said.get("syringe") else self.plunger_mm)
         told: dict[str, Any] = {name: _name(name, said[name]) for name in _NAMES if name in said}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from firmware_profiles import Bath, Dish, Ink, Needle, ProfileError, Syringe, load
 from printctl.link.errors import Refused
-from printctl.station.status import Mounted
+from printctl.station.status import MountedParts
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class MountedProfiles:
         return math.pi / 4 * self.syringe.inner_mm**2 if self.syringe else None
 
 
-def read_mounted_profiles(mounted: Mounted) -> MountedProfiles:
+def read_mounted_profiles(mounted: MountedParts) -> MountedProfiles:
     """Load the profiles of what is mounted.
 
     Raises

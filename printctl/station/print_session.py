@@ -22,7 +22,7 @@ from printctl.station.printer_connection import PrinterConnection
 from printctl.station.pushed import pushed_mm
 from printctl.station.report import StationReport, refusal
 from printctl.station.request_queue import Request, StationRequests
-from printctl.station.speaker import Speaker
+from printctl.station.speaker import LinkOwner
 from printctl.station.status import Place, StationState
 from sim.executed import ExecutedMotion
 
@@ -51,7 +51,7 @@ class PrintSession:
     known : Knowledge
     report : StationReport
     requests : StationRequests
-    speaker : Speaker
+    speaker : LinkOwner
     connection : PrinterConnection
     leave : callable
         Closes the station when the system shuts down.
@@ -61,7 +61,7 @@ class PrintSession:
     known: Knowledge
     report: StationReport
     requests: StationRequests
-    speaker: Speaker
+    speaker: LinkOwner
     connection: PrinterConnection
     leave: Callable[[], None]
 

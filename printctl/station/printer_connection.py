@@ -13,7 +13,7 @@ from printctl.station.knowledge import Knowledge
 from printctl.station.port import StationPort
 from printctl.station.report import StationReport, refusal
 from printctl.station.request_queue import StationRequests
-from printctl.station.speaker import Speaker
+from printctl.station.speaker import LinkOwner
 from printctl.station.standby import Standby
 from printctl.station.status import StationState
 
@@ -28,7 +28,7 @@ class PrinterConnection:
     journal : Journal
     report : StationReport
     requests : StationRequests
-    speaker : Speaker
+    speaker : LinkOwner
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class PrinterConnection:
         journal: Journal,
         report: StationReport,
         requests: StationRequests,
-        speaker: Speaker,
+        speaker: LinkOwner,
     ) -> None:
         self._port, self._known, self._journal = port, known, journal
         self._report, self._requests, self._speaker = report, requests, speaker

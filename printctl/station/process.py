@@ -22,7 +22,7 @@ from printctl.station.knowledge import Knowledge
 from printctl.station.record import JOURNAL, LOCK, RECORD, SOCKET, StationRecord, load_station
 from printctl.station.server import StationServer, forget, listen
 from printctl.station.station_loop import StationLoop
-from printctl.station.status import Mounted, Place, StationState, StationStatus
+from printctl.station.status import MountedParts, Place, StationState, StationStatus
 from printctl.station.wire import Socket
 
 log = logging.getLogger(__name__)
@@ -151,7 +151,7 @@ def _open(
     printer = load(Printer, opening.profile)
     refuse_unsent(printer)
     journal = Journal(opening.folder / JOURNAL)
-    known = Knowledge(printer, before.mounted if before else Mounted())
+    known = Knowledge(printer, before.mounted if before else MountedParts())
     if before is not None:
         known.plunger_mm, known.part_in_dish = before.plunger_mm, before.part_in_dish
     socket = Socket(

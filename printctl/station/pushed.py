@@ -13,7 +13,7 @@ from printctl.link.reloading import plunger_travel
 
 
 @dataclass(frozen=True)
-class Pushed:
+class PlungerState:
     """Plunger state after a print.
 
     Attributes
@@ -28,7 +28,7 @@ class Pushed:
     wrote: bool
 
 
-def pushed_mm(job: Job, folder: Path, done: int, before_mm: float | None) -> Pushed:
+def pushed_mm(job: Job, folder: Path, done: int, before_mm: float | None) -> PlungerState:
     """Count the plunger's travel over the lines done, from the last change of syringe on.
 
     The relief of a controlled stop isn't taken off: what is left is at least so much.
@@ -46,8 +46,8 @@ def pushed_mm(job: Job, folder: Path, done: int, before_mm: float | None) -> Pus
     changed = _last_change(folder)
     if changed is not None:
         at, used = changed
-        return Pushed(used + travel[-1] - travel[min(at, done)], wrote)
-    return Pushed(None if before_mm is None else before_mm + travel[-1], wrote)
+        return PlungerState(used + travel[-1] - travel[min(at, done)], wrote)
+    return PlungerState(None if before_mm is None else before_mm + travel[-1], wrote)
 
 
 def _last_change(folder: Path) -> tuple[int, float] | None:

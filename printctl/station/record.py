@@ -10,7 +10,7 @@ from typing import Any, Final
 from printctl.link.history import data_folder
 from printctl.link.journal import read_records
 from printctl.link.record import read_private, save_private
-from printctl.station.status import Mounted, StationState, StationStatus
+from printctl.station.status import MountedParts, StationState, StationStatus
 
 RECORD: Final = "station.json"
 JOURNAL: Final = "station.journal"
@@ -64,10 +64,10 @@ class StationRecord:
         return StationStatus.from_dict(self.status)
 
     @property
-    def mounted(self) -> Mounted:
+    def mounted(self) -> MountedParts:
         """What was mounted; heights hung on a count that the printer may have lost."""
         told = self.last.mounted
-        return Mounted.from_dict({**asdict(told), "floor_mm": None, "bath_level_mm": None})
+        return MountedParts.from_dict({**asdict(told), "floor_mm": None, "bath_level_mm": None})
 
 
 def load_station(folder: Path) -> StationRecord:

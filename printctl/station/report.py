@@ -12,7 +12,7 @@ from printctl.link.errors import JournalError, LinkError
 from printctl.link.journal import Journal
 from printctl.link.temperatures import parse_temperatures
 from printctl.station.knowledge import Knowledge
-from printctl.station.speaker import Speaker
+from printctl.station.speaker import LinkOwner
 from printctl.station.status import Place, StationState, StationStatus
 from printctl.station.wire import Socket
 
@@ -35,11 +35,11 @@ class StationReport:
     socket : Socket
     known : Knowledge
     journal : Journal
-    speaker : Speaker
+    speaker : LinkOwner
     """
 
     def __init__(
-        self, socket: Socket, known: Knowledge, journal: Journal, speaker: Speaker
+        self, socket: Socket, known: Knowledge, journal: Journal, speaker: LinkOwner
     ) -> None:
         self._known, self._journal, self._speaker = known, journal, speaker
         self._on_change: Callable[[StationStatus], None] = lambda status: None

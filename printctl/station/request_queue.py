@@ -11,7 +11,7 @@ from typing import Any, Final
 from printctl.link.errors import Refused
 from printctl.station.idle_commands import MOTIONS
 from printctl.station.report import DOWN, StationReport, refusal
-from printctl.station.speaker import Speaker
+from printctl.station.speaker import LinkOwner
 from printctl.station.status import StationState
 
 QUEUE: Final = 20
@@ -39,10 +39,10 @@ class StationRequests:
     Parameters
     ----------
     report : StationReport
-    speaker : Speaker
+    speaker : LinkOwner
     """
 
-    def __init__(self, report: StationReport, speaker: Speaker) -> None:
+    def __init__(self, report: StationReport, speaker: LinkOwner) -> None:
         self._report, self._speaker = report, speaker
         self._requests: deque[Request] = deque()
         self._bell = threading.Event()

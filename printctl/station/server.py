@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
 
-from printctl.link.door import Door, forget, listen
-from printctl.link.door_places import Guest
+from printctl.link.door import SocketServer, forget, listen
+from printctl.link.door_places import ClientPlace
 from printctl.station.status import StationStatus
 
 __all__ = ["StationServer", "forget", "listen"]
@@ -44,7 +44,7 @@ class RequestTaker(Protocol):
 
 
 @dataclass
-class StationServer(Door):
+class StationServer(SocketServer):
     """Serves the clients of a station.
 
     Attributes
@@ -62,10 +62,10 @@ class StationServer(Door):
         """The station's status."""
         return self.station.status.to_dict()
 
-    def wishes(self) -> Mapping[str, Callable[[Guest, dict[str, Any]], None]]:
+    def wishes(self) -> Mapping[str, Callable[[ClientPlace, dict[str, Any]], None]]:
         """Return what takes each request: the station."""
         return {name: partial(self._hand_on, name) for name in self.station.names}
 
-    def _hand_on(self, name: str, guest: Guest, wish: dict[str, Any]) -> None:
+    def _hand_on(self, name: str, guest: ClientPlace, wish: dict[str, Any]) -> None:
         wish.pop("answer", None)  # the reply is the answer
         self.station.ask(name, wish, partial(self.post, guest))

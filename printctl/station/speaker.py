@@ -6,7 +6,7 @@ from printctl.link.streamer import Streamer
 from printctl.station.standby import Standby
 
 
-class Speaker:
+class LinkOwner:
     """Written by the thread that owns the port, read by any.
 
     Attributes

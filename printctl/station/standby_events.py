@@ -44,16 +44,16 @@ class StandbyEvents:
         self.trouble = ""
         self._always: dict[type, Callable[[Any], None]] = {
             said.Fault: self._on_fault,
-            said.WentBack: self._on_went_back,
+            said.LinesResent: self._on_went_back,
             said.Action: self._on_action,
             said.Noisy: self._on_noisy,
-            said.OutOfStep: self._on_out_of_step,
+            said.LostSynchronisation: self._on_out_of_step,
         }
         self._once_found: dict[type, Callable[[Any], None]] = {
-            said.Booted: self._on_booted,
-            said.WasReset: self._on_reset,
-            said.Stray: self._on_stray,
-            said.Silent: self._on_silent,
+            said.FirmwareStarted: self._on_booted,
+            said.FirmwareReset: self._on_reset,
+            said.StrayOk: self._on_stray,
+            said.NoReply: self._on_silent,
         }
 
     def found(self) -> None:
@@ -85,7 +85,7 @@ class StandbyEvents:
         self._logbook.complain(f"the printer says {event.text!r}")
         self._logbook.alarm(self._logbook.fault)
 
-    def _on_went_back(self, event: said.WentBack) -> None:
+    def _on_went_back(self, event: said.LinesResent) -> None:
         self._logbook.alarm(
             f"lines {event.first} to {event.last} weren't taken after all; sent again"
         )
@@ -101,7 +101,7 @@ class StandbyEvents:
         )
         self._logbook.alarm(self.trouble)
 
-    def _on_out_of_step(self, event: said.OutOfStep) -> None:
+    def _on_out_of_step(self, event: said.LostSynchronisation) -> None:
         raise PrintEnded(
             LinkState.POSITION_UNKNOWN,
             f"the printer's last line is {event.last}, ours {event.expected}: another program may "
@@ -111,11 +111,11 @@ class StandbyEvents:
 
     # --- once it is found ------------------------------------------------------------------------
 
-    def _on_booted(self, event: said.Booted) -> None:
+    def _on_booted(self, event: said.FirmwareStarted) -> None:
         self._otherwise.handle(event)  # by the reset line of a kill
-        self._on_reset(said.WasReset())
+        self._on_reset(said.FirmwareReset())
 
-    def _on_reset(self, event: said.WasReset) -> None:
+    def _on_reset(self, event: said.FirmwareReset) -> None:
         raise PrintEnded(
             LinkState.POSITION_UNKNOWN,
             "the printer was reset: its position and its heaters' targets are gone; see what it "
@@ -123,7 +123,7 @@ class StandbyEvents:
             known=False,
         )
 
-    def _on_stray(self, event: said.Stray) -> None:
+    def _on_stray(self, event: said.StrayOk) -> None:
         if not event.foreign or self._killed.is_set():
             self._otherwise.handle(event)
             return
@@ -135,7 +135,7 @@ class StandbyEvents:
             known=False,
         )
 
-    def _on_silent(self, event: said.Silent) -> None:
+    def _on_silent(self, event: said.NoReply) -> None:
         raise PrintEnded(
             LinkState.FAILED,
             f"the printer gave no usable answer for {event.seconds:.0f} s; check power and cable, "

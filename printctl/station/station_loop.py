@@ -17,7 +17,7 @@ from printctl.station.print_session import PrintSession
 from printctl.station.printer_connection import PrinterConnection
 from printctl.station.report import DOWN, StationReport, refusal
 from printctl.station.request_queue import NAMES, Request, Say, StationRequests
-from printctl.station.speaker import Speaker
+from printctl.station.speaker import LinkOwner
 from printctl.station.status import Place, StationState, StationStatus
 from printctl.station.wire import Socket
 
@@ -42,7 +42,7 @@ class StationLoop:
 
     def __init__(self, socket: Socket, known: Knowledge, journal: Journal, start: Place) -> None:
         self.known = known
-        self._port, self._speaker = StationPort(socket, start), Speaker()
+        self._port, self._speaker = StationPort(socket, start), LinkOwner()
         self._report = StationReport(socket, known, journal, self._speaker)
         self._requests = StationRequests(self._report, self._speaker)
         self._connection = PrinterConnection(

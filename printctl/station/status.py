@@ -31,7 +31,7 @@ OPEN: Final = frozenset({StationState.READY, StationState.BUSY, StationState.PRI
 
 
 @dataclass(frozen=True)
-class Mounted:
+class MountedParts:
     """What the user said is on the printer; nobody can check it.
 
     Attributes
@@ -61,11 +61,13 @@ class Mounted:
         return bool(self.needle and self.dish) and self.floor_mm is None
 
     @staticmethod
-    def from_dict(data: dict[str, Any]) -> Mounted:
+    def from_dict(data: dict[str, Any]) -> MountedParts:
         """Read a JSON object; keys of later versions are ignored."""
-        known = {name: data[name] for name in Mounted.__dataclass_fields__ if name in data}
+        known = {name: data[name] for name in MountedParts.__dataclass_fields__ if name in data}
         centre = known.get("dish_centre_mm")
-        return Mounted(**{**known, "dish_centre_mm": None if centre is None else tuple(centre)})
+        return MountedParts(
+            **{**known, "dish_centre_mm": None if centre is None else tuple(centre)}
+        )
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ class StationStatus:
     soft_low_mm, soft_high_mm : (x, y, z), mm
         Box in which the tip may be moved from where it is; empty tuples where the position isn't
         trusted.
-    mounted : Mounted
+    mounted : MountedParts
     error : str
         Name of the error's class (`printctl.link.errors`) that led to ``lost`` or ``halted``.
     """
@@ -121,7 +123,7 @@ class StationStatus:
     print_folder: str = ""
     soft_low_mm: tuple[float, ...] = ()
     soft_high_mm: tuple[float, ...] = ()
-    mounted: Mounted = field(default_factory=Mounted)
+    mounted: MountedParts = field(default_factory=MountedParts)
     error: str = ""
 
     @property
@@ -144,5 +146,5 @@ class StationStatus:
         if known.get("position_mm") is not None:
             known["position_mm"] = tuple(known["position_mm"])
         known["temperatures"] = tuple(Temperature(**one) for one in known.get("temperatures", ()))
-        known["mounted"] = Mounted.from_dict(known.get("mounted", {}))
+        known["mounted"] = MountedParts.from_dict(known.get("mounted", {}))
         return StationStatus(**known)

@@ -7,14 +7,14 @@ from registration.alignment.fit import Fit
 from registration.alignment.intervals import Uncertainty
 from registration.alignment.motion import AXES
 from registration.alignment.options import AlignmentOptions
-from registration.alignment.rivals import Rival, may_lie_otherwise
+from registration.alignment.rivals import AlternativePose, may_lie_otherwise
 
 __all__ = [
     "AXES",
     "Alignment",
     "AlignmentOptions",
+    "AlternativePose",
     "Fit",
-    "Rival",
     "Uncertainty",
     "align",
     "cross_check",

@@ -8,16 +8,16 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.alignment.choice import Contestants, thinned
+from registration.alignment.choice import PosePoints, thinned
 from registration.alignment.contest import residuals
 from registration.alignment.doubts import LEAST_SEEN, pose_doubts
-from registration.alignment.fit import RIGID, Fit, Freedom, refine
+from registration.alignment.fit import RIGID, Fit, FitFreedom, refine
 from registration.alignment.freedoms import loose_freedoms
 from registration.alignment.intervals import Uncertainty, fit_errors, uncertainty
 from registration.alignment.misfits import misfits
 from registration.alignment.motion import lay_words
 from registration.alignment.options import AlignmentOptions
-from registration.alignment.rivals import Rival
+from registration.alignment.rivals import AlternativePose
 from registration.alignment.search import Search
 from registration.distance import ModelSurface, distance_grid
 from registration.errors import AlignmentError
@@ -47,7 +47,7 @@ class Alignment:
         95 % intervals of the scaled fit.
     lay : str
         Which way the part lay under the light.
-    rivals : tuple of Rival
+    rivals : tuple of AlternativePose
         Other poses that were tried, the closest first.
     """
 
@@ -59,7 +59,7 @@ class Alignment:
     doubts: tuple[str, ...]
     uncertainty: Uncertainty
     lay: str
-    rivals: tuple[Rival, ...]
+    rivals: tuple[AlternativePose, ...]
 
     @property
     def ambiguous(self) -> bool:
@@ -113,7 +113,7 @@ def align(
     many = thinned(points, options.fine_points)
     depth = float(np.inf if depth_standard else np.ptp(np.percentile(many[:, 2], (1, 99))))
     free = partial(_freedom, surface, depth, options)
-    choice = Contestants(search, points, free).choose()
+    choice = PosePoints(search, points, free).choose()
     shared = errors or ScanErrors.of_blur(blur_mm)
     # Else walls prove nothing: the mirror image is a doubt.
     if np.isfinite(shared.level_mm) and lit >= LEAST_SEEN:
@@ -158,12 +158,12 @@ def _rigid(fit: Fit) -> Fit:
 
 def _freedom(
     surface: ModelSurface, depth_mm: float, options: AlignmentOptions, fit: Fit
-) -> Freedom:
+) -> FitFreedom:
     """All axes across the light, and along it where scan and model both show enough depth."""
     span = np.minimum(np.ptp(surface.bounds, axis=0), depth_mm)
     deep = np.abs(fit.rotation[:, 2]) > DEPTH_COSINE
     known = ~deep | (span >= options.depth_span_mm) | np.isinf(depth_mm)
-    return Freedom(tuple(np.flatnonzero(known).tolist()), offset=True)
+    return FitFreedom(tuple(np.flatnonzero(known).tolist()), offset=True)
 
 
 def _refuse_mirrored(lead: float) -> None:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.alignment.contest import contest, off_where_told, residuals
-from registration.alignment.fit import Fit, Freedom, refine
+from registration.alignment.fit import Fit, FitFreedom, refine
 from registration.alignment.misfits import OFF_MM
-from registration.alignment.rivals import MIRROR, Rival, describe, own_symmetries
+from registration.alignment.rivals import MIRROR, AlternativePose, describe, own_symmetries
 from registration.alignment.search import Search
 
 FloatArray = NDArray[np.float64]
@@ -32,7 +32,7 @@ class Choice:
     Attributes
     ----------
     best : Fit
-    rivals : tuple of Rival
+    rivals : tuple of AlternativePose
         The closest first.
     mirror_lead : float
         How many times as badly the pose fits as the best of the mirror image that lies on the
@@ -40,7 +40,7 @@ class Choice:
     """
 
     best: Fit
-    rivals: tuple[Rival, ...]
+    rivals: tuple[AlternativePose, ...]
     mirror_lead: float
 
 
@@ -57,7 +57,7 @@ class _Pose:
 
 
 @dataclass(frozen=True)
-class Contestants:
+class PosePoints:
     """Scanned points by which poses are found, refined and compared.
 
     Attributes
@@ -70,7 +70,7 @@ class Contestants:
 
     search: Search
     points: FloatArray
-    freedom: Callable[[Fit], Freedom]
+    freedom: Callable[[Fit], FitFreedom]
     _known: dict[tuple[_Pose, int], FloatArray] = field(default_factory=dict)
 
     def choose(self) -> Choice:

@@ -6,11 +6,11 @@ from collections.abc import Iterable
 
 from registration.alignment.freedoms import UNKNOWN_MM, LooseFreedom
 from registration.alignment.misfits import OFF_MM, Misfit
-from registration.alignment.rivals import Rival
+from registration.alignment.rivals import AlternativePose
 
 
 def pose_doubts(
-    rivals: Iterable[Rival],
+    rivals: Iterable[AlternativePose],
     loose: Iterable[LooseFreedom],
     off: Iterable[Misfit],
     limit: float,
@@ -69,7 +69,7 @@ def later_doubts(cross_um: float | None, seen: float) -> tuple[str, ...]:
     return tuple(out)
 
 
-def rival_words(rival: Rival, limit: float) -> str:
+def rival_words(rival: AlternativePose, limit: float) -> str:
     """Say where else the part may lie and what would tell."""
     if rival.same:
         return (
@@ -91,7 +91,7 @@ def _by(motion: str) -> str:
     return " and ".join(part if part.startswith("mirrored") else f"by {part}" for part in parts)
 
 
-def _remedy(rival: Rival) -> str:
+def _remedy(rival: AlternativePose) -> str:
     if rival.seen:
         return "which was seen but doesn't decide; scan it more sharply"
     if rival.amid:

@@ -69,7 +69,7 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Freedom:
+class FitFreedom:
     """What a fit may change beside rotation and shift.
 
     Attributes
@@ -84,7 +84,7 @@ class Freedom:
     offset: bool = False
 
 
-RIGID = Freedom()
+RIGID = FitFreedom()
 
 _STRETCH_PRIOR = 0.05
 _OFFSET_PRIOR_MM = 0.1
@@ -94,7 +94,7 @@ def refine(
     surface: ModelSurface,
     points: FloatArray,
     start: Fit,
-    freedom: Freedom,
+    freedom: FitFreedom,
     *,
     steps: int = 40,
     kernel_mm: float | None = None,
@@ -158,7 +158,7 @@ def linearised(
     surface: ModelSurface,
     points: FloatArray,
     fit: Fit,
-    freedom: Freedom,
+    freedom: FitFreedom,
     kernel_mm: float | None = None,
     blur_mm: float = 0.0,
     even: bool = False,
@@ -209,7 +209,7 @@ def evenness(residual: FloatArray, side: NDArray[np.int64]) -> FloatArray:
     return np.asarray(factor[np.searchsorted(sides, side)])
 
 
-def _jacobian(gradient: FloatArray, rigid: FloatArray, fit: Fit, freedom: Freedom) -> FloatArray:
+def _jacobian(gradient: FloatArray, rigid: FloatArray, fit: Fit, freedom: FitFreedom) -> FloatArray:
     """Derivatives of the residuals by rotation about the centre, shift, log stretches, offset."""
     stretched = gradient * fit.stretch
     columns = [np.cross(rigid - fit.centre, stretched), stretched]
@@ -220,7 +220,7 @@ def _jacobian(gradient: FloatArray, rigid: FloatArray, fit: Fit, freedom: Freedo
     return np.concatenate(columns, axis=1)
 
 
-def _priors(fit: Fit, freedom: Freedom, noise: float) -> tuple[FloatArray, FloatArray]:
+def _priors(fit: Fit, freedom: FitFreedom, noise: float) -> tuple[FloatArray, FloatArray]:
     """Weight and pull of the priors, for each parameter."""
     now = [0.0] * 6 + [float(np.log(fit.stretch[k])) for k in freedom.axes]
     sigma = [np.inf] * 6 + [_STRETCH_PRIOR] * len(freedom.axes)
@@ -231,7 +231,7 @@ def _priors(fit: Fit, freedom: Freedom, noise: float) -> tuple[FloatArray, Float
     return weight, -weight * np.array(now)
 
 
-def _advance(fit: Fit, step: FloatArray, freedom: Freedom) -> Fit:
+def _advance(fit: Fit, step: FloatArray, freedom: FitFreedom) -> Fit:
     turn = Rotation.from_rotvec(step[:3]).as_matrix()
     stretch = fit.stretch.copy()
     for number, axis in enumerate(freedom.axes):

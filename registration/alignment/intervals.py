@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.alignment.fit import Fit, Freedom, Linearised, facing, linearised
+from registration.alignment.fit import Fit, FitFreedom, Linearised, facing, linearised
 from registration.distance import ModelSurface
 from registration.uncertainty import Budget, ScanErrors, Term
 
@@ -135,7 +135,7 @@ class FitErrors:
 _FIRST_SCALE = 6
 
 
-def uncertainty(found: FitErrors, fit: Fit, freedom: Freedom, errors: ScanErrors) -> Uncertainty:
+def uncertainty(found: FitErrors, fit: Fit, freedom: FitFreedom, errors: ScanErrors) -> Uncertainty:
     """95 % intervals of a fit's parameters."""
     beam = fit.rotation @ errors.beam
     budgets = {}
@@ -156,7 +156,7 @@ def fit_errors(
     surface: ModelSurface,
     points: FloatArray,
     fit: Fit,
-    freedom: Freedom,
+    freedom: FitFreedom,
     errors: ScanErrors,
     *,
     lumens: bool = False,

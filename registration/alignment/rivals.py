@@ -29,7 +29,7 @@ MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True)
-class Rival:
+class AlternativePose:
     """Alternative pose of a scan.
 
     Attributes
@@ -64,7 +64,7 @@ class Rival:
         return self.apart_um < 1e3 * SAME_MM
 
 
-def may_lie_otherwise(rivals: Iterable[Rival], limit: float) -> bool:
+def may_lie_otherwise(rivals: Iterable[AlternativePose], limit: float) -> bool:
     """Whether one leads to other places and fits less than `limit` times as badly."""
     return any(rival.lead < limit and not rival.same for rival in rivals)
 
@@ -92,7 +92,7 @@ def own_symmetries(search: Search, points: FloatArray, best: Fit, most: int) -> 
 
 def describe(
     surface: ModelSurface, seen: FloatArray, best: Fit, other: Fit, lead: float, mirrored: bool
-) -> Rival:
+) -> AlternativePose:
     """Describe another pose.
 
     Parameters
@@ -111,7 +111,7 @@ def describe(
     place = np.median(points[near], axis=0)
     place = points[near][np.linalg.norm(points[near] - place, axis=1).argmin()]
     away = float(cKDTree(seen).query(place)[0])
-    return Rival(
+    return AlternativePose(
         motion=motion_words(motion, surface.bounds.mean(axis=0)),
         mirrored=mirrored,
         lead=lead,

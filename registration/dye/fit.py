@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from design.hemodynamics.dye import Carried, dye_curves
+from design.hemodynamics.dye import CarryingFlow, dye_curves
 from design.network import VesselNetwork
 from registration.dye.arrivals import Arrivals
 from registration.dye.marks import FloatArray
-from registration.dye.stations import Stations
+from registration.dye.stations import DyeStations
 from registration.dye.traces import Traces, end_frames
 from registration.errors import DyeError
 
@@ -51,8 +51,8 @@ class Prediction:
 
 def predict(
     network: VesselNetwork,
-    flow: Carried,
-    stations: Stations,
+    flow: CarryingFlow,
+    stations: DyeStations,
     traces: Traces,
     arrivals: Arrivals,
     flow_ul_s: float | None = None,
@@ -109,14 +109,14 @@ def predict(
     )
 
 
-def along_flow(flow: Carried, stations: Stations) -> FloatArray:
+def along_flow(flow: CarryingFlow, stations: DyeStations) -> FloatArray:
     """Share of the vessel's volume before each station in the flow's direction."""
     back = flow.solution.flow[stations.vessel] < 0.0
     return np.where(back, 1.0 - stations.share, stations.share)
 
 
 def _plug(
-    network: VesselNetwork, flow: Carried, stations: Stations, share: FloatArray
+    network: VesselNetwork, flow: CarryingFlow, stations: DyeStations, share: FloatArray
 ) -> FloatArray:
     forward = flow.solution.flow >= 0.0
     begin = np.where(forward, network.vessel_nodes[:, 0], network.vessel_nodes[:, 1])

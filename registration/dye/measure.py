@@ -16,7 +16,7 @@ from registration.dye.marks import FloatArray, Marks, checked_node, straight_mar
 from registration.dye.patency import VesselDye, find_patency, timed_beside
 from registration.dye.perspective import FEWEST
 from registration.dye.predict import carried, carried_beside
-from registration.dye.stations import Stations
+from registration.dye.stations import DyeStations
 from registration.dye.traces import Traces, before_dye, read_traces
 from registration.dye.view import LEAST_PX, View, find_view
 from registration.errors import DyeError
@@ -56,7 +56,7 @@ class DyeOptions:
 
 
 @dataclass(frozen=True)
-class Beside:
+class PredictedArrivals:
     """Arrivals by the flow that closed vessels leave.
 
     Attributes
@@ -77,25 +77,25 @@ class DyeReport:
     Attributes
     ----------
     view : View
-    stations : Stations
+    stations : DyeStations
     traces : Traces
     arrivals : Arrivals
     prediction : Prediction
     vessels : list of VesselDye
     notes : tuple of str
         What weakens the numbers.
-    beside : Beside or None
+    beside : PredictedArrivals or None
         Where vessels are closed, and enough is seen of the others.
     """
 
     view: View
-    stations: Stations
+    stations: DyeStations
     traces: Traces
     arrivals: Arrivals
     prediction: Prediction
     vessels: list[VesselDye]
     notes: tuple[str, ...]
-    beside: Beside | None = None
+    beside: PredictedArrivals | None = None
 
     @property
     def held_to(self) -> Prediction:
@@ -170,7 +170,7 @@ def _held_beside(
         note = "too little is seen beside the closed vessels to hold dye to the flow they leave"
         return replace(report, notes=(*report.notes, note))
     vessels = timed_beside(report.vessels, flow, stations, arrivals, prediction)
-    return replace(report, vessels=vessels, beside=Beside(closed, prediction))
+    return replace(report, vessels=vessels, beside=PredictedArrivals(closed, prediction))
 
 
 def _check_inlet(inlet: int, network: VesselNetwork) -> None:

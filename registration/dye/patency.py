@@ -8,12 +8,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from design.hemodynamics.dye import Carried, downstream, ends_along
+from design.hemodynamics.dye import CarryingFlow, downstream, ends_along
 from design.network import VesselNetwork
 from registration.dye.arrivals import Arrivals
 from registration.dye.fit import Prediction, along_flow
 from registration.dye.marks import FloatArray
-from registration.dye.stations import Stations, volume_shares
+from registration.dye.stations import DyeStations, volume_shares
 
 Patency = Literal["open", "blocked", "not reached", "not seen", "no flow"]
 _DUE, _WAIT, _FAR, _HALF, _FEWEST_OF_LINE, _LEAST_SPAN = 0.6, 3.0, 0.7, 0.5, 3, 0.3
@@ -112,8 +112,8 @@ class _Seen:
 
 def find_patency(
     network: VesselNetwork,
-    flow: Carried,
-    stations: Stations,
+    flow: CarryingFlow,
+    stations: DyeStations,
     arrivals: Arrivals,
     prediction: Prediction,
     end_s: float,
@@ -161,8 +161,8 @@ def find_patency(
 
 def timed_beside(
     vessels: list[VesselDye],
-    flow: Carried,
-    stations: Stations,
+    flow: CarryingFlow,
+    stations: DyeStations,
     arrivals: Arrivals,
     prediction: Prediction,
 ) -> list[VesselDye]:
@@ -177,7 +177,7 @@ def timed_beside(
 
 
 def _reached(
-    network: VesselNetwork, flow: Carried, seen: list[_Seen], order: list[int]
+    network: VesselNetwork, flow: CarryingFlow, seen: list[_Seen], order: list[int]
 ) -> dict[int, bool | None]:
     """Whether dye comes to each node, by the vessels that meet there; None: can't be told."""
     reached: dict[int, bool | None] = {}
@@ -210,7 +210,7 @@ def _judged(seen: _Seen, reached: bool | None) -> Patency:
 
 
 def _stop(
-    network: VesselNetwork, flow: Carried, vessel: int, seen: _Seen
+    network: VesselNetwork, flow: CarryingFlow, vessel: int, seen: _Seen
 ) -> tuple[float, float] | None:
     """Between which places along a blocked vessel dye stops, mm from its first node, or None.
 
@@ -273,7 +273,7 @@ def _line(share: FloatArray, time: FloatArray) -> tuple[float, float, float]:
 
 
 def _series(
-    network: VesselNetwork, flow: Carried, states: dict[int, Patency], vessel: int
+    network: VesselNetwork, flow: CarryingFlow, states: dict[int, Patency], vessel: int
 ) -> tuple[int, ...]:
     """Vessels behind without a branch between, that stand still with a closed one."""
     chain: list[int] = []

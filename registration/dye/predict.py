@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from design.hemodynamics import FlowConditions, solve_flow
-from design.hemodynamics.dye import Carried, carried_by
+from design.hemodynamics.dye import CarryingFlow, carried_by
 from design.network import VesselNetwork
 from registration.dye.beside import Nodes, left_open, solve_beside
 
 _WATER = 1e-3
 
 
-def carried(network: VesselNetwork, inlet: int | None) -> Carried:
+def carried(network: VesselNetwork, inlet: int | None) -> CarryingFlow:
     """Solve the flow of 1 µL/s.
 
     Raises
@@ -27,7 +27,7 @@ def carried(network: VesselNetwork, inlet: int | None) -> Carried:
 
 def carried_beside(
     network: VesselNetwork, inlet: int | None, closed: Collection[int]
-) -> Carried | None:
+) -> CarryingFlow | None:
     """Solve the flow of 1 µL/s without the vessels that are closed.
 
     They are taken out whole: a closure that leaks isn't told from one that doesn't.

@@ -17,7 +17,7 @@ _LEAST_FREE, _STEEPEST, _PX_APART, _FEWEST, _MOST = 0.4, 0.3, 4.0, 6, 30
 
 
 @dataclass(frozen=True)
-class Stations:
+class DyeStations:
     """Stations, vessel by vessel from each first node.
 
     Attributes
@@ -44,7 +44,7 @@ class Stations:
     seen: NDArray[np.bool_]
 
 
-def place_stations(network: VesselNetwork, view: View, shape: tuple[int, int]) -> Stations:
+def place_stations(network: VesselNetwork, view: View, shape: tuple[int, int]) -> DyeStations:
     """Spread stations evenly along all vessels, some four pixels or more apart.
 
     A station isn't seen where less than 40 % of its samples are free, or where the vessel runs
@@ -59,7 +59,7 @@ def place_stations(network: VesselNetwork, view: View, shape: tuple[int, int]) -
     inside = ((samples >= 0.0) & (samples <= [width - 1.0, height - 1.0])).all(axis=2)
     free = inside & ~_covered(network, view, samples, vessel)
     seen = (free.mean(axis=1) >= _LEAST_FREE) & (flat > _STEEPEST)
-    return Stations(vessel, share, points, radius, samples, free, seen)
+    return DyeStations(vessel, share, points, radius, samples, free, seen)
 
 
 def _along(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from design.network import VesselNetwork
 from registration.dye.film import Frame, film_frames
 from registration.dye.marks import FloatArray
-from registration.dye.stations import Stations, place_stations
+from registration.dye.stations import DyeStations, place_stations
 from registration.dye.still import FloatImage, Steadier, enough_off, off_vessels, sampled
 from registration.dye.view import View
 from registration.errors import DyeError
@@ -57,7 +57,7 @@ class Traces:
 
 def read_traces(
     path: Path, network: VesselNetwork, view: View, lens: Lens | None = None
-) -> tuple[Stations, Traces]:
+) -> tuple[DyeStations, Traces]:
     """Read a film once, frame by frame; the distortion of a ``lens`` is taken out of them.
 
     Raises

@@ -17,7 +17,7 @@ from registration.geometry.datum_places import places_of
 from registration.geometry.datum_rows import rows_of
 from registration.geometry.faces import Face
 from registration.geometry.frame import Frame, strains
-from registration.geometry.nested import Held, free_words, hold
+from registration.geometry.nested import DatumTwist, free_words, hold
 from registration.geometry.scene import Scene
 from registration.geometry.setting import Setting
 
@@ -51,7 +51,7 @@ def lay_on_datums(datums: Sequence[Datum], start: Fit, scene: Scene) -> Frame:
     return replace(frame, places=places_of(datums, frame, start, scene))
 
 
-def _refuse_free(datums: Sequence[Datum], held: Held) -> None:
+def _refuse_free(datums: Sequence[Datum], held: DatumTwist) -> None:
     left = free_words(held.free)
     if left:
         names = ", ".join(map(str, datums))

@@ -22,7 +22,7 @@ MOUTH_DIAMETERS = 2.0
 
 
 @dataclass(frozen=True)
-class Mouth:
+class AxisEnd:
     """Where a lumen's axis reaches its free end.
 
     Attributes
@@ -41,7 +41,7 @@ class Mouth:
     noise_mm: float
 
 
-def mouth(lumen: Lumen, last: bool) -> Mouth | None:
+def mouth(lumen: Lumen, last: bool) -> AxisEnd | None:
     """Carry the axis on to a free end; None where no section near it was measured.
 
     A straight line through the offsets of the sections within two diameters of the end; the
@@ -57,10 +57,10 @@ def mouth(lumen: Lumen, last: bool) -> Mouth | None:
     weights = np.zeros(len(off))
     # Wide weights: a straight line through all of them.
     weights[near] = open_filter(from_end[near], 100.0 * radius, np.zeros(1))[0]
-    return Mouth(node, way, weights @ off, lumen.shared(weights))
+    return AxisEnd(node, way, weights @ off, lumen.shared(weights))
 
 
-def mouth_rows(found: Mouth, face: Face | None, there: Setting) -> Rows:
+def mouth_rows(found: AxisEnd, face: Face | None, there: Setting) -> Rows:
     """Return what a mouth asks: its middle, and where it was seen the face around it."""
     u, v = across(found.way)
     arm = found.node - there.fit.centre

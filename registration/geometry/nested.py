@@ -37,7 +37,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Held:
+class DatumTwist:
     """Twist that brings the datums to their places, and what they leave free.
 
     Attributes
@@ -55,7 +55,7 @@ class Held:
     strained: FloatArray
 
 
-def hold(stages: Sequence[Rows], reach_mm: float) -> Held:
+def hold(stages: Sequence[Rows], reach_mm: float) -> DatumTwist:
     """Solve the datums in their order: each only moves what those before it left free.
 
     Parameters
@@ -79,7 +79,7 @@ def hold(stages: Sequence[Rows], reach_mm: float) -> Held:
         free = free @ vt[rank:].T
     strained = sum(rows.strained @ one.T for rows, one in zip(stages, answers, strict=True))
     pulls = [rows.pulls @ one.T for rows, one in zip(stages, answers, strict=True)]
-    return Held(twist, free, np.vstack(pulls), np.asarray(strained))
+    return DatumTwist(twist, free, np.vstack(pulls), np.asarray(strained))
 
 
 def free_words(free: FloatArray) -> list[str]:

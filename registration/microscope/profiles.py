@@ -23,7 +23,7 @@ _FEWEST_STEPS: Final = 12
 
 
 @dataclass(frozen=True)
-class Way:
+class ScanLine:
     """Places along a line at which it is looked across.
 
     Attributes
@@ -42,7 +42,7 @@ class Way:
     step_mm: float
 
     @staticmethod
-    def of(corners: FloatArray, step_mm: float) -> Way:
+    def of(corners: FloatArray, step_mm: float) -> ScanLine:
         """Along a polyline (k, 2), mm, in equal steps of about ``step_mm``."""
         ends = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
         count = max(1, round(ends[-1] / step_mm))
@@ -52,12 +52,12 @@ class Way:
         length = np.hypot(*way.T)
         unit = way / length[:, None]
         points = corners[row] + unit * (along - ends[row])[:, None]
-        return Way(along, points, np.column_stack([-unit[:, 1], unit[:, 0]]), ends[-1] / count)
+        return ScanLine(along, points, np.column_stack([-unit[:, 1], unit[:, 0]]), ends[-1] / count)
 
     @staticmethod
-    def straight(begin: FloatArray, end: FloatArray, step_mm: float) -> Way:
+    def straight(begin: FloatArray, end: FloatArray, step_mm: float) -> ScanLine:
         """From one place to another."""
-        return Way.of(np.array([begin, end]), step_mm)
+        return ScanLine.of(np.array([begin, end]), step_mm)
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Profiles:
 def profiles_along(
     image: FloatImage,
     matrix: FloatArray,
-    way: Way,
+    way: ScanLine,
     reach_mm: float,
     coarse: float = 1.0,
 ) -> Profiles:

@@ -20,7 +20,7 @@ from registration.dye.perspective import mapped, slopes
 from registration.errors import PictureError
 from registration.microscope.first_views import THINNEST_PX, first_views
 from registration.microscope.picture import FloatArray, Picture
-from registration.microscope.profiles import Way, middles, profiles_along
+from registration.microscope.profiles import ScanLine, middles, profiles_along
 from registration.microscope.target import Target, View
 from registration.microscope.view_checks import check_foreign, check_scales
 
@@ -147,7 +147,7 @@ def _side_middles(
     for number, side in enumerate(target.sides):
         # A corner is seen from both sides, and an end is round: a little is left out.
         inner = side[0] + np.array([[0.06], [0.94]]) * (side[1] - side[0])
-        way = Way.straight(inner[0], inner[1], max(target.width_mm, 0.2))
+        way = ScanLine.straight(inner[0], inner[1], max(target.width_mm, 0.2))
         seen = profiles_along(picture.ink, matrix, way, reach, coarse)
         at, found = middles(seen, target.width_mm)
         if found.mean() < LEAST_SIDES:

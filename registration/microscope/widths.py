@@ -10,7 +10,13 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from registration.microscope.picture import BoolImage, FloatArray, Picture
-from registration.microscope.profiles import Profiles, Way, middles, profiles_along, usual_height
+from registration.microscope.profiles import (
+    Profiles,
+    ScanLine,
+    middles,
+    profiles_along,
+    usual_height,
+)
 from registration.microscope.shade import MIDDLE, Shade, fit_shade
 from registration.microscope.target import View
 
@@ -54,7 +60,7 @@ class LineWidths:
     Attributes
     ----------
     line : Line
-    way : Way
+    way : ScanLine
     width_mm : (n,) float64, mm
         Diameter at each place; NaN where there is no ink.
     left_mm, right_mm : (n,) float64, mm
@@ -66,7 +72,7 @@ class LineWidths:
     """
 
     line: Line
-    way: Way
+    way: ScanLine
     width_mm: FloatArray
     left_mm: FloatArray
     right_mm: FloatArray
@@ -88,7 +94,7 @@ def measure_lines(
     expected = [line.width_mm for line in lines]
     typical = float(np.median(expected))
     smooth = max(_SMOOTH * typical, 0.7e-3 * view.um_per_px)
-    ways = [Way.of(line.points, line.step_mm) for line in lines]
+    ways = [ScanLine.of(line.points, line.step_mm) for line in lines]
     # What is smoothed here is part of the blur that the optics are fitted with.
     across = [
         profiles_along(picture.ink, view.matrix, way, line.reach_mm).smoothed(smooth)

@@ -1,7 +1,7 @@
 """Overlay of a scan on the G-code, layer by layer: where gel was written and where it stands."""
 
 from registration.overlay.cut import Cutter, ScanCut
-from registration.overlay.find import Spot
+from registration.overlay.find import PixelPatch
 from registration.overlay.lines import LayerLines, layers_of
 from registration.overlay.lumens import LumenSections
 from registration.overlay.measure import LayerNumbers, Limits, measure_layer
@@ -17,10 +17,10 @@ __all__ = [
     "LayerStatus",
     "Limits",
     "LumenSections",
+    "PixelPatch",
     "Pose",
     "Raster",
     "ScanCut",
-    "Spot",
     "align_pose",
     "layers_of",
     "measure_layer",

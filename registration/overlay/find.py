@@ -14,7 +14,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Spot:
+class PixelPatch:
     """A connected patch of pixels.
 
     Attributes
@@ -41,7 +41,7 @@ class Spot:
     mask: Mask
 
 
-def spots(mask: Mask, raster: Raster, least_mm2: float, least_width_mm: float) -> list[Spot]:
+def spots(mask: Mask, raster: Raster, least_mm2: float, least_width_mm: float) -> list[PixelPatch]:
     """Patches of at least this area and width, the largest first; a shared corner joins pixels."""
     labels, count = label(mask, np.ones((3, 3)))
     if count == 0:
@@ -53,12 +53,12 @@ def spots(mask: Mask, raster: Raster, least_mm2: float, least_width_mm: float) -
     return [one for one in found if one.width_mm >= least_width_mm]
 
 
-def _spot(mask: Mask, box: tuple[slice, slice], area: float, raster: Raster) -> Spot:
+def _spot(mask: Mask, box: tuple[slice, slice], area: float, raster: Raster) -> PixelPatch:
     rows, columns = box
     deep = distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
     j, i = np.unravel_index(int(np.argmax(deep)), deep.shape)
     x, y, half = raster.x_mm, raster.y_mm, raster.pixel_mm / 2
-    return Spot(
+    return PixelPatch(
         area_mm2=area,
         width_mm=(2 * float(deep[j, i]) - 1) * raster.pixel_mm,
         at_mm=(float(x[columns.start + i]), float(y[rows.start + j])),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, distance_transform_edt
 
 from registration.overlay.cut import ScanCut
-from registration.overlay.find import Spot, spots
+from registration.overlay.find import PixelPatch, spots
 from registration.overlay.lines import LayerLines
 from registration.overlay.raster import Raster
 
@@ -62,7 +62,7 @@ class LayerNumbers:
         The layer's lines; the design's lumens less the lines.
     gel_in_written, gel_in_free : float or None
         Share of the seen part of each that shows gel; None where nothing of it is seen.
-    gaps, blobs : tuple of Spot
+    gaps, blobs : tuple of PixelPatch
         Written and without gel; free and with gel. The largest first.
     gap_lines : tuple of (k,) int64
         Of each gap, the G-code lines whose bands cover it, ascending.
@@ -77,8 +77,8 @@ class LayerNumbers:
     free_mm2: float
     gel_in_written: float | None
     gel_in_free: float | None
-    gaps: tuple[Spot, ...]
-    blobs: tuple[Spot, ...]
+    gaps: tuple[PixelPatch, ...]
+    blobs: tuple[PixelPatch, ...]
     gap_lines: tuple[IntArray, ...]
     move_seen: IntArray
     move_gel: IntArray

@@ -7,7 +7,7 @@ import io
 from collections.abc import Sequence
 from typing import Any, Final
 
-from registration.overlay.find import Spot
+from registration.overlay.find import PixelPatch
 from registration.overlay.measure import LayerNumbers
 from registration.overlay.status import LayerStatus
 
@@ -52,7 +52,7 @@ def overlay_dict(numbers: LayerNumbers, status: LayerStatus) -> dict[str, Any]:
     }
 
 
-def _spot(spot: Spot, height_mm: float) -> dict[str, Any]:
+def _spot(spot: PixelPatch, height_mm: float) -> dict[str, Any]:
     return {
         "area_mm2": spot.area_mm2,
         "width_um": 1e3 * spot.width_mm,

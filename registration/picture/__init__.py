@@ -10,7 +10,13 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from registration.picture.camera import DIRECTIONS, Camera, View, fitted_camera
     from registration.picture.compose import PictureOptions, draw_picture
-    from registration.picture.known_quantities import FLOW, GAUGED, Colour, Known, quantities
+    from registration.picture.known_quantities import (
+        FLOW,
+        GAUGED,
+        Colour,
+        VesselQuantities,
+        quantities,
+    )
     from registration.picture.quantity import Quantity
 
 __all__ = [
@@ -19,9 +25,9 @@ __all__ = [
     "GAUGED",
     "Camera",
     "Colour",
-    "Known",
     "PictureOptions",
     "Quantity",
+    "VesselQuantities",
     "View",
     "draw_picture",
     "fitted_camera",

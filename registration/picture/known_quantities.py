@@ -35,7 +35,7 @@ _MMHG_FROM = 1.0
 
 
 @dataclass(frozen=True)
-class Known:
+class VesselQuantities:
     """What is known of each vessel beside its shape.
 
     Columns named as in `flow.csv` and `registration.json`, (v,) each, NaN where there is nothing.
@@ -55,9 +55,9 @@ class Known:
     orders: FloatArray | None = None
 
 
-def quantities(network: VesselNetwork, known: Known | None = None) -> list[Quantity]:
+def quantities(network: VesselNetwork, known: VesselQuantities | None = None) -> list[Quantity]:
     """All that is known for at least one vessel, the radius first."""
-    known = known or Known()
+    known = known or VesselQuantities()
     none = np.full(network.vessel_count, np.nan)
     flow, gauged = known.flow, known.gauged
     found = [

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array, Found
+from registration.readers.found import Array, FileVolume
 from registration.readers.limits import check_available
 from registration.readers.storage import filled
 
@@ -36,7 +36,7 @@ def is_bioptigen(start: bytes) -> bool:
     return start[_FIRST_RECORD + 4 : _FIRST_RECORD + 4 + len(_MARK)] == _MARK
 
 
-def read_bioptigen(path: Path) -> Found:
+def read_bioptigen(path: Path) -> FileVolume:
     """The volume of a rectangular scan.
 
     Raises
@@ -52,7 +52,7 @@ def read_bioptigen(path: Path) -> Found:
         raise ScanFileError(f"{path}: broken Bioptigen file ({exc!r}); copy it again") from exc
 
 
-def _read(data: Array, header: dict[str, bytes], at: int, path: Path) -> Found:
+def _read(data: Array, header: dict[str, bytes], at: int, path: Path) -> FileVolume:
     frames, lines, depth = (
         _whole(header[name]) for name in ("FRAMECOUNT", "LINECOUNT", "LINELENGTH")
     )
@@ -71,7 +71,7 @@ def _read(data: Array, header: dict[str, bytes], at: int, path: Path) -> Found:
     known: dict[str, Any] = {"axes": "yxz", "modality": "oct", "depth_down": True}
     lengths = [_real(header[n]) for n in ("SCANDEPTH", "ELSCANLENGTH", "AZSCANLENGTH")]
     known["voxel_mm"] = [s / n for s, n in zip(lengths, (depth, frames, lines), strict=True)]
-    return Found(filled(views, shape, kind, path), known, notes=(_NOTE,))
+    return FileVolume(filled(views, shape, kind, path), known, notes=(_NOTE,))
 
 
 def _frames(data: Array, at: int, count: int, size: int, path: Path) -> list[int]:

@@ -26,7 +26,7 @@ from registration.readers.dicom_geometry import (
     stacked,
 )
 from registration.readers.extras import need
-from registration.readers.found import Array, Found
+from registration.readers.found import Array, FileVolume
 
 MAGIC = b"DICM"
 _MOST_SLICES = 20_000
@@ -44,7 +44,7 @@ def is_dicom(path: Path) -> bool:
         return handle.read(132)[128:] == MAGIC
 
 
-def read_dicom(path: Path) -> Found:
+def read_dicom(path: Path) -> FileVolume:
     """A multi-frame file, its frames stacked in the order of their positions.
 
     Raises
@@ -61,7 +61,7 @@ def read_dicom(path: Path) -> Found:
         return _multiframe(data, count, path)
 
 
-def read_dicom_folder(folder: Path) -> Found:
+def read_dicom_folder(folder: Path) -> FileVolume:
     """A folder of slices of one series, stacked in the order of their positions.
 
     Raises
@@ -120,7 +120,7 @@ def _check_one_series(slices: list[Any], files: list[Path], folder: Path) -> Non
         )
 
 
-def _multiframe(data: Any, count: int, path: Path) -> Found:
+def _multiframe(data: Any, count: int, path: Path) -> FileVolume:
     check_grey(data, path)
     check_room(data, count, path)
     groups = list(data.get("PerFrameFunctionalGroupsSequence") or ())
@@ -212,7 +212,7 @@ def _found(
     sizes: Sequence[float] | None,
     stack: Stack | None,
     notes: tuple[str, ...] = (),
-) -> Found:
+) -> FileVolume:
     """The volume with what its modality means; `sizes` as frames, rows, columns, mm."""
     modality = _MODALITY.get(str(data.get("Modality", "")))
     known: dict[str, Any] = {"axes": "yzx" if modality == "oct" else "zyx"}
@@ -225,4 +225,4 @@ def _found(
         known["modality"] = modality
     if modality == "microct":
         known["scale"] = "linear"
-    return Found(volume, known, None if stack is None else stack.space, notes)
+    return FileVolume(volume, known, None if stack is None else stack.space, notes)

@@ -15,7 +15,7 @@ Array = NDArray[np.generic]
 
 
 @dataclass(frozen=True)
-class Found:
+class FileVolume:
     """A volume as it lies in its file, and what the file says of it.
 
     Attributes

@@ -10,7 +10,7 @@ import numpy as np
 from registration.errors import ScanFileError
 from registration.readers.broken import reading
 from registration.readers.extras import need
-from registration.readers.found import Array, Found
+from registration.readers.found import Array, FileVolume
 from registration.readers.limits import ANY_RATIO, bytes_of, check_available
 from registration.readers.metadata import NAMES
 from registration.readers.storage import empty
@@ -22,7 +22,7 @@ _MATLAB = "MATLAB_class"
 """Attribute of every array in a MATLAB file."""
 
 
-def read_hdf5(path: Path) -> Found:
+def read_hdf5(path: Path) -> FileVolume:
     """The one dataset of three axes, with what its attributes or datasets beside it say.
 
     Attributes of the dataset, of the file, and scalar datasets are looked up by the names of a
@@ -45,7 +45,7 @@ def read_hdf5(path: Path) -> Found:
         known = {**_said(file, file.attrs), **_said({}, data.attrs)}
         volume = _read(data, path)
         # MATLAB stores columns first, HDF5 rows first: transposed, subscripts are MATLAB's own.
-        return Found(volume.T if _MATLAB in data.attrs else volume, known)
+        return FileVolume(volume.T if _MATLAB in data.attrs else volume, known)
 
 
 def _volumes(file: Any, h5py: Any) -> dict[str, Any]:

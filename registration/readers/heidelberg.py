@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array, Found
+from registration.readers.found import Array, FileVolume
 from registration.readers.limits import check_available
 from registration.readers.space import FileSpace
 from registration.readers.storage import filled
@@ -51,7 +51,7 @@ class _Header:
         return self.own + 4 * self.columns * self.depth
 
 
-def read_heidelberg(path: Path) -> Found:
+def read_heidelberg(path: Path) -> FileVolume:
     """The volume of parallel B-scans.
 
     Raises
@@ -81,7 +81,7 @@ def read_heidelberg(path: Path) -> Found:
     notes: tuple[str, ...] = ()
     if outside[0]:
         notes = (f"{outside[0]} voxels outside the picture were set to 0",)
-    return Found(volume, known, _space(data, header), notes)
+    return FileVolume(volume, known, _space(data, header), notes)
 
 
 def _header(start: bytes) -> _Header:

@@ -21,7 +21,7 @@ import numpy as np
 
 from registration.errors import ScanFileError
 from registration.readers.broken import reading
-from registration.readers.found import Array, Found
+from registration.readers.found import Array, FileVolume
 from registration.readers.limits import DEFLATE_RATIO, bytes_of
 from registration.readers.metadata import NAMES
 
@@ -50,7 +50,7 @@ class _Variable:
     numbers: int
 
 
-def read_matlab(path: Path) -> Found:
+def read_matlab(path: Path) -> FileVolume:
     """The one variable of three axes, with what variables beside it say by a sidecar's keys.
 
     ``axes`` names the array's axes as NumPy indexes them, which is MATLAB's own order of
@@ -79,7 +79,7 @@ def read_matlab(path: Path) -> Found:
             for name in NAMES
             if name in variables and math.prod(variables[name].shape) <= 64
         }
-        return Found(_values(data, named[0], order, path), known)
+        return FileVolume(_values(data, named[0], order, path), known)
 
 
 def _variables(data: Array, order: str) -> Iterator[_Variable]:

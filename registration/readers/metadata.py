@@ -12,7 +12,7 @@ import numpy as np
 
 from registration.errors import ScanFileError
 from registration.readers.decibels import COUNT_KEYS, in_decibels, layered, with_scale
-from registration.readers.found import Array, Found
+from registration.readers.found import Array, FileVolume
 from registration.readers.light import light_notes
 from registration.readers.orient import is_axes, renamed, to_scan_axes, unmirrored
 from registration.readers.storage import native
@@ -138,7 +138,7 @@ def known_keys(found: Any, source: str, more: tuple[str, ...] = ()) -> dict[str,
 
 
 def build_scan(
-    found: Found,
+    found: FileVolume,
     beside: Mapping[str, Any],
     overrides: ScanOverrides,
     path: Path,
@@ -219,7 +219,7 @@ def _refuse_missing(known: Mapping[str, Any], path: Path) -> None:
 
 
 def _oriented(
-    found: Found, known: Mapping[str, Any], voxel: tuple[float, float, float], path: Path
+    found: FileVolume, known: Mapping[str, Any], voxel: tuple[float, float, float], path: Path
 ) -> _Oriented:
     """The volume as z, y, x of a right-handed frame, where that lies, and what was turned."""
     axes, space, mirrored = known["axes"], found.space, known.get("mirrored")

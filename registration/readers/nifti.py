@@ -9,7 +9,7 @@ import numpy as np
 
 from registration.errors import ScanFileError
 from registration.readers.broken import reading
-from registration.readers.found import Array, Found
+from registration.readers.found import Array, FileVolume
 from registration.readers.limits import DEFLATE_RATIO, check_available
 from registration.readers.space import LPS, FileSpace, file_space
 from registration.readers.units import millimetres
@@ -24,7 +24,7 @@ def is_nifti(start: bytes) -> bool:
     return one or two
 
 
-def read_nifti(path: Path) -> Found:
+def read_nifti(path: Path) -> FileVolume:
     """The volume; axes i, j, k become x, y, z, and the affine says whether they are mirrored.
 
     Raises
@@ -40,7 +40,9 @@ def read_nifti(path: Path) -> Found:
         if len(shape) != 3:
             raise ScanFileError(f"{path}: has the axes {image.shape}; export one volume")
         space = _space(image, path)
-        return Found(_volume(image, shape, path), _known(image, path), space, _notes(image, shape))
+        return FileVolume(
+            _volume(image, shape, path), _known(image, path), space, _notes(image, shape)
+        )
 
 
 def _open(path: Path) -> Any:

@@ -11,14 +11,14 @@ from numpy.lib import format as npy
 
 from registration.errors import ScanFileError
 from registration.readers.broken import reading
-from registration.readers.found import Array, Found
+from registration.readers.found import Array, FileVolume
 from registration.readers.limits import check_available
 from registration.readers.metadata import NAMES
 from registration.readers.storage import empty
 from registration.readers.zipped import available_bytes, read_into
 
 
-def read_npz(path: Path) -> Found:
+def read_npz(path: Path) -> FileVolume:
     """Volume (axes z, y, x unless ``axes`` says otherwise) and the metadata in an archive.
 
     Raises
@@ -31,7 +31,7 @@ def read_npz(path: Path) -> Found:
         if "volume" not in members:
             raise ScanFileError(f"{path}: has no array 'volume' (it has: {', '.join(members)})")
         known = {name: _scalar(archive, members[name]) for name in NAMES if name in members}
-        return Found(_volume(archive, members["volume"], path), {"axes": "zyx", **known})
+        return FileVolume(_volume(archive, members["volume"], path), {"axes": "zyx", **known})
 
 
 def _scalar(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 
 from registration.errors import ScanFileError
 from registration.readers.broken import reading
-from registration.readers.found import Array, Found
+from registration.readers.found import Array, FileVolume
 from registration.readers.limits import DEFLATE_RATIO, check_available
 from registration.readers.space import LPS, FileSpace, file_space
 from registration.readers.storage import mapped
@@ -38,7 +38,7 @@ _KINDS = {
 }  # fmt: skip
 
 
-def read_nrrd(path: Path) -> Found:
+def read_nrrd(path: Path) -> FileVolume:
     """The volume; its axes, fastest first, become x, y, z.
 
     Raises
@@ -50,7 +50,7 @@ def read_nrrd(path: Path) -> Found:
 
     with reading(path, "NRRD"), path.open("rb") as handle:
         header = nrrd.read_header(handle)
-        return Found(
+        return FileVolume(
             _volume(nrrd.read_data, handle, header, path),
             _known(header, path),
             _space(header, path),

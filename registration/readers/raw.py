@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.found import Found
+from registration.readers.found import FileVolume
 from registration.readers.limits import bytes_of
 from registration.readers.raw_spectra import spectra_said, volume_of_spectra
 from registration.readers.sidecar import RAW_KEYS, sidecar
@@ -17,7 +17,7 @@ from registration.readers.storage import mapped
 _KINDS = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "float64")
 
 
-def read_raw(path: Path) -> Found:
+def read_raw(path: Path) -> FileVolume:
     """A view of a raw file.
 
     ``shape`` (slowest axis first, as ``axes`` names them) and ``dtype`` are needed; ``byte_order``
@@ -47,7 +47,7 @@ def read_raw(path: Path) -> Found:
         )
     numbers = mapped(path, kind, start, shape)
     if said.get("spectra") is None:
-        return Found(numbers)
+        return FileVolume(numbers)
     if said["axes"] != "yxz":
         raise ScanFileError(
             f"{path}: spectra with the axes {said['axes']!r}; lay them out yxz: B-scans, A-scans, "

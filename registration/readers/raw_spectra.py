@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array, Found
+from registration.readers.found import Array, FileVolume
 from registration.readers.fourier import (
     WINDOWS,
     Floats,
@@ -30,7 +30,7 @@ _MOST_TERMS = 8
 
 
 @dataclass(frozen=True)
-class SpectraSaid:
+class SpectraMetadata:
     """What a sidecar says of spectra, checked.
 
     Attributes
@@ -48,7 +48,7 @@ class SpectraSaid:
     background: Floats | None
 
 
-def volume_of_spectra(spectra: Array, said: SpectraSaid, path: Path) -> Found:
+def volume_of_spectra(spectra: Array, said: SpectraMetadata, path: Path) -> FileVolume:
     """Linear intensity of spectra laid out as (B-scans, A-scans, samples)."""
     bscans, lines, samples = spectra.shape
     shape = (bscans, lines, samples // 2)
@@ -62,10 +62,10 @@ def volume_of_spectra(spectra: Array, said: SpectraSaid, path: Path) -> Found:
         f"made from spectra of {samples} samples, less {how}: depth 0 is where both arms are "
         f"equally long, a step is {1e3 * said.voxel_mm[0]:.4g} µm of optical path"
     )
-    return Found(volume, known, None, (note,))
+    return FileVolume(volume, known, None, (note,))
 
 
-def _profiled(spectra: Array, said: SpectraSaid) -> Iterator[NDArray[np.float32]]:
+def _profiled(spectra: Array, said: SpectraMetadata) -> Iterator[NDArray[np.float32]]:
     kernel = said.spectrometer.kernel()
     for bscan in spectra:
         counts = bscan.astype(np.float64)
@@ -73,7 +73,7 @@ def _profiled(spectra: Array, said: SpectraSaid) -> Iterator[NDArray[np.float32]
         yield profiles(counts - background, kernel)
 
 
-def spectra_said(said: Any, samples: int, path: Path) -> SpectraSaid:
+def spectra_said(said: Any, samples: int, path: Path) -> SpectraMetadata:
     """Check what a sidecar says of spectra.
 
     Raises
@@ -100,7 +100,7 @@ def spectra_said(said: Any, samples: int, path: Path) -> SpectraSaid:
     dispersion = _numbers(said.get("dispersion", [0.0, 0.0]), 2, "dispersion", path)
     dy, dx = _numbers(said.get("spacing_mm"), 2, "spacing_mm (dy, dx)", path)
     spectrometer = Spectrometer(place, (dispersion[0], dispersion[1]), window)
-    return SpectraSaid(spectrometer, (step, dy, dx), _background(said, samples, path))
+    return SpectraMetadata(spectrometer, (step, dy, dx), _background(said, samples, path))
 
 
 def _wavelengths(said: Mapping[str, Any], samples: int, path: Path) -> Floats:

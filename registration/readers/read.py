@@ -23,12 +23,12 @@ from registration.readers import (
     tiff,
     zarr,
 )
-from registration.readers.found import Found
+from registration.readers.found import FileVolume
 from registration.readers.metadata import ScanOverrides, build_scan
 from registration.readers.sidecar import RAW_KEYS, beside, sidecar
 from registration.scan import Scan
 
-Reader = Callable[[Path], Found]
+Reader = Callable[[Path], FileVolume]
 
 _START_BYTES = 512
 _ZIP = b"PK"

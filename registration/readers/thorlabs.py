@@ -32,7 +32,7 @@ import numpy as np
 from registration.errors import ScanFileError
 from registration.readers import thorlabs_raw
 from registration.readers.broken import reading
-from registration.readers.found import Found
+from registration.readers.found import FileVolume
 from registration.readers.limits import bytes_of
 from registration.readers.metadata import parse
 from registration.readers.orient import check_aspect
@@ -64,7 +64,7 @@ def plain_name(info: zipfile.ZipInfo) -> str:
     return info.filename.replace("\\", "/").lower()
 
 
-def read_thorlabs(path: Path) -> Found:
+def read_thorlabs(path: Path) -> FileVolume:
     """The processed intensity of a ``.oct`` file.
 
     Raises
@@ -91,7 +91,7 @@ def _header(archive: zipfile.ZipFile, info: zipfile.ZipInfo, path: Path) -> Elem
         return parse_xml(handle.read(MOST_XML_BYTES + 1), f"{path}: {info.filename}")
 
 
-def _read(archive: zipfile.ZipFile, data: zipfile.ZipInfo, root: Element, path: Path) -> Found:
+def _read(archive: zipfile.ZipFile, data: zipfile.ZipInfo, root: Element, path: Path) -> FileVolume:
     sizes, stored = _sizes(root, path)
     order = _axis_order(root, path)
     slowest_first = order[::-1].lower()
@@ -106,17 +106,17 @@ def _read(archive: zipfile.ZipFile, data: zipfile.ZipInfo, root: Element, path: 
     ours = root.find(f".//{{*}}{OURS}")
     if ours is not None and ours.text:
         known |= parse(ours.text, f"{path}: {OURS}") | {"axes": slowest_first}
-    return Found(volume, known)
+    return FileVolume(volume, known)
 
 
 def _read_spectra(
     archive: zipfile.ZipFile, members: dict[str, zipfile.ZipInfo], root: Element, path: Path
-) -> Found:
+) -> FileVolume:
     """The volume that raw spectra make, sizes as in the header."""
     sizes, _ = _sizes(root, path)
     volume = thorlabs_raw.intensity_of_spectra(archive, members, root, sizes.voxels, path)
     known = {"axes": "yxz", "modality": "oct", "depth_down": True, "scale": "linear"}
-    return Found(
+    return FileVolume(
         volume, known | _depth(root, path) | _voxel(sizes, path), notes=(thorlabs_raw.NOTE,)
     )
 

@@ -16,7 +16,7 @@ import tifffile
 from design.files import replacing
 from registration.errors import ScanFileError
 from registration.readers.broken import reading
-from registration.readers.found import Array, Found
+from registration.readers.found import Array, FileVolume
 from registration.readers.limits import (
     ANY_RATIO,
     DEFLATE_RATIO,
@@ -38,7 +38,7 @@ _DEFLATE = (8, 32946)
 _ORIENTATION = 274
 
 
-def read_tiff(path: Path) -> Found:
+def read_tiff(path: Path) -> FileVolume:
     """Volume (pages are its slowest axis) and the metadata that the file itself gives.
 
     Raises
@@ -48,7 +48,7 @@ def read_tiff(path: Path) -> Found:
     """
     # Other files that an OME-TIFF names are never followed.
     with reading(path, "TIFF"), tifffile.TiffFile(path, _multifile=False) as tiff:
-        return Found(_volume(tiff, path), _known(tiff, path))
+        return FileVolume(_volume(tiff, path), _known(tiff, path))
 
 
 def _volume(tiff: tifffile.TiffFile, path: Path) -> Array:

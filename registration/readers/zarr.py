@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array, Found
+from registration.readers.found import Array, FileVolume
 from registration.readers.limits import bytes_of
 from registration.readers.metadata import SCHEMA, known_keys
 from registration.readers.storage import empty
@@ -56,7 +56,7 @@ def is_zarr(path: Path) -> bool:
     return any((path / name).is_file() for name in (".zgroup", ".zattrs", "zarr.json"))
 
 
-def read_zarr(path: Path) -> Found:
+def read_zarr(path: Path) -> FileVolume:
     """The finest level of the first image.
 
     Raises
@@ -75,7 +75,7 @@ def read_zarr(path: Path) -> Found:
         if isinstance(ours, dict) and ours.get("schema") == SCHEMA:
             known |= {**known_keys(ours, str(path)), "axes": known["axes"]}
         volume, notes = _volume(place, grid, axes, path)
-        return Found(volume, known, anatomical(image, path), notes)
+        return FileVolume(volume, known, anatomical(image, path), notes)
     except (KeyError, IndexError, TypeError, ValueError) as exc:
         if isinstance(exc, ScanFileError):
             raise

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.network import FloatArray, IntArray, VesselNetwork
-from registration.picture import FLOW, GAUGED, Known, Quantity, quantities
+from registration.picture import FLOW, GAUGED, Quantity, VesselQuantities, quantities
 from registration.report.packing import pack, pack_positions
 from registration.report.sections import mapping, records
 from registration.report.tables import Record, vessel_index
@@ -21,7 +21,7 @@ MAX_PIECES: Final = 60_000
 
 
 @dataclass(frozen=True, eq=False)
-class Thinned:
+class ShownVessels:
     """Selection of vessels that a page shows.
 
     Attributes
@@ -44,7 +44,7 @@ def report_view(network: VesselNetwork, data: Mapping[str, Any]) -> dict[str, An
     gauged = records(mapping(data, "registration"), "vessels")
     flow = records(mapping(data, "flow"), "vessels")
     names = {**vessel_names(flow), **vessel_names(gauged)}
-    known = Known(
+    known = VesselQuantities(
         flow=columns(flow, FLOW, network.vessel_count),
         gauged=columns(gauged, GAUGED, network.vessel_count),
         orders=data.get("strahler_orders"),
@@ -93,7 +93,7 @@ def network_view(
     }
 
 
-def thin_out(network: VesselNetwork, most_pieces: int) -> Thinned:
+def thin_out(network: VesselNetwork, most_pieces: int) -> ShownVessels:
     """Leave out the thinnest vessels until at most ``most_pieces`` straight pieces are left.
 
     A vessel counts by its widest point; of vessels as wide as the first that doesn't fit none is
@@ -101,7 +101,7 @@ def thin_out(network: VesselNetwork, most_pieces: int) -> Thinned:
     """
     sizes = np.diff(network.offset) - 1
     if sizes.sum() <= most_pieces:
-        return Thinned(np.arange(network.vessel_count), 0.0)
+        return ShownVessels(np.arange(network.vessel_count), 0.0)
     width = np.maximum.reduceat(network.radius, network.offset[:-1])
     order = np.argsort(-width, kind="stable")
     fits = int(np.searchsorted(np.cumsum(sizes[order]), most_pieces, side="right"))
@@ -110,7 +110,7 @@ def thin_out(network: VesselNetwork, most_pieces: int) -> Thinned:
     if len(shown) == 0:
         # All alike: then as many as fit.
         shown = np.sort(order[: max(fits, 1)])
-    return Thinned(shown, 2.0 * limit)
+    return ShownVessels(shown, 2.0 * limit)
 
 
 def _points_of(network: VesselNetwork, vessels: IntArray) -> IntArray:

@@ -21,7 +21,7 @@ _MOST_KEYED = 2_000_000
 
 
 @dataclass(frozen=True)
-class Simplified:
+class DisplaySurface:
     """A surface for display.
 
     Attributes
@@ -38,7 +38,7 @@ class Simplified:
     cell_mm: float
 
 
-def simplify(surface: ReportSurface, max_faces: int) -> Simplified:
+def simplify(surface: ReportSurface, max_faces: int) -> DisplaySurface:
     """Cluster vertices until at most ``max_faces`` triangles are left.
 
     Parameters
@@ -49,7 +49,7 @@ def simplify(surface: ReportSurface, max_faces: int) -> Simplified:
 
     Returns
     -------
-    Simplified
+    DisplaySurface
         The surface itself when it is small enough. Parts thinner than a cell vanish, so a limit
         of some tens of triangles may leave none.
     """
@@ -57,7 +57,7 @@ def simplify(surface: ReportSurface, max_faces: int) -> Simplified:
     faces = np.asarray(surface.surface.faces, dtype=np.int64)
     scalar = None if surface.scalar is None else np.asarray(surface.scalar, dtype=np.float64)
     if len(faces) <= max_faces:
-        return Simplified(Surface(vertices, faces), scalar, 0.0)
+        return DisplaySurface(Surface(vertices, faces), scalar, 0.0)
     cell = first_cell(vertices, faces, max_faces)
     while True:
         cluster, count = cluster_vertices(vertices, cell)
@@ -66,7 +66,7 @@ def simplify(surface: ReportSurface, max_faces: int) -> Simplified:
             kept = distinct_faces(kept)
             merged = Surface(mean_per_cluster(vertices, cluster, count), kept)
             value = None if scalar is None else mean_per_cluster(scalar[:, None], cluster, count)
-            return Simplified(merged, None if value is None else value[:, 0], cell)
+            return DisplaySurface(merged, None if value is None else value[:, 0], cell)
         # Triangles go with 1 / cell²; the margin makes the last step a sure one.
         cell *= 1.03 * float(np.sqrt(len(kept) / max_faces))
 

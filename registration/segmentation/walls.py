@@ -68,16 +68,16 @@ class Sides:
 
 
 @dataclass(frozen=True)
-class Beside:
+class SideLevels:
     """Light in gel or in liquid beside each place, on a coarse grid: times its weight, and that."""
 
     light: FloatVolume
     weight: FloatVolume
 
     @staticmethod
-    def of(light: FloatVolume, where: Mask, factor: Factor, weights: Weights) -> Beside:
+    def of(light: FloatVolume, where: Mask, factor: Factor, weights: Weights) -> SideLevels:
         """Look around level."""
-        return Beside(
+        return SideLevels(
             smoothed(mean_where(light, where, factor), weights),
             smoothed(bin_mean(where, factor, False, 0.0), weights),
         )
@@ -103,8 +103,8 @@ def share_of_volume(
     sigma = BESIDE_MM / (y_mm * factor[1]), BESIDE_MM / (x_mm * factor[2])
     level = gaussian_weights(sigma[0]), gaussian_weights(sigma[1])
     flat = (gaussian_weights(0.0), *level)
-    gel = Beside.of(light, sides.gel, factor, flat)
-    liquid = Beside.of(light, sides.liquid, factor, flat)
+    gel = SideLevels.of(light, sides.gel, factor, flat)
+    liquid = SideLevels.of(light, sides.liquid, factor, flat)
     scatter = scatter_of_liquid(signal, light, sides.liquid)
     own = near_in_depth(sides.gel, max(1, round(OWN_MM / float(z_mm))))
     upright = _lesser(signal, light, ~own, gel, liquid, scatter, factor)
@@ -136,8 +136,8 @@ def _lesser(
     signal: FloatVolume,
     light: FloatVolume,
     steep: Mask,
-    gel: Beside,
-    liquid: Beside,
+    gel: SideLevels,
+    liquid: SideLevels,
     scatter: float,
     factor: Factor,
 ) -> FloatVolume:

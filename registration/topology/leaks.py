@@ -18,14 +18,14 @@ from registration.segmentation import GelField
 from registration.segmentation.evidence import SIGMA_MM, GelEvidence, told_apart
 from registration.topology.grid import LumenGrid
 from registration.topology.shade import may_be_shade
-from registration.topology.swollen_joints import Swelling, swelling
+from registration.topology.swollen_joints import SwollenJoint, swelling
 from registration.topology.way_width import outline_width, width
 from registration.topology.ways import (
     LEAST_MM,
     OUTSIDE,
     SURE,
+    LeakPath,
     Scene,
-    Way,
     averaged,
     designed_gel,
     find_ways,
@@ -128,7 +128,7 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     )
 
 
-def _measured(way: Way, scene: Scene, search: LeakSearch) -> tuple[Way, float, float]:
+def _measured(way: LeakPath, scene: Scene, search: LeakSearch) -> tuple[LeakPath, float, float]:
     """Return a way, moved to its axis, its diameter and half its 95 % interval, mm."""
     if not search.evidence.speckled:
         outlined = outline_width(way.path, search.field, search.fit)
@@ -138,7 +138,7 @@ def _measured(way: Way, scene: Scene, search: LeakSearch) -> tuple[Way, float, f
     return replace(way, path=way.path + shift), size, error
 
 
-def _voxels(way: Way, scene: Scene) -> IntArray:
+def _voxels(way: LeakPath, scene: Scene) -> IntArray:
     """Voxels of the grid within one of a way's path."""
     grid = scene.grid
     index = np.round((way.path - grid.origin_mm) / grid.step_mm).astype(np.int64)[:, ::-1]
@@ -149,7 +149,7 @@ def _voxels(way: Way, scene: Scene) -> IntArray:
     return np.argwhere(ndimage.binary_dilation(box, structure=_FULL)) + low
 
 
-def _doubt(way: Way, size: float, scene: Scene, search: LeakSearch) -> Doubt:
+def _doubt(way: LeakPath, size: float, scene: Scene, search: LeakSearch) -> Doubt:
     if way.faint:
         return "faint"
     glints = search.evidence.glints
@@ -157,7 +157,7 @@ def _doubt(way: Way, size: float, scene: Scene, search: LeakSearch) -> Doubt:
 
 
 def _defect(
-    way: Way, size: float, error: float, doubt: Doubt, traces: tuple[VesselTrace, ...]
+    way: LeakPath, size: float, error: float, doubt: Doubt, traces: tuple[VesselTrace, ...]
 ) -> Defect:
     vessel, other = way.ends
     trace = traces[vessel]
@@ -183,7 +183,7 @@ def _defect(
 
 
 def _swollen(
-    way: Way, found: Swelling, search: LeakSearch, traces: tuple[VesselTrace, ...]
+    way: LeakPath, found: SwollenJoint, search: LeakSearch, traces: tuple[VesselTrace, ...]
 ) -> Defect:
     """Bulge of the narrower vessel by as much as the joint reaches out beyond the design."""
     trace = min(

@@ -15,20 +15,20 @@ from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.segmentation.evidence import GLARE, SIGMA_MM
 from registration.segmentation.glints import Glints
-from registration.topology.ways import Scene, Way, fullest
+from registration.topology.ways import LeakPath, Scene, fullest
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
 def may_be_shade(
-    way: Way, width_mm: float, scene: Scene, glints: Glints, surface: ModelSurface, fit: Fit
+    way: LeakPath, width_mm: float, scene: Scene, glints: Glints, surface: ModelSurface, fit: Fit
 ) -> bool:
     """Return whether a way is none once what lies in the shade of a glint is taken for gel.
 
     Parameters
     ----------
-    way : Way
+    way : LeakPath
     width_mm : float, mm
         Of the way: a shadow is as wide as what throws it, and a glint lies anywhere on that.
     scene : Scene

@@ -18,7 +18,7 @@ from registration.alignment import Fit
 from registration.segmentation import GelField
 from registration.topology.euler import betti_numbers, without_specks
 from registration.topology.grid import LumenGrid, lay_grid
-from registration.topology.ways import OUTSIDE, Way
+from registration.topology.ways import OUTSIDE, LeakPath
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -34,7 +34,7 @@ _SPECK = 8
 
 
 @dataclass(frozen=True)
-class Swelling:
+class SwollenJoint:
     """A joint that reaches into designed gel.
 
     Attributes
@@ -53,15 +53,15 @@ class Swelling:
 
 
 def swelling(
-    way: Way, network: VesselNetwork, field: GelField, fit: Fit, clear_mm: float
-) -> Swelling | None:
+    way: LeakPath, network: VesselNetwork, field: GelField, fit: Fit, clear_mm: float
+) -> SwollenJoint | None:
     """Return the swelling of a joint that a way is part of.
 
     None where the way goes round gel, and where the scan doesn't resolve it as liquid.
 
     Parameters
     ----------
-    way : Way
+    way : LeakPath
     network : VesselNetwork
         The design.
     field : GelField
@@ -93,7 +93,7 @@ def _about(
     path: FloatArray,
     grid: LumenGrid,
     sizes: tuple[float, float, float],
-) -> Swelling | None:
+) -> SwollenJoint | None:
     """Swelling about a node at `middle`; `sizes`: wall's rim, scan's voxel, ball's radius, mm."""
     clear, voxel, ball = sizes
     places = grid.places(np.argwhere(np.ones(grid.free.shape, dtype=np.bool_)))
@@ -116,7 +116,7 @@ def _connected(lumen: BoolArray, away: FloatArray) -> BoolArray:
     return np.asarray(lumen & (label == label.ravel()[int(np.argmin(away))]))
 
 
-def _farthest(node: int, middle: FloatArray, swollen: FloatArray, grid: LumenGrid) -> Swelling:
+def _farthest(node: int, middle: FloatArray, swollen: FloatArray, grid: LumenGrid) -> SwollenJoint:
     """Find the place of (n, 3), mm, before which the most designed gel lies, from the node."""
     reach = np.linalg.norm(swollen - middle, axis=1)
     share = np.linspace(0.0, 1.0, int(np.ceil(2 * reach.max() / grid.step_mm)) + 1)
@@ -125,4 +125,4 @@ def _farthest(node: int, middle: FloatArray, swollen: FloatArray, grid: LumenGri
     gel = grid.wall_mm[tuple(np.moveaxis(index, -1, 0))] > 0
     out = gel.mean(axis=0) * reach
     worst = int(np.argmax(out))
-    return Swelling(node, float(out[worst]), swollen[worst])
+    return SwollenJoint(node, float(out[worst]), swollen[worst])

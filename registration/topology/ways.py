@@ -46,7 +46,7 @@ _LEAST = 300
 
 
 @dataclass(frozen=True)
-class Way:
+class LeakPath:
     """A way from wall to wall.
 
     Attributes
@@ -144,7 +144,7 @@ def averaged(
     return mean, scatter
 
 
-def find_ways(scene: Scene, false_alarm: float) -> list[Way]:
+def find_ways(scene: Scene, false_alarm: float) -> list[LeakPath]:
     """Return the ways that sound gel doesn't explain, the surest first, faint ones last."""
     grid = scene.grid
     # In a crotch voxels may be neither: they are the lumen's, not outside.
@@ -165,12 +165,12 @@ def find_ways(scene: Scene, false_alarm: float) -> list[Way]:
     faint = share >= full
     sure = np.where(faint, (score > SURE) & (share < 1 - CRACK * (1 - full)), score > least)
     chosen = np.flatnonzero(sure & (worst.ravel()[met].max(axis=1) < LEADS_THROUGH))
-    ways: list[Way] = []
+    ways: list[LeakPath] = []
     places = grid.places(np.stack(np.unravel_index(met[:, 0], label.shape), axis=1))
     for one in chosen[np.lexsort((-score[chosen], faint[chosen]))].tolist():
         if all(np.linalg.norm(way.path - places[one], axis=1).min() > APART_MM for way in ways):
             ends, path = _joined(met[one], label, parent, grid)
-            ways.append(Way(ends, path, float(score[one]), bool(faint[one])))
+            ways.append(LeakPath(ends, path, float(score[one]), bool(faint[one])))
     return ways
 
 

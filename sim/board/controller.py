@@ -18,7 +18,7 @@ from sim.board.lines import LineReader, Numbering
 from sim.board.machine import Machine
 from sim.board.waits import Steps
 from sim.board.wire import BITS_PER_BYTE, Wire
-from sim.board.work import Work
+from sim.board.work import BoardWork
 from sim.faults import Fault
 from sim.gauges import Gauge
 from sim.gcode import Command
@@ -63,7 +63,7 @@ class Controller(ABC):
         What cuts lines, and what decides about their numbers.
     words : (1,) of `sim.gcode_words.WORDS`
         Of the command in hand.
-    work : Work
+    work : BoardWork
         Commands in line and in hand.
     plan : FaultPlan
     unplugged : bool
@@ -96,7 +96,7 @@ class Controller(ABC):
         self.reader = LineReader(printer.max_line_bytes)
         self.lines: Numbering = self.firmware.numbering()
         self.words = np.zeros(1, WORDS)
-        self.work = Work()
+        self.work = BoardWork()
         self.plan = FaultPlan(faults)
         self.unplugged = False
         self.back_after_s: float | None = None

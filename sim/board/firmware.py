@@ -8,7 +8,7 @@ from typing import ClassVar, Protocol
 
 from sim.board.heat import HeatFault
 from sim.board.lines import Numbering
-from sim.board.machine import Machine, RunOn
+from sim.board.machine import Machine, MotorRunOn
 from sim.board.waits import Steps, Wait
 from sim.gcode import Command
 
@@ -93,7 +93,7 @@ class Firmware(Protocol):
     def say_halted(self, reason: str) -> None:
         """Tell that it stops for good."""
 
-    def run_on(self) -> Callable[[Machine], RunOn] | None:
+    def run_on(self) -> Callable[[Machine], MotorRunOn] | None:
         """What makes the time that motors run on after a kill; None where they stop at once."""
 
     def answer_unserved(self, waiting: list[bytes]) -> None:

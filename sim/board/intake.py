@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sim.board.controller import Controller
 from sim.board.fault_effects import apply_fault
-from sim.board.lines import Refused
+from sim.board.lines import RefusedLine
 from sim.board.runner import Runner
 
 
@@ -32,7 +32,7 @@ class Intake:
             return False
         before = board.lines.last_number
         accepted = board.lines.accept(line)
-        if isinstance(accepted, Refused):
+        if isinstance(accepted, RefusedLine):
             board.firmware.refuse(accepted.reason)
         elif accepted is not None:
             self._take(accepted, before)

@@ -10,7 +10,7 @@ _EOL: Final = re.compile(rb"[\r\n]")
 
 
 @dataclass(frozen=True)
-class Refused:
+class RefusedLine:
     """A line that isn't taken: why, in the firmware's words."""
 
     reason: bytes
@@ -27,8 +27,8 @@ class Numbering(Protocol):
 
     last_number: int
 
-    def accept(self, line: bytes) -> bytes | Refused | None:
-        """The command to queue; `Refused`; or None for a line that is dropped without a word."""
+    def accept(self, line: bytes) -> bytes | RefusedLine | None:
+        """Return the command to queue, `RefusedLine`, or None for a line that is dropped."""
 
     def clear(self) -> None:
         """Forget the numbers, as a reset does."""

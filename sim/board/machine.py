@@ -10,11 +10,11 @@ from sim.board.hardware import Board
 from sim.board.heat import Heat
 from sim.board.motion import Motion
 from sim.board.reports import JobTimer, Reports
-from sim.board.settings import Settings, Stored
+from sim.board.settings import Settings, StoredSettings
 from sim.executed import ExecutedMotion
 
 
-class RunOn(Protocol):
+class MotorRunOn(Protocol):
     """Time between a firmware's last words and the halt of its motors."""
 
     def ends_s(self) -> float:
@@ -34,7 +34,7 @@ class Machine:
     motion : Motion
     heat : Heat
     settings : Settings
-    stored, built : Stored
+    stored, built : StoredSettings
         What the memory holds (None: nothing yet), and what the firmware was built with.
     stuck : dict of int to str
         Endstops that are stuck, by axis; power-up mends none.
@@ -50,7 +50,7 @@ class Machine:
 
     def __post_init__(self) -> None:
         self.stuck: dict[int, str] = {}
-        self.stored: Stored | None = None
+        self.stored: StoredSettings | None = None
         self.motion = Motion(self.printer, self.start_mm, self.board.costs())
         self.power_up()
 
@@ -67,11 +67,11 @@ class Machine:
         self.idle_since = self.now
         self.stalled_until = 0.0
         self.waits_for_user = False
-        self.run_on: RunOn | None = None
+        self.run_on: MotorRunOn | None = None
         self.debug = 0
         self.speed_percent_kept = 100.0
         self.dead = False
-        self.built = Stored.of(self.motion.planner, self.settings)
+        self.built = StoredSettings.of(self.motion.planner, self.settings)
         if self.stored is not None:
             self.put_settings(self.stored)
             self.set_flow()
@@ -88,9 +88,9 @@ class Machine:
 
     def store_settings(self) -> None:
         """Store all settings as they are."""
-        self.stored = Stored.of(self.motion.planner, self.settings)
+        self.stored = StoredSettings.of(self.motion.planner, self.settings)
 
-    def put_settings(self, stored: Stored) -> None:
+    def put_settings(self, stored: StoredSettings) -> None:
         """Set all of them; the motors stay where they are."""
         self.settings = stored.put(self.motion.planner)
         self.motion.count_anew()

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.board.controller import Controller
-from sim.board.waits import Place, Task, Until
+from sim.board.waits import Place, Task, WaitUntil
 from sim.gcode_modal import ARC, BAD, arc_points, interpret, speed
 from sim.line_times import BLOCK_S, CORNER_S, TRAPEZOID_S
 from sim.planner_state import Records
@@ -41,7 +41,7 @@ def move(board: Controller) -> Task:
         yield Place()
         machine.move_to(point, feed, board.work.job_line)
         if len(points) > 1:
-            yield Until(machine.now + ARC_PIECE_S)
+            yield WaitUntil(machine.now + ARC_PIECE_S)
     machine.idle_since = machine.now
 
 

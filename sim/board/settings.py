@@ -59,16 +59,18 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Stored:
+class StoredSettings:
     """Copy of all settings, the planner's own too."""
 
     planner: Mapping[str, Any]
     others: Settings
 
     @staticmethod
-    def of(planner: Records, others: Settings) -> Stored:
+    def of(planner: Records, others: Settings) -> StoredSettings:
         """Copy them."""
-        return Stored({name: np.array(planner[name]) for name in _OF_PLANNER}, deepcopy(others))
+        return StoredSettings(
+            {name: np.array(planner[name]) for name in _OF_PLANNER}, deepcopy(others)
+        )
 
     def put(self, planner: Records) -> Settings:
         """Set the planner's own; return the others."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sim.board.controller import Controller
-from sim.board.waits import Still, Task
+from sim.board.waits import Task, WaitStandstill
 from sim.gcode_modal import interpret
 
 
@@ -13,7 +13,7 @@ def take_tool_in_silence(board: Controller, number: int) -> Task:
     The place keeps its name for the carriage; what the user calls it shifts by the offsets.
     """
     motion = board.machine.motion
-    yield Still()
+    yield WaitStandstill()
     shift = motion.tool_offset[number] - motion.tool_offset[motion.tool]
     interpret(motion.modal[0], board.words[0])
     board.machine.use_head(number)

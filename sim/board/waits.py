@@ -29,7 +29,7 @@ Steps = Task | None
 
 
 @dataclass(frozen=True)
-class Until:
+class WaitUntil:
     """A moment on the printer's clock."""
 
     time: float
@@ -60,7 +60,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Still:
+class WaitStandstill:
     """All motors stand and the planner takes moves."""
 
     for_user: bool = False

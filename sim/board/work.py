@@ -10,7 +10,7 @@ from sim.board.waits import Task, Wait
 
 
 @dataclass
-class Work:
+class BoardWork:
     """See the module.
 
     Attributes

@@ -10,9 +10,9 @@ from collections.abc import Callable
 
 from firmware_profiles import Printer
 from sim.families.parts import family_part
-from sim.families.translated import Translated
+from sim.families.translated import TranslatedProgram
 
-Translate = Callable[[bytes, Printer], Translated]
+Translate = Callable[[bytes, Printer], TranslatedProgram]
 
 
 def translator_of(printer: Printer) -> Translate | None:

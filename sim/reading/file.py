@@ -10,7 +10,7 @@ from firmware_profiles import Printer
 from firmware_profiles.families import family_of
 from sim.errors import LineError
 from sim.families.translators import translator_of
-from sim.gcode_extended import Named, plain_command
+from sim.gcode_extended import NamedCommand, plain_command
 from sim.gcode_text import check_text
 from sim.reading.faults import MOST_REFUSED, refusal
 from sim.reading.line import GcodeLine
@@ -32,7 +32,7 @@ class GcodeFile:
         line that is refused.
     refused : tuple of (int, LineError)
         Line, from 1, and what is wrong with it.
-    named : tuple of Named
+    named : tuple of NamedCommand
         Commands with names.
     per_second : tuple of (int, bool) or None
         Lines from which on F is told per second, or per minute, and it is per second before; None
@@ -41,7 +41,7 @@ class GcodeFile:
 
     lines: list[bytes]
     refused: tuple[tuple[int, LineError], ...]
-    named: tuple[Named, ...]
+    named: tuple[NamedCommand, ...]
     per_second: tuple[tuple[int, bool], ...] | None = None
 
     @property
@@ -78,7 +78,7 @@ def _read_lines(gcode: bytes, printer: Printer, reader: LineReader) -> GcodeFile
     others = [index for index, text in enumerate(lines) if not is_plain(text)]
     by_name = family_of(printer).grammar.named
     refused: list[tuple[int, LineError]] = []
-    named: list[Named] = []
+    named: list[NamedCommand] = []
     seen: dict[bytes, GcodeLine | LineError] = {}
     for index in others:
         text = lines[index]
@@ -100,7 +100,7 @@ def _read_lines(gcode: bytes, printer: Printer, reader: LineReader) -> GcodeFile
         else:
             lines[index] = read.text
             if by_name and is_name(read.code):
-                named.append(Named(index + 1, read.code, dict(read.parameters)))
+                named.append(NamedCommand(index + 1, read.code, dict(read.parameters)))
     return GcodeFile(lines, tuple(refused), tuple(named))
 
 

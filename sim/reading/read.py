@@ -16,7 +16,7 @@ from sim.reading.numbers import words_of
 from sim.reading.plain import PLAIN_MOVE, plain_move
 from sim.reading.strip import command_in
 from sim.reading.text import second_command, text_line
-from sim.reading.words import AXES, MOTION, Known, known
+from sim.reading.words import AXES, MOTION, AcceptedLetters, known
 
 _CODE: Final = re.compile(rb"([GMTgmt])[ \t]*(\d+)(?![\d.])")
 _SUBCODE: Final = re.compile(rb"[GMTgmt][ \t]*\d*\.")
@@ -116,7 +116,7 @@ def _without_code(command: bytes, text: bytes, family: str) -> GcodeLine:
 
 
 def _with_words(
-    code: str, rest: bytes, text: bytes, family: str, letters: Known | None
+    code: str, rest: bytes, text: bytes, family: str, letters: AcceptedLetters | None
 ) -> GcodeLine:
     words: dict[str, float | None] = {}
     parts = [code.encode()]
@@ -137,7 +137,7 @@ def _with_words(
 
 
 def _check_word(
-    letter: str, value: float | None, code: str, letters: Known, text: bytes, family: str
+    letter: str, value: float | None, code: str, letters: AcceptedLetters, text: bytes, family: str
 ) -> None:
     if letter not in letters.letters:
         if code in MOTION and letter in AXES:

@@ -17,7 +17,7 @@ AXES: Final = frozenset("ABCDHIJKLOQUVWXYZ")
 MOTION: Final = frozenset({"G0", "G1", "G2", "G3"})
 
 
-class Known(NamedTuple):
+class AcceptedLetters(NamedTuple):
     """Parameter letters that a code accepts."""
 
     letters: frozenset[str]
@@ -27,15 +27,15 @@ class Known(NamedTuple):
 
 
 @cache
-def known(family: str, code: str) -> Known | None:
+def known(family: str, code: str) -> AcceptedLetters | None:
     """Letters of a code; None where any will do."""
     said = find_family(family).grammar.words.get(code)
     if said is None:
         return None
     if said == TEXT:
-        return Known(frozenset(), frozenset(), text=True)
+        return AcceptedLetters(frozenset(), frozenset(), text=True)
     words = said.split()
-    return Known(
+    return AcceptedLetters(
         frozenset(word[0] for word in words),
         frozenset(word[0] for word in words if word.endswith("?")),
         text=False,

@@ -4,14 +4,14 @@ from sim.scanner.defects import Defect, with_defects
 from sim.scanner.microct import MicroCtOptions, simulate_microct
 from sim.scanner.oct import OctOptions, simulate_oct
 from sim.scanner.placing import Placing
-from sim.scanner.scanned import Scanned
+from sim.scanner.scanned import ScannerOutput
 
 __all__ = [
     "Defect",
     "MicroCtOptions",
     "OctOptions",
     "Placing",
-    "Scanned",
+    "ScannerOutput",
     "simulate_microct",
     "simulate_oct",
     "with_defects",

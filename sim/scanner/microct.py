@@ -27,7 +27,7 @@ from kernels import pjit
 from sim.deposit import Deposit
 from sim.scanner.placing import Placing, place
 from sim.scanner.sampling import blurred, index_map, lookup, random_bits
-from sim.scanner.scanned import Scanned, check_range
+from sim.scanner.scanned import ScannerOutput, check_range
 
 FloatArray = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class MicroCtOptions:
             check_range(name, getattr(self, name), 0.0, 65535.0, "counts")
 
 
-def simulate_microct(deposit: Deposit, options: MicroCtOptions, seed: int) -> Scanned:
+def simulate_microct(deposit: Deposit, options: MicroCtOptions, seed: int) -> ScannerOutput:
     """Scan a deposit of sacrificial ink by simulated micro-CT.
 
     Same seed, same bytes, on any number of threads.
@@ -91,7 +91,7 @@ def simulate_microct(deposit: Deposit, options: MicroCtOptions, seed: int) -> Sc
         np.array([options.gel_counts, options.lumen_counts, options.noise_counts]),
         key,
     )
-    return Scanned(
+    return ScannerOutput(
         volume=volume,
         voxel_mm=(options.voxel_mm,) * 3,
         refractive_index=1.0,

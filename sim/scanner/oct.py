@@ -33,7 +33,7 @@ from kernels import pjit
 from sim.deposit import Deposit
 from sim.scanner.placing import Placing, place
 from sim.scanner.sampling import blurred, index_map, lookup, random_bits
-from sim.scanner.scanned import Scanned, check_range
+from sim.scanner.scanned import ScannerOutput, check_range
 
 FloatArray = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ NOISE_COUNTS = 8.0
 """Mean of the noise floor; the gel's surface then fits into 16 bits up to 38 dB."""
 
 
-def simulate_oct(deposit: Deposit, options: OctOptions, seed: int) -> Scanned:
+def simulate_oct(deposit: Deposit, options: OctOptions, seed: int) -> ScannerOutput:
     """Scan a deposit by simulated OCT; same seed, same bytes, on any number of threads.
 
     Raises
@@ -123,7 +123,7 @@ def simulate_oct(deposit: Deposit, options: OctOptions, seed: int) -> Scanned:
         options.looks,
         key,
     )
-    return Scanned(
+    return ScannerOutput(
         volume=volume,
         voxel_mm=options.voxel_mm,
         refractive_index=options.refractive_index,

@@ -50,7 +50,7 @@ class Placing:
 
 
 @dataclass(frozen=True)
-class Placed:
+class DrawnPose:
     """Randomly drawn pose.
 
     Attributes
@@ -67,7 +67,7 @@ class Placed:
 
 def place(
     bounds: FloatArray, placing: Placing, depth_down: bool, rng: np.random.Generator
-) -> Placed:
+) -> DrawnPose:
     """Lay a part with the given bounds (2, 3) into a field of view that holds it."""
     azimuth, turn, tilt = rng.uniform(-1.0, 1.0, 3)
     shift = rng.uniform(-1.0, 1.0, 3) * placing.shift_mm
@@ -83,7 +83,7 @@ def place(
     pose = np.eye(4)
     pose[:3, :3] = linear
     pose[:3, 3] = field / 2 + shift - linear @ bounds.mean(axis=0)
-    return Placed(pose, field)
+    return DrawnPose(pose, field)
 
 
 def _rotation(axis: FloatArray, angle: float) -> FloatArray:

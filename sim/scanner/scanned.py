@@ -12,7 +12,7 @@ from sim.errors import ScannerError
 
 
 @dataclass(frozen=True)
-class Scanned:
+class ScannerOutput:
     """A simulated volume, its units, and the truth about it.
 
     The truth goes into a file of its own, which registration never sees.

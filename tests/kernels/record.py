@@ -26,7 +26,7 @@ from design.errors import GrowthError
 from kernels.files import read_whole
 from kernels.folder import kernel_of
 from kernels.key import called_kernels, signature_text
-from kernels.needed import Needed, found, types_of, types_text, write
+from kernels.needed import NeededKernel, found, types_of, types_text, write
 from printctl.pipeline.run import design_recipe, run_recipe
 from printctl.recipe import parse_recipe
 
@@ -180,7 +180,7 @@ def record() -> None:
             for one in _done_alone(work, Path(folder)):
                 by.setdefault(one, set()).add(work)
             print(work, sum(work in works for works in by.values()), "kernels", flush=True)
-    rows = [Needed(kernel, takes, frozenset(works)) for (kernel, takes), works in by.items()]
+    rows = [NeededKernel(kernel, takes, frozenset(works)) for (kernel, takes), works in by.items()]
     write(sorted(rows, key=lambda one: (_calls(one), one.kernel, one.takes)))
 
 
@@ -211,7 +211,7 @@ def row(file: Path) -> tuple[str, str] | None:
     return f"{module}:{name}", takes
 
 
-def _calls(one: Needed) -> int:
+def _calls(one: NeededKernel) -> int:
     """How many kernels a kernel calls: those that call none are compiled first."""
     return len(called_kernels(found(one.kernel), {}))
 

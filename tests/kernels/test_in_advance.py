@@ -8,19 +8,19 @@ from pathlib import Path
 import pytest
 
 from kernels.in_advance import compile_in_advance, missing
-from kernels.needed import Needed, needed
+from kernels.needed import NeededKernel, needed
 
-WRONG = Needed("design.geometry.bvh:not_there", "[]", frozenset())
+WRONG = NeededKernel("design.geometry.bvh:not_there", "[]", frozenset())
 
 
 @pytest.fixture
-def rows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Needed]:
+def rows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[NeededKernel]:
     """Two small kernels of the list, and an empty store."""
     monkeypatch.setenv("PRINTCTL_CACHE", str(tmp_path))
     return needed()[:2]
 
 
-def test_what_is_compiled_is_no_longer_missing(rows: list[Needed], tmp_path: Path) -> None:
+def test_what_is_compiled_is_no_longer_missing(rows: list[NeededKernel], tmp_path: Path) -> None:
     assert missing(rows) == rows
     told: list[int] = []
     assert compile_in_advance([*rows, WRONG], told.append) == 1
@@ -38,8 +38,8 @@ def _make_older(folder: Path) -> None:
         os.utime(file, (1, 1))
 
 
-def test_a_second_kind_of_arguments_is_missing_alone(rows: list[Needed]) -> None:
+def test_a_second_kind_of_arguments_is_missing_alone(rows: list[NeededKernel]) -> None:
     compile_in_advance(rows[:1])
-    other = Needed(rows[0].kernel, "[]", frozenset())
+    other = NeededKernel(rows[0].kernel, "[]", frozenset())
     assert missing([rows[0], other]) == [rows[0], other]
     assert missing(rows[:1]) == []

@@ -14,7 +14,7 @@ from design.network import VesselNetwork
 from design.solids.solid import Solid
 from registration.scan import Scan
 from sim.deposit import Deposit
-from sim.scanner import Scanned
+from sim.scanner import ScannerOutput
 
 FloatArray = NDArray[np.float64]
 PLACE = np.array([60.0, 50.0, 0.5])
@@ -119,7 +119,7 @@ def planar_deposit(voxel: float) -> Deposit:
     return made
 
 
-def as_scan(scanned: Scanned) -> Scan:
+def as_scan(scanned: ScannerOutput) -> Scan:
     return Scan(
         volume=scanned.volume,
         voxel_mm=scanned.voxel_mm,

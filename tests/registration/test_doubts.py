@@ -10,12 +10,12 @@ import pytest
 
 from registration.alignment import Fit
 from registration.alignment.doubts import rival_words
-from registration.alignment.rivals import Rival, describe, may_lie_otherwise
+from registration.alignment.rivals import AlternativePose, describe, may_lie_otherwise
 from registration.distance import ModelSurface
 from registration.notes import depth_notes, unlisted_notes
 from tests.registration.parts import solid
 
-RIVAL = Rival("mirrored along x", True, 1.1, 849.0, np.array([7.8, 7.0, 1.1]), seen=False)
+RIVAL = AlternativePose("mirrored along x", True, 1.1, 849.0, np.array([7.8, 7.0, 1.1]), seen=False)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from design.solids import Solid, block_solid
-from registration.alignment.fit import Fit, Freedom, refine
+from registration.alignment.fit import Fit, FitFreedom, refine
 from registration.alignment.intervals import (
     BLOCK_MM,
     PATCH_MM,
@@ -22,7 +22,7 @@ SIZE = np.array([8.0, 5.0, 3.0])
 MODEL = ModelSurface.of(block_solid(SIZE.tolist()))
 START = Fit(np.eye(3), np.zeros(3), np.ones(3), SIZE / 2)
 # With z stretching too a block's scales and the offset can't be told apart.
-FREE = Freedom((0, 1), offset=True)
+FREE = FitFreedom((0, 1), offset=True)
 NOISE_MM = 0.004
 BEAM = np.array([0.0, 0.0, 1.0])
 SURE = ScanErrors.of_blur(0.0)
@@ -41,7 +41,7 @@ def faces(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]
 
 
 def sure_of(
-    points: np.ndarray, fit: Fit, shared: ScanErrors, freedom: Freedom = FREE
+    points: np.ndarray, fit: Fit, shared: ScanErrors, freedom: FitFreedom = FREE
 ) -> Uncertainty:
     return uncertainty(fit_errors(MODEL, points, fit, freedom, shared), fit, freedom, shared)
 
@@ -113,8 +113,8 @@ def test_a_round_outer_face_errs_like_an_outer_face_and_a_lumen_like_a_lumen() -
     start = Fit(np.eye(3), np.zeros(3), np.ones(3), np.zeros(3))
     scale = [
         uncertainty(
-            fit_errors(disc, wall, start, Freedom((0, 1)), shared, lumens=lumens),
-            start, Freedom((0, 1)), shared,
+            fit_errors(disc, wall, start, FitFreedom((0, 1)), shared, lumens=lumens),
+            start, FitFreedom((0, 1)), shared,
         ).scale[:2]
         for lumens in (False, True)
     ]  # fmt: skip
@@ -125,7 +125,7 @@ def test_a_round_outer_face_errs_like_an_outer_face_and_a_lumen_like_a_lumen() -
 
 def test_what_was_not_fitted_has_no_interval() -> None:
     points, _ = faces(np.random.default_rng(1), 1000)
-    sure = sure_of(points, START, ScanErrors.of_blur(0.02), Freedom((0, 1)))
+    sure = sure_of(points, START, ScanErrors.of_blur(0.02), FitFreedom((0, 1)))
     assert np.isnan(sure.scale).tolist() == [False, False, True]
     assert np.isnan(sure.offset_mm)
 

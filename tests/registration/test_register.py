@@ -13,7 +13,14 @@ from registration import RegistrationOptions, RegistrationReport, register_scan,
 from registration.alignment import AlignmentOptions
 from registration.errors import AlignmentError, RegistrationError, SegmentationError
 from registration.scan import Scan
-from sim.scanner import MicroCtOptions, OctOptions, Placing, Scanned, simulate_microct, simulate_oct
+from sim.scanner import (
+    MicroCtOptions,
+    OctOptions,
+    Placing,
+    ScannerOutput,
+    simulate_microct,
+    simulate_oct,
+)
 from tests.registration.parts import (
     BLOCK,
     analytic_deposit,
@@ -35,19 +42,21 @@ COARSE_OCT = OctOptions(voxel_mm=(0.050, 0.050, 0.050))
 
 
 @pytest.fixture(scope="module")
-def planar() -> tuple[Scanned, RegistrationReport]:
+def planar() -> tuple[ScannerOutput, RegistrationReport]:
     scanned = simulate_oct(planar_deposit(0.04), COARSE_OCT, seed=4)
     return scanned, register_scan(as_scan(scanned), planar_construct(), planar_network())
 
 
-def test_planar_pose_is_recovered_within_30_um(planar: tuple[Scanned, RegistrationReport]) -> None:
+def test_planar_pose_is_recovered_within_30_um(
+    planar: tuple[ScannerOutput, RegistrationReport],
+) -> None:
     scanned, report = planar
     assert target_error(corners(BLOCK), report.scaled_scan_to_part, scanned.pose_truth) < 0.030
     assert not report.ambiguous
 
 
 def test_planar_diameters_are_those_of_the_shrunken_print(
-    planar: tuple[Scanned, RegistrationReport],
+    planar: tuple[ScannerOutput, RegistrationReport],
 ) -> None:
     _, report = planar
     for vessel in report.vessels[5:9]:
@@ -59,7 +68,7 @@ def test_planar_diameters_are_those_of_the_shrunken_print(
 
 
 def test_rigid_fit_reads_shrinkage_as_deviation_and_the_scaled_fit_does_not(
-    planar: tuple[Scanned, RegistrationReport],
+    planar: tuple[ScannerOutput, RegistrationReport],
 ) -> None:
     _, report = planar
     assert report.rigid.rms_um > 40
@@ -69,7 +78,7 @@ def test_rigid_fit_reads_shrinkage_as_deviation_and_the_scaled_fit_does_not(
 
 
 def test_shrunken_outer_faces_deviate_positively(
-    planar: tuple[Scanned, RegistrationReport],
+    planar: tuple[ScannerOutput, RegistrationReport],
 ) -> None:
     _, report = planar
     x, _, z = report.surface.vertices.T
@@ -77,7 +86,9 @@ def test_shrunken_outer_faces_deviate_positively(
     assert np.median(report.deviation_um[end]) > 30
 
 
-def test_only_a_seen_surface_has_a_deviation(planar: tuple[Scanned, RegistrationReport]) -> None:
+def test_only_a_seen_surface_has_a_deviation(
+    planar: tuple[ScannerOutput, RegistrationReport],
+) -> None:
     scan = as_scan(planar[0])
     cropped = replace(scan, volume=scan.volume[:, :, : scan.volume.shape[2] * 3 // 4].copy())
     report = register_scan(cropped, planar_construct(), planar_network(), FAST)
@@ -86,7 +97,9 @@ def test_only_a_seen_surface_has_a_deviation(planar: tuple[Scanned, Registration
     np.testing.assert_array_equal(np.isfinite(report.scaled_deviation_um), report.seen)
 
 
-def test_report_is_json_with_the_promised_keys(planar: tuple[Scanned, RegistrationReport]) -> None:
+def test_report_is_json_with_the_promised_keys(
+    planar: tuple[ScannerOutput, RegistrationReport],
+) -> None:
     found = json.loads(json.dumps(report_dict(planar[1]), allow_nan=False))
     assert set(found) >= {
         "rigid", "scaled", "transform_scan_to_part", "scale", "ambiguity", "histogram", "vessels",
@@ -103,7 +116,7 @@ def test_report_is_json_with_the_promised_keys(planar: tuple[Scanned, Registrati
 
 @pytest.mark.slow
 def test_decibels_give_the_same_surface_as_linear_values(
-    planar: tuple[Scanned, RegistrationReport],
+    planar: tuple[ScannerOutput, RegistrationReport],
 ) -> None:
     scanned, linear = planar
     volume = 10 * np.log10(np.maximum(scanned.volume, 0.1)).astype(np.float32)
@@ -112,21 +125,27 @@ def test_decibels_give_the_same_surface_as_linear_values(
     assert report.scaled.rms_um == pytest.approx(linear.scaled.rms_um, abs=1)
 
 
-def test_mirrored_scan_is_refused_as_mirrored(planar: tuple[Scanned, RegistrationReport]) -> None:
+def test_mirrored_scan_is_refused_as_mirrored(
+    planar: tuple[ScannerOutput, RegistrationReport],
+) -> None:
     scan = as_scan(planar[0])
     turned = replace(scan, volume=scan.volume[:, ::-1].copy())
     with pytest.raises(AlignmentError, match="mirror image"):
         register_scan(turned, planar_construct(), planar_network(), FAST)
 
 
-def test_upside_down_scan_ends_with_a_reason(planar: tuple[Scanned, RegistrationReport]) -> None:
+def test_upside_down_scan_ends_with_a_reason(
+    planar: tuple[ScannerOutput, RegistrationReport],
+) -> None:
     scan = as_scan(planar[0])
     turned = replace(scan, volume=scan.volume[::-1].copy())
     with pytest.raises(RegistrationError):
         register_scan(turned, planar_construct(), planar_network(), FAST)
 
 
-def test_network_of_another_frame_is_refused(planar: tuple[Scanned, RegistrationReport]) -> None:
+def test_network_of_another_frame_is_refused(
+    planar: tuple[ScannerOutput, RegistrationReport],
+) -> None:
     moved = planar_network().moved(np.array([0.0, 0.65, 0.0]))
     with pytest.raises(RegistrationError, match="same"):
         register_scan(as_scan(planar[0]), planar_construct(), moved)
@@ -139,7 +158,7 @@ def bent_network() -> VesselNetwork:
     return VesselNetwork.from_segments(nodes, ends, radius, np.zeros(5), np.zeros(5))
 
 
-def microct_of(network: VesselNetwork, printed: VesselNetwork, seed: int) -> Scanned:
+def microct_of(network: VesselNetwork, printed: VesselNetwork, seed: int) -> ScannerOutput:
     low, high = network.nodes.min(axis=0) - 0.7, network.nodes.max(axis=0) + 0.7
     deposit = analytic_deposit(lambda p: lumen_distance(printed, p), low, high, 0.08)
     placing = Placing(rotation_deg=180, tilt_deg=8, margin_mm=1.0, shrink=(0.98, 0.99, 1.0))

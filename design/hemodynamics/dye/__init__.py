@@ -1,6 +1,6 @@
 """Dye transport in a vessel network: front, concentration curves, and video frame-rate check."""
 
-from design.hemodynamics.dye.carried import Carried, carried_by, downstream, ends_along
+from design.hemodynamics.dye.carried import CarryingFlow, carried_by, downstream, ends_along
 from design.hemodynamics.dye.curves import dye_curves
 from design.hemodynamics.dye.frames import FrameCheck, check_frames
 from design.hemodynamics.dye.front import (
@@ -17,7 +17,7 @@ __all__ = [
     "CARRIED_BELOW",
     "DISPERSED_ABOVE",
     "DYE_DIFFUSIVITY",
-    "Carried",
+    "CarryingFlow",
     "DyeFront",
     "FrameCheck",
     "carried_by",

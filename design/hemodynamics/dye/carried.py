@@ -16,7 +16,7 @@ STILL = 1e-9
 
 
 @dataclass(frozen=True)
-class Carried:
+class CarryingFlow:
     """The steady flow that carries dye, at 1 µL/s into the network.
 
     Attributes
@@ -39,7 +39,9 @@ class Carried:
         return np.isfinite(self.transit_s)
 
 
-def carried_by(network: VesselNetwork, solution: FlowSolution, inlets: tuple[int, ...]) -> Carried:
+def carried_by(
+    network: VesselNetwork, solution: FlowSolution, inlets: tuple[int, ...]
+) -> CarryingFlow:
     """Transits of a flow of 1 µL/s that dye enters at ``inlets``."""
     volume = np.pi * integral_of_power(network, 2)
     flow = np.abs(solution.flow)
@@ -49,7 +51,7 @@ def carried_by(network: VesselNetwork, solution: FlowSolution, inlets: tuple[int
     for k in downstream(network, solution):
         first, last = ends_along(network, solution, int(k))
         earliest[last] = min(earliest[last], earliest[first] + transit[k])
-    return Carried(solution, volume, transit, earliest)
+    return CarryingFlow(solution, volume, transit, earliest)
 
 
 def downstream(network: VesselNetwork, solution: FlowSolution) -> IntArray:

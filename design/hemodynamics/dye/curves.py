@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import exp1
 
-from design.hemodynamics.dye.carried import STILL, Carried, downstream, ends_along
+from design.hemodynamics.dye.carried import STILL, CarryingFlow, downstream, ends_along
 from design.network import FloatArray, IntArray, VesselNetwork
 
 ComplexArray = NDArray[np.complex128]
@@ -31,7 +31,7 @@ _DAMPED: Final = 8.0
 
 def dye_curves(
     network: VesselNetwork,
-    flow: Carried,
+    flow: CarryingFlow,
     vessel: IntArray,
     share: FloatArray,
     until_s: float,
@@ -73,7 +73,7 @@ def dye_curves(
     return times, np.asarray(np.maximum.accumulate(np.clip(curves, 0.0, 1.0), axis=1))
 
 
-def _nodes(network: VesselNetwork, flow: Carried, s: ComplexArray) -> ComplexArray:
+def _nodes(network: VesselNetwork, flow: CarryingFlow, s: ComplexArray) -> ComplexArray:
     """Flux mean at each node over that of the inlets' step, (m, frequencies)."""
     into = np.zeros(len(network.nodes))
     found = np.zeros((len(network.nodes), len(s)), dtype=np.complex128)

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from design.hemodynamics.dye.carried import STILL, Carried, downstream, ends_along
+from design.hemodynamics.dye.carried import STILL, CarryingFlow, downstream, ends_along
 from design.hemodynamics.dye.curves import dye_curves
 from design.network import FloatArray, VesselNetwork
 
@@ -77,7 +77,7 @@ class DyeFront:
 
 def dye_front(
     network: VesselNetwork,
-    carried: Carried,
+    carried: CarryingFlow,
     flow_ul_s: float,
     diffusivity_mm2_s: float = DYE_DIFFUSIVITY,
 ) -> DyeFront:
@@ -86,7 +86,7 @@ def dye_front(
     Parameters
     ----------
     network : VesselNetwork
-    carried : Carried
+    carried : CarryingFlow
         Of 1 µL/s; all its times go with 1 over the flow.
     flow_ul_s : float, µL/s
         Into the network.
@@ -113,7 +113,7 @@ def dye_front(
     )
 
 
-def mean_age(network: VesselNetwork, carried: Carried) -> FloatArray:
+def mean_age(network: VesselNetwork, carried: CarryingFlow) -> FloatArray:
     """Mean time that what flows by each node has taken from the inlets, at 1 µL/s, (m,), s.
 
     Ages mix by flow. Inf at a node that nothing flows to; 0 at the inlets.
@@ -132,12 +132,12 @@ def mean_age(network: VesselNetwork, carried: Carried) -> FloatArray:
     return age
 
 
-def _begins(network: VesselNetwork, carried: Carried) -> NDArray[np.int64]:
+def _begins(network: VesselNetwork, carried: CarryingFlow) -> NDArray[np.int64]:
     forward = carried.solution.flow >= 0.0
     return np.where(forward, network.vessel_nodes[:, 0], network.vessel_nodes[:, 1])
 
 
-def _half(network: VesselNetwork, carried: Carried, moves: NDArray[np.bool_]) -> FloatArray:
+def _half(network: VesselNetwork, carried: CarryingFlow, moves: NDArray[np.bool_]) -> FloatArray:
     """When the area mean at each vessel's end is one half, at 1 µL/s, (v,), s.
 
     Vessel by vessel in classes of like ages, so that an early one isn't read off steps that are

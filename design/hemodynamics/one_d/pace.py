@@ -9,7 +9,7 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.one_d.grid import Grid
 from design.hemodynamics.one_d.nodes import RESISTANCE, Nodes
-from design.hemodynamics.one_d.start import Foresight
+from design.hemodynamics.one_d.start import LumpedForecast
 from design.network import FloatArray
 
 STABLE: Final = 1.3
@@ -22,7 +22,7 @@ _RUBBED: Final = 1.0
 _MOST_STEPS: Final = 50_000_000
 
 
-def foreseen_rate(grid: Grid, seen: Foresight) -> float:
+def foreseen_rate(grid: Grid, seen: LumpedForecast) -> float:
     """Cells a second that the fastest wave will run, by what the lumped model expects."""
     vessel = grid.vessel_of_cell
     low = np.maximum(1.0 + seen.low[vessel] / grid.stiffness, 0.1)

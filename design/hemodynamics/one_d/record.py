@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from design.hemodynamics.one_d.grid import Grid
-from design.hemodynamics.one_d.kernels.march import State, Work, all_pressures
+from design.hemodynamics.one_d.kernels.march import MarchScratch, State, all_pressures
 from design.hemodynamics.probes import Probes
 from design.network import FloatArray, IntArray
 
@@ -46,7 +46,7 @@ class Lines:
         stop = np.where(cell == counts, counts, cell + 0.5)
         return low, low + 1, (along - start) / (stop - start)
 
-    def take(self, sample: int, state: State, work: Work) -> None:
+    def take(self, sample: int, state: State, work: MarchScratch) -> None:
         """Keep a state, after `settle_ends`."""
         all_pressures(self.grid, state, work, self._pressure)
         ends = work.ends[:3].reshape(3, -1, 2)

@@ -9,7 +9,13 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.one_d.grid import Grid, make_grid
-from design.hemodynamics.one_d.kernels.march import State, Work, advance, make_work, settle_ends
+from design.hemodynamics.one_d.kernels.march import (
+    MarchScratch,
+    State,
+    advance,
+    make_work,
+    settle_ends,
+)
 from design.hemodynamics.one_d.nodes import Nodes, place_nodes
 from design.hemodynamics.one_d.options import OneDOptions
 from design.hemodynamics.one_d.pace import STABLE, foreseen_rate, steps_for, wave_rate
@@ -159,7 +165,7 @@ def _cycle(
     raise FlowError("waves get faster with every attempt at a cycle; check the wall and the flow")
 
 
-def _march(problem: Problem, lines: Lines, steps: int, samples: int, work: Work) -> float:
+def _march(problem: Problem, lines: Lines, steps: int, samples: int, work: MarchScratch) -> float:
     """Steps from sample to sample; the greatest rate of waves on the way, cells a second."""
     step, each, rate = problem.period_s / steps, steps // samples, 0.0
     for sample in range(samples):

@@ -33,7 +33,7 @@ _CLOSED = 1e6
 
 
 @dataclass(frozen=True)
-class Foresight:
+class LumpedForecast:
     """What the lumped model expects of each vessel over a cycle, all (v,).
 
     Attributes
@@ -85,17 +85,17 @@ def _with_resistances(
     return found
 
 
-def foresee(network: VesselNetwork, lumped: PulsatileSolution) -> Foresight:
+def foresee(network: VesselNetwork, lumped: PulsatileSolution) -> LumpedForecast:
     """Extremes of each vessel in the lumped model."""
     low, high = swing(lumped, lumped.pressure)
     ends = network.vessel_nodes
     flows = [np.abs(x) for q in (lumped.flow_in, lumped.flow_out) for x in swing(lumped, q)]
-    return Foresight(
+    return LumpedForecast(
         low[ends].min(axis=1), high[ends].max(axis=1), np.max(flows, axis=0, initial=0.0)
     )
 
 
-def with_small(grid: Grid, seen: Foresight) -> Grid:
+def with_small(grid: Grid, seen: LumpedForecast) -> Grid:
     """The grid, knowing which changes are small."""
     swings = _SMALL * np.maximum(seen.high - seen.low, 1e-300)
     flows = _SMALL * np.maximum(seen.flow, 1e-300)

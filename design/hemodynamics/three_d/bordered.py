@@ -28,7 +28,7 @@ _CHUNK: Final = 24
 
 
 @dataclass(frozen=True)
-class Border:
+class BorderBlocks:
     """B (n, m), D (m,), and the factor's answer to B's columns."""
 
     columns: Array
@@ -37,17 +37,17 @@ class Border:
     schur: Array
 
     @staticmethod
-    def around(solve: Apply, columns: Array, slope: Array, free: NDArray[np.bool_]) -> Border:
+    def around(solve: Apply, columns: Array, slope: Array, free: NDArray[np.bool_]) -> BorderBlocks:
         """Prepare for a factor."""
         columns = columns * free[:, None]
         answered = np.stack([solve(c) for c in columns.T], axis=1) if columns.size else columns
-        return Border(columns, slope, answered, np.diag(slope) + columns.T @ answered)
+        return BorderBlocks(columns, slope, answered, np.diag(slope) + columns.T @ answered)
 
 
 def solve_bordered(
     times: Apply,
     solve: Apply,
-    border: Border,
+    border: BorderBlocks,
     right: Array,
     free: NDArray[np.bool_],
     rtol: float,

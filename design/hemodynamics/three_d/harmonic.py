@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
-from design.hemodynamics.three_d.bordered import Border, solve_bordered
+from design.hemodynamics.three_d.bordered import BorderBlocks, solve_bordered
 from design.hemodynamics.three_d.engine import working
 from design.hemodynamics.three_d.engine_mesh import engine_mesh
 from design.hemodynamics.three_d.inflow import harmonics_of
@@ -105,7 +105,7 @@ def _one(room: Spaces, mesh: LumenMesh, plan: PortPlan, omega: float, phasor: An
         load -= phasor(waveform) * room.outward[port]
     if not omega:
         start, load, slope, given = (x.real for x in (start, load, slope, given))
-    border = Border.around(stokes.solve, columns_of(room, plan), slope, room.free)
+    border = BorderBlocks.around(stokes.solve, columns_of(room, plan), slope, room.free)
     right = np.concatenate([room.free * (load - stokes.times(start)), given])
     found, _ = solve_bordered(stokes.times, stokes.solve, border, right, room.free, _RTOL)
     return np.asarray(start + found[: room.count], dtype=np.complex128)

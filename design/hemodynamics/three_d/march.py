@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.three_d.bordered import Border
+from design.hemodynamics.three_d.bordered import BorderBlocks
 from design.hemodynamics.three_d.engine import CURVED, working
 from design.hemodynamics.three_d.engine_mesh import engine_mesh
 from design.hemodynamics.three_d.inflow import Inflow, inflow_of
@@ -95,7 +95,9 @@ class _Stepper:
         self.room, self.plan, self.inflow, self.step_s = room, plan, inflow, step_s
         stokes = Stokes(room, plan.viscosity_pa_s, 1.5 * plan.density / step_s)
         self.laws = OutletLaws(plan.coupled, step_s, begun[room.count :])
-        border = Border.around(stokes.solve, columns_of(room, plan), self.laws.slope, room.free)
+        border = BorderBlocks.around(
+            stokes.solve, columns_of(room, plan), self.laws.slope, room.free
+        )
         convection = Convection(room, plan.density, plan.outlets) if how.convection else None
         nothing = np.zeros(room.count)
         self.problem = Problem(

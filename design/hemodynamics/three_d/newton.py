@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.three_d.bordered import STEPS, Apply, Border, solve_bordered
+from design.hemodynamics.three_d.bordered import STEPS, Apply, BorderBlocks, solve_bordered
 from design.hemodynamics.three_d.memory import fits_general
 from design.hemodynamics.three_d.stokes import Convection, Spaces, Stokes
 from design.network import FloatArray
@@ -33,7 +33,7 @@ class Problem:
     spaces : Spaces
     stokes : Stokes
     convection : Convection or None
-    border : Border
+    border : BorderBlocks
     start : (n,) float64
         Given velocities, 0 elsewhere.
     load : (n,) float64
@@ -45,7 +45,7 @@ class Problem:
     spaces: Spaces
     stokes: Stokes
     convection: Convection | None
-    border: Border
+    border: BorderBlocks
     start: FloatArray
     load: FloatArray
     given: FloatArray
@@ -61,7 +61,7 @@ class Problem:
 
 
 @dataclass(frozen=True)
-class Converged:
+class NewtonSolution:
     """A solution and the way to it.
 
     Attributes
@@ -78,7 +78,7 @@ class Converged:
     krylov: int
 
 
-def solve_newton(problem: Problem, tolerance: float, reynolds: float) -> Converged:
+def solve_newton(problem: Problem, tolerance: float, reynolds: float) -> NewtonSolution:
     """Solve Stokes flow, then Navier–Stokes from it.
 
     Raises
@@ -89,7 +89,7 @@ def solve_newton(problem: Problem, tolerance: float, reynolds: float) -> Converg
     whole = np.concatenate([problem.start, np.zeros(len(problem.given))])
     scale = float(np.linalg.norm(problem.residual(whole, 0.0)))
     if scale == 0.0:
-        return Converged(whole, np.zeros(1), 0)
+        return NewtonSolution(whole, np.zeros(1), 0)
     first = newton(problem, whole, 0.0, tolerance * scale, scale)
     if problem.convection is None:
         return first
@@ -109,13 +109,13 @@ def _at(reynolds: float) -> str:
 
 
 def _led(
-    problem: Problem, found: Converged, loads: tuple[float, ...], limit: float, scale: float
-) -> Converged:
+    problem: Problem, found: NewtonSolution, loads: tuple[float, ...], limit: float, scale: float
+) -> NewtonSolution:
     steps = found.krylov
     for share in loads:
         found = newton(problem, found.unknowns, share, limit, scale)
         steps += found.krylov
-    return Converged(found.unknowns, found.residual, steps)
+    return NewtonSolution(found.unknowns, found.residual, steps)
 
 
 def newton(
@@ -125,7 +125,7 @@ def newton(
     limit: float,
     scale: float,
     guide: Guide | None = None,
-) -> Converged:
+) -> NewtonSolution:
     """Newton's steps from ``whole`` with a share of convection, until the residual is ``limit``.
 
     Raises
@@ -137,7 +137,7 @@ def newton(
     norms, before = [float(np.linalg.norm(residual))], guide.krylov
     for _ in range(_STEPS):
         if norms[-1] <= limit:
-            return Converged(whole, np.array(norms) / scale, guide.krylov - before)
+            return NewtonSolution(whole, np.array(norms) / scale, guide.krylov - before)
         # No more digits of the linear system than the next residual can use.
         rtol = max(0.5 * limit / norms[-1], 1e-12 if share == 0.0 else _FORCING)
         was_old = guide.old
@@ -194,7 +194,7 @@ class Guide:
                 return self._solved(times, residual, rtol, STEPS)
             self.solve = problem.stokes.factor_with(problem.convection, share, x)
             columns, slope = problem.border.columns, problem.border.slope
-            self.border = Border.around(self.solve, columns, slope, problem.spaces.free)
+            self.border = BorderBlocks.around(self.solve, columns, slope, problem.spaces.free)
             return self._solved(times, residual, rtol, STEPS)
 
     def _derivative(self, convection: Convection, x: FloatArray, share: float) -> Apply:

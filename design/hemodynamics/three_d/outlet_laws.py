@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from design.hemodynamics.three_d.port_plan import Coupled, GivenFlow
+from design.hemodynamics.three_d.port_plan import CoupledPorts, GivenFlow
 from design.hemodynamics.zero_d.pulsatile.conditions import ResistanceOutlet, WindkesselOutlet
 from design.network import FloatArray
 
@@ -24,7 +24,9 @@ class OutletLaws:
         D, the same at all times.
     """
 
-    def __init__(self, coupled: tuple[Coupled, ...], step_s: float, pressure: FloatArray) -> None:
+    def __init__(
+        self, coupled: tuple[CoupledPorts, ...], step_s: float, pressure: FloatArray
+    ) -> None:
         """Begin in steady flow with these pressures (m,) at the groups."""
         self._laws, self._step_s = [c.law for c in coupled], step_s
         self.slope = np.array([self._slope(law) for law in self._laws]).reshape(-1)

@@ -36,7 +36,7 @@ Law = GivenFlow | ResistanceOutlet | WindkesselOutlet
 
 
 @dataclass(frozen=True)
-class Coupled:
+class CoupledPorts:
     """Ports of one unknown pressure, and what relates it to their flow."""
 
     ports: tuple[int, ...]
@@ -55,7 +55,7 @@ class PortPlan:
         Into it, µL/s.
     held : tuple of (port, Waveform)
         Pressures, Pa.
-    coupled : tuple of Coupled
+    coupled : tuple of CoupledPorts
     outlets : tuple of int
         Ports that flow is meant to leave by.
     womersley : bool
@@ -66,7 +66,7 @@ class PortPlan:
     inflow: int | None
     flow: Waveform
     held: tuple[tuple[int, Waveform], ...]
-    coupled: tuple[Coupled, ...]
+    coupled: tuple[CoupledPorts, ...]
     outlets: tuple[int, ...]
     womersley: bool
     viscosity_pa_s: float
@@ -90,7 +90,7 @@ def steady_plan(mesh: LumenMesh, conditions: FlowConditions, density: float) -> 
     node_port = {mesh.ports[k].node: k for k in outlets}
     _check_nodes(conditions.outlet_flow_ul_s, node_port, "outlet_flow_ul_s")
     given = {node_port[n]: q for n, q in conditions.outlet_flow_ul_s.items()}
-    coupled = [Coupled((k,), GivenFlow(Constant(q))) for k, q in given.items()]
+    coupled = [CoupledPorts((k,), GivenFlow(Constant(q))) for k, q in given.items()]
     pressure = Constant(conditions.outlet_pressure_pa)
     held: list[tuple[int, Waveform]] = [(k, pressure) for k in outlets if k not in given]
     inflow = None
@@ -127,12 +127,12 @@ def pulsatile_plan(mesh: LumenMesh, conditions: PulsatileConditions) -> PortPlan
     """
     inlets, outlets = _ends(mesh, conditions.inlets, conditions.outlets)
     held: list[tuple[int, Waveform]] = []
-    coupled: list[Coupled] = []
+    coupled: list[CoupledPorts] = []
     for port, outlet in _outlets(mesh, outlets, conditions.outlet):
         if isinstance(outlet, PressureOutlet):
             held.append((port, outlet.waveform))
         else:
-            coupled.append(Coupled((port,), outlet))
+            coupled.append(CoupledPorts((port,), outlet))
     inflow, flow = None, conditions.inlet
     if conditions.inlet_is == "pressure":
         held += [(k, conditions.inlet) for k in inlets]
@@ -151,11 +151,11 @@ def pulsatile_plan(mesh: LumenMesh, conditions: PulsatileConditions) -> PortPlan
     )
 
 
-def _supply(inlets: tuple[int, ...], flow: Waveform, coupled: list[Coupled]) -> int | None:
+def _supply(inlets: tuple[int, ...], flow: Waveform, coupled: list[CoupledPorts]) -> int | None:
     """One inlet has a profile; several hang on one supply and share its pressure."""
     if len(inlets) == 1:
         return inlets[0]
-    coupled.append(Coupled(inlets, GivenFlow(flow, -1.0)))
+    coupled.append(CoupledPorts(inlets, GivenFlow(flow, -1.0)))
     return None
 
 

@@ -7,15 +7,15 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.three_d.balance import energy_of, port_pressures
-from design.hemodynamics.three_d.bordered import Border
+from design.hemodynamics.three_d.bordered import BorderBlocks
 from design.hemodynamics.three_d.engine import working
 from design.hemodynamics.three_d.engine_mesh import engine_mesh
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.memory import check_memory
-from design.hemodynamics.three_d.newton import Converged, Problem, solve_newton
+from design.hemodynamics.three_d.newton import NewtonSolution, Problem, solve_newton
 from design.hemodynamics.three_d.options import LAMINAR, FlowOptions
 from design.hemodynamics.three_d.port_plan import (
-    Coupled,
+    CoupledPorts,
     GivenFlow,
     PortPlan,
     pulsatile_plan,
@@ -88,7 +88,7 @@ def steady_problem(room: Spaces, mesh: LumenMesh, plan: PortPlan, options: FlowO
     for port, waveform in plan.held:
         load -= mean(waveform) * room.outward[port]
     slope, given = mean_laws(plan.coupled)
-    border = Border.around(stokes.solve, columns_of(room, plan), slope, room.free)
+    border = BorderBlocks.around(stokes.solve, columns_of(room, plan), slope, room.free)
     convection = Convection(room, plan.density, plan.outlets) if options.convection else None
     return Problem(room, stokes, convection, border, start, load, given)
 
@@ -99,7 +99,7 @@ def columns_of(room: Spaces, plan: PortPlan) -> FloatArray:
     return np.array(rows).reshape(-1, room.count).T
 
 
-def mean_laws(coupled: tuple[Coupled, ...]) -> tuple[FloatArray, FloatArray]:
+def mean_laws(coupled: tuple[CoupledPorts, ...]) -> tuple[FloatArray, FloatArray]:
     """D and s of Q - D p = s for each group in steady flow."""
     slope, given = np.zeros(len(coupled)), np.zeros(len(coupled))
     for k, group in enumerate(coupled):
@@ -148,7 +148,9 @@ def _reynolds_scale(mesh: LumenMesh, plan: PortPlan) -> float:
     return abs(reynolds(plan, mean(plan.flow), mesh.ports[plan.inflow].radius_mm))
 
 
-def _solution(room: Spaces, mesh: LumenMesh, plan: PortPlan, found: Converged) -> ThreeDSolution:
+def _solution(
+    room: Spaces, mesh: LumenMesh, plan: PortPlan, found: NewtonSolution
+) -> ThreeDSolution:
     unknowns = found.unknowns[: room.count]
     field = field_of(room, mesh, unknowns)
     flow = room.outward @ unknowns

@@ -110,7 +110,7 @@ def rounded(
     for attempt in range(_TRIES):
         # From the sharp surface each time: triangles parted for a wider fillet are slivers for a
         # narrower one, and cross for that.
-        work = Work.of(vertices, faces, fixed)
+        work = RoundedSurface.of(vertices, faces, fixed)
         _round(work, what, boxes, limits)
         bad = work.failed.copy()
         went = np.any(work.moved != work.base, axis=1)
@@ -158,7 +158,7 @@ def _boxes(what: Rounding) -> FloatArray:
 
 
 @dataclass
-class Work:
+class RoundedSurface:
     """A surface while it is rounded.
 
     Attributes
@@ -177,7 +177,7 @@ class Work:
     faces: FaceArray
 
     @classmethod
-    def of(cls, vertices: FloatArray, faces: FaceArray, fixed: NDArray[np.bool_]) -> Work:
+    def of(cls, vertices: FloatArray, faces: FaceArray, fixed: NDArray[np.bool_]) -> RoundedSurface:
         """The sharp surface."""
         none = np.zeros(len(vertices), dtype=np.bool_)
         return cls(vertices, vertices.copy(), none, fixed, faces)
@@ -190,7 +190,7 @@ class Work:
         self.fixed = np.concatenate([self.fixed, np.zeros(len(places), dtype=np.bool_)])
 
 
-def _round(work: Work, what: Rounding, boxes: FloatArray, limits: FloatArray) -> None:
+def _round(work: RoundedSurface, what: Rounding, boxes: FloatArray, limits: FloatArray) -> None:
     """Move the points, and part edges while the surface bends between them."""
 
     def move(points: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
@@ -220,7 +220,7 @@ def _round(work: Work, what: Rounding, boxes: FloatArray, limits: FloatArray) ->
 
 
 def _bends(
-    work: Work,
+    work: RoundedSurface,
     one: NDArray[np.int64],
     two: NDArray[np.int64],
     move: Callable[[FloatArray], tuple[FloatArray, FloatArray, NDArray[np.bool_]]],

@@ -14,9 +14,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from design.toolpath.embedded.account_kernels import Ink, Squares, Tips, entries
+from design.toolpath.embedded.account_kernels import Ink, InkSquares, Tips, entries
 from design.toolpath.embedded.needle import Needle
-from design.toolpath.embedded.spared import Spared
+from design.toolpath.embedded.spared import MeetingVessels
 from design.toolpath.toolpath import FloatArray, IntArray, MoveKind, Toolpath
 
 INK_MM: Final = 0.5
@@ -72,7 +72,7 @@ class _Pieces(NamedTuple):
 def account(
     toolpath: Toolpath,
     laid: WrittenMoves,
-    spared: Spared,
+    spared: MeetingVessels,
     needles: Sequence[Needle],
     look_mm: float,
 ) -> list[Entry]:
@@ -83,7 +83,7 @@ def account(
     toolpath : Toolpath
     laid : WrittenMoves
         Of its moves that write, in their order.
-    spared : Spared
+    spared : MeetingVessels
     needles : sequence of Needle
         Of each head, bare.
     look_mm : float, mm
@@ -183,7 +183,7 @@ def _about(
     return last, following, np.maximum(since, 0.0), np.maximum(until, 0.0)
 
 
-def _squares(ink: Ink, needle: Needle, look_mm: float) -> Squares:
+def _squares(ink: Ink, needle: Needle, look_mm: float) -> InkSquares:
     middle = (ink.start[:, :2] + ink.end[:, :2]) / 2
     low, size = middle.min(axis=0), np.ptp(middle, axis=0)
     room = needle.shaft_mm + float(ink.radius.max()) + look_mm + (INK_MM + TIP_MM) / 2
@@ -192,7 +192,7 @@ def _squares(ink: Ink, needle: Needle, look_mm: float) -> Squares:
     shape = at.max(axis=0) + 1
     square = at[:, 0] * shape[1] + at[:, 1]
     begin = np.concatenate([[0], np.cumsum(np.bincount(square, minlength=int(shape.prod())))])
-    return Squares(low, pitch, shape, begin, np.argsort(square, kind="stable"))
+    return InkSquares(low, pitch, shape, begin, np.argsort(square, kind="stable"))
 
 
 def _told(hits: NDArray[np.void], tips: Tips, rows: IntArray) -> list[Entry]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from design.toolpath.embedded.needle import Needle, off_shaft_slopes
 from design.toolpath.embedded.spared import (
-    Spared,
+    MeetingVessels,
     inside_joint,
     meetings_between,
     reach_of,
@@ -83,7 +83,7 @@ class Tips(NamedTuple):
     since: FloatArray
 
 
-class Squares(NamedTuple):
+class InkSquares(NamedTuple):
     """Ink by squares of the plan, those of square s in ``member[begin[s]:begin[s + 1]]``."""
 
     origin: FloatArray
@@ -95,7 +95,7 @@ class Squares(NamedTuple):
 
 @jit
 def entries(
-    tips: Tips, ink: Ink, squares: Squares, spared: Spared, needle: Needle, look: float
+    tips: Tips, ink: Ink, squares: InkSquares, spared: MeetingVessels, needle: Needle, look: float
 ) -> NDArray[np.void]:
     """The nearest approach below ``look`` mm of each piece of way to each vessel, `FOUND`."""
     piece, vessel, value = [0][:0], [0][:0], [0.0][:0]
@@ -184,7 +184,7 @@ def _span(a: FloatArray, b: FloatArray) -> float:
 
 
 @jit
-def _inside(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, spared: Spared,
+def _inside(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, spared: MeetingVessels,
             needle: Needle) -> float:  # fmt: skip
     """How far ink lies inside a joint, or ahead of the tip that writes it, mm."""
     best = -np.inf
@@ -208,7 +208,7 @@ def _inside(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, spared: Sp
 
 
 @jit
-def _related(i: int, j: int, tips: Tips, ink: Ink, spared: Spared) -> bool:
+def _related(i: int, j: int, tips: Tips, ink: Ink, spared: MeetingVessels) -> bool:
     """Whether a joint may spare ink at all."""
     if ink.row[j] == tips.row[i]:
         return True
@@ -236,8 +236,8 @@ def _slope(i: int, tips: Tips) -> float:
 
 
 @jit
-def _nearest(i: int, j: int, limit: float, tips: Tips, ink: Ink, spared: Spared, needle: Needle,
-             stack: FloatArray) -> float:  # fmt: skip
+def _nearest(i: int, j: int, limit: float, tips: Tips, ink: Ink, spared: MeetingVessels,
+             needle: Needle, stack: FloatArray) -> float:  # fmt: skip
     """Nearest approach of two pieces outside of joints, mm; ``limit`` where none is below it."""
     way, axis = _span(tips.start[i], tips.end[i]), _span(ink.start[j], ink.end[j])
     axis += abs(ink.radius[j, 1] - ink.radius[j, 0])

@@ -10,7 +10,7 @@ from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.meetings import Meetings, of_one_joint
 from design.toolpath.embedded.needle import Needle, joint_reach, off_shaft, radius_at
 from design.toolpath.embedded.rules import TIPS, depth_at, flat_gap
-from design.toolpath.embedded.squares import Squares, near
+from design.toolpath.embedded.squares import ElementSquares, near
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
@@ -49,7 +49,7 @@ def barring(
     before: int,
     when: IntArray,
     elements: Elements,
-    squares: Squares,
+    squares: ElementSquares,
     meetings: Meetings,
     needle: Needle,
 ) -> IntArray:
@@ -80,7 +80,7 @@ def barred(
     since: int,
     when: IntArray,
     elements: Elements,
-    squares: Squares,
+    squares: ElementSquares,
     meetings: Meetings,
     needle: Needle,
 ) -> IntArray:
@@ -138,7 +138,7 @@ def meets(
     return False
 
 
-class Kept(NamedTuple):
+class ChosenExtensions(NamedTuple):
     """Extensions chosen so far, ``size[0]`` of them.
 
     Attributes
@@ -158,13 +158,13 @@ class Kept(NamedTuple):
     size: IntArray
 
 
-def none_kept(room: int) -> Kept:
+def none_kept(room: int) -> ChosenExtensions:
     """No extension yet, with room for so many."""
     places, values = np.zeros((room, 2, 3)), np.zeros((room, 4))
-    return Kept(places, values, np.zeros((room, 3), np.int64), np.zeros(1, np.int64))
+    return ChosenExtensions(places, values, np.zeros((room, 3), np.int64), np.zeros(1, np.int64))
 
 
-def keep(kept: Kept, extension: Extension, element: int, when: int) -> None:
+def keep(kept: ChosenExtensions, extension: Extension, element: int, when: int) -> None:
     """Add one."""
     row = int(kept.size[0])
     kept.place[row] = extension.start, extension.tip
@@ -174,7 +174,9 @@ def keep(kept: Kept, extension: Extension, element: int, when: int) -> None:
 
 
 @jit
-def tangled(extension: Extension, when: int, kept: Kept, meetings: Meetings, needle: Needle) -> int:
+def tangled(
+    extension: Extension, when: int, kept: ChosenExtensions, meetings: Meetings, needle: Needle
+) -> int:
     """Element of a kept extension of which one's shaft meets the other's ink; -1 for none."""
     for row in range(kept.size[0]):
         start, tip = kept.place[row, 0], kept.place[row, 1]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.joined import Joined
+from design.toolpath.embedded.joined import JoinedPasses
 from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.merge import fewest
 from design.toolpath.embedded.rules import Rules, one_way, with_more
@@ -40,7 +40,7 @@ class _Order:
     """Passes in an order, how they join, and what is wrong with it, the worst first."""
 
     passes: list[Pass]
-    joined: Joined
+    joined: JoinedPasses
     harm: tuple[int, int, int, int]
 
 
@@ -50,7 +50,7 @@ def ordered(
     head: IntArray,
     joiner: Joiner,
     out: NDArray[np.bool_] | None = None,
-) -> tuple[list[Pass], Joined]:
+) -> tuple[list[Pass], JoinedPasses]:
     """Passes in their order and how they join; the best of all rounds, its ways made short.
 
     Elements that are ``out`` (n,) aren't written; no rule names them.

@@ -38,7 +38,7 @@ class WeakJoint:
     apart_mm: float = 0.0
 
 
-class Brushed(NamedTuple):
+class BrushedOverlap(NamedTuple):
     """An overlap that the shaft meets while a later element is written, or ink met from one.
 
     Attributes
@@ -57,7 +57,7 @@ class Brushed(NamedTuple):
 
 
 @dataclass
-class Joined:
+class JoinedPasses:
     """Embedded passes extended to overlap at their joints.
 
     Attributes
@@ -72,7 +72,7 @@ class Joined:
         Those without an overlap.
     shortened : list of WeakJoint
         Of the overlapped, those with less than asked.
-    brushed : list of Brushed
+    brushed : list of BrushedOverlap
     wishes : list of (int, int)
         Elements of which the first, written before the second, would leave room for an overlap.
     """
@@ -84,5 +84,5 @@ class Joined:
     through: int = 0
     open: list[WeakJoint] = field(default_factory=list)
     shortened: list[WeakJoint] = field(default_factory=list)
-    brushed: list[Brushed] = field(default_factory=list)
+    brushed: list[BrushedOverlap] = field(default_factory=list)
     wishes: list[tuple[int, int]] = field(default_factory=list)

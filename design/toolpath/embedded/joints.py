@@ -23,11 +23,11 @@ from design.toolpath.embedded.extensions import (
     none_kept,
     tangled,
 )
-from design.toolpath.embedded.joined import Brushed, Joined, WeakJoint
+from design.toolpath.embedded.joined import BrushedOverlap, JoinedPasses, WeakJoint
 from design.toolpath.embedded.meetings import Meetings
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.squares import Squares
+from design.toolpath.embedded.squares import ElementSquares
 
 PARTS = (1.0, 0.5, 0.25)
 """Of an overlap that are tried, the longest first."""
@@ -50,8 +50,8 @@ class _Extended:
 
     end: _End
     extension: Extension
-    barred: list[Brushed]
-    brushed: list[Brushed]
+    barred: list[BrushedOverlap]
+    brushed: list[BrushedOverlap]
 
     @property
     def length(self) -> float:
@@ -74,7 +74,7 @@ class Joiner:
     Parameters
     ----------
     elements : Elements
-    squares : Squares
+    squares : ElementSquares
     meetings : Meetings
     needle : Needle
     strict : bool
@@ -84,7 +84,7 @@ class Joiner:
     def __init__(
         self,
         elements: Elements,
-        squares: Squares,
+        squares: ElementSquares,
         meetings: Meetings,
         needle: Needle,
         strict: bool = False,
@@ -92,7 +92,7 @@ class Joiner:
         self.elements, self.squares, self.meetings = elements, squares, meetings
         self.needle, self.strict = needle, strict
 
-    def join(self, passes: list[Pass], explain: bool = False) -> Joined:
+    def join(self, passes: list[Pass], explain: bool = False) -> JoinedPasses:
         """Close what can be closed; say of open ones what would close them, if asked."""
         return _Round(self, passes, explain).join()
 
@@ -103,7 +103,7 @@ class _Round:
     def __init__(self, joiner: Joiner, passes: list[Pass], explain: bool) -> None:
         self._scene, self._elements, self._passes = joiner, joiner.elements, passes
         self._explain = explain
-        self._out = Joined(np.zeros(len(passes)), np.zeros(len(passes)))
+        self._out = JoinedPasses(np.zeros(len(passes)), np.zeros(len(passes)))
         self._when = np.full(len(joiner.elements.end), NEVER, dtype=np.int64)
         for number, one in enumerate(passes):
             self._when[one.elements()] = number
@@ -111,7 +111,7 @@ class _Round:
         self._ends: dict[int, list[_End]] = {}  # passes that end at each point
         self._inked: dict[int, int] = {}  # the element last written at each point
 
-    def join(self) -> Joined:
+    def join(self) -> JoinedPasses:
         for number, one in enumerate(self._passes):
             order, points = one.elements().tolist(), self._points(one)
             self._out.through += len(one.legs) - 1
@@ -233,11 +233,11 @@ class _Round:
         bare = (*about[:-1], needle.bare())
         entered = set(barring(extension, now, *bare).tolist()) if len(bars) else set()
         brushes = barred(extension, now, *about).tolist() if not entered else []
-        met = [Brushed(element, k, k in entered) for k in bars.tolist()]
+        met = [BrushedOverlap(element, k, k in entered) for k in bars.tolist()]
         order = 2 * end.number + end.last
         other = tangled(extension, order, self._kept, scene.meetings, needle.bare())
         if other >= 0:
-            met.append(Brushed(element, int(other), True))
+            met.append(BrushedOverlap(element, int(other), True))
         return _Extended(
             end,
             extension,
@@ -254,10 +254,12 @@ class _Round:
             return np.inf
         return 0.0 if ahead else float(elements.arc[last] + elements.length[last])
 
-    def _brushed(self, later: int, end: _End, extension: Extension, needle: Needle) -> Brushed:
+    def _brushed(
+        self, later: int, end: _End, extension: Extension, needle: Needle
+    ) -> BrushedOverlap:
         meetings = self._scene.meetings
         entered = meets(later, extension, self._elements, meetings, needle.bare())
-        return Brushed(int(later), end.element, entered)
+        return BrushedOverlap(int(later), end.element, entered)
 
     def _harmless(
         self, whole: list[_Extended], sides: list[_End], point: int, reach: float

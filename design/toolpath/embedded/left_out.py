@@ -20,7 +20,7 @@ from design.toolpath.embedded.entering import (
 )
 from design.toolpath.embedded.meetings import Meetings
 from design.toolpath.embedded.needle import Needle
-from design.toolpath.embedded.report import Crossing, LeftOut
+from design.toolpath.embedded.report import Crossing, OmittedVessel
 from design.toolpath.embedded.rules import Rules, barring_each_other, kept, owners
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.toolpath import IntArray
@@ -192,7 +192,7 @@ class Leaving:
                     found.append(Pass(tuple(leg for _, leg in legs)))
         return found
 
-    def told(self) -> tuple[LeftOut, ...]:
+    def told(self) -> tuple[OmittedVessel, ...]:
         """All that isn't written, with what would have to change."""
         return tuple(self._told(vessel, why) for vessel, why in sorted(self._why.items()))
 
@@ -200,9 +200,9 @@ class Leaving:
         """Written vessels to which no flow leads."""
         return tuple(Supply(self._design).cut_off(set(self._why)))
 
-    def _told(self, vessel: int, why: Conflict) -> LeftOut:
+    def _told(self, vessel: int, why: Conflict) -> OmittedVessel:
         other = why.other if why.vessel == vessel else why.vessel
-        return LeftOut(vessel, other, why.place_mm, why.apart_mm, self._widest(why))
+        return OmittedVessel(vessel, other, why.place_mm, why.apart_mm, self._widest(why))
 
     def _widest(self, why: Conflict) -> float:
         """Outer diameter of the widest tip found with which two don't bar each other, mm."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from design.toolpath.embedded.bundles import Bundles
 from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.joined import Joined, WeakJoint
+from design.toolpath.embedded.joined import JoinedPasses, WeakJoint
 from design.toolpath.embedded.needle import JOINT, Needle
 from design.toolpath.embedded.report import EmbeddedReport
 from design.toolpath.embedded.rules import Rules, barring_each_other, kept, owners
@@ -73,7 +73,7 @@ class Lumens:
         share = length[self._owner] / length
         return self._owner[vessel], along * share[vessel][:, None], radius
 
-    def closed(self, joined: Joined) -> Joined:
+    def closed(self, joined: JoinedPasses) -> JoinedPasses:
         """Without joints that bundles close all the same: the strands beside them go on."""
         if self._bundles.is_plain:
             return joined

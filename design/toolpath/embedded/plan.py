@@ -14,7 +14,7 @@ from design.toolpath.embedded.elements import Elements, elements_of, longest_mm
 from design.toolpath.embedded.entering import TOUCH_MM
 from design.toolpath.embedded.heads import EmbeddedHeads
 from design.toolpath.embedded.improve import ordered
-from design.toolpath.embedded.joined import Joined, WeakJoint
+from design.toolpath.embedded.joined import JoinedPasses, WeakJoint
 from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.left_out import Leaving
 from design.toolpath.embedded.lumens import Lumens
@@ -26,7 +26,7 @@ from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
 from design.toolpath.embedded.rules import find_rules
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.spared import spared_of
-from design.toolpath.embedded.squares import Squares, squares_of
+from design.toolpath.embedded.squares import ElementSquares, squares_of
 from design.toolpath.embedded.touches import Touches, touches
 from design.toolpath.embedded.walk import Leg
 from design.toolpath.embedded.write import FilamentWriter, Stretch
@@ -34,7 +34,7 @@ from design.toolpath.toolpath import MoveKind, Toolpath
 
 
 @dataclass(frozen=True)
-class Met:
+class InkMet:
     """What the shaft meets, as in `EmbeddedReport`."""
 
     crossings: tuple[Crossing, ...]
@@ -47,9 +47,9 @@ class _Written:
     """A path with its joints, its writer, and what its shaft meets."""
 
     toolpath: Toolpath
-    joined: Joined
+    joined: JoinedPasses
     writer: FilamentWriter
-    met: Met
+    met: InkMet
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Scene:
 
     design: VesselNetwork
     elements: Elements
-    squares: Squares
+    squares: ElementSquares
     meetings: Meetings
     collisions: Touches
     needle: Needle
@@ -89,8 +89,8 @@ class Scene:
         return Scene(design, elements, squares, meetings, collisions, needle, lumens)
 
     def closed(
-        self, passes: list[Pass], joined: Joined, joiner: Joiner, heads: EmbeddedHeads
-    ) -> Joined:
+        self, passes: list[Pass], joined: JoinedPasses, joiner: Joiner, heads: EmbeddedHeads
+    ) -> JoinedPasses:
         """The joints of ordered passes, open ones with what would close them.
 
         Raises
@@ -107,7 +107,7 @@ class Scene:
     def written(
         self,
         passes: list[Pass],
-        joined: Joined,
+        joined: JoinedPasses,
         heads: EmbeddedHeads,
         known: dict[Leg, Stretch],
     ) -> _Written:
@@ -119,13 +119,13 @@ class Scene:
         toolpath = waited(writer.builder.build(), recovery_s, heads.shaft_mm)
         return _Written(toolpath, joined, writer, self.met(toolpath, writer, heads))
 
-    def met(self, toolpath: Toolpath, writer: FilamentWriter, heads: EmbeddedHeads) -> Met:
+    def met(self, toolpath: Toolpath, writer: FilamentWriter, heads: EmbeddedHeads) -> InkMet:
         """What the shaft meets on a path: the bare needle, and what it must keep free."""
         laid = WrittenMoves(*self.lumens.of_design(*writer.laid()))
         spared = spared_of(self.design, self.collisions, self.lumens.lumen_mm)
         look = max(one.clearance_mm for one in heads.options)
         found = account(toolpath, laid, spared, heads.needles(), look)
-        return Met(
+        return InkMet(
             crossings=_by_vessels([one for one in found if one.depth_mm > TOUCH_MM], toolpath),
             grazes=_by_vessels([one for one in found if one.depth_mm <= TOUCH_MM], toolpath),
             merged=_merged(self.design, self.collisions),
@@ -189,7 +189,7 @@ def plan_embedded(
     return EmbeddedPlan(done.toolpath, scene.lumens.told(report))
 
 
-def _refuse_open(joined: Joined, heads: EmbeddedHeads) -> None:
+def _refuse_open(joined: JoinedPasses, heads: EmbeddedHeads) -> None:
     allowed = min(options.open_joints for options in heads.options)
     if len(joined.open) > allowed:
         first = joined.open[0]

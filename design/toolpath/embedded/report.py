@@ -32,7 +32,7 @@ class Crossing:
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class OmittedVessel:
     """Vessel that isn't printed.
 
     Attributes
@@ -94,7 +94,7 @@ class EmbeddedReport:
     shortened, open : tuple of WeakJoint
         Of the overlaps, those shorter than asked because no side had room for more; joints that
         can't be overlapped.
-    left_out : tuple of LeftOut
+    left_out : tuple of OmittedVessel
         Vessels that aren't written, since no order keeps needle and ink apart.
     cut_off : tuple of int
         Written vessels to which no designed flow leads without those.
@@ -119,7 +119,7 @@ class EmbeddedReport:
     continued: int
     shortened: tuple[WeakJoint, ...]
     open: tuple[WeakJoint, ...]
-    left_out: tuple[LeftOut, ...]
+    left_out: tuple[OmittedVessel, ...]
     cut_off: tuple[int, ...]
     design_ul: float
     overlap_ul: float

@@ -21,7 +21,7 @@ from design.toolpath.embedded.needle import (
     radius_at,
     without_clearance,
 )
-from design.toolpath.embedded.squares import Squares, near
+from design.toolpath.embedded.squares import ElementSquares, near
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
@@ -54,7 +54,9 @@ class Rules(NamedTuple):
     harm: FloatArray
 
 
-def find_rules(elements: Elements, squares: Squares, meetings: Meetings, needle: Needle) -> Rules:
+def find_rules(
+    elements: Elements, squares: ElementSquares, meetings: Meetings, needle: Needle
+) -> Rules:
     """All pairs whose order matters; two that say the opposite harm each other in any order."""
     return Rules(*_all_pairs(elements, squares, meetings, needle))
 
@@ -258,7 +260,7 @@ def _pair_depth(i: int, j: int, elements: Elements, meetings: Meetings, needle: 
 
 @jit
 def _all_pairs(
-    elements: Elements, squares: Squares, meetings: Meetings, needle: Needle
+    elements: Elements, squares: ElementSquares, meetings: Meetings, needle: Needle
 ) -> tuple[IntArray, IntArray, FloatArray]:
     count = len(elements.end)
     begin = np.zeros(count + 1, dtype=np.int64)

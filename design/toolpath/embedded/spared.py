@@ -17,7 +17,7 @@ PAST_MM: Final = 0.002
 """Rounding of a place at a vessel's end."""
 
 
-class Spared(NamedTuple):
+class MeetingVessels(NamedTuple):
     """Where vessels meet, those of vessel ``v`` in ``begin[v]:begin[v + 1]``.
 
     Attributes
@@ -46,7 +46,7 @@ class Spared(NamedTuple):
     length: FloatArray
 
 
-def spared_of(network: VesselNetwork, touches: Touches, lumen_mm: FloatArray) -> Spared:
+def spared_of(network: VesselNetwork, touches: Touches, lumen_mm: FloatArray) -> MeetingVessels:
     """Nodes and touches of a network, in the vessels' own lengths."""
     length = arcs_of(network)[1]
     ends: dict[int, list[tuple[int, float]]] = {}
@@ -67,12 +67,14 @@ def spared_of(network: VesselNetwork, touches: Touches, lumen_mm: FloatArray) ->
     count = np.bincount(rows[:, 0].astype(np.int64), minlength=network.vessel_count)
     begin = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
     own, there, wide, gap = (np.ascontiguousarray(column) for column in rows[:, 2:].T)
-    return Spared(begin, rows[:, 1].astype(np.int64), own, there, wide, gap, lumen_mm, length)
+    return MeetingVessels(
+        begin, rows[:, 1].astype(np.int64), own, there, wide, gap, lumen_mm, length
+    )
 
 
 @jit
 def reach_of(
-    vessel: int, radius: float, other: int, thick: float, spared: Spared, needle: Needle
+    vessel: int, radius: float, other: int, thick: float, spared: MeetingVessels, needle: Needle
 ) -> float:
     """How far the joint of a filament with another one goes, mm."""
     wide = max(radius, thick, spared.lumen_mm[vessel], spared.lumen_mm[other])
@@ -80,7 +82,7 @@ def reach_of(
 
 
 @jit
-def meetings_between(vessel: int, other: int, spared: Spared) -> tuple[int, int]:
+def meetings_between(vessel: int, other: int, spared: MeetingVessels) -> tuple[int, int]:
     """Range of the places where two vessels meet."""
     begin, end = spared.begin[vessel], spared.begin[vessel + 1]
     low = begin + np.searchsorted(spared.other[begin:end], other)
@@ -88,7 +90,7 @@ def meetings_between(vessel: int, other: int, spared: Spared) -> tuple[int, int]
 
 
 @jit
-def past_other_end(vessel: int, at: float, end: float, spared: Spared) -> float:
+def past_other_end(vessel: int, at: float, end: float, spared: MeetingVessels) -> float:
     """How far a place lies past the vessel's other end than ``end``, mm; below 0 before it.
 
     What lies past an end lies where another vessel is, and belongs to that end's joint alone.
@@ -98,7 +100,13 @@ def past_other_end(vessel: int, at: float, end: float, spared: Spared) -> float:
 
 @jit
 def inside_joint(
-    vessel: int, at: float, left: float, other: int, there: float, reach: float, spared: Spared
+    vessel: int,
+    at: float,
+    left: float,
+    other: int,
+    there: float,
+    reach: float,
+    spared: MeetingVessels,
 ) -> float:
     """How far inside a joint ink ``there`` along a vessel lies, mm; below 0 it is outside.
 

@@ -13,7 +13,7 @@ from kernels import jit
 MAX_CELLS = 4_000_000
 
 
-class Squares(NamedTuple):
+class ElementSquares(NamedTuple):
     """Elements by squares of the plan, those of square s in ``member[begin[s]:begin[s + 1]]``.
 
     What lies within the pitch of a place is found in the nine squares about it.
@@ -33,7 +33,7 @@ class Squares(NamedTuple):
     around: FloatArray
 
 
-def squares_of(elements: Elements, shaft_mm: float) -> Squares:
+def squares_of(elements: Elements, shaft_mm: float) -> ElementSquares:
     """Elements by their middles, in squares so wide that the next ones hold all that is hit."""
     middle = elements.point[elements.end].mean(axis=1)[:, :2]
     origin, size = middle.min(axis=0), np.ptp(middle, axis=0)
@@ -48,11 +48,11 @@ def squares_of(elements: Elements, shaft_mm: float) -> Squares:
     thick = elements.radius.max(axis=1)
     top = elements.point[elements.end, 2].max(axis=1) + thick
     around = np.column_stack([middle, top, thick + elements.length / 2])
-    return Squares(origin, pitch, shape, begin, member, np.ascontiguousarray(around[member]))
+    return ElementSquares(origin, pitch, shape, begin, member, np.ascontiguousarray(around[member]))
 
 
 @jit
-def near(squares: Squares, place: FloatArray, k: int) -> tuple[int, int]:
+def near(squares: ElementSquares, place: FloatArray, k: int) -> tuple[int, int]:
     """Range of `Squares.member` in the ``k``-th (0..2) of three rows of squares about a place."""
     x = int(np.floor((place[0] - squares.origin[0]) / squares.pitch)) - 1 + k
     y = int(np.floor((place[1] - squares.origin[1]) / squares.pitch))

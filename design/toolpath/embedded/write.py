@@ -17,7 +17,7 @@ from design.toolpath.embedded.elements import (
 from design.toolpath.embedded.filament import frustum_ul, writing_speed
 from design.toolpath.embedded.ground import Ground, ground_under, highest_along, lay
 from design.toolpath.embedded.heads import EmbeddedHeads
-from design.toolpath.embedded.joined import Joined
+from design.toolpath.embedded.joined import JoinedPasses
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.walk import Leg
 from design.toolpath.moves import MoveBuilder
@@ -86,7 +86,7 @@ class FilamentWriter:
             elements.point, heads.shaft_mm, float(elements.radius.max())
         )
 
-    def write_all(self, passes: list[Pass], joined: Joined) -> None:
+    def write_all(self, passes: list[Pass], joined: JoinedPasses) -> None:
         """Write passes in their order."""
         for one, before, beyond in zip(passes, joined.before, joined.beyond, strict=True):
             self._write([self._stretch(leg) for leg in one.legs], float(before), float(beyond))

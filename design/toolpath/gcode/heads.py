@@ -22,10 +22,10 @@ import numpy as np
 from design.errors import ToolpathError
 from design.toolpath.gcode.commands import Stops, joined, stops
 from design.toolpath.gcode.job import Gcode, GcodeOptions
-from design.toolpath.gcode.load import HeadLoad, Standing
+from design.toolpath.gcode.load import HeadLoad, IdleHead
 from design.toolpath.gcode.marks import Context, Marks, marks_of
 from design.toolpath.gcode.render import Table
-from design.toolpath.gcode.table import Reached, counted_from, declared, tabulate
+from design.toolpath.gcode.table import JobPosition, counted_from, declared, tabulate
 from design.toolpath.gcode.trip import at_height, begin_of, way_in
 from design.toolpath.gcode.writer import Writer
 from design.toolpath.toolpath import FloatArray, IntArray, MoveKind, Toolpath
@@ -83,7 +83,7 @@ class HeadsWriter(Writer):
                 "hold something (options: heads); say it of each"
             )
         self._heads = [
-            Standing(number, head, printer.of_head(number), load)
+            IdleHead(number, head, printer.of_head(number), load)
             for number, (head, load) in enumerate(zip(printer.heads, loads, strict=True))
         ]
         # The finest plunger's digits for all, so that one job has one writing of E.
@@ -146,7 +146,7 @@ class HeadsWriter(Writer):
         tip, options = toolpath.start[rows[0]] + self._place, self._options
         to = tip - self._heads[number].offset
         begin = begin_of(to, options)
-        self._begin = self._reached = Reached.at(begin, self._printer)
+        self._begin = self._reached = JobPosition.at(begin, self._printer)
         first = self._heads[0]
         for one in self._heads[1:]:
             lines.say(*_moved(one, to_raise=True))
@@ -160,7 +160,7 @@ class HeadsWriter(Writer):
         told = not blind and not self._dialect.declares
         lines.add(declared(table, self._begin, position=told, plunger=True))
 
-    def _change(self, new: Standing, first_mm: FloatArray, lines: _Lines) -> None:
+    def _change(self, new: IdleHead, first_mm: FloatArray, lines: _Lines) -> None:
         """Leave the head in use, take ``new``, and go to where its first move begins."""
         self._leave(lines)
         old, self._active = self._active, new
@@ -209,7 +209,7 @@ class HeadsWriter(Writer):
     # -- text
 
     @property
-    def _at(self) -> Reached:
+    def _at(self) -> JobPosition:
         if self._reached is None:
             raise ToolpathError("the job hasn't begun; there is no place to go on from")
         return self._reached
@@ -221,7 +221,7 @@ class HeadsWriter(Writer):
         return found
 
     def _add(
-        self, commands: Stops, one: Standing, lines: _Lines, at: Reached | None = None
+        self, commands: Stops, one: IdleHead, lines: _Lines, at: JobPosition | None = None
     ) -> None:
         """Rows of commands of one head, whose plunger's limits hold for them."""
         speed = one.printer.max_speed_mm_s
@@ -238,7 +238,7 @@ def _alike(printer: Printer, syringe: Syringe, options: GcodeOptions) -> tuple[H
     return (load,) * printer.head_count
 
 
-def _moved(one: Standing, *, to_raise: bool) -> list[str]:
+def _moved(one: IdleHead, *, to_raise: bool) -> list[str]:
     """Raise or lower a head with the motors standing, and wait until it is; nothing if fixed."""
     command = one.head.raises if to_raise else one.head.lowers
     if command is None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from design.toolpath.checks import require_not_negative, require_positive
 from design.toolpath.gcode.commands import plunger_mm_per_ul
-from design.toolpath.gcode.table import Reached
+from design.toolpath.gcode.table import JobPosition
 from design.toolpath.toolpath import FloatArray
 from firmware_profiles import Head, Printer, Syringe
 
@@ -40,7 +40,7 @@ class HeadLoad:
 
 
 @dataclass
-class Standing:
+class IdleHead:
     """One head between two runs of its moves.
 
     Attributes
@@ -85,12 +85,12 @@ class Standing:
         """Where its plunger stands, from the job's begin."""
         return self.pushed_ul * self.per_ul / self.load.flow_factor - self.owed_ul * self.per_ul
 
-    def reached(self, at: Reached) -> Reached:
+    def reached(self, at: JobPosition) -> JobPosition:
         """``at``, with this head's plunger in place of another's."""
         quanta = at.quanta.copy()
         quanta[_E] = self.quantum
         return replace(at, quanta=quanta, base=self.base)
 
-    def remember(self, at: Reached) -> None:
+    def remember(self, at: JobPosition) -> None:
         """Keep how far this head's plunger has come in the text."""
         self.quantum, self.base = int(at.quanta[_E]), at.base

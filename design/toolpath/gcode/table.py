@@ -23,7 +23,7 @@ _NOTHING = Table(
 
 
 @dataclass(frozen=True)
-class Reached:
+class JobPosition:
     """Where a job stands between two parts of its toolpath.
 
     Attributes
@@ -41,16 +41,16 @@ class Reached:
     base: int = 0
 
     @staticmethod
-    def at(position: FloatArray, printer: Printer) -> Reached:
+    def at(position: FloatArray, printer: Printer) -> JobPosition:
         """The begin of a job, ``position`` (4,) in mm."""
-        return Reached(_quanta(position[None], decimals_for(printer))[0])
+        return JobPosition(_quanta(position[None], decimals_for(printer))[0])
 
     def position(self, printer: Printer) -> FloatArray:
         """The same in mm, (4,)."""
         return np.asarray(self.quanta / _scale(decimals_for(printer)))
 
 
-def counted_from(reached: Reached, printer: Printer) -> tuple[Table, Reached]:
+def counted_from(reached: JobPosition, printer: Printer) -> tuple[Table, JobPosition]:
     """Count E from where a head's plunger stands, less whole mm; the row, and what is reached.
 
     Whole millimetres are whole motor steps, as where E is counted anew in mid-run: no part of a
@@ -62,12 +62,12 @@ def counted_from(reached: Reached, printer: Printer) -> tuple[Table, Reached]:
     words = np.zeros((1, 4), dtype=np.int64)
     words[0, _E] = travel - base
     row = _with_sets(_NOTHING, np.zeros(1, np.int64), words, position=False, plunger=True)
-    return row, Reached(reached.quanta, reached.feed, base)
+    return row, JobPosition(reached.quanta, reached.feed, base)
 
 
 def tabulate(
-    stops: Stops, reached: Reached, printer: Printer, *, blind: bool = False
-) -> tuple[Table, Reached]:
+    stops: Stops, reached: JobPosition, printer: Printer, *, blind: bool = False
+) -> tuple[Table, JobPosition]:
     """Words of a part of a job's commands, and where the job stands after them.
 
     A command that changes nothing in the last digit is left out; positions are absolute, so the
@@ -100,10 +100,10 @@ def tabulate(
     table, base = Table(stops.code, value, given, stops.source, stops.move), 0
     if not printer.pneumatic and dialect_of(printer).counts_anew:
         table, base = _counted_anew(table, reached, digits)
-    return table, Reached(quanta[-1] if len(quanta) else reached.quanta, feed, base)
+    return table, JobPosition(quanta[-1] if len(quanta) else reached.quanta, feed, base)
 
 
-def declared(table: Table, begin: Reached, *, position: bool, plunger: bool) -> Table:
+def declared(table: Table, begin: JobPosition, *, position: bool, plunger: bool) -> Table:
     """Put the G92 in front that says where the tip stands, and that E is 0."""
     if not (position or plunger):
         return table
@@ -111,7 +111,7 @@ def declared(table: Table, begin: Reached, *, position: bool, plunger: bool) -> 
     return _with_sets(table, first, begin.quanta[None], position=position, plunger=plunger)
 
 
-def place_text(begin: Reached, printer: Printer) -> tuple[str, str, str]:
+def place_text(begin: JobPosition, printer: Printer) -> tuple[str, str, str]:
     """Where the tip stands at the begin, as the moves round it: X, Y, Z."""
     digits = decimals_for(printer)
     places = (digits.x, digits.y, digits.z)
@@ -131,7 +131,7 @@ def _scale(digits: Decimals) -> FloatArray:
     return 10.0 ** np.array([digits.x, digits.y, digits.z, digits.e])
 
 
-def _feeds(stops: Stops, reached: Reached, printer: Printer, digits: Decimals) -> IntArray:
+def _feeds(stops: Stops, reached: JobPosition, printer: Printer, digits: Decimals) -> IntArray:
     """F of each command in its last digit, never above an axis' limit.
 
     A move steep in Z or rich in ink goes slower as a whole, so its path and its ink per length
@@ -153,7 +153,7 @@ def _feeds(stops: Stops, reached: Reached, printer: Printer, digits: Decimals) -
     return np.maximum(quanta, 1).astype(np.int64)
 
 
-def _counted_anew(table: Table, reached: Reached, digits: Decimals) -> tuple[Table, int]:
+def _counted_anew(table: Table, reached: JobPosition, digits: Decimals) -> tuple[Table, int]:
     """Count E anew (G92) before float32 loses its last digit; and the last base.
 
     Only whole millimetres are taken away: whole motor steps on a printer with whole steps per

@@ -14,7 +14,7 @@ from design.toolpath.gcode.job import Gcode, GcodeOptions
 from design.toolpath.gcode.marks import Context, Marks, marks_of
 from design.toolpath.gcode.numbers import decimals_for
 from design.toolpath.gcode.render import Table, render
-from design.toolpath.gcode.table import Reached, declared, place_text, tabulate
+from design.toolpath.gcode.table import JobPosition, declared, place_text, tabulate
 from design.toolpath.gcode.trip import begin_of, way_in, way_out
 from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
 from firmware_profiles import Printer, Syringe
@@ -51,8 +51,8 @@ class Writer:
         cleared = min(self._path_top + options.clearance_mm, printer.z_mm.high)
         self._top = max(cleared, self._path_top)
         self._dialect = dialect_of(printer)
-        self._begin: Reached | None = None
-        self._reached: Reached | None = None
+        self._begin: JobPosition | None = None
+        self._reached: JobPosition | None = None
         self._pushed_ul = 0.0
         self._moves = 0
         self._source: int | None = None
@@ -97,11 +97,11 @@ class Writer:
                 f"above the {self._path_top:g} mm that the job was begun for (top_mm)"
             )
 
-    def _where(self, toolpath: Toolpath) -> tuple[Reached, Reached]:
+    def _where(self, toolpath: Toolpath) -> tuple[JobPosition, JobPosition]:
         """The job's begin, and where it stands now."""
         if self._begin is None or self._reached is None:
             place = begin_of(toolpath.start[0] + self._place, self._options)
-            self._begin = self._reached = Reached.at(place, self._printer)
+            self._begin = self._reached = JobPosition.at(place, self._printer)
         return self._begin, self._reached
 
     def _stops(self, toolpath: Toolpath, *, first: bool, last: bool) -> Stops:
@@ -151,7 +151,7 @@ class Writer:
         if len(writes):
             self._source = int(toolpath.source[writes[-1]])
 
-    def _framed(self, gcode: Gcode, begin: Reached, *, first: bool, last: bool) -> Gcode:
+    def _framed(self, gcode: Gcode, begin: JobPosition, *, first: bool, last: bool) -> Gcode:
         """Put the dialect's header before the first part, its footer behind the last."""
         known = self._options.start_mm is not None
         start = place_text(begin, self._printer) if known else None

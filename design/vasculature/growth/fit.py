@@ -10,7 +10,7 @@ from design.geometry import point_segment, segment_segment
 from design.tissue.depth import depth_along
 from design.vasculature.growth.index import REACH, CellIndex, cell_range
 from design.vasculature.growth.joints import joint_fits
-from design.vasculature.growth.room import Fork, Room, neighbours_of
+from design.vasculature.growth.room import Room, TrialBifurcation, neighbours_of
 from kernels import jit
 
 Seven = tuple[np.int64, np.int64, np.int64, np.int64, np.int64, np.int64, np.int64]
@@ -118,7 +118,7 @@ def in_tissue(
 
 
 @jit
-def fits(index: CellIndex, segments: Any, room: Room, fork: Fork) -> bool:
+def fits(index: CellIndex, segments: Any, room: Room, fork: TrialBifurcation) -> bool:
     """Whether a fork fits everywhere; the cheap tests first."""
     if not joint_fits(segments, room, fork):
         return False

@@ -7,7 +7,7 @@ from typing import Any
 from design.geometry import point_segment
 from design.vasculature.growth.bifurcation import distance
 from design.vasculature.growth.joint_limits import fork_within_limits, joint_within_limits
-from design.vasculature.growth.room import Fork, Room, kept_apart, neighbours_of
+from design.vasculature.growth.room import Room, TrialBifurcation, kept_apart, neighbours_of
 from kernels import jit
 
 GOES = -1.0
@@ -35,7 +35,7 @@ def ends_clear(room: Room, tip: Any, radius: float, begin: Any, end: Any, other:
 
 
 @jit
-def joint_fits(segments: Any, room: Room, fork: Fork) -> bool:
+def joint_fits(segments: Any, room: Room, fork: TrialBifurcation) -> bool:
     """Whether a fork's three pieces are long enough, and part from each other and at their ends."""
     s = segments[fork.segment]
     p, d = (s.px, s.py, s.pz), (s.dx, s.dy, s.dz)
@@ -61,7 +61,9 @@ def joint_fits(segments: Any, room: Room, fork: Fork) -> bool:
 
 
 @jit
-def _still_parted(segments: Any, room: Room, fork: Fork, p: Any, b: Any, d: Any) -> bool:
+def _still_parted(
+    segments: Any, room: Room, fork: TrialBifurcation, p: Any, b: Any, d: Any
+) -> bool:
     """Whether the joints at either end of the parted segment bear the pieces it leaves there."""
     parent, sibling, left, right = neighbours_of(segments, fork.segment)
     if parent >= 0:

@@ -10,7 +10,7 @@ from design.vasculature.growth.bifurcation import best_place, distance, split_va
 from design.vasculature.growth.cost import ENOUGH, Sprout, climb
 from design.vasculature.growth.fit import fits
 from design.vasculature.growth.index import CellIndex
-from design.vasculature.growth.room import Fork, Room
+from design.vasculature.growth.room import Room, TrialBifurcation
 from design.vasculature.options import Law
 from design.vasculature.penalty import PenaltyArrays, weighed
 from kernels import jit
@@ -46,7 +46,7 @@ def trial(
     rise, _, _, r_up = climb(segments, i, load, spend, sprout.flow, ENOUGH, law)
     r_low = r_up * np.sqrt(np.sqrt(low_load / m))
     r_new = r_up * np.sqrt(np.sqrt(sprout.flow * sprout.thick * law.k * new / m))
-    fork = Fork(
+    fork = TrialBifurcation(
         np.int64(i),
         b[0],
         b[1],
@@ -245,7 +245,7 @@ def propose(
     size: int,
 ) -> tuple[bool, Any]:
     """The cheapest fork that fits, of the segments ``found[:size]``."""
-    fork = Fork(np.int64(-1), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    fork = TrialBifurcation(np.int64(-1), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     costs = np.full(size, np.inf)
     places = np.empty((size, 3))
     slopes = np.empty((size, 3))

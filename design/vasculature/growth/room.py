@@ -43,7 +43,7 @@ class Room(NamedTuple):
     limits: Limits
 
 
-class Fork(NamedTuple):
+class TrialBifurcation(NamedTuple):
     """A trial bifurcation on a segment: its place, the new end, three radii (mm).
 
     ``flow`` and ``thick`` are what the new branch brings; see `cost.Sprout`.

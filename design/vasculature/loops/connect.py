@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from design.vasculature.growth.index import CellIndex, empty_index, insert
 from design.vasculature.loops.curve_fit import CAPSULE, Ends, Rule, radius_for, weigh
 from design.vasculature.loops.curves import PIECES, best_curve
-from design.vasculature.loops.routes import Crowd, find_route
+from design.vasculature.loops.routes import RouteObstacles, find_route
 from design.vasculature.loops.tips import Tips
 from kernels import jit
 
@@ -157,7 +157,7 @@ class Web:
     def _route(self, number: int) -> bool:
         """Lay one connection by a way round; False when there is none."""
         self._stubs(number, 0)
-        crowd = Crowd(self.rule, self.index, self.capsules, self.bounds)
+        crowd = RouteObstacles(self.rule, self.index, self.capsules, self.bounds)
         for ends in self._ends(number):
             route = find_route(ends, crowd)
             if route is not None:

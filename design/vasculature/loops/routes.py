@@ -42,7 +42,7 @@ _MOST_LEGS = 64
 
 
 @dataclass(frozen=True)
-class Crowd:
+class RouteObstacles:
     """What a route has to keep clear of.
 
     Attributes
@@ -69,7 +69,7 @@ class Route:
     cost: float
 
 
-def find_route(ends: Ends, crowd: Crowd) -> Route | None:
+def find_route(ends: Ends, crowd: RouteObstacles) -> Route | None:
     """The cheapest of several routes between two ends, or None where none was found.
 
     Each has bends, kinks, clearance and containment tested as a Bézier curve has, and the same
@@ -89,7 +89,7 @@ def find_route(ends: Ends, crowd: Crowd) -> Route | None:
 
 
 def _way(
-    ends: Ends, crowd: Crowd, per_chord: float, margin: float, room: float
+    ends: Ends, crowd: RouteObstacles, per_chord: float, margin: float, room: float
 ) -> FloatArray | None:
     """The shortest way over one lattice, (n, 3)."""
     chord = float(np.linalg.norm(ends.point[1] - ends.point[0]))
@@ -122,7 +122,9 @@ def _way(
     return None
 
 
-def _smoothed(way: FloatArray, ends: Ends, crowd: Crowd, best: Route | None) -> Route | None:
+def _smoothed(
+    way: FloatArray, ends: Ends, crowd: RouteObstacles, best: Route | None
+) -> Route | None:
     """The cheapest spline along a way, where it is cheaper than the ``best`` so far."""
     arc = _arc(way)
     radius = radius_for(float(arc[-1]), ends, crowd.rule)

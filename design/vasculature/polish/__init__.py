@@ -2,12 +2,12 @@
 
 from design.vasculature.polish.cost import tree_volume
 from design.vasculature.polish.options import PolishOptions
-from design.vasculature.polish.polish import Faults, Polished, find_faults, polish
+from design.vasculature.polish.polish import Faults, PolishedTree, find_faults, polish
 
 __all__ = [
     "Faults",
     "PolishOptions",
-    "Polished",
+    "PolishedTree",
     "find_faults",
     "polish",
     "tree_volume",

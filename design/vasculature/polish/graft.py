@@ -13,7 +13,7 @@ import numpy as np
 
 from design.vasculature.growth.cost import joined
 from design.vasculature.growth.index import REACH, CellIndex, insert, nearest_segments
-from design.vasculature.growth.room import Fork, Room, neighbours_of
+from design.vasculature.growth.room import Room, TrialBifurcation, neighbours_of
 from design.vasculature.options import Law
 from design.vasculature.polish.cost import fork_slopes, relengthened, walk_up
 from design.vasculature.polish.fit import far_end, length_of, near_end
@@ -82,7 +82,7 @@ def _best_fork(segments: Any, i: Any, c: Any, law: Law) -> tuple[float, float, f
 @jit
 def fork_cost(
     segments: Any, i: Any, c: Any, b: Any, flow_over_drop: float, law: Law
-) -> tuple[float, Fork]:
+) -> tuple[float, TrialBifurcation]:
     """Cost of the tree with the cut branch ``c`` on segment ``i`` at ``b``, and the fork."""
     s, branch = segments[i], segments[c]
     lengths, loads, spends = _fork_at(segments, i, c, b, law)
@@ -93,7 +93,7 @@ def fork_cost(
     radius = np.sqrt(np.sqrt(flow_over_drop * radius4))
     t = far_end(branch)
     low, new = np.sqrt(np.sqrt(loads[0] / m)), np.sqrt(np.sqrt(loads[1] / m))
-    return cost, Fork(
+    return cost, TrialBifurcation(
         np.int64(i),
         b[0],
         b[1],
@@ -156,7 +156,7 @@ def _try_fork(
     room: Room,
     law: Law,
     flow_over_drop: float,
-    fork: Fork,
+    fork: TrialBifurcation,
     c: Any,
     free: Any,
     below: float,

@@ -10,7 +10,7 @@ from design.vasculature.growth.fit import seven
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.growth.joint_limits import end_fits, losing_fits, start_fits
 from design.vasculature.growth.joints import joint_fits
-from design.vasculature.growth.room import Fork, Room, neighbours_of
+from design.vasculature.growth.room import Room, TrialBifurcation, neighbours_of
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import (
     capsule_fits,
@@ -25,7 +25,9 @@ from kernels import jit
 
 
 @jit
-def fork_fits(index: CellIndex, segments: Any, room: Room, fork: Fork, c: Any, gone: Any) -> bool:
+def fork_fits(
+    index: CellIndex, segments: Any, room: Room, fork: TrialBifurcation, c: Any, gone: Any
+) -> bool:
     """Whether branch ``c`` fits on the fork's segment; ``gone`` is no obstacle any more."""
     i = int(fork.segment)
     b, t = (fork.bx, fork.by, fork.bz), (fork.tx, fork.ty, fork.tz)

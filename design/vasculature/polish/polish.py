@@ -49,7 +49,7 @@ class Faults:
 
 
 @dataclass(frozen=True)
-class Polished:
+class PolishedTree:
     """A polished tree, and what it took.
 
     Attributes
@@ -92,7 +92,7 @@ def find_faults(tissue: Tissue, tree: VesselTree, options: PolishOptions) -> Fau
     return Faults(found.count, len(found.joint_pieces), int((~inside).sum()), int(short.sum()))
 
 
-def polish(tissue: Tissue, tree: VesselTree, options: PolishOptions) -> Polished:
+def polish(tissue: Tissue, tree: VesselTree, options: PolishOptions) -> PolishedTree:
     """Lower a tree's cost by moving branch points and branches; terminals and stem stay.
 
     Branch points move, one after another in sweeps, towards the weighted Fermat point of their
@@ -114,7 +114,7 @@ def polish(tissue: Tissue, tree: VesselTree, options: PolishOptions) -> Polished
 
     Returns
     -------
-    Polished
+    PolishedTree
         Never dearer than what came in, nor with more collisions, joint overlaps or segments
         outside. Same input, same bytes, whatever the number of threads. The smallest radius isn't
         held: scale with `scaled_to_smallest_radius` and check anew. A penalty isn't known here.
@@ -138,7 +138,7 @@ def polish(tissue: Tissue, tree: VesselTree, options: PolishOptions) -> Polished
     ratio = bench.cost / cost
     if not after.no_worse_than(before) or not ratio < 1.0:
         done, after, ratio, relaxed = tree, before, 1.0, 1.0
-    return Polished(
+    return PolishedTree(
         tree=done,
         volume_before=tree_volume(tree),
         volume_after=tree_volume(done),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from design.vasculature.growth.room import Fork, neighbours_of
+from design.vasculature.growth.room import TrialBifurcation, neighbours_of
 from design.vasculature.growth.state import place, refresh, refresh_upwards
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import far_end, near_end
@@ -50,7 +50,7 @@ def uncut(segments: Any, p: Any, a: Any, c: Any, saved: Any, law: Law) -> None:
 
 
 @jit
-def attach(segments: Any, fork: Fork, c: Any, free: Any, law: Law) -> None:
+def attach(segments: Any, fork: TrialBifurcation, c: Any, free: Any, law: Law) -> None:
     """Part the fork's segment at its place and hang branch ``c`` there; ``free`` is used."""
     i = int(fork.segment)
     s = segments[i]

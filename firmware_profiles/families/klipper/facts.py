@@ -26,19 +26,19 @@ from firmware_profiles.families.dialect import Dialect, always
 from firmware_profiles.families.family import Family
 from firmware_profiles.families.gate_facts import (
     Advance,
-    Ask,
+    AllowQuery,
+    AllowValues,
+    CheckNamedHeater,
     ChooseHead,
     GateFacts,
-    HeatNamed,
     Keys,
-    OnlyWith,
     Rule,
     Timeout,
 )
 from firmware_profiles.families.grammar import Grammar
 from firmware_profiles.families.job_facts import (
-    ByHand,
     ColdExtrusion,
+    ConfigurationFacts,
     HeadFacts,
     IdleTimeout,
     m302_by_p,
@@ -51,14 +51,14 @@ from firmware_profiles.families.probe_facts import ProbeFacts
 
 _CLEAN: Final = ("M220 S100", "M221 S100", "SET_GCODE_OFFSET X=0 Y=0 Z=0")
 _HEATERS: Final = {"extruder": "nozzle", "heater_bed": "bed"}
-_HEAT: Final = HeatNamed("HEATER", _HEATERS, "extruder", ("TARGET",))
-_AWAIT: Final = HeatNamed("SENSOR", _HEATERS, "extruder", ("MINIMUM", "MAXIMUM"))
+_HEAT: Final = CheckNamedHeater("HEATER", _HEATERS, "extruder", ("TARGET",))
+_AWAIT: Final = CheckNamedHeater("SENSOR", _HEATERS, "extruder", ("MINIMUM", "MAXIMUM"))
 _ASKED: Final[dict[str, Rule]] = {
-    "GET_POSITION": Ask(),
-    "STATUS": Ask(),
-    "SET_VELOCITY_LIMIT": Ask(),
-    "SET_PRESSURE_ADVANCE": Ask(),
-    "TURN_OFF_HEATERS": Ask(),
+    "GET_POSITION": AllowQuery(),
+    "STATUS": AllowQuery(),
+    "SET_VELOCITY_LIMIT": AllowQuery(),
+    "SET_PRESSURE_ADVANCE": AllowQuery(),
+    "TURN_OFF_HEATERS": AllowQuery(),
     "SET_HEATER_TEMPERATURE": _HEAT,
 }
 
@@ -98,7 +98,9 @@ FAMILY: Final = Family(
             **_ASKED,
             "ACTIVATE_EXTRUDER": ChooseHead(),
             "SET_FAN_SPEED": Keys({"FAN": None, "SPEED": (0, 1)}, ("FAN", "SPEED")),
-            "SET_GCODE_OFFSET": OnlyWith({"X": 0, "Y": 0, "Z": 0}, "write the places themselves"),
+            "SET_GCODE_OFFSET": AllowValues(
+                {"X": 0, "Y": 0, "Z": 0}, "write the places themselves"
+            ),
             "SET_IDLE_TIMEOUT": Timeout("TIMEOUT"),
             "SET_KINEMATIC_POSITION": Keys(dict.fromkeys("XYZ", (-1e6, 1e6))),
             "SET_PRESSURE_ADVANCE": Advance("ADVANCE"),
@@ -123,7 +125,7 @@ FAMILY: Final = Family(
         example="ACTIVATE_EXTRUDER EXTRUDER=extruder1",
         confirms=_confirms,
     ),
-    by_hand=ByHand(
+    by_hand=ConfigurationFacts(
         "printer.cfg",
         "min_extrude_temp must be 0 (section extruder), and the section force_move must be "
         "there with enable_force_move, else it refuses the first move; see that they are",

@@ -72,7 +72,9 @@ class KlipperProtocol(AckProtocol):
 
     def _tell_reason(self, reason: str, events: list[Event]) -> None:
         """End with why it has stopped; empty where it doesn't say."""
-        self.end(said.Halted(f"{self._halted}: {reason}" if reason else self._halted), events)
+        self.end(
+            said.FirmwareHalted(f"{self._halted}: {reason}" if reason else self._halted), events
+        )
 
     def hear(self, text: bytes, now: float, events: list[Event]) -> None:
         """Hear a line; after a shutdown its reason alone is waited for, nothing else leaves."""

@@ -31,7 +31,7 @@ class Phase(Enum):
     OVER = auto()
 
 
-class Goal(Enum):
+class QueryGoal(Enum):
     """What a question is asked for."""
 
     GO_ON = auto()
@@ -40,7 +40,7 @@ class Goal(Enum):
 
 
 @dataclass
-class Doubt:
+class DoubtEvidence:
     """What was heard since the doubt began.
 
     Attributes

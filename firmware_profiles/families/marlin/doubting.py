@@ -7,7 +7,7 @@ from typing import Final
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
-from firmware_profiles.families.marlin.doubt import RENUMBER, Goal, Phase
+from firmware_profiles.families.marlin.doubt import RENUMBER, Phase, QueryGoal
 from firmware_profiles.families.marlin.replies import Kind, Reply
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState
@@ -19,7 +19,7 @@ _QUICK: Final = 10
 _SLOWLY: Final = 5
 
 
-class Doubting:
+class DoubtResolver:
     """Doubt-resolving part of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
 
     Parameters
@@ -63,7 +63,7 @@ class Doubting:
         silent, early = now - doubt.since, not state.lines
         limit = timing.doubt_limit_s if early else timing.silent_limit_s
         if silent > limit:
-            state.end(said.Silent(silent), events)
+            state.end(said.NoReply(silent), events)
             return
         if silent > timing.doubt_limit_s and not doubt.alarmed:
             doubt.alarmed = True
@@ -76,7 +76,7 @@ class Doubting:
     def unanswered(self, now: float, events: list[Event]) -> None:
         """Wait for quiet, and ask again."""
         state = self._state
-        if state.goal is Goal.RENUMBER:
+        if state.goal is QueryGoal.RENUMBER:
             state.out.append(RENUMBER)
         state.phase, state.deadline = Phase.DRAIN, now + state.timing.quiet_s
 
@@ -87,13 +87,13 @@ class Doubting:
             state.deadline = state.doubt.answers_until
             return
         last = state.doubt.last
-        failed = state.goal is Goal.RENUMBER and last != 0
+        failed = state.goal is QueryGoal.RENUMBER and last != 0
         if failed or not state.doubt.agreed:
             self.unanswered(now, events)
-        elif state.goal is Goal.GO_ON:
+        elif state.goal is QueryGoal.GO_ON:
             self._go_on_from(last, now, events)
         else:
-            state.numbered = state.goal is Goal.RENUMBER
+            state.numbered = state.goal is QueryGoal.RENUMBER
             state.number = last
             state.tokens.forget_oks()
             self.arrive(events)
@@ -101,7 +101,7 @@ class Doubting:
     def arrive(self, events: list[Event]) -> None:
         """Tell that the printer is in step."""
         state = self._state
-        events.append(said.InStep(state.number))
+        events.append(said.Synchronised(state.number))
         state.flight = None
         state.phase, state.deadline = Phase.READY, math.inf
 
@@ -110,7 +110,7 @@ class Doubting:
         taken = last - state.number
         flying = (state.flight is not None) + (state.second is not None)
         if last == 0 and state.number > 0:
-            state.end(said.WasReset(), events)
+            state.end(said.FirmwareReset(), events)
         elif taken == 0 and not flying:
             self.arrive(events)
             if state.controls or not state.held:
@@ -125,7 +125,7 @@ class Doubting:
         elif state.number - _MEMORY <= last < state.number:
             self._go_back(last, now, events)
         else:
-            state.end(said.OutOfStep(last, state.number), events)
+            state.end(said.LostSynchronisation(last, state.number), events)
 
     def _send_again(self, now: float, events: list[Event]) -> None:
         state = self._state
@@ -143,7 +143,7 @@ class Doubting:
         elif state.flight_control or tokens.heard <= tokens.owed:
             self._sender.fly(now)
         else:
-            events.append(said.Stray(state.number + 1))
+            events.append(said.StrayOk(state.number + 1))
             state.held = True
             tokens.forget_oks()
             self._sender.send_next(now)
@@ -189,7 +189,7 @@ class Doubting:
         state = self._state
         waited = state.tokens.waited(now)
         if not state.keepalive and waited > state.timing.busy_limit_s:
-            state.end(said.Silent(waited), events)
+            state.end(said.NoReply(waited), events)
             return
         doublings = min(state.tokens.rounds, MOST_DOUBLINGS)
         wait = min(state.timing.silence_s * 2.0**doublings, PATIENCE_S)
@@ -213,14 +213,14 @@ class Doubting:
                 state.lines_done -= 1
             state.number -= 1
             state.errors.total += 1
-        events.append(said.WentBack(last + 1, newest, tuple(state.controls)))
+        events.append(said.LinesResent(last + 1, newest, tuple(state.controls)))
         if asked:
-            events.append(said.InStep(last))
+            events.append(said.Synchronised(last))
         self._sender.send_next(now)
 
     def silence(self, now: float, events: list[Event]) -> None:
         """Doubt the line in flight, and ask at once."""
         state = self._state
-        state.begin_doubt(Goal.GO_ON, now)
+        state.begin_doubt(QueryGoal.GO_ON, now)
         state.doubt.by_silence = True
         self.ask_now(now, events)

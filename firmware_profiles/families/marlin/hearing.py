@@ -8,8 +8,8 @@ from typing import Final
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
-from firmware_profiles.families.marlin.doubt import Goal, Phase
-from firmware_profiles.families.marlin.doubting import Doubting
+from firmware_profiles.families.marlin.doubt import Phase, QueryGoal
+from firmware_profiles.families.marlin.doubting import DoubtResolver
 from firmware_profiles.families.marlin.replies import Kind, Reply
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState
@@ -21,17 +21,17 @@ PERSON: Final = b"paused for user"
 """In a busy message while a person is waited for at the printer's own button."""
 
 
-class Hearing:
+class ReplyHandler:
     """Reply handling of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
 
     Parameters
     ----------
     state : LineState
     sender : Sender
-    doubting : Doubting
+    doubting : DoubtResolver
     """
 
-    def __init__(self, state: LineState, sender: Sender, doubting: Doubting) -> None:
+    def __init__(self, state: LineState, sender: Sender, doubting: DoubtResolver) -> None:
         self._state, self._sender, self._doubting = state, sender, doubting
 
     def hear_all(self, replies: Sequence[Reply], now: float, events: list[Event]) -> None:
@@ -60,16 +60,16 @@ class Hearing:
             state.report = reply.text
         if reply.kind is Kind.BUSY and PERSON in reply.text and PERSON not in state.report:
             state.report = reply.text
-            events.append(said.PersonAwaited())
+            events.append(said.WaitingForPerson())
         elif reply.kind is Kind.OK and PERSON in state.report:
             state.report = b""
         if reply.halts:
-            state.end(said.Halted(state.complaint or reply.words), events)
+            state.end(said.FirmwareHalted(state.complaint or reply.words), events)
         elif reply.kind is Kind.START:
             if state.numbered:
-                state.end(said.WasReset(), events)
+                state.end(said.FirmwareReset(), events)
             else:
-                events.append(said.Booted())
+                events.append(said.FirmwareStarted())
         elif reply.kind is Kind.ACTION:
             events.append(said.Action(reply.words.removeprefix("//action:")))
         elif reply.kind is Kind.FAULT:
@@ -140,7 +140,7 @@ class Hearing:
 
     def _hold_at_surplus(self, foreign: int, events: list[Event]) -> None:
         """Hold the job: an ok came that answers none of the host's lines."""
-        events.append(said.Stray(self._state.number, foreign))
+        events.append(said.StrayOk(self._state.number, foreign))
         self._state.hold()
 
     def _is_foreign(self, reply: Reply) -> bool:
@@ -201,7 +201,7 @@ class Hearing:
         state = self._state
         if reply.kind not in (Kind.RESEND, Kind.ERROR):
             events.append(said.Notice(f"doubtful reply {reply.words!r} to line {state.number + 1}"))
-        state.begin_doubt(Goal.GO_ON, now)
+        state.begin_doubt(QueryGoal.GO_ON, now)
         if reply.kind is Kind.ERROR and reply.number < 0:
             state.doubt.error = reply.words
         self._doubting.hear(reply, now)

@@ -38,9 +38,9 @@ from typing import Final
 from firmware_profiles.families.line_errors import LineErrors
 from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.link_timing import Timing
-from firmware_profiles.families.marlin.doubt import RENUMBER, Goal, Phase
-from firmware_profiles.families.marlin.doubting import Doubting
-from firmware_profiles.families.marlin.hearing import Hearing
+from firmware_profiles.families.marlin.doubt import RENUMBER, Phase, QueryGoal
+from firmware_profiles.families.marlin.doubting import DoubtResolver
+from firmware_profiles.families.marlin.hearing import ReplyHandler
 from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState, Wording
@@ -67,8 +67,8 @@ class MarlinProtocol:
         errors = LineErrors(timing.noise_window, timing.noise_limit)
         self.state = LineState(timing, pairing, wording, errors, wording.make_tokens())
         self._sender = Sender(self.state)
-        self._doubting = Doubting(self.state, self._sender)
-        self._hearing = Hearing(self.state, self._sender, self._doubting)
+        self._doubting = DoubtResolver(self.state, self._sender)
+        self._hearing = ReplyHandler(self.state, self._sender, self._doubting)
         self._on_time = {
             Phase.READY: self._sender.prove,
             Phase.FLIGHT: self._doubting.silence,
@@ -154,16 +154,16 @@ class MarlinProtocol:
         state.control_numbers.clear()
 
     def renumber(self, now: float) -> None:
-        """Set the printer's last line to 0; `InStep` follows, or an error event."""
+        """Set the printer's last line to 0; `Synchronised` follows, or an error event."""
         self.state.out.append(RENUMBER)
-        self.state.begin_doubt(Goal.RENUMBER, now)
+        self.state.begin_doubt(QueryGoal.RENUMBER, now)
 
     def ask(self, now: float) -> None:
-        """Ask which line was taken last; `InStep` follows, or an error event."""
-        self.state.begin_doubt(Goal.GO_ON if self.state.numbered else Goal.NUMBER, now)
+        """Ask which line was taken last; `Synchronised` follows, or an error event."""
+        self.state.begin_doubt(QueryGoal.GO_ON if self.state.numbered else QueryGoal.NUMBER, now)
 
     def confirm(self, now: float) -> None:
-        """Have a token come back from behind all that was sent; `InStep` follows."""
+        """Have a token come back from behind all that was sent; `Synchronised` follows."""
         self.state.confirming, self.state.deadline = True, now
 
     def cut_in(self, commands: Sequence[bytes], again: bool, now: float) -> bool:

@@ -6,7 +6,7 @@ import math
 
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
-from firmware_profiles.families.marlin.doubt import Goal, Phase
+from firmware_profiles.families.marlin.doubt import Phase, QueryGoal
 from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.replies import frame
 from firmware_profiles.families.marlin.state import LineState
@@ -59,7 +59,7 @@ class Sender:
         state = self._state
         if state.refusing:
             state.flight = None
-            state.begin_doubt(Goal.GO_ON, now)
+            state.begin_doubt(QueryGoal.GO_ON, now)
             return
         if state.withheld and state.waits:
             self._rest(now)
@@ -144,7 +144,7 @@ class Sender:
         state = self._state
         if state.awaiting is not None:
             number, command = state.awaiting
-            events.append(said.Replied(command, number, tuple(state.said)))
+            events.append(said.CommandReplied(command, number, tuple(state.said)))
             state.awaiting = None
 
     def acknowledge(self, now: float, events: list[Event]) -> None:
@@ -180,7 +180,7 @@ class Sender:
         """Send a token, unless so many were lost that the firmware can't know them."""
         state = self._state
         if state.tokens.tries >= TRIES:
-            state.end(said.Silent(now - state.doubt.since), events)
+            state.end(said.NoReply(now - state.doubt.since), events)
             return
         number = state.number + 1
         command = state.tokens.make(number, now)

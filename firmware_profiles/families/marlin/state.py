@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from firmware_profiles.families.line_errors import LineErrors
 from firmware_profiles.families.link_protocol import Event, Fault
 from firmware_profiles.families.link_timing import Timing
-from firmware_profiles.families.marlin.doubt import QUESTION, Doubt, Goal, Phase
+from firmware_profiles.families.marlin.doubt import QUESTION, DoubtEvidence, Phase, QueryGoal
 from firmware_profiles.families.marlin.guarding import guarded
 from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.replies import Reply, classify
@@ -91,7 +91,7 @@ class LineState:
         To be written; heard of the line in flight.
     complaint : str
         What the firmware said last of why it halts, if it does.
-    goal, doubt : Goal, Doubt
+    goal, doubt : QueryGoal, DoubtEvidence
         What is asked, and what was heard of it.
     confirming : bool
         Whether a token was asked for by `LinkProtocol.confirm`.
@@ -141,8 +141,8 @@ class LineState:
     out: list[bytes] = field(default_factory=list)
     said: list[bytes] = field(default_factory=list)
     complaint: str = ""
-    goal: Goal = Goal.GO_ON
-    doubt: Doubt = field(default_factory=lambda: Doubt(0.0))
+    goal: QueryGoal = QueryGoal.GO_ON
+    doubt: DoubtEvidence = field(default_factory=lambda: DoubtEvidence(0.0))
     confirming: bool = False
     names_lines: bool = False
     misnamed: int = -1
@@ -169,7 +169,7 @@ class LineState:
             self.out.append(b"\n")
             self.second, self.withheld, self.refusing = None, b"", False
 
-    def begin_doubt(self, goal: Goal, now: float) -> None:
+    def begin_doubt(self, goal: QueryGoal, now: float) -> None:
         """Believe no ok, and wait until nothing is under way."""
         self.refuse_second()
         self.fast = False
@@ -177,7 +177,7 @@ class LineState:
         self.alone_until = self.number + self.timing.calm_lines
         self.goal, self.phase = goal, Phase.DRAIN
         flights = (self.flight,) if self.second is None else (self.flight, self.second)
-        self.doubt = Doubt(now, self.number + 1, flights, self.wording.two_resends)
+        self.doubt = DoubtEvidence(now, self.number + 1, flights, self.wording.two_resends)
         self.deadline = now + self.timing.quiet_s
 
     def end(self, event: Event, events: list[Event]) -> None:

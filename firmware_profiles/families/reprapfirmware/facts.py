@@ -14,12 +14,12 @@ from typing import Final
 
 from firmware_profiles.families.dialect import Dialect, always
 from firmware_profiles.families.family import Family
-from firmware_profiles.families.gate_facts import Ask, GateFacts, TakeOffsetBack
+from firmware_profiles.families.gate_facts import AllowOffsetReset, AllowQuery, GateFacts
 from firmware_profiles.families.grammar import Grammar, codes
 from firmware_profiles.families.job_facts import (
     SELECT_BY_T,
-    ByHand,
     ColdExtrusion,
+    ConfigurationFacts,
     HeadFacts,
     m302_by_p,
 )
@@ -53,10 +53,10 @@ FAMILY: Final = Family(
     ),
     gate=GateFacts(
         console={
-            **dict.fromkeys(("M208", "M290", "M408", "M564", "M566", "M572"), Ask()),
-            "M409": Ask("KF"),
+            **dict.fromkeys(("M208", "M290", "M408", "M564", "M566", "M572"), AllowQuery()),
+            "M409": AllowQuery("KF"),
         },
-        job={"G10": TakeOffsetBack("P")},
+        job={"G10": AllowOffsetReset("P")},
         questions=("M220", "M221", "M564", "M290"),
         speed_per_s=60.0,
     ),
@@ -70,7 +70,7 @@ FAMILY: Final = Family(
         offset_word="P",
         offset_needs_word=True,
     ),
-    by_hand=ByHand(
+    by_hand=ConfigurationFacts(
         "config.g",
         "a tool must be selected (T0), else the board refuses to push; the job selects none, "
         "since that may run macros that move; see that it is",

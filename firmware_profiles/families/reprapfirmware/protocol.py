@@ -131,7 +131,7 @@ class RrfProtocol(AckProtocol):
         elif (self.in_job and not after) or _harmless(self.flight or b""):
             self._send_again(now, events)
         else:
-            self.end(said.Silent(now - self.sent_at), events)
+            self.end(said.NoReply(now - self.sent_at), events)
 
     def _is_elsewhere(self, position: dict[str, float], now: float, events: list[Event]) -> None:
         """Ask again; a place told `_SURE` times running is where it is, and not the job's.
@@ -143,9 +143,9 @@ class RrfProtocol(AckProtocol):
         if self._told < _SURE:
             self.on_silence(now, events)
         elif any(position.get(axis, 0.0) for axis in "XYZ"):
-            self.end(said.Silent(now - self.sent_at), events)
+            self.end(said.NoReply(now - self.sent_at), events)
         else:
-            self.end(said.WasReset(), events)
+            self.end(said.FirmwareReset(), events)
 
     def _there(self, position: dict[str, float], done: int) -> bool:
         return all(

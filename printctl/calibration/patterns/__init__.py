@@ -1,6 +1,6 @@
 """Calibration prints (lines, spiral, joint, bridge, comb) and sheets for their measurements."""
 
-from printctl.calibration.patterns.files import Mounted, Written, read_pattern
+from printctl.calibration.patterns.files import PatternSetUp, WrittenPattern, read_pattern
 from printctl.calibration.patterns.lines import LineSeries, lines_pattern, spiral_pattern
 from printctl.calibration.patterns.meetings import bridge_pattern, comb_pattern, joint_pattern
 from printctl.calibration.patterns.plan import Bead, Pattern, PatternName, Question, Stroke
@@ -20,12 +20,12 @@ __all__ = [
     "COLUMNS",
     "Bead",
     "LineSeries",
-    "Mounted",
     "Pattern",
     "PatternName",
+    "PatternSetUp",
     "Question",
     "Stroke",
-    "Written",
+    "WrittenPattern",
     "bridge_pattern",
     "comb_pattern",
     "filled_text",

@@ -19,7 +19,7 @@ _KEY: Final = "printctl_pattern"
 
 
 @dataclass(frozen=True)
-class Mounted:
+class PatternSetUp:
     """What a pattern was written with.
 
     Attributes
@@ -41,11 +41,11 @@ class Mounted:
 
 
 @dataclass(frozen=True)
-class Written:
+class WrittenPattern:
     """A pattern with what it was written with."""
 
     pattern: Pattern
-    mounted: Mounted
+    mounted: PatternSetUp
 
     @property
     def number(self) -> int:
@@ -57,7 +57,7 @@ class Written:
         return _text(self, {"number": self.number}) + "\n"
 
 
-def read_pattern(path: Path) -> Written:
+def read_pattern(path: Path) -> WrittenPattern:
     """Read a pattern's file.
 
     Raises
@@ -88,7 +88,7 @@ def read_pattern(path: Path) -> Written:
     return found
 
 
-def _text(written: Written, more: dict[str, Any] | None = None) -> str:
+def _text(written: WrittenPattern, more: dict[str, Any] | None = None) -> str:
     pattern = written.pattern
     said = {
         _KEY: VERSION,
@@ -125,7 +125,7 @@ def _rounded(values: Any) -> Any:
     return np.round(np.asarray(values, dtype=np.float64), 6).tolist()
 
 
-def _read(said: dict[str, Any]) -> Written:
+def _read(said: dict[str, Any]) -> WrittenPattern:
     strokes = []
     for one in said["strokes"]:
         points = np.array(one["points_mm"], dtype=np.float64).reshape(-1, 3)
@@ -137,4 +137,4 @@ def _read(said: dict[str, Any]) -> Written:
     )
     x, y = said["size_mm"]
     pattern = Pattern(said["name"], Bead(**said["bead"]), (x, y), tuple(strokes), questions)
-    return Written(pattern, Mounted(**said["mounted"]))
+    return WrittenPattern(pattern, PatternSetUp(**said["mounted"]))

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from html import escape
 from typing import Final
 
-from printctl.calibration.patterns.files import Written
+from printctl.calibration.patterns.files import WrittenPattern
 from printctl.calibration.patterns.plan import Pattern, Stroke
 
 _SCALE: Final = 5.0
@@ -21,7 +21,7 @@ _STYLE: Final = (
 )
 
 
-def sheet_svg(written: Written) -> str:
+def sheet_svg(written: WrittenPattern) -> str:
     """Return the sheet as SVG, y up as the printer's."""
     pattern = written.pattern
     x, y = (side * _SCALE for side in pattern.size_mm)
@@ -96,7 +96,7 @@ def _scales(pattern: Pattern) -> Iterator[str]:
     yield f'<text x="-4" y="0" transform="rotate(-90 -4 0)">{y:.3f} mm along y</text>'
 
 
-def _legend(written: Written) -> Iterator[str]:
+def _legend(written: WrittenPattern) -> Iterator[str]:
     pattern, mounted = written.pattern, written.mounted
     bead = pattern.bead
     what = "filament" if bead.round_bead else f"line {bead.layer_mm:g} mm high"

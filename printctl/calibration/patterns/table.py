@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from printctl.calibration.patterns.files import Written
+from printctl.calibration.patterns.files import WrittenPattern
 from printctl.calibration.patterns.plan import FloatArray, Pattern, Stroke
 
 COLUMNS: Final = {
@@ -34,13 +34,13 @@ _STEADY: Final = (0.55, 0.75, 0.95)
 _SPIRAL: Final = 24
 
 
-def sheet_text(written: Written) -> str:
+def sheet_text(written: WrittenPattern) -> str:
     """Return the CSV file with its last column to be filled in."""
     pattern = written.pattern
     return _table(written, [[*row, ""] for row in _rows(pattern, written.mounted.swell_factor)])
 
 
-def filled_text(written: Written, rows: Iterable[list[str]]) -> str:
+def filled_text(written: WrittenPattern, rows: Iterable[list[str]]) -> str:
     """Return the CSV file with rows that were measured."""
     return _table(written, rows)
 
@@ -59,7 +59,7 @@ def speed_at(stroke: Stroke, x_mm: FloatArray) -> FloatArray:
     return np.asarray(stroke.speed_mm_s[np.minimum(at, len(ends) - 1)])
 
 
-def _table(written: Written, rows: Iterable[list[str]]) -> str:
+def _table(written: WrittenPattern, rows: Iterable[list[str]]) -> str:
     text = io.StringIO()
     text.write(f"# pattern={written.number}\n# {HINTS[written.pattern.name]}\n")
     columns = list(COLUMNS[written.pattern.name])

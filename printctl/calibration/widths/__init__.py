@@ -1,7 +1,7 @@
 """Ink properties from a calibration print's widths, measured in a picture or typed in."""
 
 from printctl.calibration.widths.answer import Answer, Change, Replies, Widths
-from printctl.calibration.widths.factors import Known
+from printctl.calibration.widths.factors import GivenValues
 from printctl.calibration.widths.fit import fit_replies, fit_widths
 from printctl.calibration.widths.seen import MeasuredPicture, PictureFacts, look
 from printctl.calibration.widths.typed import typed_replies, typed_widths
@@ -9,7 +9,7 @@ from printctl.calibration.widths.typed import typed_replies, typed_widths
 __all__ = [
     "Answer",
     "Change",
-    "Known",
+    "GivenValues",
     "MeasuredPicture",
     "PictureFacts",
     "Replies",

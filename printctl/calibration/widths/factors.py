@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from printctl.calibration.estimate import Estimate
-from printctl.calibration.patterns import Written
+from printctl.calibration.patterns import WrittenPattern
 from printctl.calibration.widths.answer import Change
 from printctl.errors import UsageError
 
@@ -16,7 +16,7 @@ _MOST_EXCESS_UM = 500.0
 
 
 @dataclass(frozen=True)
-class Known:
+class GivenValues:
     """Values that the user supplies to the fit.
 
     Attributes
@@ -29,7 +29,7 @@ class Known:
 
 
 def factors(
-    share: Estimate, written: Written, known: Known
+    share: Estimate, written: WrittenPattern, known: GivenValues
 ) -> tuple[dict[str, Estimate], dict[str, Change], list[str]]:
     """Flow factor; where that is known, a filament's swelling or a line's bead.
 
@@ -71,7 +71,7 @@ def factors(
 
 
 def _bead(
-    share: Estimate, written: Written, flow_factor: float
+    share: Estimate, written: WrittenPattern, flow_factor: float
 ) -> tuple[dict[str, Estimate], dict[str, Change], list[str]]:
     """How much wider lines on a plate are than their area over their height, µm."""
     line = written.pattern.bead

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-from printctl.calibration.patterns import Written
+from printctl.calibration.patterns import WrittenPattern
 from printctl.calibration.widths.answer import Answer, Replies, Widths
-from printctl.calibration.widths.factors import Known
+from printctl.calibration.widths.factors import GivenValues
 from printctl.calibration.widths.lines import fit_lines
 from printctl.calibration.widths.meetings import fit_bridge, fit_comb, fit_joint
 from printctl.calibration.widths.spiral import fit_spiral
@@ -17,7 +17,7 @@ VAGUE: Final = 0.05
 _BY_WIDTH: Final = ("bead", "flow_factor", "swell_factor")
 
 
-def fit_widths(written: Written, widths: Widths, known: Known) -> Answer:
+def fit_widths(written: WrittenPattern, widths: Widths, known: GivenValues) -> Answer:
     """Fit lines, or a spiral.
 
     Raises
@@ -40,7 +40,7 @@ def _kept_from_profiles(answer: Answer, optics: float) -> Answer:
     return replace(answer, changes=changes, notes=[*answer.notes, note])
 
 
-def fit_replies(written: Written, replies: Replies) -> Answer:
+def fit_replies(written: WrittenPattern, replies: Replies) -> Answer:
     """Fit a comb, joints or bridges."""
     fit = {"comb": fit_comb, "joint": fit_joint}.get(written.pattern.name, fit_bridge)
     return fit(written, replies)

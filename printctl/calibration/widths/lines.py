@@ -15,9 +15,9 @@ from typing import Final
 import numpy as np
 
 from printctl.calibration.estimate import Estimate, fit_line
-from printctl.calibration.patterns import Pattern, Stroke, Written
+from printctl.calibration.patterns import Pattern, Stroke, WrittenPattern
 from printctl.calibration.widths.answer import END, Answer, Change, FloatArray, Widths
-from printctl.calibration.widths.factors import Known, factors
+from printctl.calibration.widths.factors import GivenValues, factors
 from printctl.calibration.widths.steps import lag_change, lag_estimates, lag_notes, step_lag
 from printctl.errors import UsageError
 
@@ -54,7 +54,7 @@ class LineWidth:
         return float(self.stroke.speed_mm_s[0])
 
 
-def fit_lines(written: Written, widths: Widths, known: Known) -> Answer:
+def fit_lines(written: WrittenPattern, widths: Widths, known: GivenValues) -> Answer:
     """Fit all that lines tell.
 
     Raises

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from printctl.calibration.estimate import Estimate, fit_line
-from printctl.calibration.patterns import Written
+from printctl.calibration.patterns import WrittenPattern
 from printctl.calibration.widths.answer import Answer, Change, FloatArray, Replies
 
 OPEN: Final = 0.8
@@ -39,7 +39,7 @@ def _bounds(value: FloatArray, good: np.ndarray, *, rising: bool) -> _Bounds:
     return _Bounds(float(value[last]) if last >= 0 else None, yes, bool(good[: last + 1].any()))
 
 
-def _asked(written: Written, replies: Replies) -> FloatArray:
+def _asked(written: WrittenPattern, replies: Replies) -> FloatArray:
     values = {one.number: one.value for one in written.pattern.questions}
     return np.array([values[number] for number in replies.number.tolist()])
 
@@ -52,7 +52,7 @@ def _interval(name: str, bounds: _Bounds, unit: str) -> dict[str, Estimate]:
     return {name: Estimate(bounds.yes, low, high, unit)}
 
 
-def fit_comb(written: Written, replies: Replies) -> Answer:
+def fit_comb(written: WrittenPattern, replies: Replies) -> Answer:
     """Smallest gap that stays open, between the widest that closed and the next."""
     gap = _asked(written, replies)
     is_open = replies.part >= OPEN
@@ -90,7 +90,7 @@ def fit_comb(written: Written, replies: Replies) -> Answer:
     return Answer(estimates, table, notes, changes)
 
 
-def fit_joint(written: Written, replies: Replies) -> Answer:
+def fit_joint(written: WrittenPattern, replies: Replies) -> Answer:
     """Least overlap that joins."""
     return _yes_no(
         written,
@@ -106,7 +106,7 @@ def fit_joint(written: Written, replies: Replies) -> Answer:
     )
 
 
-def fit_bridge(written: Written, replies: Replies) -> Answer:
+def fit_bridge(written: WrittenPattern, replies: Replies) -> Answer:
     """Longest span that held."""
     return _yes_no(
         written,
@@ -134,7 +134,7 @@ class _Question:
     note: str
 
 
-def _yes_no(written: Written, replies: Replies, asked: _Question) -> Answer:
+def _yes_no(written: WrittenPattern, replies: Replies, asked: _Question) -> Answer:
     value = _asked(written, replies)
     good = np.asarray(asked.good(replies.part))
     found = _bounds(value, good, rising=asked.rising)

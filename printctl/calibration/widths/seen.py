@@ -12,7 +12,7 @@ import numpy as np
 from printctl.calibration.patterns import (
     Pattern,
     Stroke,
-    Written,
+    WrittenPattern,
     filled_text,
     width_row,
 )
@@ -88,7 +88,7 @@ class PictureFacts:
     lens: Lens | None = None
 
 
-def look(path: Path, written: Written, given: PictureFacts) -> MeasuredPicture:
+def look(path: Path, written: WrittenPattern, given: PictureFacts) -> MeasuredPicture:
     """Find the pattern in a picture and measure it.
 
     Raises
@@ -238,7 +238,7 @@ def _replies(found: Sequence[GapWidth], scale: float, least_mm: float) -> Replie
     )
 
 
-def _table_of_widths(written: Written, widths: Widths) -> str:
+def _table_of_widths(written: WrittenPattern, widths: Widths) -> str:
     strokes = {stroke.number: stroke for stroke in written.pattern.strokes if stroke.number}
     swell = written.mounted.swell_factor
     rows = [
@@ -250,7 +250,7 @@ def _table_of_widths(written: Written, widths: Widths) -> str:
     return filled_text(written, rows)
 
 
-def _table_of_gaps(written: Written, replies: Replies) -> str:
+def _table_of_gaps(written: WrittenPattern, replies: Replies) -> str:
     asked = {one.number: one.value for one in written.pattern.questions}
     wide = written.pattern.bead.width_mm * ((written.mounted.swell_factor or 1.0) - 1.0)
     rows = []

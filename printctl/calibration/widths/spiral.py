@@ -17,9 +17,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from printctl.calibration.estimate import Estimate, fit_line, quantile
-from printctl.calibration.patterns import Written
+from printctl.calibration.patterns import WrittenPattern
 from printctl.calibration.widths.answer import Answer, FloatArray, Widths
-from printctl.calibration.widths.factors import Known, factors
+from printctl.calibration.widths.factors import GivenValues, factors
 from printctl.calibration.widths.lines import shares_along
 from printctl.errors import UsageError
 
@@ -31,7 +31,7 @@ _UNRESOLVED: Final = 3.0
 _LAGS: Final = 5.0
 
 
-def fit_spiral(written: Written, widths: Widths, known: Known) -> Answer:
+def fit_spiral(written: WrittenPattern, widths: Widths, known: GivenValues) -> Answer:
     """Fit flow factor, drift and, where its begin is thin, the lag.
 
     Raises

@@ -11,7 +11,7 @@ import numpy as np
 from firmware_profiles import Needle, Syringe, load
 from printctl.calibration.estimate import Estimate
 from printctl.calibration.lag import Lag, LagPattern, expected_width, fit_lag
-from printctl.calibration.patterns import CLEAR, Pattern, Written
+from printctl.calibration.patterns import CLEAR, Pattern, WrittenPattern
 from printctl.calibration.widths.answer import END, Change, FloatArray, Widths
 from printctl.errors import UsageError
 
@@ -89,7 +89,7 @@ def lag_notes(lag: Lag) -> list[str]:
     ]
 
 
-def lag_change(lag: Lag, written: Written) -> Mapping[str, Change]:
+def lag_change(lag: Lag, written: WrittenPattern) -> Mapping[str, Change]:
     """Return the ink's ``lag`` for the print's needle and syringe, where one number says it."""
     if not lag.linear:
         return {}

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from printctl.calibration.patterns import COLUMNS, Pattern, Written
+from printctl.calibration.patterns import COLUMNS, Pattern, WrittenPattern
 from printctl.calibration.readings import Readings, read_readings
 from printctl.calibration.widths.answer import Replies, Widths
 from printctl.errors import UsageError
@@ -18,7 +18,7 @@ _MICRONS: Final = 100.0
 """Times wider: typed in µm."""
 
 
-def typed_widths(path: Path, written: Written) -> Widths:
+def typed_widths(path: Path, written: WrittenPattern) -> Widths:
     """Read the sheet of lines or a spiral.
 
     Raises
@@ -40,7 +40,7 @@ def typed_widths(path: Path, written: Written) -> Widths:
     return Widths(number.astype(np.int64), x, width, data.last_digit["width_mm"])
 
 
-def typed_replies(path: Path, written: Written) -> Replies:
+def typed_replies(path: Path, written: WrittenPattern) -> Replies:
     """Read the sheet of a comb, joints or bridges.
 
     Raises
@@ -63,7 +63,7 @@ def typed_replies(path: Path, written: Written) -> Replies:
     return Replies(number.astype(np.int64), reply, (reply > 0).astype(np.float64))
 
 
-def _read(path: Path, written: Written, columns: tuple[str, ...]) -> Readings:
+def _read(path: Path, written: WrittenPattern, columns: tuple[str, ...]) -> Readings:
     data = read_readings(path, columns)
     said = data.facts.get("pattern")
     if said is not None and int(said) != written.number:

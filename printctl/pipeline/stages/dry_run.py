@@ -20,9 +20,9 @@ from printctl.pipeline.stages.toolpath import of_heads
 from printctl.preflight import (
     Budget,
     Check,
-    Loaded,
+    HeadLoading,
+    PlacedDish,
     PrintTime,
-    Standing,
     accepted_text,
     bath_checks,
     budget_of,
@@ -142,7 +142,7 @@ def widest_filament_mm(context: RunContext, number: int = 0) -> float:
     return 2.0 * float(context.written_network.radius[own].max(initial=0.0))
 
 
-def standing(context: RunContext) -> Standing | None:
+def standing(context: RunContext) -> PlacedDish | None:
     """The dish that the recipe names, where it stands."""
     part = context.recipe.printer
     if context.dish is None:
@@ -151,7 +151,7 @@ def standing(context: RunContext) -> Standing | None:
     centre = part.dish_centre_mm or (x, y)
     key = "printer.bath_depth_mm" if context.stand is None else "plate.bath_depth_mm"
     floor = context.printer.z_mm.low
-    return Standing(context.dish, centre, floor, context.bath_depth_mm, key)
+    return PlacedDish(context.dish, centre, floor, context.bath_depth_mm, key)
 
 
 def shaft(context: RunContext, run: DryRun) -> Clearance | None:
@@ -162,9 +162,9 @@ def shaft(context: RunContext, run: DryRun) -> Clearance | None:
     return shaft_clearance(run, context.printer, loaded(context), written)
 
 
-def loaded(context: RunContext) -> list[Loaded]:
+def loaded(context: RunContext) -> list[HeadLoading]:
     """What each head holds, as the checks want it."""
-    return [Loaded(one.syringe, one.ink, one.needle) for one in context.loads]
+    return [HeadLoading(one.syringe, one.ink, one.needle) for one in context.loads]
 
 
 def allowed_shaft(context: RunContext, found: Clearance | None) -> list[Check]:

@@ -9,10 +9,10 @@ import numpy as np
 
 from design.toolpath.embedded import Bundles
 from printctl.bead import (
+    InkPrediction,
     Mounting,
-    Predicted,
+    OutputFiles,
     VesselDiameters,
-    Wanted,
     of_bundles,
     predict_job,
     prediction_facts,
@@ -47,7 +47,7 @@ def predicting(
         held = [(one.head, *_both(context, bundles, one, strand)) for one in heads]
     by_head = {head: pair for head, *pair in held}
     facts = [prediction_facts(one, context.bath, *by_head.get(one.head, ())) for one in heads]
-    wanted = Wanted(title=context.recipe.name, keep_play=True, remarks=remarks)
+    wanted = OutputFiles(title=context.recipe.name, keep_play=True, remarks=remarks)
     files = write_prediction(context.folder, heads, held, facts, wanted)
     if compensates(context):
         facts[0]["vessels_uncompensated"] = _uncompensated(context).facts()
@@ -62,7 +62,7 @@ def compensates(context: RunContext) -> bool:
 
 def predicted_of_motion(
     context: RunContext, run: DryRun, gcode: bytes, motion: ExecutedMotion | None = None
-) -> Predicted:
+) -> InkPrediction:
     """What the one head of a compensated job lays, by the dry run's motion or a printer's."""
     if motion is not None:
         run = replace(run, executed=with_commands(motion, run.program))
@@ -77,13 +77,13 @@ def _embedded(context: RunContext) -> bool:
 
 def _predicted(
     context: RunContext, run: DryRun, gcode: bytes, line_map: LineMap | None
-) -> tuple[Predicted, ...]:
+) -> tuple[InkPrediction, ...]:
     mountings = [Mounting(one.syringe, one.ink, one.needle) for one in context.loads]
     return predict_job(run, gcode, context.printer, mountings, line_map)
 
 
 def _both(
-    context: RunContext, bundles: Bundles, one: Predicted, strand: np.ndarray | None
+    context: RunContext, bundles: Bundles, one: InkPrediction, strand: np.ndarray | None
 ) -> tuple[VesselDiameters, VesselDiameters | None]:
     late = _held(context, bundles, one, one.bead, _strands(one.bead, one.source, strand))
     if one.bead is one.prompt or one.ahead_s > 0:
@@ -100,7 +100,7 @@ def _strands(bead: Bead, source: np.ndarray, strand: np.ndarray | None) -> np.nd
 
 
 def _held(
-    context: RunContext, bundles: Bundles, one: Predicted, bead: Bead, source: np.ndarray
+    context: RunContext, bundles: Bundles, one: InkPrediction, bead: Bead, source: np.ndarray
 ) -> VesselDiameters:
     factor = swell(one.mounting.ink)[0]
     found = vessel_diameters(bead, source, bundles.network, context.place_mm, factor)

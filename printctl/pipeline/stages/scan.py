@@ -35,7 +35,7 @@ from sim.scanner import (
     MicroCtOptions,
     OctOptions,
     Placing,
-    Scanned,
+    ScannerOutput,
     simulate_microct,
     simulate_oct,
     with_defects,
@@ -111,7 +111,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     return found, [scan_name(part), TRUTH]
 
 
-def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanned:
+def simulate(context: RunContext, part: SimulatedScan, report: Report) -> ScannerOutput:
     """Lay the ink where the printer's motors went, and scan it."""
     dx, dy, dz = (value * 1e-3 for value in part.voxel_um)
     more = 1 + part.spread_percent / 100
@@ -183,7 +183,7 @@ def _writes(motion: ExecutedMotion) -> bool:
     return bool((moved & (motion.plunger_end > motion.plunger_start)).any())
 
 
-def to_scan(scanned: Scanned, context: RunContext) -> Scan:
+def to_scan(scanned: ScannerOutput, context: RunContext) -> Scan:
     """What a scanner's file holds: everything but the truth."""
     return Scan(
         volume=scanned.volume,
@@ -197,7 +197,7 @@ def to_scan(scanned: Scanned, context: RunContext) -> Scan:
     )
 
 
-def write_truth(context: RunContext, scanned: Scanned) -> None:
+def write_truth(context: RunContext, scanned: ScannerOutput) -> None:
     """Keep where the part really lay, in a file that registration never opens."""
     truth = {
         "printer_to_scan": scanned.pose_truth.tolist(),

@@ -93,7 +93,7 @@ def of_heads(context: RunContext) -> list[Any]:
 
 
 @dataclass(frozen=True)
-class Planned:
+class PlannedPath:
     """A path in the part's frame, in one part or layer by layer.
 
     Attributes
@@ -113,7 +113,7 @@ class Planned:
     bundles: Bundles | None = None
 
 
-def plan(context: RunContext, *, compensated: bool = True) -> Planned:
+def plan(context: RunContext, *, compensated: bool = True) -> PlannedPath:
     """Plan the path by the recipe's method; where it says so, ahead of the ink's lag."""
     part = context.recipe.toolpath
     match part:
@@ -125,7 +125,7 @@ def plan(context: RunContext, *, compensated: bool = True) -> Planned:
             layers = FreshLayers(
                 written_solid(context), options[0], written_regions(context, part), options[1:]
             )
-            return _after_priming(context, Planned(layers, layers.top_mm, layers.report))
+            return _after_priming(context, PlannedPath(layers, layers.top_mm, layers.report))
         case Embedded():
             refuse_early(context)
             ahead = part.compensate_lag and compensated
@@ -144,10 +144,10 @@ def plan(context: RunContext, *, compensated: bool = True) -> Planned:
                 toolpath = joined([before, toolpath])
             if ahead:
                 toolpath = ahead_of_lag(context, toolpath)
-            return Planned([toolpath], toolpath.top_mm, lambda: embedded.report, bundles)
+            return PlannedPath([toolpath], toolpath.top_mm, lambda: embedded.report, bundles)
 
 
-def _after_priming(context: RunContext, planned: Planned) -> Planned:
+def _after_priming(context: RunContext, planned: PlannedPath) -> PlannedPath:
     """Layers, with what comes before the first of them where the recipe asks for it."""
     if context.recipe.toolpath.prime is None:
         return planned

@@ -10,8 +10,8 @@ from pydantic import BaseModel, Field
 from printctl.link.history_entry import PrintEntry
 from printctl.records.repeat import RepeatPlan
 from printctl.records.verdict import outcome
-from printctl.records.verify import Verified
-from printctl.web.history.service import PrintDetails
+from printctl.records.verify import BundleCheck
+from printctl.web.history.service import PastPrintDetails
 
 
 class AlarmResponse(BaseModel):
@@ -92,7 +92,7 @@ class WholePrint(BaseModel):
     states: list[StateInterval]
 
     @classmethod
-    def of(cls, shown: PrintDetails) -> WholePrint:
+    def of(cls, shown: PastPrintDetails) -> WholePrint:
         """What the service gave."""
         found, line = shown.found, shown.line
         reasons = (found.verdict or {}).get("reasons", ())
@@ -123,7 +123,7 @@ class VerificationResponse(BaseModel):
     file: str
 
     @classmethod
-    def of(cls, found: Verified) -> VerificationResponse:
+    def of(cls, found: BundleCheck) -> VerificationResponse:
         """What the service gave."""
         told = found.manifest.print if found.manifest and found.whole else None
         return cls(

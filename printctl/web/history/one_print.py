@@ -11,12 +11,12 @@ from printctl.web.api.answers import API
 from printctl.web.history.look import STYLE, card, cell, download, facts, head, heading
 from printctl.web.history.notes import note_card
 from printctl.web.history.repeating import repeat_card
-from printctl.web.history.service import RUNNING, HistoryService, PrintDetails
+from printctl.web.history.service import RUNNING, HistoryService, PastPrintDetails
 from printctl.web.history.strip import strip
 from printctl.web.history.wording import VERDICTS, duration, state_words
 
 
-def show_print(service: HistoryService, shown: PrintDetails) -> None:
+def show_print(service: HistoryService, shown: PastPrintDetails) -> None:
     """Build the page of one print."""
     ui.add_css(STYLE)
     heading(shown.entry.file or "(no name)")
@@ -32,7 +32,7 @@ def show_print(service: HistoryService, shown: PrintDetails) -> None:
         _photos(shown)
 
 
-def _facts_card(shown: PrintDetails) -> None:
+def _facts_card(shown: PastPrintDetails) -> None:
     entry = shown.entry
     with card("What was printed"):
         facts([
@@ -53,7 +53,7 @@ def _facts_card(shown: PrintDetails) -> None:
         ])  # fmt: skip
 
 
-def _scan_card(shown: PrintDetails) -> None:
+def _scan_card(shown: PastPrintDetails) -> None:
     found = shown.found
     with card("Verdict of the scan"):
         said = outcome(found.verdict)
@@ -72,7 +72,7 @@ def _scan_card(shown: PrintDetails) -> None:
                 download("Report as PDF", f"{API}/history/{shown.entry.id}/report?kind=pdf")
 
 
-def _time_card(shown: PrintDetails) -> None:
+def _time_card(shown: PastPrintDetails) -> None:
     line = shown.line
     if line is None:
         return
@@ -94,7 +94,7 @@ def _time_card(shown: PrintDetails) -> None:
             ui.label(f"{line.more} more events are in the journal.")
 
 
-def _photos(shown: PrintDetails) -> None:
+def _photos(shown: PastPrintDetails) -> None:
     names = [n.partition("/")[2] for n in shown.found.noted if n.startswith(f"{PHOTOS}/")]
     names = [n for n in names if n.lower().endswith((".jpg", ".jpeg", ".png"))]
     if not names:
@@ -107,7 +107,7 @@ def _photos(shown: PrintDetails) -> None:
             picture.props["loading"] = "lazy"
 
 
-def _filing_card(shown: PrintDetails) -> None:
+def _filing_card(shown: PastPrintDetails) -> None:
     entry = shown.entry
     with card("File the record"):
         ui.label(

@@ -8,11 +8,11 @@ from nicegui import ui
 
 from printctl.records.repeat import RepeatPlan
 from printctl.web.history.look import card
-from printctl.web.history.service import HistoryService, PrintDetails
+from printctl.web.history.service import HistoryService, PastPrintDetails
 from printctl.web.shell.run_or_notify import run_or_notify
 
 
-def repeat_card(service: HistoryService, shown: PrintDetails) -> None:
+def repeat_card(service: HistoryService, shown: PastPrintDetails) -> None:
     """The card with its button and what it finds."""
     with card("Print it again"):
         ui.label(

@@ -27,7 +27,7 @@ from printctl.records.keys import (
 from printctl.records.repeat import RepeatPlan, make_job, plan_repeat
 from printctl.records.table import csv_lines
 from printctl.records.timeline import TimeLine, time_line
-from printctl.records.verify import Verified, verify_stream
+from printctl.records.verify import BundleCheck, verify_stream
 from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, NotFoundError
 
@@ -36,7 +36,7 @@ _PICTURES: Final = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/
 
 
 @dataclass(frozen=True)
-class PrintDetails:
+class PastPrintDetails:
     """One print with all that there is of it.
 
     Attributes
@@ -102,7 +102,7 @@ class HistoryService:
             raise NotFoundError(f"no print has the id {print_id[:40]!r}")
         return _running(found)
 
-    def one(self, print_id: str) -> PrintDetails:
+    def one(self, print_id: str) -> PastPrintDetails:
         """One print with all that there is of it.
 
         Raises
@@ -114,7 +114,7 @@ class HistoryService:
             line = time_line(entry.journal)
         except OSError:
             line = None
-        return PrintDetails(entry, evidence(entry), line)
+        return PastPrintDetails(entry, evidence(entry), line)
 
     def csv(self, query: HistoryQuery) -> Iterator[str]:
         """The prints that are asked for as CSV, a line at a time."""
@@ -167,7 +167,7 @@ class HistoryService:
         folder.mkdir(parents=True, exist_ok=True)
         return folder / f"{name}.upload"
 
-    def verify(self, stream: BinaryIO, key_pem: bytes = b"") -> Verified:
+    def verify(self, stream: BinaryIO, key_pem: bytes = b"") -> BundleCheck:
         """Verify a bundle; without a key this lab's own is the one that is trusted.
 
         Raises
@@ -177,7 +177,7 @@ class HistoryService:
         """
         return verify_stream(stream, self._trusted(key_pem))
 
-    def verify_file(self, path: Path, key_pem: bytes = b"") -> Verified:
+    def verify_file(self, path: Path, key_pem: bytes = b"") -> BundleCheck:
         """`verify` of a file."""
         with path.open("rb") as stream:
             return self.verify(stream, key_pem)

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from nicegui import ui
 
-from printctl.records.verify import Verified
+from printctl.records.verify import BundleCheck
 from printctl.web.history.look import card
 from printctl.web.history.service import HistoryService
 from printctl.web.shell.run_or_notify import run_or_notify
@@ -44,7 +44,7 @@ def verify_card(service: HistoryService) -> None:
         said = ui.element("div").props("role=status")
 
 
-def _tell(found: Verified, name: str) -> None:
+def _tell(found: BundleCheck, name: str) -> None:
     ui.label(name).classes("ph-name ph-bad")
     for line in found.lines()[: _MOST_SHOWN + 2]:
         ui.label(line).style("white-space:pre-wrap;overflow-wrap:anywhere")

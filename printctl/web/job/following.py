@@ -22,7 +22,7 @@ from printctl.print_state.state import (
     truth_of,
 )
 from printctl.printing.job_table import JobTable
-from printctl.printing.journalled import Journalled, journalled
+from printctl.printing.journalled import JournalledFacts, journalled
 from printctl.printing.progress import Filling, Progress
 from printctl.printing.remaining import Remaining
 
@@ -56,7 +56,7 @@ class PrintReport:
         return self.truth.status
 
     @property
-    def journal(self) -> Journalled:
+    def journal(self) -> JournalledFacts:
         """What the journal tells."""
         return self.truth.journal
 
@@ -95,7 +95,7 @@ class PrintFollower:
         self._client: PrintClient | None = None
         self._lock = threading.Lock()
         self._last: Status | None = None
-        self._journal = Journalled()
+        self._journal = JournalledFacts()
         self._told = 0.0
         self._left = threading.Event()
         self.heard: PrintReport | None = None

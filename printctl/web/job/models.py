@@ -197,9 +197,7 @@ class PrintResponse(StatusResponse):
     share: float = Field(description="Of the time where that is known, else of the lines; 0 to 1.")
     words: dict[str, str] = Field(description="State, time, layer, vessel, ink, as people read.")
     time_left_s: float | None = Field(description="null for a print that is over.")
-    actions: list[ActionResponse] = Field(
-        description="Each action, and if it is possible now."
-    )
+    actions: list[ActionResponse] = Field(description="Each action, and if it is possible now.")
     progress: dict[str, Any] | None = Field(
         description="By time, layer, vessel and ink; null until the job's table is made."
     )

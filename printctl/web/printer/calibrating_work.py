@@ -17,7 +17,13 @@ from printctl.calibration.results import (
     weighing_of,
     weighing_result,
 )
-from printctl.calibration.writing import Job, Made, make_test, measured_key, save_measured
+from printctl.calibration.writing import (
+    CalibrationOutput,
+    Job,
+    make_test,
+    measured_key,
+    save_measured,
+)
 from printctl.web.printer.calibrating_asked import CalibrationRequest, Read
 from printctl.web.printer.wizards import BY_NAME
 from printctl.web.profile_store import ProfileStore
@@ -25,7 +31,7 @@ from printctl.web.profile_store import ProfileStore
 
 def written(
     name: str, asked: CalibrationRequest, printer: Printer, syringe: Syringe, path: Path
-) -> tuple[list[list[str]], Made]:
+) -> tuple[list[list[str]], CalibrationOutput]:
     """Write the test; give the sheet's rows, their last column to be filled in."""
     columns = BY_NAME[name].columns
     if name == "weigh":

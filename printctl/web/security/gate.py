@@ -20,7 +20,7 @@ class Gate:
     Attributes
     ----------
     sessions : Sessions
-    ours : Ours
+    ours : ServerNames
     token : str
         Of scripts; in ``.printctl/serve.json``.
     cookie : str

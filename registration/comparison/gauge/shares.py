@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from registration.comparison.gauge.squares import MeanSquare, Squares
+from registration.comparison.gauge.squares import MeanSquare, MeanSquares
 from registration.comparison.intervals import LEVEL, UNKNOWN, Interval
 from registration.comparison.variance import difference_interval
 
@@ -57,12 +57,12 @@ class Shares:
     ndc_interval: tuple[int, int] | None
 
 
-def shares(squares: Squares, width: float) -> Shares:
+def shares(squares: MeanSquares, width: float) -> Shares:
     """Take the variation apart.
 
     Parameters
     ----------
-    squares : Squares
+    squares : MeanSquares
     width : float
         Of the tolerance, upper less lower limit, in the quantity's unit; NaN: none.
     """
@@ -77,7 +77,7 @@ def shares(squares: Squares, width: float) -> Shares:
     return Shares(found, *_distinct(value, drawn))
 
 
-def _sums(s: Squares) -> dict[str, Sum]:
+def _sums(s: MeanSquares) -> dict[str, Sum]:
     """Weights of the mean squares in each variance; what the study can't tell is left out."""
     p, o, r, error, against = s.parts, s.operators, s.repeats, s.repeatability, s.against
     made: dict[str, Sum] = {"EV": [(1.0, error)]}
@@ -94,7 +94,7 @@ def _sums(s: Squares) -> dict[str, Sum]:
     return made
 
 
-def _sum(s: Squares, kept: bool, whole: bool) -> Sum:
+def _sum(s: MeanSquares, kept: bool, whole: bool) -> Sum:
     """The gauge's variance, with (`whole`) or without the parts'."""
     p, o, r = s.parts, s.operators, s.repeats
     of_operator = 1 / (p * r) if o > 1 else 0.0
@@ -148,7 +148,7 @@ def _sum_interval(each: Sum) -> tuple[float, float]:
     return total - float(np.sqrt(below)), total + float(np.sqrt(above))
 
 
-def _drawn(s: Squares) -> dict[str, FloatArray]:
+def _drawn(s: MeanSquares) -> dict[str, FloatArray]:
     """Generalized pivotal quantities of the variances, (draws,) each."""
     random = np.random.default_rng(1)
     sums = _sums(s)

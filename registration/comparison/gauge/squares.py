@@ -36,7 +36,7 @@ NONE = MeanSquare(float("nan"), 0)
 
 
 @dataclass(frozen=True)
-class Squares:
+class MeanSquares:
     """Mean squares of one quantity.
 
     Attributes
@@ -99,7 +99,7 @@ def _p(first: MeanSquare, second: MeanSquare) -> float:
     return float(stats.f.sf(first.value / second.value, first.df, second.df))
 
 
-def mean_squares(values: FloatArray, operators: Sequence[int], parts: Sequence[int]) -> Squares:
+def mean_squares(values: FloatArray, operators: Sequence[int], parts: Sequence[int]) -> MeanSquares:
     """Take a quantity apart.
 
     Parameters
@@ -132,7 +132,7 @@ def mean_squares(values: FloatArray, operators: Sequence[int], parts: Sequence[i
     by_part, by_operator, all_of = means.mean(axis=0), means.mean(axis=1), means.mean()
     rest = means - by_part[None, :] - by_operator[:, None] + all_of
     o, p = means.shape
-    made = Squares(
+    made = MeanSquares(
         parts=p,
         operators=o,
         repeats=repeats,
@@ -150,12 +150,12 @@ def _square(total: float, df: int) -> MeanSquare:
     return MeanSquare(total / df, df) if df >= 1 else NONE
 
 
-def pooled_squares(each: Sequence[Squares], error_df: float) -> Squares:
+def pooled_squares(each: Sequence[MeanSquares], error_df: float) -> MeanSquares:
     """Mean of several quantities' mean squares, of one and the same study.
 
     Parameters
     ----------
-    each : sequence of Squares
+    each : sequence of MeanSquares
         At least one.
     error_df : float
         Degrees of freedom of the repeats together. Parts, operators and interaction keep those of
@@ -166,7 +166,7 @@ def pooled_squares(each: Sequence[Squares], error_df: float) -> Squares:
     mean = {name: float(np.mean([getattr(one, name).value for one in each])) for name in names}
     df = {name: getattr(first, name).df for name in names}
     df["error"] = error_df if first.error.df >= 1 else 0
-    return Squares(
+    return MeanSquares(
         first.parts,
         first.operators,
         first.repeats,

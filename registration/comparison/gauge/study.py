@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from registration.comparison.errors import GaugeStudyError
 from registration.comparison.gauge.claims import Claim, claim, effective_df, residuals
 from registration.comparison.gauge.shares import Shares, shares
-from registration.comparison.gauge.squares import Squares, mean_squares, pooled_squares
+from registration.comparison.gauge.squares import MeanSquares, mean_squares, pooled_squares
 from registration.comparison.scans import GaugedScan
 
 FloatArray = NDArray[np.float64]
@@ -28,7 +28,7 @@ class GaugeQuantity:
         ``diameters`` and ``vessel_offsets`` (all vessels pooled), ``offset``, ``diameter_3``,
         ``offset_3``.
     vessel : int or None
-    squares : Squares, in µm²
+    squares : MeanSquares, in µm²
     shares : Shares, in µm
     width_um : float, µm
         Of the tolerance; NaN: none.
@@ -36,7 +36,7 @@ class GaugeQuantity:
 
     name: str
     vessel: int | None
-    squares: Squares
+    squares: MeanSquares
     shares: Shares
     width_um: float
 

@@ -44,7 +44,7 @@ class Chunk:
 
 
 @dataclass(frozen=True, eq=False)
-class Packed:
+class PackedPieces:
     """All pieces and where each layer lies in them, (k,) each.
 
     Attributes
@@ -71,7 +71,7 @@ class _Rows:
     chunk: IntArray
 
 
-def pack_job(job: GcodeJob, with_text: bool) -> Packed:
+def pack_job(job: GcodeJob, with_text: bool) -> PackedPieces:
     """Pack all moves; ``with_text`` the file's lines, too."""
     rows = _in_layers(job)
     bounds = np.searchsorted(rows.chunk, np.arange(int(rows.chunk[-1]) + 2))
@@ -84,7 +84,7 @@ def pack_job(job: GcodeJob, with_text: bool) -> Packed:
     first = np.searchsorted(rows.layer, numbers)
     last = np.searchsorted(rows.layer, numbers, side="right")
     chunk = rows.chunk[np.minimum(first, len(rows.chunk) - 1)]
-    return Packed(chunks, chunk, first - bounds[chunk], last - bounds[chunk])
+    return PackedPieces(chunks, chunk, first - bounds[chunk], last - bounds[chunk])
 
 
 def _in_layers(job: GcodeJob) -> _Rows:

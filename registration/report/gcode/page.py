@@ -15,7 +15,7 @@ from design.files import write_text
 from registration.gcode_job import Act, GcodeJob, layer_sums
 from registration.picture.colours import NO_DATA, samples
 from registration.report.errors import ReportError
-from registration.report.gcode.chunks import Packed, pack_job
+from registration.report.gcode.chunks import PackedPieces, pack_job
 from registration.report.gcode.colouring import PLAIN, colourings
 from registration.report.gcode.design_outline import DesignOutline
 from registration.report.gcode.outline_pack import MAX_POINTS, PackedOutlines, pack_outlines
@@ -99,7 +99,7 @@ def write_gcode_html(
     write_text(path, environment().get_template("gcode.html").render(context))
 
 
-def _view(job: GcodeJob, packed: Packed, page: GcodePage) -> dict[str, Any]:
+def _view(job: GcodeJob, packed: PackedPieces, page: GcodePage) -> dict[str, Any]:
     """All but the moves, as JSON values."""
     sums, writes = layer_sums(job), job.writes
     half = np.nan_to_num(np.nanmax(job.width_mm[writes], initial=0.0)) / 2

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from registration.overlay.cut import ScanCut
-from registration.overlay.find import Spot
+from registration.overlay.find import PixelPatch
 from registration.overlay.lines import LayerLines
 from registration.overlay.measure import LayerNumbers
 from registration.overlay.raster import Raster
@@ -121,7 +121,7 @@ def _title(what: PictureOf) -> str:
     return "  ·  ".join(parts)
 
 
-def _amount(spots: Sequence[Spot], noun: str) -> str:
+def _amount(spots: Sequence[PixelPatch], noun: str) -> str:
     if not spots:
         return f"no {noun}"
     area = number(sum(spot.area_mm2 for spot in spots), 2)

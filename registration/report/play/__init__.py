@@ -2,7 +2,7 @@
 
 from registration.report.play.file import load_played, save_played
 from registration.report.play.page import write_play_html
-from registration.report.play.played import Played, PlayNote, PlayRows
+from registration.report.play.played import Playback, PlayNote, PlayRows
 from registration.report.play.section import play_section
 from registration.report.play.thin import Limits, thinned
 
@@ -10,7 +10,7 @@ __all__ = [
     "Limits",
     "PlayNote",
     "PlayRows",
-    "Played",
+    "Playback",
     "load_played",
     "play_section",
     "save_played",

@@ -11,12 +11,12 @@ import numpy as np
 
 from design.files import replacing
 from registration.report.errors import ReportError
-from registration.report.play.played import Played, PlayNote, PlayRows
+from registration.report.play.played import Playback, PlayNote, PlayRows
 
 _COARSE = {"vessel": np.int32, "head": np.int8, "layer": np.int32, "line": np.int32}
 
 
-def save_played(path: Path, played: Played) -> None:
+def save_played(path: Path, played: Playback) -> None:
     """Write as ``.npz``, compressed.
 
     Raises
@@ -43,7 +43,7 @@ def save_played(path: Path, played: Played) -> None:
         )
 
 
-def load_played(path: Path) -> Played:
+def load_played(path: Path) -> Playback:
     """Read it back.
 
     Raises
@@ -64,5 +64,5 @@ def load_played(path: Path) -> Played:
         columns[name] = columns[name].astype(np.int64)
     warnings = tuple(PlayNote(**one) for one in said.pop("warnings"))
     inks, notes = tuple(said.pop("inks")), tuple(said.pop("notes"))
-    return Played(PlayRows(**columns), **said, layer_z_mm=z, inks=inks, notes=notes,
+    return Playback(PlayRows(**columns), **said, layer_z_mm=z, inks=inks, notes=notes,
                   warnings=warnings)  # fmt: skip

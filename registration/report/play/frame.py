@@ -16,7 +16,7 @@ from registration.gcode_job import Act, FloatArray, IntArray
 from registration.picture.colours import SEQUENTIAL
 from registration.report.drawing import blank, styled
 from registration.report.play.packed import NOT_HELD, OFF, colourings
-from registration.report.play.played import Played, PlayRows
+from registration.report.play.played import Playback, PlayRows
 from registration.report.scaled_lines import aspect, draw_scaled_lines, set_limits
 
 _WIDTH_IN: Final = 6.0
@@ -25,7 +25,7 @@ _TURN: Final = math.radians(30.0)
 """Azimuth and elevation of the look at passes, as the page begins."""
 
 
-def draw_frame(played: Played) -> tuple[bytes, str]:
+def draw_frame(played: Playback) -> tuple[bytes, str]:
     """Draw the finished print, or of a layered one the layer half-way; a PNG, and what it shows."""
     rows = played.rows
     written = np.flatnonzero((rows.act == Act.WRITE) & ~np.isnan(rows.width_mm))
@@ -44,7 +44,7 @@ def draw_frame(played: Played) -> tuple[bytes, str]:
 
 
 def _drawn(
-    played: Played,
+    played: Playback,
     written: IntArray,
     values: FloatArray,
     limits: tuple[float, float],

@@ -15,7 +15,7 @@ from registration.picture.colours import DIVERGING_ANCHORS, TREE_COLOURS, sample
 from registration.report.gcode.chunks import NO_WIDTH
 from registration.report.gcode.colouring import Colouring, usual_span
 from registration.report.packing import pack, pack_positions
-from registration.report.play.played import Played
+from registration.report.play.played import Playback
 
 INK_STEPS: Final = 1_000_000
 """Of all ink: as fine as the page tells how much lies in the bath."""
@@ -33,7 +33,7 @@ _UM: Final = 1e-3
 _GAP: Final = 2e-6
 
 
-def packed(played: Played) -> dict[str, Any]:
+def packed(played: Playback) -> dict[str, Any]:
     """All that the page needs, as JSON values.
 
     A row ends at its place and time, and began where the one before ended. Where it didn't, a row
@@ -79,7 +79,7 @@ def packed(played: Played) -> dict[str, Any]:
     }
 
 
-def colourings(played: Played) -> list[Colouring]:
+def colourings(played: Playback) -> list[Colouring]:
     """What lines can be coloured by: only what says something of this job."""
     rows = played.rows
     writes = (rows.act == Act.WRITE) & ~np.isnan(rows.width_mm)
@@ -98,7 +98,7 @@ def colourings(played: Played) -> list[Colouring]:
     return found
 
 
-def _with_jumps(played: Played) -> tuple[IntArray, NDArray[np.bool_]]:
+def _with_jumps(played: Playback) -> tuple[IntArray, NDArray[np.bool_]]:
     """Rows with one more before each that doesn't begin where the one before it ended."""
     rows = played.rows
     apart = (np.abs(rows.start[1:] - rows.end[:-1]) > _GAP).any(axis=1)

@@ -10,20 +10,20 @@ from markupsafe import Markup
 from design.files import write_text
 from registration.gcode_job import Act
 from registration.report.page import environment, style
-from registration.report.play.played import Played
+from registration.report.play.played import Playback
 from registration.report.play.section import clock, play_section
 from registration.report.scripts import content_policy, module_map
 from registration.report.wording import number
 
 
-def write_play_html(path: Path, played: Played, title: str) -> None:
+def write_play_html(path: Path, played: Playback, title: str) -> None:
     """Write the slider as one HTML file that opens offline.
 
     Parameters
     ----------
     path : Path
         The file; an old one is replaced only by a whole new one.
-    played : Played
+    played : Playback
     title : str
 
     Raises
@@ -46,7 +46,7 @@ def write_play_html(path: Path, played: Played, title: str) -> None:
     write_text(path, environment().get_template("play.html").render(context))
 
 
-def _facts(played: Played) -> list[str]:
+def _facts(played: Playback) -> list[str]:
     """A few numbers for the top of the page."""
     rows, noun = played.rows, "passes" if played.passes else "layers"
     writes = rows.act == Act.WRITE

@@ -85,7 +85,7 @@ class PlayNote:
 
 
 @dataclass(frozen=True, eq=False)
-class Played:
+class Playback:
     """Playback data of a predicted print.
 
     Attributes

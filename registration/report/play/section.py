@@ -12,7 +12,7 @@ from registration.report.added import AddedSection
 from registration.report.gcode.page import GCODE_STATIC
 from registration.report.play.frame import draw_frame
 from registration.report.play.packed import packed
-from registration.report.play.played import Played
+from registration.report.play.played import Playback
 from registration.report.scripts import Folders
 
 _STATIC: Final = Path(__file__).parent / "static"
@@ -20,14 +20,14 @@ FOLDERS: Final[Folders] = (("gcode", GCODE_STATIC), ("play", _STATIC))
 ENTRY: Final = 'import "play/main";'
 
 
-def play_section(played: Played) -> AddedSection:
+def play_section(played: Playback) -> AddedSection:
     """The slider for the report's page."""
     # The switches and colours of ways are those of the G-code's page.
     style = [(folder / f"{name}.css").read_text(encoding="utf-8") for name, folder in FOLDERS]
     return AddedSection(_context(played), FOLDERS, ENTRY, Markup("\n".join(style)))
 
 
-def _context(played: Played) -> dict[str, Any]:
+def _context(played: Playback) -> dict[str, Any]:
     picture, said = draw_frame(played)
     ordered = sorted(played.warnings, key=lambda one: (one.time_s is None, one.time_s or 0.0))
     return {

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.gcode_job import Act
-from registration.report.play.played import FloatArray, Played, PlayRows
+from registration.report.play.played import FloatArray, Playback, PlayRows
 from registration.report.wording import number
 
 MOST_ROWS: Final = 400_000
@@ -70,12 +70,12 @@ class _State:
     length: FloatArray
 
 
-def thinned(played: Played, most: int | None = None) -> Played:
+def thinned(played: Playback, most: int | None = None) -> Playback:
     """Join stretches, so that at most ``most`` remain; a note says how far they are off.
 
     Parameters
     ----------
-    played : Played
+    played : Playback
     most : int, optional
         `MOST_ROWS` or `MOST_PASS_ROWS` by default. Of a layered job with more each line of the file
         is then told by its mean width, and if that doesn't do, whole layers are left out, which the
@@ -110,7 +110,7 @@ def usual_limits(rows: PlayRows) -> Limits:
     return Limits(extent * _WAY_SHARE, extent * _PLACE_SHARE, usual * _WIDTH_SHARE)
 
 
-def _said(played: Played, rows: PlayRows, limits: Limits, every: int) -> str:
+def _said(played: Playback, rows: PlayRows, limits: Limits, every: int) -> str:
     widths = f"that differ by less than {number(limits.width_mm * 1e3, 2)} µm as one"
     if limits.by_line:
         widths = "as the mean of each line of the file"

@@ -30,8 +30,8 @@ from typing import Final
 
 from firmware_profiles import Printer
 from sim.errors import GcodeError
-from sim.families.translated import Translated
-from sim.gcode_extended import NOTHING, Named
+from sim.families.translated import TranslatedProgram
+from sim.gcode_extended import NOTHING, NamedCommand
 from sim.outputs import output_of
 
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"
@@ -58,7 +58,7 @@ _SAME: Final = {
 }
 
 
-def translate(gcode: bytes, printer: Printer) -> Translated:
+def translate(gcode: bytes, printer: Printer) -> TranslatedProgram:
     """Put a whole file into the reader's words.
 
     Raises
@@ -72,7 +72,7 @@ def translate(gcode: bytes, printer: Printer) -> Translated:
             f"{printer.name} doesn't say which controller it is (file_controller: controller)"
         )
     letter = (controller.plunger_axis or "").encode()
-    named: list[Named] = []
+    named: list[NamedCommand] = []
     bases: list[tuple[int, bool]] = []
     seen = line = 0
     # A plain move is left as it is, but for the plunger's letter: nearly all lines are such.
@@ -101,7 +101,7 @@ def translate(gcode: bytes, printer: Printer) -> Translated:
     if letter and letter != b"E":
         moves = re.compile(rb"^(G(?:[01]|92)(?: +[XYZF]" + _NUMBER + rb")* +)" + letter, re.M)
         result = moves.sub(rb"\1E", result)
-    return Translated(result, tuple(named), tuple(bases))
+    return TranslatedProgram(result, tuple(named), tuple(bases))
 
 
 def _plain(text: bytes, move_words: bytes) -> bytes | None:
@@ -117,8 +117,8 @@ def _plain(text: bytes, move_words: bytes) -> bytes | None:
     return b"M400" if _WAITS.fullmatch(text) else None
 
 
-def _named(line: int, text: str) -> Named:
+def _named(line: int, text: str) -> NamedCommand:
     output = output_of(text)
     if output is not None:
-        return Named(line, *output)
-    return Named(line, text.split()[0].upper(), {"TEXT": text})
+        return NamedCommand(line, *output)
+    return NamedCommand(line, text.split()[0].upper(), {"TEXT": text})

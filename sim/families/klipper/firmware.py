@@ -29,10 +29,10 @@ from typing import ClassVar, Final
 
 from sim.board.controller import Controller, Handlers
 from sim.board.lines import Numbering
-from sim.board.machine import Machine, RunOn
+from sim.board.machine import Machine, MotorRunOn
 from sim.board.moves import rename_place
 from sim.board.placed_axes import PlacedAxes
-from sim.board.waits import Steps, Still, Task
+from sim.board.waits import Steps, Task, WaitStandstill
 from sim.families.klipper.numbering import KlipperNumbering
 from sim.families.klipper.offsets import Offsets
 from sim.families.klipper.words import parameters_of, values_of
@@ -40,7 +40,7 @@ from sim.families.marlin.commands import HANDLERS
 from sim.families.marlin.factors import set_flow_percent, set_speed_percent
 from sim.families.marlin.firmware import Marlin
 from sim.gcode import Command, split_line
-from sim.gcode_extended import Named, plain_command
+from sim.gcode_extended import NamedCommand, plain_command
 from sim.gcode_modal import interpret
 
 IDLE_S: Final = 600.0
@@ -175,7 +175,7 @@ class Klipper(Marlin):
     def _activate(self, words: bytes) -> Task:
         """ACTIVATE_EXTRUDER: its own count of E, which begins at 0; nothing moves."""
         machine, motion = self.board.machine, self.board.machine.motion
-        chosen = plain_command(Named(0, "ACTIVATE_EXTRUDER", parameters_of(words)))
+        chosen = plain_command(NamedCommand(0, "ACTIVATE_EXTRUDER", parameters_of(words)))
         number = int(chosen[1:]) if chosen[:1] == b"T" else machine.printer.head_count
         if number >= machine.printer.head_count:
             machine.say(f"!! The value '{words.decode()}' is not valid for EXTRUDER")
@@ -185,7 +185,7 @@ class Klipper(Marlin):
             machine.say(f"// Extruder {called} already active")
             return
         machine.say(f"// Activating extruder {called}")
-        yield Still()
+        yield WaitStandstill()
         split_line(chosen, self.board.words)
         interpret(motion.modal[0], self.board.words[0])
         motion.modal["plunger_shift"] += motion.modal["position"][0, 3]
@@ -218,7 +218,7 @@ class Klipper(Marlin):
         self.board.machine.idle_since = math.inf
         self._axes.forget()
 
-    def run_on(self) -> Callable[[Machine], RunOn] | None:
+    def run_on(self) -> Callable[[Machine], MotorRunOn] | None:
         """Motors stop at once."""
         return None
 

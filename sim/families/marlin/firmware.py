@@ -9,7 +9,7 @@ from typing import ClassVar
 from sim.board.controller import Controller, Handlers
 from sim.board.heat import HeatFault
 from sim.board.lines import Numbering
-from sim.board.machine import Machine, RunOn
+from sim.board.machine import Machine, MotorRunOn
 from sim.board.moves import move
 from sim.board.waits import Steps, Wait
 from sim.families.marlin.commands import HANDLERS
@@ -162,7 +162,7 @@ class Marlin:
         self.board.machine.say("Error:Printer halted. kill() called!")
         self.board.machine.say("//action:poweroff")
 
-    def run_on(self) -> Callable[[Machine], RunOn] | None:
+    def run_on(self) -> Callable[[Machine], MotorRunOn] | None:
         """For as long as it waits for its words to get out."""
         return WaitForWords
 

@@ -6,7 +6,7 @@ import re
 from typing import Final
 
 from sim.board.controller import Controller
-from sim.board.lines import Refused
+from sim.board.lines import RefusedLine
 from sim.gcode import checksum
 
 _INTEGER: Final = re.compile(rb"\s*([+-]?\d+)")
@@ -34,8 +34,8 @@ class MarlinNumbering:
     def __init__(self) -> None:
         self.last_number = 0
 
-    def accept(self, line: bytes) -> bytes | Refused | None:
-        """The command to queue; `Refused`; or None for a repeated line, which is dropped.
+    def accept(self, line: bytes) -> bytes | RefusedLine | None:
+        """The command to queue; `RefusedLine`; or None for a repeated line, which is dropped.
 
         A line without a number is taken as it is, whatever its checksum.
         """
@@ -47,12 +47,12 @@ class MarlinNumbering:
         if number != self.last_number + 1 and not renumbers:
             if self.last_number - 1 <= number <= self.last_number:
                 return None
-            return Refused(LINE_NUMBER)
+            return RefusedLine(LINE_NUMBER)
         star = line.rfind(b"*")
         if star < 0:
-            return Refused(NO_CHECKSUM)
+            return RefusedLine(NO_CHECKSUM)
         if to_integer(line[star + 1 :]) != checksum(line[:star]):
-            return Refused(CHECKSUM)
+            return RefusedLine(CHECKSUM)
         self.last_number = number
         return line
 

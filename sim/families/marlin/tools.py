@@ -15,7 +15,7 @@ import numpy as np
 
 from sim.board.controller import Controller
 from sim.board.machine import Machine
-from sim.board.waits import Place, Still, Task
+from sim.board.waits import Place, Task, WaitStandstill
 from sim.gcode import Command
 from sim.gcode_modal import interpret
 
@@ -28,7 +28,7 @@ def take_tool(board: Controller, command: Command) -> Task:
     count = machine.printer.head_count
     if count == 1:  # the recorded build takes any number in silence, and goes on with its one
         return
-    yield Still()
+    yield WaitStandstill()
     if not 0 <= number < count:
         machine.say(f"echo:T{number} Invalid extruder")
         return
@@ -41,7 +41,7 @@ def take_tool(board: Controller, command: Command) -> Task:
         yield Place()
         machine.motion.modal["position"] = begin
         machine.move_to(begin, _BACK_MM_S, -1)
-        yield Still()
+        yield WaitStandstill()
     machine.say(f"echo:Active Extruder: {number}")
 
 

@@ -10,7 +10,7 @@ import re
 from typing import Final
 
 from sim.board.controller import Controller
-from sim.board.waits import Steps, Still, Task
+from sim.board.waits import Steps, Task, WaitStandstill
 
 EMERGENCY: Final = re.compile(rb" *(?:N[0-9 -]*)?M *(108|112|410)")
 """Begin of a line that the emergency parser acts on."""
@@ -42,4 +42,4 @@ def quickstop(board: Controller) -> Task:
     machine = board.machine
     machine.stop()
     machine.motion.closed_until = machine.now + QUICKSTOP_S
-    yield Still()
+    yield WaitStandstill()

@@ -10,7 +10,7 @@ import re
 from typing import Final
 
 from sim.board.controller import Controller
-from sim.board.waits import Steps, Still, Task, Until, User
+from sim.board.waits import Steps, Task, User, WaitStandstill, WaitUntil
 from sim.families.marlin.report_commands import planned_position, temperatures
 from sim.families.marlin.texts import SETTINGS
 from sim.families.marlin.urgent import quickstop
@@ -31,8 +31,8 @@ _SENSOR_FAULT_S: Final = 0.034
 def g4(board: Controller, command: Command) -> Task:
     """Dwell: the motors stand first."""
     seconds = float(dwell_s(board.words[0]))
-    yield Still()
-    yield Until(board.machine.now + seconds)
+    yield WaitStandstill()
+    yield WaitUntil(board.machine.now + seconds)
 
 
 def g28(board: Controller, command: Command) -> Task:
@@ -45,7 +45,7 @@ def g28(board: Controller, command: Command) -> Task:
     named = [axis for axis, name in enumerate("XYZ") if name in {*command.values, *command.flags}]
     lows = machine.motion.modal["low"][0].copy()
     for axis in named or (2, 0, 1):
-        yield Still()
+        yield WaitStandstill()
         if machine.stuck.get(axis) == "closed":
             machine.motion.stand_at(axis, float(lows[axis]))
         speed = _HOMING_Z_MM_S if axis == 2 else _HOMING_MM_S
@@ -53,10 +53,10 @@ def g28(board: Controller, command: Command) -> Task:
         target[axis] = lows[axis]
         machine.motion.modal["position"] = target
         machine.move_to(target, speed, -1)
-        yield Still()
+        yield WaitStandstill()
         if machine.stuck.get(axis) == "open":
             length = float(machine.motion.modal["high"][0, axis] - lows[axis])
-            yield Until(machine.now + length / 2 / speed)
+            yield WaitUntil(machine.now + length / 2 / speed)
             board.kill("Homing Failed")
             return
         machine.homed[axis] = True
@@ -70,7 +70,7 @@ def g28(board: Controller, command: Command) -> Task:
 def m420(board: Controller, command: Command) -> Task:
     """Switch bed levelling on or off, with the motors at rest; tell which."""
     motion = board.machine.motion
-    yield Still()
+    yield WaitStandstill()
     if "S" in command.values:
         motion.level(board.machine.board.bed_slope if command.values["S"] else 0.0)
     board.machine.say(f"echo:Bed Leveling {'ON' if motion.slope else 'OFF'}")
@@ -88,7 +88,7 @@ def m0(board: Controller, command: Command) -> Task:
     found = _TEXT.fullmatch(command.text.strip())
     message = found[1].decode("latin-1") if found else ""
     seconds = command.values.get("S", command.values.get("P", 0.0) * 1e-3)
-    yield Still()
+    yield WaitStandstill()
     if message:
         machine.say(f"echo:{message}", b"\r\n")
     machine.say("//action:prompt_end")
@@ -133,20 +133,20 @@ def m109(board: Controller, command: Command) -> Task:
             report_at += 1.0
         if left <= 0:
             break
-        yield Until(min(report_at, machine.now + min(_LOOK_S, max(left, 1e-3))))
+        yield WaitUntil(min(report_at, machine.now + min(_LOOK_S, max(left, 1e-3))))
     machine.heat.awaited = False
 
 
 def m81(board: Controller, command: Command) -> Task:
     """Power off: heaters off, the motors end; the supply itself isn't the board's to switch."""
     board.machine.heaters_off()
-    yield Still()
-    yield Until(board.machine.now + _POWER_OFF_S)
+    yield WaitStandstill()
+    yield WaitUntil(board.machine.now + _POWER_OFF_S)
 
 
 def m400(board: Controller, command: Command) -> Task:
     """Wait until the motors stand."""
-    yield Still()
+    yield WaitStandstill()
 
 
 def m410(board: Controller, command: Command) -> Steps:
@@ -159,6 +159,6 @@ def m500(board: Controller, command: Command) -> Task:
     board.machine.store_settings()
     board.machine.stalled_until = board.machine.now + board.machine.board.store_s
     board.hold_busy()
-    yield Until(board.machine.stalled_until)
+    yield WaitUntil(board.machine.stalled_until)
     board.machine.say(f"echo:Settings Stored ({SETTINGS})")
     board.machine.say("//action:notification Settings Stored")

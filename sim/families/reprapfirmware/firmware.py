@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Final
 
 from sim.board.controller import Controller, Handlers
 from sim.board.lines import Numbering
-from sim.board.machine import Machine, RunOn
+from sim.board.machine import Machine, MotorRunOn
 from sim.board.moves import rename_place
 from sim.board.placed_axes import PlacedAxes
 from sim.board.tools import take_tool_in_silence
@@ -165,7 +165,7 @@ class RepRapFirmware(Marlin):
         """There is no such command."""
         self.board.machine.say(f"Warning: {command.name}: Command is not supported")
 
-    def run_on(self) -> Callable[[Machine], RunOn] | None:
+    def run_on(self) -> Callable[[Machine], MotorRunOn] | None:
         """Motors stop at once."""
         return None
 

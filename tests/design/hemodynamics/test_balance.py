@@ -5,10 +5,10 @@ import pytest
 
 from design.errors import FlowError
 from design.hemodynamics import (
-    Behind,
     Carreau,
     FlowConditions,
     Losses,
+    OutletLoad,
     balance,
     flow_spread,
     solve_flow,
@@ -127,7 +127,7 @@ def test_narrowing_alone_refuses_what_needs_widening():
 
 @pytest.mark.parametrize(
     "given",
-    [{"fluid": Carreau()}, {"losses": Losses(junction=1.0)}, {"behind": {5: Behind(1.0)}}],
+    [{"fluid": Carreau()}, {"losses": Losses(junction=1.0)}, {"behind": {5: OutletLoad(1.0)}}],
 )
 def test_loops_are_balanced_for_newtonian_flow_alone(given):
     with pytest.raises(FlowError, match="Newtonian fluid without losses"):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from design.errors import FlowError
-from design.hemodynamics import Behind, FlowConditions, PowerLaw, solve_flow, vessel_resistance
+from design.hemodynamics import FlowConditions, OutletLoad, PowerLaw, solve_flow, vessel_resistance
 from tests.design.hemodynamics.networks import VISCOSITY, network_of
 
 LINE = network_of([[0, 0, 0], [1, 0, 0], [2, 0, 0]], [(0, 1), (1, 2)], 0.2)
@@ -83,7 +83,7 @@ def test_a_resistance_behind_an_outlet_is_as_a_vessel_more() -> None:
     """Two outlets behind 1:2; and pressures beyond, one of them the lowest."""
     fork = network_of([[0, 0, 0], [1, 0, 0], [2, 1, 0], [2, -1, 0]], [(0, 1), (1, 2), (1, 3)], 0.3)
     r = vessel_resistance(fork, VISCOSITY)
-    behind = {2: Behind(5.0, 30.0), 3: Behind(10.0, -10.0)}
+    behind = {2: OutletLoad(5.0, 30.0), 3: OutletLoad(10.0, -10.0)}
     for fluid in (None, PowerLaw(VISCOSITY, 1.0000001)):
         found = solve_flow(
             fork, FlowConditions(VISCOSITY, inlet_pressure_pa=100.0, behind=behind, fluid=fluid)
@@ -97,6 +97,6 @@ def test_a_resistance_behind_an_outlet_is_as_a_vessel_more() -> None:
 
 def test_a_pressure_behind_nothing_is_the_outlets_own() -> None:
     found = solve_flow(
-        LINE, FlowConditions(VISCOSITY, inlet_pressure_pa=9.0, behind={2: Behind(0.0, 4.0)})
+        LINE, FlowConditions(VISCOSITY, inlet_pressure_pa=9.0, behind={2: OutletLoad(0.0, 4.0)})
     )
     assert found.pressure.tolist() == pytest.approx([9.0, 6.5, 4.0])

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from design.hemodynamics import (
-    Behind,
     Carreau,
     FlowConditions,
     Losses,
+    OutletLoad,
     Stenosis,
     at_same_shear,
     flow_summary,
@@ -61,7 +61,7 @@ def test_outlet_flows_scale_and_pressures_stay():
 def test_blood_behind_a_resistance_keeps_its_shear_and_pressure():
     network, factor = planar_four_vessel(), 3.0
     outlet = int(network.outlets()[0])
-    blood = replace(WATER, fluid=Carreau(), behind={outlet: Behind(7.0, 50.0)})
+    blood = replace(WATER, fluid=Carreau(), behind={outlet: OutletLoad(7.0, 50.0)})
     design = solve_flow(network, blood)
     print_ = solve_flow(scaled_network(network, factor), at_same_shear(blood, factor))
     assert print_.wall_shear == pytest.approx(design.wall_shear, rel=1e-9)

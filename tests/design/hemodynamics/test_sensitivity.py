@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from design.errors import FlowError
-from design.hemodynamics import Behind, FlowConditions, Losses, PowerLaw, solve_flow
+from design.hemodynamics import FlowConditions, Losses, OutletLoad, PowerLaw, solve_flow
 from design.hemodynamics.zero_d.sensitivity import flow_and_sensitivity
 from design.network import VesselNetwork
 from tests.design.hemodynamics.networks import network_of
@@ -32,7 +32,7 @@ def _mesh_of_two_loops() -> VesselNetwork:
     [
         FlowConditions(VISCOSITY, inlet_flow_ul_s=3.0),
         FlowConditions(VISCOSITY, inlet_pressure_pa=50.0, outlet_pressure_pa=10.0),
-        FlowConditions(VISCOSITY, inlet_flow_ul_s=3.0, behind={6: Behind(2.0, 5.0)}),
+        FlowConditions(VISCOSITY, inlet_flow_ul_s=3.0, behind={6: OutletLoad(2.0, 5.0)}),
         FlowConditions(VISCOSITY, inlet_flow_ul_s=3.0, outlet_flow_ul_s={6: 1.0}),
     ],
 )

@@ -13,13 +13,13 @@ from design.toolpath.embedded.meetings import Meetings, at_nodes, with_touches
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.rules import Rules
 from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.squares import Squares, squares_of
+from design.toolpath.embedded.squares import ElementSquares, squares_of
 from design.toolpath.embedded.touches import Touches, touches
 
 
 class Parts(NamedTuple):
     elements: Elements
-    squares: Squares
+    squares: ElementSquares
     touches: Touches
     meetings: Meetings
     needle: Needle

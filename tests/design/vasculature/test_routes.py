@@ -18,7 +18,7 @@ from design.vasculature import (
 from design.vasculature.loops.connect import Web
 from design.vasculature.loops.curve_fit import KIN, Ends, radius_for
 from design.vasculature.loops.loops import open_web, pruned, tree_ends
-from design.vasculature.loops.routes import Crowd, find_route, turned
+from design.vasculature.loops.routes import RouteObstacles, find_route, turned
 from tests.design.tissue import surfaces
 
 RADIUS = 0.1
@@ -63,7 +63,7 @@ def radii_of(tissue):
 
 
 def crowd_of(web, **rule):
-    return Crowd(web.rule._replace(**rule), web.index, web.capsules, web.bounds)
+    return RouteObstacles(web.rule._replace(**rule), web.index, web.capsules, web.bounds)
 
 
 @pytest.mark.slow

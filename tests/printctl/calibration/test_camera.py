@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner, Result
 
-from printctl.calibration.patterns import Written, read_pattern
+from printctl.calibration.patterns import WrittenPattern, read_pattern
 from printctl.cli.main import app
 from printctl.errors import UsageError
 from registration.lens import Board, Lens, find_board, read_lens, write_lens
@@ -63,7 +63,7 @@ def seen_through(rig: Rig, image: np.ndarray) -> np.ndarray:
     return cv2.remap(image, mapped[0], mapped[1], cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
 
 
-def painted(written: Written) -> list[Painted]:
+def painted(written: WrittenPattern) -> list[Painted]:
     """As designed, but for a printer whose axes go too far; lines as wide as they should be."""
     bead = written.pattern.bead
     return [

@@ -16,8 +16,8 @@ from typer.testing import CliRunner, Result
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.bead import Mounting, predict_job
 from printctl.calibration.lag import LagPattern, expected_width
-from printctl.calibration.patterns import Written, read_pattern
-from printctl.calibration.widths import Known, fit_widths, typed_widths
+from printctl.calibration.patterns import WrittenPattern, read_pattern
+from printctl.calibration.widths import GivenValues, fit_widths, typed_widths
 from printctl.cli.main import app
 from printctl.errors import UsageError
 from sim.dryrun import dry_run
@@ -31,7 +31,7 @@ def calibrate(*words: str | Path) -> Result:
     return CliRunner().invoke(app, ["calibrate", *map(str, words)], catch_exceptions=False)
 
 
-def printed(folder: Path, *words: str) -> Written:
+def printed(folder: Path, *words: str) -> WrittenPattern:
     assert calibrate("pattern", *words, *NEEDLE, "-o", folder / "p.gcode").exit_code == 0
     return read_pattern(folder / "p.json")
 
@@ -53,7 +53,7 @@ def sheet(folder: Path, last: list[str]) -> Path:
 
 
 def typed_lines(
-    folder: Path, written: Written, area: float, lag: float, power: float = 0.0
+    folder: Path, written: WrittenPattern, area: float, lag: float, power: float = 0.0
 ) -> Path:
     """Widths of lines whose cross-section is ``area`` times the commanded one, read to 1 µm."""
     rng = np.random.default_rng(5)
@@ -121,7 +121,7 @@ def test_lines_on_a_plate_of_a_known_flow_give_the_ink_s_bead(tmp_path: Path) ->
 def test_a_vague_picture_s_factor_is_told_and_not_written(tmp_path: Path) -> None:
     written = printed(tmp_path, "lines", *FEW)
     sharp = typed_widths(typed_lines(tmp_path, written, 0.85, 0.25), written)
-    vague = fit_widths(written, replace(sharp, optics=0.1), Known())
+    vague = fit_widths(written, replace(sharp, optics=0.1), GivenValues())
     assert set(vague.changes) == {"lag"}
     assert "aren't written" in vague.notes[-1]
     factor = vague.estimates["flow factor"]

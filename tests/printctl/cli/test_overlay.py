@@ -30,7 +30,7 @@ from printctl.pipeline.written_layers import read_written
 from printctl.recipe import parse_recipe
 from registration.walls_file import WallCalibration, write_walls
 from registration.writers import write_scan
-from sim.scanner import OctOptions, Placing, Scanned, simulate_oct
+from sim.scanner import OctOptions, Placing, ScannerOutput, simulate_oct
 from tests.printctl.cli.shell import Shell
 from tests.registration import parts
 from tests.registration.parts import analytic_deposit, as_scan, solid
@@ -98,7 +98,7 @@ def gel_distance(points: FloatArray) -> FloatArray:
 
 
 @cache
-def scanned() -> Scanned:
+def scanned() -> ScannerOutput:
     """By simulated OCT: tilted and turned a little, nothing shrunk."""
     ink = analytic_deposit(gel_distance, np.zeros(3), np.array([4.0, 3.0, 0.4]), 0.02)
     placing = Placing(shrink=(1, 1, 1))

@@ -13,7 +13,7 @@ import yaml
 from firmware_profiles import Printer, load
 from printctl.cli.alive import alive
 from printctl.cli.main import main
-from printctl.cli.pause import After, pause
+from printctl.cli.pause import PauseAfter, pause
 from printctl.cli.recover import recover
 from printctl.cli.reload import reload
 from printctl.cli.resume import resume
@@ -57,9 +57,9 @@ def test_print_is_held_at_a_layer_then_gets_a_new_syringe(tmp_path, profile, cap
         assert served.held.wait(10)
         with pytest.raises(PrintctlError, match=r"isn't paused \(printing"):
             resume(run)
-        pause(run, After.LAYER)
+        pause(run, PauseAfter.LAYER)
         with pytest.raises(LinkError, match="marks no end of a vessel"):
-            pause(run, After.VESSEL)
+            pause(run, PauseAfter.VESSEL)
         alive(run)
         served.gate.set()
         until(client, LinkState.PAUSED)
@@ -91,7 +91,7 @@ def test_status_of_a_print_that_waits_for_a_layer_is_json(tmp_path, profile, cap
     with pty_printer(FakeMarlin(), hold_at=40) as served:
         client = begun(tmp_path, profile, served.name)
         assert served.held.wait(10)
-        pause(tmp_path / "job.gcode.print", After.LAYER)
+        pause(tmp_path / "job.gcode.print", PauseAfter.LAYER)
         capsys.readouterr()
         status(tmp_path / "job.gcode.print", as_json=True)
         found = yaml.safe_load(capsys.readouterr().out)

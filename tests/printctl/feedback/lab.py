@@ -14,7 +14,7 @@ import numpy as np
 
 from design.network import VesselNetwork
 from design.toolpath.correction import NEUTRAL, Corrections
-from printctl.compensation import CompensationFile, DesignPart, MadeWith, PrintPart
+from printctl.compensation import CompensationFile, DesignPart, PrintConditions, PrintPart
 from printctl.compensation import corrections_of_file as corrections_of
 from printctl.feedback import Print
 
@@ -94,7 +94,7 @@ class Lab:
             design=DesignPart(
                 network_sha256=SHA, solid_sha256=SHA, bounds_mm=((-1, -1, 0), (15, 5, 3))
             ),
-            made_with=MadeWith(method="fresh", printer="a", needle="b", ink="c", bath="d"),
+            made_with=PrintConditions(method="fresh", printer="a", needle="b", ink="c", bath="d"),
             network=self.network,
             base=written,
             found=found,

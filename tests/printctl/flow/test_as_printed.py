@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose
 
 from design.errors import FlowError
 from design.hemodynamics import (
-    Behind,
     FlowConditions,
+    OutletLoad,
     PulsatileConditions,
     ResistanceOutlet,
     ShearBand,
@@ -137,8 +137,8 @@ def test_without_a_way_through_the_closed_vessels_are_named() -> None:
 def test_conditions_go_to_the_part_s_own_numbers() -> None:
     network = ladder()
     part = open_part(printed_lumens(network, rows(network, EVERY, closed=(1, 6))), network)
-    steady = FlowConditions(WATER, inlet_flow_ul_s=1.0, behind={5: Behind(7.0, 3.0)})
-    assert part.steady(steady).behind == {part.node[5]: Behind(7.0, 3.0)}
+    steady = FlowConditions(WATER, inlet_flow_ul_s=1.0, behind={5: OutletLoad(7.0, 3.0)})
+    assert part.steady(steady).behind == {part.node[5]: OutletLoad(7.0, 3.0)}
     wave = Sine(1.0, 0.1, 1.0)
     pulse = PulsatileConditions(WATER, wave, outlet={5: ResistanceOutlet(7.0, 3.0)})
     assert list(part.pulsatile(pulse).outlet) == [part.node[5]]  # type: ignore[arg-type]

@@ -8,7 +8,17 @@ from hypothesis import strategies as st
 
 from design.toolpath.gcode.dialect import dialect_of
 from firmware_profiles import Dish, Needle, Printer, load
-from printctl.gate import Act, Allowed, Bounds, Door, Known, Phase, Refusal, foreseen, judge
+from printctl.gate import (
+    AllowedLine,
+    Bounds,
+    LineAction,
+    LineOrigin,
+    Phase,
+    PrinterSituation,
+    Refusal,
+    foreseen,
+    judge,
+)
 
 MARLIN = load(Printer, "generic_marlin")
 KLIPPER = load(Printer, "klipper_bioprinter")
@@ -23,19 +33,25 @@ DISH = Bounds(
     floor_mm=2.0,
 )
 AT = (100.0, 100.0, 50.0)
-STANDING = Known(Bounds(MARLIN, trusted=True), Phase.STANDING, AT, heaters=("nozzle", "bed"))
-PRINTING = Known(DISH, Phase.PRINTING, AT)
-PAUSED = Known(DISH, Phase.PAUSED, AT, plunger_mm=1.0)
+STANDING = PrinterSituation(
+    Bounds(MARLIN, trusted=True), Phase.STANDING, AT, heaters=("nozzle", "bed")
+)
+PRINTING = PrinterSituation(DISH, Phase.PRINTING, AT)
+PAUSED = PrinterSituation(DISH, Phase.PAUSED, AT, plunger_mm=1.0)
 MOMENTS = (STANDING, PRINTING, PAUSED)
 
 
-def allowed(typed: str, known: Known = STANDING, door: Door = Door.CONSOLE) -> Allowed:
+def allowed(
+    typed: str, known: PrinterSituation = STANDING, door: LineOrigin = LineOrigin.CONSOLE
+) -> AllowedLine:
     verdict = judge(typed, door, known)
-    assert isinstance(verdict, Allowed), verdict
+    assert isinstance(verdict, AllowedLine), verdict
     return verdict
 
 
-def refusal(typed: str, known: Known = STANDING, door: Door = Door.CONSOLE) -> str:
+def refusal(
+    typed: str, known: PrinterSituation = STANDING, door: LineOrigin = LineOrigin.CONSOLE
+) -> str:
     verdict = judge(typed, door, known)
     assert isinstance(verdict, Refusal), verdict
     return verdict.message
@@ -60,14 +76,14 @@ def test_nothing_that_moves_beyond_heats_beyond_or_sets_passes_a_console(typed):
         assert refusal(typed, known)
 
 
-@pytest.mark.parametrize("door", Door)
+@pytest.mark.parametrize("door", LineOrigin)
 @pytest.mark.parametrize(
     "typed",
     ["M117 {1} M104 S250", "M117 {1} G1 Z-50 F6000", "M117 (a) {1} M500", "M117 {}", "M117 {1}{2}"]
     + ['M117 "{1}" M500', "M118 {1} M500", 'echo {1} M500', 'M291 P{1} M500', "M105 {1} M500"],
 )  # fmt: skip
 def test_no_command_hides_behind_a_text_that_the_board_works_out(typed, door):
-    assert refusal(typed, Known(Bounds(DUET, trusted=True), Phase.STANDING, AT), door)
+    assert refusal(typed, PrinterSituation(Bounds(DUET, trusted=True), Phase.STANDING, AT), door)
 
 
 @pytest.mark.parametrize("typed", ["G1 X0 Y0 Z2 F6000", "G1 Z50", "G0 X100", "G28", "M400"])
@@ -101,14 +117,16 @@ def test_questions_fans_and_heat_within_limits_pass_in_every_state(typed, text):
 
 def test_a_move_of_a_standing_tip_goes_by_its_limits():
     move = allowed("G 1 X 110 F600")
-    assert (move.act, move.target, move.speed_mm_s) == (Act.MOVE, (110.0, 100.0, 50.0), 10.0)
+    assert (move.act, move.target, move.speed_mm_s) == (LineAction.MOVE, (110.0, 100.0, 50.0), 10.0)
     assert "outside 0 to 200 mm" in refusal("G1 X900")
     assert "exceeds 5 mm/s" in refusal("G1 Z60 F6000")
-    assert "isn't known to be right" in refusal("G1 X110", Known(Bounds(MARLIN), position=AT))
+    assert "isn't known to be right" in refusal(
+        "G1 X110", PrinterSituation(Bounds(MARLIN), position=AT)
+    )
 
 
 def test_the_firmwares_own_commands_with_names_are_listed_one_by_one():
-    known = Known(Bounds(KLIPPER, trusted=True), Phase.STANDING, AT)
+    known = PrinterSituation(Bounds(KLIPPER, trusted=True), Phase.STANDING, AT)
     assert allowed("status", known).text == "STATUS"
     for typed in (
         "LOAD_INK", "SET_PIN PIN=valve VALUE=1", "SAVE_CONFIG", "FIRMWARE_RESTART", "RESTART",
@@ -121,17 +139,17 @@ def test_the_firmwares_own_commands_with_names_are_listed_one_by_one():
 
 
 def test_a_valve_is_opened_by_a_print_alone():
-    known = Known(Bounds(PNEUMATIC, trusted=True), position=AT)
+    known = PrinterSituation(Bounds(PNEUMATIC, trusted=True), position=AT)
     opens = PNEUMATIC.pneumatic.opens if PNEUMATIC.pneumatic else ""
     assert "a print alone" in refusal(opens, known)
-    assert allowed(opens, Known.of_job(PNEUMATIC), Door.JOB)
+    assert allowed(opens, PrinterSituation.of_job(PNEUMATIC), LineOrigin.JOB)
 
 
 @pytest.mark.parametrize("printer", [MARLIN, KLIPPER, DUET, PNEUMATIC])
 def test_every_line_of_our_own_header_passes_the_jobs_door(printer):
     dialect = dialect_of(printer)
     for line in [*dialect.header(printer, ("1", "2", "3")), *dialect.footer(), dialect.dwell(0.5)]:
-        assert allowed(line, Known.of_job(printer), Door.JOB)
+        assert allowed(line, PrinterSituation.of_job(printer), LineOrigin.JOB)
 
 
 @pytest.mark.parametrize(
@@ -141,20 +159,20 @@ def test_every_line_of_our_own_header_passes_the_jobs_door(printer):
     + ["M218 T1 X5", "M85 S600 X1", "M106 S300", "M155 S1", "SET_PIN PIN=a", "M17 S1e9"],
 )  # fmt: skip
 def test_a_job_doesnt_change_the_firmware(line):
-    assert refusal(line, Known.of_job(MARLIN), Door.JOB)
+    assert refusal(line, PrinterSituation.of_job(MARLIN), LineOrigin.JOB)
 
 
 def test_a_job_may_set_what_is_undone_at_its_end():
-    assert allowed("M204 P1000", Known.of_job(MARLIN), Door.JOB).undo == ("M204",)
-    assert allowed("M302 P1", Known.of_job(MARLIN), Door.JOB).undo == ("M302",)
+    assert allowed("M204 P1000", PrinterSituation.of_job(MARLIN), LineOrigin.JOB).undo == ("M204",)
+    assert allowed("M302 P1", PrinterSituation.of_job(MARLIN), LineOrigin.JOB).undo == ("M302",)
 
 
 @pytest.mark.parametrize("line", ["M302 P-1", "M302 P2", "M302 P0.5", "M302 S-1", "M302 S9999"])
 @pytest.mark.parametrize("printer", [MARLIN, DUET])
 def test_cold_extrusion_is_set_by_values_that_each_firmware_reads_alike(line, printer):
-    assert refusal(line, Known.of_job(printer), Door.JOB)
+    assert refusal(line, PrinterSituation.of_job(printer), LineOrigin.JOB)
     for plain in ("M302 P0", "M302 P1", "M302 S0", "M302 S170 P1"):
-        assert allowed(plain, Known.of_job(printer), Door.JOB)
+        assert allowed(plain, PrinterSituation.of_job(printer), LineOrigin.JOB)
 
 
 PLANNED = [
@@ -172,7 +190,7 @@ def test_a_setting_with_which_the_dry_run_plans_passes(line):
             v=printer.max_speed_mm_s.x * per,
             b=printer.min_segment_time_s * 1e6,
         )
-        assert allowed(text, Known.of_job(printer), Door.JOB)
+        assert allowed(text, PrinterSituation.of_job(printer), LineOrigin.JOB)
 
 
 @pytest.mark.parametrize("printer", [MARLIN, KLIPPER, DUET, PNEUMATIC])
@@ -184,17 +202,17 @@ def test_a_setting_with_which_the_dry_run_plans_passes(line):
 )  # fmt: skip
 def test_a_setting_with_which_the_dry_run_doesnt_plan_is_refused(printer, line):
     """M204 P60 T60 let a job pass as 4 s that took 11 s."""
-    assert refusal(line, Known.of_job(printer), Door.JOB)
+    assert refusal(line, PrinterSituation.of_job(printer), LineOrigin.JOB)
 
 
 def test_a_junction_deviation_is_refused_even_the_profile_s():
     """M503 tells two decimals: 0.0149 became 0.01 at the job's end (real board, 2026-11-22)."""
     line = f"M205 J{MARLIN.junction_deviation_mm:g}"
-    assert "two decimals" in refusal(line, Known.of_job(MARLIN), Door.JOB)
+    assert "two decimals" in refusal(line, PrinterSituation.of_job(MARLIN), LineOrigin.JOB)
 
 
 def test_another_acceleration_is_refused_with_the_profile_s_key():
-    told = refusal("M204 P60 T60", Known.of_job(MARLIN), Door.JOB)
+    told = refusal("M204 P60 T60", PrinterSituation.of_job(MARLIN), LineOrigin.JOB)
     assert "P60 isn't P1000 (acceleration_mm_s2 of Generic Marlin" in told
 
 
@@ -206,7 +224,7 @@ def test_another_acceleration_is_refused_with_the_profile_s_key():
     + [(KLIPPER, "SET_IDLE_TIMEOUT FOO=5"), (KLIPPER, "SET_IDLE_TIMEOUT TIMEOUT=5 FOO=5")],
 )  # fmt: skip
 def test_a_switch_off_that_never_comes_is_refused(printer, line):
-    assert "from 60 to 3600 s" in refusal(line, Known.of_job(printer), Door.JOB)
+    assert "from 60 to 3600 s" in refusal(line, PrinterSituation.of_job(printer), LineOrigin.JOB)
 
 
 @pytest.mark.parametrize(
@@ -216,7 +234,7 @@ def test_a_switch_off_that_never_comes_is_refused(printer, line):
 )  # fmt: skip
 def test_a_switch_off_that_strikes_in_a_pause_is_refused_with_what_it_must_be(printer, line):
     """M85 S1 killed a print 1.2 s after its pause (real board, 2026-11-22)."""
-    told = refusal(line, Known.of_job(printer), Door.JOB)
+    told = refusal(line, PrinterSituation.of_job(printer), LineOrigin.JOB)
     assert "from 60 to 3600 s" in told
     assert "pause" in told
     assert "change of syringe" in told
@@ -225,15 +243,15 @@ def test_a_switch_off_that_strikes_in_a_pause_is_refused_with_what_it_must_be(pr
 @pytest.mark.parametrize("line", ["M84 S5", "M18 S5", "M84 S0", "M84 S600 X"])
 @pytest.mark.parametrize("printer", [MARLIN, DUET], ids=["marlin", "duet"])
 def test_a_time_of_the_motors_that_no_firmware_tells_is_set_by_no_job(printer, line):
-    assert "take S out" in refusal(line, Known.of_job(printer), Door.JOB)
-    assert allowed(line[:3], Known.of_job(printer), Door.JOB)
+    assert "take S out" in refusal(line, PrinterSituation.of_job(printer), LineOrigin.JOB)
+    assert allowed(line[:3], PrinterSituation.of_job(printer), LineOrigin.JOB)
 
 
 def test_a_switch_off_within_an_hour_passes_and_a_profile_s_longer_one():
-    assert allowed("M85 S3600", Known.of_job(MARLIN), Door.JOB)
-    assert allowed("SET_IDLE_TIMEOUT", Known.of_job(KLIPPER), Door.JOB)
+    assert allowed("M85 S3600", PrinterSituation.of_job(MARLIN), LineOrigin.JOB)
+    assert allowed("SET_IDLE_TIMEOUT", PrinterSituation.of_job(KLIPPER), LineOrigin.JOB)
     slow = MARLIN.model_copy(update={"idle_timeout_s": 7200})
-    assert allowed("M85 S7200", Known.of_job(slow), Door.JOB)
+    assert allowed("M85 S7200", PrinterSituation.of_job(slow), LineOrigin.JOB)
 
 
 @pytest.mark.parametrize(
@@ -245,22 +263,22 @@ def test_a_switch_off_within_an_hour_passes_and_a_profile_s_longer_one():
     + ["SET_FAN_SPEED SPEED=1", "SET_FAN_SPEED FAN=fan SPEED=-1", "SET_FAN_SPEED FAN=fan SPEED=a"],
 )  # fmt: skip
 def test_what_a_command_with_a_name_says_is_looked_at(line):
-    assert refusal(line, Known.of_job(KLIPPER), Door.JOB)
+    assert refusal(line, PrinterSituation.of_job(KLIPPER), LineOrigin.JOB)
 
 
 def test_quotes_round_a_plain_value_are_not_sent():
-    known = Known.of_job(KLIPPER)
+    known = PrinterSituation.of_job(KLIPPER)
     for line, sent in (
         ('ACTIVATE_EXTRUDER EXTRUDER="extruder"', "ACTIVATE_EXTRUDER EXTRUDER=extruder"),
         ('SET_FAN_SPEED FAN="fan" SPEED="0.5"', "SET_FAN_SPEED FAN=fan SPEED=0.5"),
         ("SET_KINEMATIC_POSITION X=1 Y=2 Z=3", "SET_KINEMATIC_POSITION X=1 Y=2 Z=3"),
     ):
-        assert allowed(line, known, Door.JOB).text == sent
+        assert allowed(line, known, LineOrigin.JOB).text == sent
 
 
 def test_a_macro_is_kept_with_moves_that_are_judged_later():
-    assert isinstance(foreseen("G1 X50", MARLIN), Allowed)
-    assert isinstance(foreseen("M104 S200", MARLIN), Allowed)
+    assert isinstance(foreseen("G1 X50", MARLIN), AllowedLine)
+    assert isinstance(foreseen("M104 S200", MARLIN), AllowedLine)
     assert isinstance(foreseen("M500", MARLIN), Refusal)
     assert isinstance(foreseen("G1 X50 X60", MARLIN), Refusal)
 
@@ -268,10 +286,10 @@ def test_a_macro_is_kept_with_moves_that_are_judged_later():
 @given(st.text(max_size=40) | st.from_regex(r"[ GMTgmtN0-9.XYZEFSP*;()\"-]{0,30}", fullmatch=True))
 def test_whatever_is_typed_is_answered_and_what_passes_is_read_the_same_again(typed):
     for known in MOMENTS:
-        verdict = judge(typed, Door.CONSOLE, known)
-        if isinstance(verdict, Allowed):
-            again = judge(verdict.text, Door.CONSOLE, known)
-            assert isinstance(again, Allowed)
+        verdict = judge(typed, LineOrigin.CONSOLE, known)
+        if isinstance(verdict, AllowedLine):
+            again = judge(verdict.text, LineOrigin.CONSOLE, known)
+            assert isinstance(again, AllowedLine)
             assert again.text == verdict.text
             assert verdict.text.isascii()
             assert verdict.text.isprintable()

@@ -6,7 +6,7 @@ import numpy as np
 
 from printctl.link.clock import VirtualClock
 from sim.families.marlin.printer import MarlinPrinter
-from sim.faults import Troubles
+from sim.faults import PermanentFaults
 from tests.printctl.link.fake_marlin import slips_through
 from tests.printctl.link.simulated_transport import SimulatedTransport
 
@@ -21,7 +21,7 @@ class SimTransport(SimulatedTransport):
         rng: np.random.Generator | None = None,
         **troubles: float,
     ) -> None:
-        super().__init__(printer, clock, Troubles(**troubles), rng)
+        super().__init__(printer, clock, PermanentFaults(**troubles), rng)
 
     def on_the_way(self, data: bytes) -> bytes:
         garbled = super().on_the_way(data)

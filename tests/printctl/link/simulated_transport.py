@@ -12,7 +12,7 @@ from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortLost
 from sim.bad_line import BadLine
 from sim.board.printer import SimulatedPrinter
-from sim.faults import Troubles
+from sim.faults import PermanentFaults
 from sim.pace import Pace
 
 
@@ -27,7 +27,7 @@ class SimulatedTransport:
     ----------
     printer : SimulatedPrinter
     clock : VirtualClock
-    troubles : Troubles, optional
+    troubles : PermanentFaults, optional
         Of the cable; it works as it should without.
     rng : Generator, optional
         Of what goes wrong by chance.
@@ -39,7 +39,7 @@ class SimulatedTransport:
         self,
         printer: SimulatedPrinter,
         clock: VirtualClock,
-        troubles: Troubles | None = None,
+        troubles: PermanentFaults | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:
         self.name = "simulated"

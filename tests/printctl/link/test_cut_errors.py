@@ -7,7 +7,7 @@ from functools import partial
 import pytest
 
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
-from firmware_profiles.families.link_protocol import Fault, Halted, Halting
+from firmware_profiles.families.link_protocol import Fault, FirmwareHalted, Halting
 from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
@@ -44,7 +44,7 @@ def test_no_line_leaves_between_the_halves_of_an_error_behind_the_ok(family, sai
     protocol.feed(b"ok\n" * in_flight + said[:cut], 0.1)
     assert b"G1" not in protocol.take_output()
     events = protocol.feed(said[cut:], 0.11)
-    assert any(isinstance(event, (Fault, Halted, Halting)) for event in events)
+    assert any(isinstance(event, (Fault, FirmwareHalted, Halting)) for event in events)
     assert b"G1" not in protocol.take_output()
     for second in range(1, 50):
         protocol.feed(b"ok\n", second)
@@ -58,7 +58,7 @@ def test_no_line_leaves_between_the_halves_of_an_error_before_the_ok(family, sai
     protocol.feed(said[:cut], 0.1)
     assert b"G1" not in protocol.take_output()
     events = protocol.feed(said[cut:] + b"ok\n", 0.11)
-    assert any(isinstance(event, (Fault, Halted, Halting)) for event in events) or (
+    assert any(isinstance(event, (Fault, FirmwareHalted, Halting)) for event in events) or (
         not protocol.idle  # Marlin is asked what became of the line, and then told of
     )
     assert b"G1" not in protocol.take_output()

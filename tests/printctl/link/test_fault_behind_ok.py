@@ -8,7 +8,7 @@ from functools import partial
 import pytest
 
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
-from firmware_profiles.families.link_protocol import Fault, Halted, WasReset
+from firmware_profiles.families.link_protocol import Fault, FirmwareHalted, FirmwareReset
 from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.reprapfirmware.protocol import RrfProtocol
@@ -27,13 +27,13 @@ FAULTS = [
     (SmoothieProtocol, b"ok\r\necho: cold extrusion prevented\r\n"),
 ]
 ENDS = [
-    (KlipperProtocol, b"ok\n// Klipper state: Shutdown\n", Halted),
-    (KlipperProtocol, b"ok\n// Klipper state: Ready\n", WasReset),
-    (RRF, b"ok\nEmergency Stop! Reset the controller to continue.\n", Halted),
-    (MarlinProtocol, b"ok\nError:Printer halted. kill() called!\n", Halted),
-    (MarlinProtocol, b"ok\n//action:poweroff\n", Halted),
-    (MarlinProtocol, b"ok\nstart\n", WasReset),
-    (SmoothieProtocol, b"ok\n!!\n", Halted),
+    (KlipperProtocol, b"ok\n// Klipper state: Shutdown\n", FirmwareHalted),
+    (KlipperProtocol, b"ok\n// Klipper state: Ready\n", FirmwareReset),
+    (RRF, b"ok\nEmergency Stop! Reset the controller to continue.\n", FirmwareHalted),
+    (MarlinProtocol, b"ok\nError:Printer halted. kill() called!\n", FirmwareHalted),
+    (MarlinProtocol, b"ok\n//action:poweroff\n", FirmwareHalted),
+    (MarlinProtocol, b"ok\nstart\n", FirmwareReset),
+    (SmoothieProtocol, b"ok\n!!\n", FirmwareHalted),
 ]
 
 

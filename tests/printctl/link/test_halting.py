@@ -14,7 +14,7 @@ from printctl.link.halting import halting_of
 from printctl.link.job import Job
 from printctl.link.kill import Kill
 from printctl.link.progress import JobProgress
-from printctl.link.run_on import RunOn
+from printctl.link.run_on import MotorRunOn
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_only_a_board_that_lived_between_has_obeyed_the_quickstop(says_something
         kill.heard()
     kill.halted()
     striking.join()
-    assert told in kill.words(RunOn(0.634, 4.5))
+    assert told in kill.words(MotorRunOn(0.634, 4.5))
 
 
 @pytest.mark.parametrize("in_flight", [1, 2])

@@ -12,7 +12,7 @@ from printctl.link.reach import what_is_known
 from printctl.link.record import JOURNAL, RECORD, LinkRecord, save_private
 from printctl.link.states import LinkState
 from printctl.print_state.state import truth_of
-from printctl.printing.journalled import Journalled
+from printctl.printing.journalled import JournalledFacts
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import layered
 
@@ -54,7 +54,7 @@ def test_command_that_recovers_can_be_copied(tmp_path):
     status = killed(tmp_path, "generic_marlin", LinkState.PRINTING)
     (line,) = [
         line
-        for line in told(truth_of(tmp_path, status, Journalled()), "my run")
+        for line in told(truth_of(tmp_path, status, JournalledFacts()), "my run")
         if line.startswith("recover:")
     ]
     assert "printctl recover 'my run' --from-line " in line

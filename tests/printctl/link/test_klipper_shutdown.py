@@ -35,7 +35,7 @@ def test_the_reason_of_a_shutdown_is_asked_and_told() -> None:
     assert machine.take_output() == b"STATUS\n"
     events = machine.feed(b"ok\n" + WHY + b"!! MCU 'mcu' shutdown: Timer too close\nok\n", 1.1)
     assert events == [
-        said.Halted("// Klipper state: Shutdown: MCU 'mcu' shutdown: Timer too close")
+        said.FirmwareHalted("// Klipper state: Shutdown: MCU 'mcu' shutdown: Timer too close")
     ]
     assert machine.take_output() == b""
 
@@ -48,7 +48,7 @@ def test_a_reason_that_comes_late_is_told_and_nothing_leaves_meanwhile() -> None
     assert machine.tick(2.4) == []
     assert not machine.idle
     assert machine.feed(b"!! MCU 'mcu' shutdown: Timer too close\n", 2.5) == [
-        said.Halted("// Klipper state: Shutdown: MCU 'mcu' shutdown: Timer too close")
+        said.FirmwareHalted("// Klipper state: Shutdown: MCU 'mcu' shutdown: Timer too close")
     ]
     assert machine.take_output() == b""
 
@@ -58,7 +58,7 @@ def test_a_shutdown_without_a_reason_is_told_soon() -> None:
     machine.feed(b"// Klipper state: Shutdown\nok\n", 1.0)
     assert machine.tick(1.2) == []
     assert machine.deadline <= 4.0
-    assert machine.tick(machine.deadline) == [said.Halted("// Klipper state: Shutdown")]
+    assert machine.tick(machine.deadline) == [said.FirmwareHalted("// Klipper state: Shutdown")]
     assert machine.take_output() == b"STATUS\n"  # and no line of the job
 
 
@@ -105,7 +105,7 @@ def test_a_reason_without_exclamation_marks_is_told_once_nothing_more_can_come()
     machine.feed(b"// Klipper state: Shutdown\nok\n", 1.0)
     machine.feed(WHY + b"// Klipper state: Not ready\nok\n", 1.1)
     assert machine.tick(machine.deadline) == [
-        said.Halted("// Klipper state: Shutdown: MCU 'mcu' shutdown: Timer too close")
+        said.FirmwareHalted("// Klipper state: Shutdown: MCU 'mcu' shutdown: Timer too close")
     ]
 
 
@@ -115,7 +115,9 @@ def test_a_printer_that_has_shut_down_before_is_known_by_its_first_answer() -> N
     assert machine.take_output() == b"M105\n"
     answer = b"// Shutdown due to webhooks request\n// Printer is shutdown\n"
     events = machine.feed(answer + b"!! Shutdown due to webhooks request\nok\n", 0.1)
-    assert events[-1] == said.Halted("// Printer is shutdown: Shutdown due to webhooks request")
+    assert events[-1] == said.FirmwareHalted(
+        "// Printer is shutdown: Shutdown due to webhooks request"
+    )
 
 
 def test_a_kill_before_the_question_has_left_leaves_the_reason_to_be_told(tmp_path) -> None:

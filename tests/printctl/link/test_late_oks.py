@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from firmware_profiles.families.link_protocol import (
-    InStep,
+    CommandReplied,
+    LinesResent,
     Notice,
-    Replied,
-    Stray,
+    StrayOk,
+    Synchronised,
     TokenSent,
-    WentBack,
 )
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
@@ -80,10 +80,10 @@ def test_answer_of_a_command_is_awaited_until_the_token_behind_it_comes_back():
     assert protocol.take_output() == frame(41, b"M0400")
     events = silent_then_taken(protocol, 41)
     token = token_of(events, protocol)
-    assert not any(isinstance(event, Replied) for event in events)
+    assert not any(isinstance(event, CommandReplied) for event in events)
     assert not protocol.feed(b"ok\n", 3.0)
     assert not protocol.feed(echo_of(token), 9.0)
-    assert protocol.feed(b"ok\n", 9.0) == [Replied(b"M0400", 41, ())]
+    assert protocol.feed(b"ok\n", 9.0) == [CommandReplied(b"M0400", 41, ())]
     assert protocol.idle
 
 
@@ -93,7 +93,7 @@ def test_several_oks_that_come_in_one_read_move_nothing_forward():
     assert protocol.feed(b"ok\nok\nok\n", 3.0) == []
     assert protocol.take_output() == b""
     events = protocol.feed(echo_of(token) + b"ok\n", 3.1)
-    assert [type(event) for event in events] == [Stray]  # two oks belong to no line
+    assert [type(event) for event in events] == [StrayOk]  # two oks belong to no line
     assert protocol.take_output() == b""
     assert protocol.held
 
@@ -139,7 +139,7 @@ def test_line_sent_again_is_followed_by_a_token():
     protocol.tick(0.3)
     assert protocol.take_output() == frame(31, JOB[30])
     token = token_of(list(protocol.feed(b"ok\n", 0.4)), protocol)  # the fragment's
-    assert protocol.feed(b"ok\n" + echo_of(token) + b"ok\n", 5.0) == [Stray(32)]
+    assert protocol.feed(b"ok\n" + echo_of(token) + b"ok\n", 5.0) == [StrayOk(32)]
     assert protocol.held
     assert protocol.take_output() == b""
 
@@ -159,7 +159,7 @@ def test_line_that_was_not_taken_after_all_is_noticed_at_the_token():
         assert protocol.take_output() == QUESTION
         protocol.feed(answer(30), now)
         events = protocol.tick(now + 0.1)
-    assert events == [WentBack(31, 31)]
+    assert events == [LinesResent(31, 31)]
     protocol.held = False
     protocol.go(1.0)
     assert protocol.take_output() == frame(31, JOB[30])
@@ -171,9 +171,9 @@ def test_confirming_waits_for_the_echo_however_many_oks_come():
     protocol.confirm(0.0)
     assert protocol.take_output() == b""  # it is written down first
     token = token_of(list(protocol.tick(0.0)), protocol)
-    assert not any(isinstance(e, InStep) for e in protocol.feed(b"ok\nok\n", 0.1))
+    assert not any(isinstance(e, Synchronised) for e in protocol.feed(b"ok\nok\n", 0.1))
     events = protocol.feed(echo_of(token) + b"ok\n", 0.2)
-    assert InStep(41) in events
+    assert Synchronised(41) in events
     assert protocol.idle
 
 

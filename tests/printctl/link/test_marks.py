@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from printctl.link.care import Care
 from printctl.link.marks import Mark, MarkKind, Marks
-from printctl.link.watch import Due, Watch
+from printctl.link.watch import DueTask, Watch
 from tests.printctl.link.jobs import parse_job
 
 
@@ -70,7 +70,7 @@ def test_no_mark_that_is_wanted_is_passed(found, done, kind, idle):
     ahead = [m.index for m in found if m.kind is kind and m.index > done + (not idle)]
     stop = watch.next_stop(1.0, done, idle, 99)
     assert stop == min([*ahead, 99])
-    expected = Due.RELOAD if kind is MarkKind.RELOAD else Due.PAUSE
+    expected = DueTask.RELOAD if kind is MarkKind.RELOAD else DueTask.PAUSE
     assert (watch.due(1.0, stop) is expected) == (stop != 99)
 
 
@@ -79,9 +79,9 @@ def test_deadman_waits_for_a_mark_and_not_longer_than_there_is_one():
     watch.begin(100.0)
     assert watch.next_stop(150.0, 3, False, 99) == 99
     assert watch.next_stop(160.0, 3, False, 99) == 10
-    assert watch.due(160.0, 10) is Due.DEADMAN
+    assert watch.due(160.0, 10) is DueTask.DEADMAN
     assert watch.next_stop(160.0, 11, True, 99) == 12
-    assert watch.due(160.0, 12) is Due.DEADMAN
+    assert watch.due(160.0, 12) is DueTask.DEADMAN
     watch.confirmed = 130.0
-    assert watch.due(160.0, 10) is Due.NOTHING
+    assert watch.due(160.0, 10) is DueTask.NOTHING
     assert watch.deadman_left(160.0) == 30.0

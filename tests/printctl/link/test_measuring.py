@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from firmware_profiles import Printer, Watched
+from firmware_profiles import Printer, WatchedGauge
 from printctl.cli.status import watched
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
@@ -25,7 +25,7 @@ from tests.printctl.link.layered import PRINTER, START, Script, layered, played
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.simulated_transport import HostDiedError
 
-WATCHED = Watched(query="M871", regex=r"Force: ([-+.\d]+) N", unit="N", high=12.5, every_s=0.5)
+WATCHED = WatchedGauge(query="M871", regex=r"Force: ([-+.\d]+) N", unit="N", high=12.5, every_s=0.5)
 WATCHING = PRINTER.model_copy(update={"watch": (WATCHED,), "extra_commands": ("M871",)})
 SAYS = "Force: {value:.2f} N"
 DATA = layered(6, 40)
@@ -217,7 +217,7 @@ def test_the_number_is_read_or_counted_as_unread(answer, value):
 )
 def test_a_watch_that_can_t_be_is_refused(changes, says):
     with pytest.raises(ValidationError, match=says):
-        Watched.model_validate(WATCHED.model_dump() | changes)
+        WatchedGauge.model_validate(WATCHED.model_dump() | changes)
 
 
 def test_a_question_that_the_firmware_doesn_t_know_is_refused_beforehand():

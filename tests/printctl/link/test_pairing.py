@@ -7,7 +7,7 @@ import pytest
 
 from firmware_profiles import Printer, ProfileError, load
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
-from firmware_profiles.families.link_protocol import Fault, Notice, Stray, TokenSent, WentBack
+from firmware_profiles.families.link_protocol import Fault, LinesResent, Notice, StrayOk, TokenSent
 from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.marlin.doubt import QUESTION
 from firmware_profiles.families.marlin.pairing import Pairing
@@ -164,7 +164,7 @@ def test_tail_of_the_second_that_was_run_holds_the_job():
     protocol = started()
     protocol.take_output()
     protocol.feed(refusal(0, b"checksum mismatch") + b"ok\n", 1.0)  # "G1 X1 E1*..." was run
-    assert in_doubt(protocol, 0) == [Stray(1)]
+    assert in_doubt(protocol, 0) == [StrayOk(1)]
     assert protocol.held
     assert protocol.take_output() == b""
 
@@ -176,7 +176,7 @@ def test_belief_that_ran_ahead_is_taken_back_with_both():
     assert protocol.take_output() == pair(3)
     protocol.feed(refusal(1), 1.0)
     assert in_doubt(protocol, 1) == []
-    assert in_doubt(protocol, 1, 1.2) == [WentBack(2, 2)]
+    assert in_doubt(protocol, 1, 1.2) == [LinesResent(2, 2)]
     protocol.held = False
     protocol.go(2.0)
     assert protocol.take_output() == frame(2, JOB[1])

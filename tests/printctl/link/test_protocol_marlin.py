@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from firmware_profiles.families.link_protocol import (
+    CommandReplied,
     Fault,
-    Halted,
-    InStep,
+    FirmwareHalted,
+    FirmwareReset,
+    LinesResent,
+    LostSynchronisation,
     Notice,
-    OutOfStep,
-    Replied,
-    Stray,
+    StrayOk,
+    Synchronised,
     TokenSent,
-    WasReset,
-    WentBack,
 )
 from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
@@ -165,7 +165,7 @@ def test_lines_acknowledged_by_a_surplus_ok_are_sent_again_once_confirmed():
     settle(protocol, 1, now)
     assert protocol.take_output() == b""  # once isn't enough
     now = ask(protocol, now + 0.051)
-    assert settle(protocol, 1, now) == [WentBack(2, 2)]
+    assert settle(protocol, 1, now) == [LinesResent(2, 2)]
     assert protocol.take_output() == b""  # the position is to be verified first
     protocol.held = False
     protocol.go(now)
@@ -178,13 +178,13 @@ def test_fragment_that_was_done_holds_the_job_until_the_position_is_verified():
     said = b"Error:No Checksum with line number, Last Line: 0\nResend: 1\nok\nok\n"
     protocol.feed(said, 1.0)
     now = ask(protocol, 1.0)
-    assert settle(protocol, 0, now) == [Stray(1)]
+    assert settle(protocol, 0, now) == [StrayOk(1)]
     assert protocol.take_output() == b""
     protocol.submit(b"M114", now)
     assert protocol.take_output() == frame(1, b"M0114")
     protocol.feed(b"ok\n", now)
     assert protocol.take_output() == TOKEN
-    assert Replied(b"M0114", 1, ()) in protocol.feed(b"echo:at 2.1\nok\n", now)
+    assert CommandReplied(b"M0114", 1, ()) in protocol.feed(b"echo:at 2.1\nok\n", now)
     protocol.held = False
     protocol.go(now)
     assert protocol.take_output() == frame(3, JOB[0])
@@ -196,14 +196,14 @@ def test_line_far_from_ours_is_out_of_step():
     now = ask(protocol, 1.0)
     settle(protocol, 500, now)
     now = ask(protocol, now + 0.051)
-    assert settle(protocol, 500, now) == [OutOfStep(500, 0)]
+    assert settle(protocol, 500, now) == [LostSynchronisation(500, 0)]
 
 
 def test_reset_in_mid_job_ends_it_even_if_start_was_garbled():
     for said in (b"start\n", b"Marlin 2.1.2\n"):
         protocol = started()
         protocol.feed(b"ok\n", 0.0)
-        assert protocol.feed(said, 1.0) == [WasReset()]
+        assert protocol.feed(said, 1.0) == [FirmwareReset()]
         protocol.take_output()
         protocol.feed(b"ok\n", 1.1)
         assert protocol.take_output() == b""
@@ -212,13 +212,13 @@ def test_reset_in_mid_job_ends_it_even_if_start_was_garbled():
     protocol.take_output()
     protocol.feed(b"st\x00rt\n", 1.0)
     now = ask(protocol, 1.0)
-    assert settle(protocol, 0, now) == [WasReset()]
+    assert settle(protocol, 0, now) == [FirmwareReset()]
 
 
 def test_halt_ends_everything():
     protocol = started()
     said = b"echo:M112 Shutdown\nError:Printer halted. kill() called!\n//action:poweroff\n"
-    assert any(isinstance(event, Halted) for event in protocol.feed(said, 1.0))
+    assert any(isinstance(event, FirmwareHalted) for event in protocol.feed(said, 1.0))
     protocol.take_output()
     assert not protocol.tick(100.0)
     assert protocol.take_output() == b""
@@ -242,7 +242,7 @@ def test_manual_command_is_numbered_and_goes_between_two_lines():
     protocol.feed(b"ok\n", 0.0)
     assert protocol.take_output() == frame(2, b"M105")
     events = protocol.feed(b"ok T:21.00 /0.00 @:0\n", 0.1)
-    assert events == [Replied(b"M105", 2, (b"ok T:21.00 /0.00 @:0",))]
+    assert events == [CommandReplied(b"M105", 2, (b"ok T:21.00 /0.00 @:0",))]
     assert protocol.take_output() == frame(3, JOB[1])
     assert protocol.lines_done == 1
 
@@ -256,5 +256,5 @@ def test_renumbering_is_repeated_until_the_printer_confirms_it():
     protocol.tick(now + 0.051)
     assert protocol.take_output() == RENUMBER
     now = ask(protocol, now + 0.051)
-    assert settle(protocol, 0, now) == [InStep(0)]
+    assert settle(protocol, 0, now) == [Synchronised(0)]
     assert protocol.idle

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.gate import Bounds, Known, Phase
+from printctl.gate import Bounds, Phase, PrinterSituation
 from printctl.link.care import NewSyringe
 from printctl.link.errors import LinkError
 from printctl.link.gating import judge_typed, let_through
@@ -46,7 +46,7 @@ class Spy:
         self.wishes.append("alive")
 
     def typed(self, text: str, done, refused) -> None:
-        known = Known(Bounds(self.wiring.printer), Phase.PRINTING)
+        known = PrinterSituation(Bounds(self.wiring.printer), Phase.PRINTING)
         self.wishes.append(let_through(judge_typed(text, known)).text)
         done((b"X:0.00", b"ok"))
 

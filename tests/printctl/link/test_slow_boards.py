@@ -11,7 +11,7 @@ from printctl.link.clock import VirtualClock
 from printctl.link.states import LinkState
 from sim.dryrun import dry_run
 from sim.families.marlin.printer import MarlinPrinter
-from sim.faults import Fault, Troubles
+from sim.faults import Fault, PermanentFaults
 from tests.printctl.link.simulated import PRINTER, START, gcode, printed, same_motion
 from tests.printctl.link.simulated_transport import SimulatedTransport
 
@@ -24,7 +24,7 @@ def wire(*faults: Fault, seed: int = 0, **troubles: object) -> SimulatedTranspor
     return SimulatedTransport(
         MarlinPrinter(PRINTER, START, faults=faults),
         VirtualClock(),
-        Troubles.model_validate(troubles),
+        PermanentFaults.model_validate(troubles),
         np.random.default_rng(seed),
     )
 

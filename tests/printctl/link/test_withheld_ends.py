@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from firmware_profiles.families.link_protocol import Fault, Stray
+from firmware_profiles.families.link_protocol import Fault, StrayOk
 from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.marlin.doubt import QUESTION
 from firmware_profiles.families.marlin.pairing import Pairing
@@ -133,7 +133,7 @@ def test_behind_an_error_the_second_line_is_refused_not_run(said):
         now += 0.01
         events += protocol.tick(now)
     assert printer.numbered == [line.decode() for line in JOB]
-    assert not any(isinstance(event, Stray) for event in events)
+    assert not any(isinstance(event, StrayOk) for event in events)
 
 
 def test_answer_of_nobodys_line_has_the_second_refused_too():
@@ -141,7 +141,7 @@ def test_answer_of_nobodys_line_has_the_second_refused_too():
     protocol.take_output()
     protocol.feed(b"ok N1 P15 B3\n", 0.1)
     assert protocol.take_output() == end(2) + text(3)
-    assert protocol.feed(b"ok P15 B3\n", 0.2) == [Stray(1, 1)]
+    assert protocol.feed(b"ok P15 B3\n", 0.2) == [StrayOk(1, 1)]
     protocol.feed(b"ok N2 P15 B3\n", 0.3)
     assert protocol.take_output() == b"\n"
 
@@ -169,7 +169,7 @@ def test_a_line_that_noise_has_ended_is_sent_again(cut):
     protocol.feed(
         b"Error:Line Number is not Last Line Number+1, Last Line: 1\nResend: 2\nok\n", 0.21
     )
-    assert not any(isinstance(event, (Fault, Stray)) for event in protocol.tick(0.3))
+    assert not any(isinstance(event, (Fault, StrayOk)) for event in protocol.tick(0.3))
     assert protocol.take_output() == frame(2, JOB[1])
 
 

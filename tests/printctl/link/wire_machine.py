@@ -7,12 +7,12 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from firmware_profiles.families.link_protocol import (
-    InStep,
-    OutOfStep,
-    Silent,
-    Stray,
-    WasReset,
-    WentBack,
+    FirmwareReset,
+    LinesResent,
+    LostSynchronisation,
+    NoReply,
+    StrayOk,
+    Synchronised,
 )
 from tests.printctl.link.fake_marlin import zigzag
 
@@ -63,9 +63,9 @@ class WireMachine(RuleBasedStateMachine):
 
     def note(self, events) -> None:
         for event in events:
-            self.over |= isinstance(event, OutOfStep | Silent | WasReset)
-            self.in_step += isinstance(event, InStep)
-            if isinstance(event, WentBack | Stray):
+            self.over |= isinstance(event, LostSynchronisation | NoReply | FirmwareReset)
+            self.in_step += isinstance(event, Synchronised)
+            if isinstance(event, LinesResent | StrayOk):
                 self.protocol.held = False
                 self.protocol.go(self.now)
         self.flow()

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
-from printctl.lumens import Stations, WrittenLines
+from printctl.lumens import SectionStations, WrittenLines
 from printctl.lumens.measure import slabs_near
 from sim.lumen_kernels import widest_in_polygon
 from sim.lumen_leak_kernels import find_runs, join_runs
@@ -45,9 +45,9 @@ def written(line: FloatArray, layer: IntArray, layers: int, mean: FloatArray) ->
     )
 
 
-def station(point: FloatArray, reach: float) -> Stations:
+def station(point: FloatArray, reach: float) -> SectionStations:
     one = np.ones(1)
-    return Stations(
+    return SectionStations(
         np.zeros(1, dtype=np.int64),
         point[None],
         np.array([[1.0, 1.0, 1.0]]) / np.sqrt(3),

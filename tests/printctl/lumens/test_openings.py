@@ -11,7 +11,7 @@ from design.network import VesselNetwork
 from firmware_profiles.bead import BeadSection
 from printctl.lumens import (
     Openings,
-    Stations,
+    SectionStations,
     measure,
     network_lumens,
     read_lines,
@@ -151,10 +151,10 @@ def test_coarse_steps_change_the_lumen_as_moved_lines_do() -> None:
     assert abs(float(stepped.diameter[0]) - 0.6) > 5e-3
 
 
-def _stations(radius: np.ndarray, own: np.ndarray) -> Stations:
+def _stations(radius: np.ndarray, own: np.ndarray) -> SectionStations:
     n = len(radius)
     axis = np.column_stack([np.zeros((n, 2)), np.linspace(0.01, 0.05, n)])
-    return Stations(
+    return SectionStations(
         np.zeros(n, dtype=np.int64), axis, np.tile([0.0, 0, 1], (n, 1)), 2 * radius, radius,
         radius, radius, np.full(n, 0.5), own, ("a",),
     )  # fmt: skip

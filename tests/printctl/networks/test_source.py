@@ -12,7 +12,7 @@ from design.vasculature import planar_four_vessel
 from printctl.errors import UsageError
 from printctl.networks import Drive, load_source
 from printctl.networks.source import Source, with_flow
-from registration.picture import Known
+from registration.picture import VesselQuantities
 
 DRIVE = Drive(0.5, 4.0)
 
@@ -78,7 +78,7 @@ def test_a_network_without_an_outlet_has_no_flow_and_it_is_told() -> None:
         np.zeros(3),
         np.zeros(3),
     )
-    source = with_flow(Source("ring", ring, Known(), None, ()), Drive())
+    source = with_flow(Source("ring", ring, VesselQuantities(), None, ()), Drive())
     assert source.known.flow == {}
     assert source.notes[0].startswith("No flow: ")
     assert source.network is ring

@@ -11,7 +11,7 @@ from design.errors import SolidError
 from design.network import VesselNetwork
 from design.solids import block_solid, find_crossings, surface_genus
 from printctl.errors import RecipeError
-from printctl.pipeline.solid_build import Built, build
+from printctl.pipeline.solid_build import RunSolids, build
 from printctl.recipe.load import parse_recipe
 from printctl.recipe.solid import SolidPart
 from tests.design.solids.networks import channels, ladder
@@ -20,7 +20,7 @@ BLOCK = block_solid((16, 8, 3))
 BARB = {"kind": "barb", "bore_mm": 0.8, "outer_mm": 2.0, "length_mm": 5}
 
 
-def make(network: VesselNetwork | None = None, **keys: Any) -> Built:
+def make(network: VesselNetwork | None = None, **keys: Any) -> RunSolids:
     built = build(SolidPart(**keys), network or ladder(), BLOCK, 0)
     for solid in (built.construct, *([built.chamber] if built.chamber else [])):
         assert len(find_crossings(solid.vertices, solid.faces).pairs) == 0

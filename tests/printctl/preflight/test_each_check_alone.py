@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
-from printctl.preflight import Check, SetUp, Standing, file_checks
+from printctl.preflight import Check, PlacedDish, SetUp, file_checks
 from sim.dryrun import dry_run
 
 START = (100.0, 100.0, 20.0)
@@ -25,7 +25,7 @@ GOOD = SetUp(
     INK,
     load(Needle, "30g_50mm"),
     load(Bath, "gelatin_support"),
-    Standing(load(Dish, "box_80mm"), START[:2], 0.0, 8.0),
+    PlacedDish(load(Dish, "box_80mm"), START[:2], 0.0, 8.0),
 )
 
 
@@ -49,7 +49,7 @@ def test_a_job_in_order_passes_all() -> None:
 
 
 LOW_DISH = load(Dish, "box_80mm").model_copy(update={"wall_mm": 7.5})
-SHALLOW = replace(GOOD, standing=Standing(LOW_DISH, START[:2], 0.0, 8.0))
+SHALLOW = replace(GOOD, standing=PlacedDish(LOW_DISH, START[:2], 0.0, 8.0))
 
 JOBS: list[tuple[str, list[str]]] = [
     ("x, lowest", ["G0 Z100 F240", "G0 X-1 F6000"]),

@@ -8,9 +8,9 @@ import pytest
 
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, load
 from printctl.preflight import (
-    Loaded,
+    HeadLoading,
+    PlacedDish,
     SetUp,
-    Standing,
     file_checks,
     gcode_checks,
     head_checks,
@@ -22,7 +22,7 @@ from tests.printctl.link.two_heads import DATA, QUICK, START, SYRINGES
 
 NEEDLE = load(Needle, "30g")
 PETRI = load(Dish, "petri_60mm")
-STANDING = Standing(PETRI, (62.0, 72.0), 0.0, 10.0)
+STANDING = PlacedDish(PETRI, (62.0, 72.0), 0.0, 10.0)
 
 
 def found(data=DATA, printer=QUICK, standing=STANDING):
@@ -121,7 +121,7 @@ def test_each_head_is_held_against_its_own_syringe():
 
 def test_all_checks_of_a_file_know_what_each_head_holds():
     ink = load(Ink, "gelatin_sacrificial")
-    loads = tuple(Loaded(syringe, ink, NEEDLE) for syringe in SYRINGES)
+    loads = tuple(HeadLoading(syringe, ink, NEEDLE) for syringe in SYRINGES)
     setup = SetUp(QUICK, SYRINGES[0], ink, NEEDLE, load(Bath, "cell_matrix"), STANDING, heads=loads)
     checks = file_checks(dry_run(DATA, QUICK, START), setup)
     assert not [check.check for check in checks if check.refuses]

@@ -12,8 +12,8 @@ from design.toolpath.embedded import held_diameter_mm
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, wall_stress_pa
 from printctl.preflight import (
     Check,
+    PlacedDish,
     SetUp,
-    Standing,
     bath_checks,
     chemistry_check,
     dish_checks,
@@ -203,9 +203,9 @@ def test_limits_that_nobody_knows_are_not_invented() -> None:
 # --- dish ---------------------------------------------------------------------------------------
 
 
-def standing(**changes: Any) -> Standing:
+def standing(**changes: Any) -> PlacedDish:
     dish = load(Dish, "petri_60mm")
-    return Standing(dish, (100.0, 100.0), 0.0, changes.pop("bath_mm", 10.0))
+    return PlacedDish(dish, (100.0, 100.0), 0.0, changes.pop("bath_mm", 10.0))
 
 
 def named(checks: list[Check], name: str) -> Check:
@@ -232,7 +232,7 @@ def test_needle_keeps_off_a_round_wall_below_its_top(
 
 
 def test_a_box_is_looked_at_side_by_side() -> None:
-    box = Standing(load(Dish, "box_80mm"), (100.0, 100.0), 0.0)
+    box = PlacedDish(load(Dish, "box_80mm"), (100.0, 100.0), 0.0)
     checks = dish_checks(run_of("G1 Z5 F60", "G1 X138.5 Y138.5 F600"), box, NEEDLE)
     assert [check.check for check in checks] == [
         "needle to the dish's wall",

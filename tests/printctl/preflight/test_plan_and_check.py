@@ -12,7 +12,7 @@ from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.preflight import shaft_clearance, written_arrays
 from printctl.preflight.shaft_map import written_of
-from printctl.set_up import Loaded
+from printctl.set_up import HeadLoading
 from sim.dryrun import dry_run
 from tests.design.toolpath.random_networks import random_network
 
@@ -43,7 +43,9 @@ def said_and_seen(seed: int) -> tuple[dict[tuple[int, int], float], dict[tuple[i
     beside = written_arrays(net, PLACE, options.overlap_radii, options.clearance_mm, [needle])
     lines = {"source": made.line_source, "kind": made.line_kind}
     run = dry_run(made.data, printer, START)
-    found = shaft_clearance(run, printer, [Loaded(syringe, ink, None)], written_of(lines | beside))
+    found = shaft_clearance(
+        run, printer, [HeadLoading(syringe, ink, None)], written_of(lines | beside)
+    )
     seen: dict[tuple[int, int], float] = {}
     for one in found.crossings:
         assert one.vessel is not None

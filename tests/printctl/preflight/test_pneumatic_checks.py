@@ -21,7 +21,7 @@ from firmware_profiles import (
     flow_ul_s,
     load,
 )
-from printctl.preflight import Check, SetUp, Standing, file_checks
+from printctl.preflight import Check, PlacedDish, SetUp, file_checks
 from sim.dryrun import dry_run
 
 START = (100.0, 100.0, 20.0)
@@ -36,7 +36,7 @@ GOOD = SetUp(
     INK,
     NEEDLE,
     load(Bath, "gelatin_support"),
-    Standing(load(Dish, "box_80mm"), START[:2], 0.0, 8.0),
+    PlacedDish(load(Dish, "box_80mm"), START[:2], 0.0, 8.0),
 )
 WATCH = "kill and dead host"
 """What everybody with such a head is told."""

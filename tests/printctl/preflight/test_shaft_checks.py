@@ -169,7 +169,7 @@ def test_a_run_refuses_what_its_recipe_doesnt_allow(
 ) -> None:
     path = written(0, 1)
     own = Bundles.plain(NETWORK)
-    planned = stage.Planned([path], 8.0, lambda: NoReport(), own)  # type: ignore[arg-type, return-value]
+    planned = stage.PlannedPath([path], 8.0, lambda: NoReport(), own)  # type: ignore[arg-type, return-value]
     monkeypatch.setattr(stage, "plan", lambda _: planned)
     write_network_csv(tmp_path / "two.csv", NETWORK)
     recipe = {

@@ -13,7 +13,7 @@ from design.toolpath.gcode import Gcode, GcodeOptions, stream_gcode, write_gcode
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.preflight import shaft_clearance, written_arrays
 from printctl.preflight.shaft_map import written_of
-from printctl.set_up import Loaded
+from printctl.set_up import HeadLoading
 from sim.dryrun import dry_run
 from tests.design.toolpath.shapes import random_tree
 from tests.slower import first_of
@@ -43,7 +43,9 @@ def test_the_checker_flags_nothing_that_a_plan_of_a_tree_doesnt_tell(seed: int) 
     beside = written_arrays(net, PLACE, options.overlap_radii, options.clearance_mm, [NEEDLE])
     lines = {"source": made.line_source, "kind": made.line_kind}
     run = dry_run(made.data, printer, START)
-    found = shaft_clearance(run, printer, [Loaded(syringe, ink, None)], written_of(lines | beside))
+    found = shaft_clearance(
+        run, printer, [HeadLoading(syringe, ink, None)], written_of(lines | beside)
+    )
     told = {frozenset((one.vessel, one.through)) for one in plan.report.crossings}
     deep = {frozenset((a.vessel, a.crossed)) for a in found.crossings if a.depth_mm > SHALLOW_MM}
     assert deep <= told
@@ -67,7 +69,9 @@ def test_bundles_pass_the_checker_but_for_what_the_plan_tells(seed: int) -> None
     beside |= written_arrays(net, PLACE, options.overlap_radii, 0.05, [NEEDLE], strands)
     lines = {"source": whole.line_source, "kind": whole.line_kind}
     run = dry_run(whole.data, printer, START)
-    found = shaft_clearance(run, printer, [Loaded(syringe, ink, None)], written_of(lines | beside))
+    found = shaft_clearance(
+        run, printer, [HeadLoading(syringe, ink, None)], written_of(lines | beside)
+    )
     named = {frozenset((one.vessel, one.through)) for one in plan.report.crossings}
     deep = {frozenset((a.vessel, a.crossed)) for a in found.crossings if a.depth_mm > SHALLOW_MM}
     assert deep <= named

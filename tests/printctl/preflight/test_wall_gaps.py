@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from firmware_profiles import Dish, Needle, load
 from printctl.preflight.wall_gaps import hub_gap, wall_gap
-from printctl.set_up import Standing, hub_gap_of, wall_gap_of
+from printctl.set_up import PlacedDish, hub_gap_of, wall_gap_of
 
 NEEDLE = load(Needle, "25g")
 coordinate = st.floats(-50, 150)
@@ -18,7 +18,7 @@ place = st.tuples(coordinate, coordinate, st.floats(-5, 40))
 
 @given(st.sampled_from(["petri_60mm", "chamber_slide"]), st.lists(st.tuples(place, place)))
 def test_one_move_has_the_gap_that_it_has_among_many(name, moves):
-    standing = Standing(load(Dish, name), (40.0, 50.0), 3.0)
+    standing = PlacedDish(load(Dish, name), (40.0, 50.0), 3.0)
     tips, rows = np.array(moves).reshape(-1, 2, 3), np.ones(len(moves), np.bool_)
     alone = [wall_gap_of(ends, standing, 0.5) for ends in moves]
     assert alone == pytest.approx(wall_gap(tips, rows, standing, 0.5))

@@ -7,7 +7,7 @@ from pathlib import Path
 from printctl.cli.status import told
 from printctl.link.states import LinkState, Status
 from printctl.print_state.state import PrintTruth
-from printctl.printing.journalled import Journalled
+from printctl.printing.journalled import JournalledFacts
 
 
 def truth() -> PrintTruth:
@@ -26,6 +26,6 @@ def test_lines_are_told_as_lines_where_the_time_is_not_known():
 
 def test_status_tells_the_last_alarm_and_how_many_there_are():
     status = Status(LinkState.PRINTING, alarms=3, line_errors=2)
-    lines = told(PrintTruth(Path(), status, Journalled(last_alarm="M204 R is 500")), "run")
+    lines = told(PrintTruth(Path(), status, JournalledFacts(last_alarm="M204 R is 500")), "run")
     assert "2 lines sent again" in lines
     assert "3 alarms, the last: M204 R is 500" in lines

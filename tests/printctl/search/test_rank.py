@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from printctl.search.candidates import Candidate
 from printctl.search.model import Objective, SearchFile
 from printctl.search.quantities import QUANTITIES
-from printctl.search.rank import Ranked, pareto_fronts, ranked
+from printctl.search.rank import RankedCandidate, pareto_fronts, ranked
 from tests.printctl.search.small import SEARCH
 
 
@@ -23,7 +23,9 @@ class Named:
         self.number, self.key = number, str(number)
 
 
-def order(objectives: dict[str, Any], *results: dict[str, float | None] | str) -> list[Ranked]:
+def order(
+    objectives: dict[str, Any], *results: dict[str, float | None] | str
+) -> list[RankedCandidate]:
     """Rank; a result is what was measured, or why it was refused."""
     search = SearchFile.model_validate(SEARCH | {"objectives": objectives})
     rows: list[tuple[Candidate, dict[str, Any]]] = []
@@ -37,7 +39,7 @@ def order(objectives: dict[str, Any], *results: dict[str, float | None] | str) -
     return ranked(search, rows)
 
 
-def numbers(rows: list[Ranked]) -> list[int]:
+def numbers(rows: list[RankedCandidate]) -> list[int]:
     return [row.candidate.number for row in rows]
 
 

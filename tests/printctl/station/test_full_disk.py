@@ -12,7 +12,7 @@ from printctl.link.errors import LinkError
 from printctl.station import StationState, StationStatus, process
 from printctl.station.process import Opening, serve_station
 from printctl.station.record import StationRecord, load_station
-from printctl.station.status import Mounted
+from printctl.station.status import MountedParts
 
 
 class Disk:
@@ -70,7 +70,7 @@ def test_a_station_that_cant_write_its_first_record_says_so_and_leaves_the_older
 def test_what_was_known_outlives_a_station_that_dies_before_it_is_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    status = StationStatus(StationState.CLOSED, mounted=Mounted(needle="30g")).to_dict()
+    status = StationStatus(StationState.CLOSED, mounted=MountedParts(needle="30g")).to_dict()
     StationRecord(1, "", "", "p", "q", None, 1.0, status, 12.5, True).save(tmp_path)
     seen = []
     monkeypatch.setattr(

@@ -8,7 +8,7 @@ from firmware_profiles import Printer, load
 from printctl.link.errors import Refused
 from printctl.link.temperatures import Temperature
 from printctl.station.knowledge import Knowledge
-from printctl.station.status import Mounted, StationState, StationStatus
+from printctl.station.status import MountedParts, StationState, StationStatus
 
 PRINTER = load(Printer, "generic_marlin")
 
@@ -102,7 +102,7 @@ def test_status_travels_as_json():
         homed=(True, False, True),
         temperatures=(Temperature("bed", 21.0, None),),
         soft_low_mm=(0.0, 0.0, 0.0),
-        mounted=Mounted(needle="25g", dish_centre_mm=(1.0, 2.0)),
+        mounted=MountedParts(needle="25g", dish_centre_mm=(1.0, 2.0)),
     )
     assert StationStatus.from_dict(status.to_dict()) == status
     assert StationStatus.from_dict({**status.to_dict(), "later": 1}) == status

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from firmware_profiles import Printer, load
-from printctl.gate import Bounds, Known, NotAllowed, check_heat
+from printctl.gate import Bounds, NotAllowed, PrinterSituation, check_heat
 from printctl.link.temperatures import Temperature, parse_temperatures, target_command
 from printctl.station.heat_limits import heat_limits
 from printctl.station.mounted_profiles import read_mounted_profiles
-from printctl.station.status import Mounted
+from printctl.station.status import MountedParts
 
 PRINTER = load(Printer, "generic_marlin")
 
@@ -17,7 +17,7 @@ PRINTER = load(Printer, "generic_marlin")
 def check_target(known, name, celsius, profiles, part_in_dish):
     told = tuple(one.name for one in known)
     limits = heat_limits(profiles, part_in_dish)
-    check_heat(Known(Bounds(PRINTER), heat=limits, heaters=told), name, celsius)
+    check_heat(PrinterSituation(Bounds(PRINTER), heat=limits, heaters=told), name, celsius)
 
 
 BOTH = (Temperature("nozzle", 21.0, 0.0), Temperature("bed", 21.0, 0.0))
@@ -45,7 +45,9 @@ def test_reading_and_target():
 
 
 def test_ink_and_bath_limit_what_they_bear():
-    profiles = read_mounted_profiles(Mounted(ink="gelatin_sacrificial", bath="gelatin_support"))
+    profiles = read_mounted_profiles(
+        MountedParts(ink="gelatin_sacrificial", bath="gelatin_support")
+    )
     ink, bath = profiles.ink, profiles.bath
     assert ink is not None
     assert bath is not None
@@ -61,12 +63,12 @@ def test_ink_and_bath_limit_what_they_bear():
 @pytest.mark.parametrize("celsius", [45.1, -1.0])
 def test_without_a_name_no_more_than_cells_bear(celsius):
     with pytest.raises(NotAllowed, match="outside 0 to 45"):
-        check_target(BOTH, "nozzle", celsius, read_mounted_profiles(Mounted()), False)
+        check_target(BOTH, "nozzle", celsius, read_mounted_profiles(MountedParts()), False)
 
 
 def test_heater_that_isnt_there_is_named():
     with pytest.raises(NotAllowed, match="no 'chamber', only of nozzle, bed"):
-        check_target(BOTH, "chamber", 30, read_mounted_profiles(Mounted()), False)
+        check_target(BOTH, "chamber", 30, read_mounted_profiles(MountedParts()), False)
 
 
 def test_commands_set_and_dont_wait():
@@ -75,6 +77,6 @@ def test_commands_set_and_dont_wait():
 
 
 def test_off_is_always_right():
-    check_target((), "bed", 0, read_mounted_profiles(Mounted()), False)
+    check_target((), "bed", 0, read_mounted_profiles(MountedParts()), False)
     with pytest.raises(NotAllowed, match="tells of no 'oven'"):
-        check_target((), "oven", 0, read_mounted_profiles(Mounted()), False)
+        check_target((), "oven", 0, read_mounted_profiles(MountedParts()), False)

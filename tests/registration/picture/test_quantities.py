@@ -5,7 +5,7 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from design.network import VesselKind, VesselNetwork
-from registration.picture import Colour, Known, Quantity, quantities
+from registration.picture import Colour, Quantity, VesselQuantities, quantities
 from registration.picture.colours import NO_DATA, SEQUENTIAL
 from registration.picture.pressures import point_pressure
 from registration.picture.quantity import magnitude, signed
@@ -27,7 +27,7 @@ def fork() -> VesselNetwork:
     )
 
 
-def by_key(known: Known | None = None) -> dict[str, Quantity]:
+def by_key(known: VesselQuantities | None = None) -> dict[str, Quantity]:
     return {quantity.key: quantity for quantity in quantities(fork(), known)}
 
 
@@ -35,7 +35,7 @@ def test_only_what_is_known_is_offered() -> None:
     assert list(by_key()) == ["radius", "order", "kind", "tree"]
     flow = {name: np.ones(4) for name in ("flow_ml_min", "wall_shear_pa", "pressure_in_mmhg",
                                           "pressure_out_mmhg")}  # fmt: skip
-    known = by_key(Known(flow, {"error_percent": np.array([1.0, -2.0, np.nan, 0.0])}))
+    known = by_key(VesselQuantities(flow, {"error_percent": np.array([1.0, -2.0, np.nan, 0.0])}))
     assert set(get_args(Colour)) <= set(known)
 
 
@@ -109,11 +109,11 @@ def test_the_signed_scale_has_its_middle_at_zero() -> None:
 
 def test_low_pressures_are_told_in_pa() -> None:
     ends = {"pressure_in_mmhg": np.full(4, 0.02), "pressure_out_mmhg": np.full(4, 0.01)}
-    low = by_key(Known(ends))["pressure"]
+    low = by_key(VesselQuantities(ends))["pressure"]
     assert low.unit == "Pa"
     assert np.nanmax(low.values) == pytest.approx(0.02 * 133.322)
     ends["pressure_in_mmhg"] = np.full(4, 20.0)
-    assert by_key(Known(ends))["pressure"].unit == "mmHg"
+    assert by_key(VesselQuantities(ends))["pressure"].unit == "mmHg"
 
 
 def test_pressure_falls_evenly_between_the_ends() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from registration.report.gcode import Act
-from registration.report.play import Played, PlayNote, PlayRows
+from registration.report.play import Playback, PlayNote, PlayRows
 
 HOSTILE = "</script><script>document.title='taken'</script>"
 
@@ -48,7 +48,7 @@ def layered(**more):
         "wanted": "the design",
         "warnings": (PlayNote("much too thin", 9, 7.0), PlayNote("all of it", 0, None)),
     }
-    return Played(**{**said, **more})
+    return Playback(**{**said, **more})
 
 
 def passes(**more):
@@ -68,4 +68,4 @@ def passes(**more):
         "inks": ("Gel", HOSTILE),
         "wanted": "the design",
     }
-    return Played(**{**said, **more})
+    return Playback(**{**said, **more})

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from registration.picture import Known, quantities
+from registration.picture import VesselQuantities, quantities
 from registration.report import NetworkPage, write_network_html, write_report_html
 from registration.report.gcode import layer_figure
 from registration.report.gcode.colouring import colourings
@@ -106,7 +106,7 @@ def acted(path: Path, script: str) -> str:
 
 def write_network(path: Path, first: str = "radius") -> None:
     network = planar_network()
-    known = Known(flow={"flow_ml_min": np.linspace(0.01, 0.25, network.vessel_count)})
+    known = VesselQuantities(flow={"flow_ml_min": np.linspace(0.01, 0.25, network.vessel_count)})
     page = NetworkPage("planar", first, ("A note.",))
     write_network_html(path, network, quantities(network, known), [block_surface()], page)
 

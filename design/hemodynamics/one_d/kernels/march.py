@@ -42,7 +42,7 @@ class State(NamedTuple):
     passed: FloatArray
 
 
-class Work(NamedTuple):
+class MarchScratch(NamedTuple):
     """Scratch: one set a network, so that a step allocates nothing."""
 
     pressure: FloatArray
@@ -58,10 +58,10 @@ class Work(NamedTuple):
     lines: FloatArray
 
 
-def make_work(grid: Grid, nodes: Nodes) -> Work:
+def make_work(grid: Grid, nodes: Nodes) -> MarchScratch:
     """Scratch for a network."""
     cells, ends = len(grid.area), 2 * len(grid.cell)
-    return Work(
+    return MarchScratch(
         pressure=np.zeros(cells),
         area_rate=np.zeros(cells),
         flow_rate=np.zeros(cells),
@@ -78,7 +78,12 @@ def make_work(grid: Grid, nodes: Nodes) -> Work:
 
 @jit
 def settle_ends(
-    grid: Grid, nodes: Nodes, state: State, drive: FloatArray, work: Work, share: float = 0.0
+    grid: Grid,
+    nodes: Nodes,
+    state: State,
+    drive: FloatArray,
+    work: MarchScratch,
+    share: float = 0.0,
 ) -> int:
     """Find what vessels' ends are at a state; ``work.ends`` and ``work.pressure`` hold it.
 
@@ -98,7 +103,7 @@ def advance(
     state: State,
     drives: FloatArray,
     step: float,
-    work: Work,
+    work: MarchScratch,
 ) -> int:
     """March through steps in place.
 
@@ -144,7 +149,9 @@ def advance(
 
 
 @jit
-def _mix(grid: Grid, nodes: Nodes, state: State, step: float, work: Work, old: float) -> int:
+def _mix(
+    grid: Grid, nodes: Nodes, state: State, step: float, work: MarchScratch, old: float
+) -> int:
     """``old`` of the step's begin and the rest of an Euler step."""
     new = 1.0 - old
     for i in range(len(state.area)):
@@ -170,7 +177,7 @@ def _mix(grid: Grid, nodes: Nodes, state: State, step: float, work: Work, old: f
 
 
 @jit
-def _pass(nodes: Nodes, state: State, step: float, work: Work) -> None:
+def _pass(nodes: Nodes, state: State, step: float, work: MarchScratch) -> None:
     """Add up what leaves at each node, as the step's stages weigh it."""
     for node in range(len(nodes.kind)):
         for k in range(nodes.start[node], nodes.start[node + 1]):
@@ -178,7 +185,7 @@ def _pass(nodes: Nodes, state: State, step: float, work: Work) -> None:
 
 
 @jit
-def all_pressures(grid: Grid, state: State, work: Work, pressure: FloatArray) -> None:
+def all_pressures(grid: Grid, state: State, work: MarchScratch, pressure: FloatArray) -> None:
     """Pressure of every cell with what a viscous wall adds, after `settle_ends`."""
     for i in range(len(state.area)):
         pressure[i] = work.pressure[i]

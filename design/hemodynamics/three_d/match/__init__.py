@@ -1,12 +1,12 @@
 """Adjust vessel radii until 3D flow divides among the branches as wanted."""
 
 from design.hemodynamics.three_d.match.loop import match_split
-from design.hemodynamics.three_d.match.options import Matched, MatchOptions, Round
+from design.hemodynamics.three_d.match.options import MatchedNetwork, MatchOptions, Round
 from design.hemodynamics.three_d.match.target import Target, ideal_target, outlet_target
 
 __all__ = [
     "MatchOptions",
-    "Matched",
+    "MatchedNetwork",
     "Round",
     "Target",
     "ideal_target",

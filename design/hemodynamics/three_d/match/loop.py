@@ -16,8 +16,8 @@ import numpy as np
 from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.three_d.effective import Effective, effective, inflow_of, rescaled
 from design.hemodynamics.three_d.jacobian import straightened
-from design.hemodynamics.three_d.match.options import Matched, MatchOptions, Round
-from design.hemodynamics.three_d.match.radii import Free, free_radii, next_scales
+from design.hemodynamics.three_d.match.options import MatchedNetwork, MatchOptions, Round
+from design.hemodynamics.three_d.match.radii import FreeVessels, free_radii, next_scales
 from design.hemodynamics.three_d.match.target import Target, ideal_target
 from design.hemodynamics.three_d.mesh import lumen_mesh
 from design.hemodynamics.three_d.steady import solve_steady
@@ -44,7 +44,7 @@ def match_split(
     target: Target | None = None,
     options: MatchOptions | None = None,
     tell: Tell = lambda share, doing: None,
-) -> Matched:
+) -> MatchedNetwork:
     """Change radii until steady flow in 3D has the wanted flows.
 
     Each vessel's radii are scaled as a whole: tapers stay tapers. Ends when the tolerance is met,
@@ -124,14 +124,14 @@ def _matched(
     network: VesselNetwork,
     target: Target,
     rounds: list[tuple[Effective, Round]],
-    free: Free,
+    free: FreeVessels,
     tolerance: float,
-) -> Matched:
+) -> MatchedNetwork:
     history = tuple(told for _, told in rounds)
     turn = int(np.argmin([each.worst for each in history]))
     logs = np.log(history[turn].scale[free.vessel])
     stands = (logs < free.low + _AT_BOUND) | (logs > free.high - _AT_BOUND)
-    return Matched(
+    return MatchedNetwork(
         rescaled(network, history[turn].scale),
         target,
         history,

@@ -80,7 +80,7 @@ class Round:
 
 
 @dataclass(frozen=True)
-class Matched:
+class MatchedNetwork:
     """The network of the best round.
 
     Attributes

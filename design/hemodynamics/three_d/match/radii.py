@@ -24,7 +24,7 @@ _INSIDE: Final = 1e-9
 
 
 @dataclass(frozen=True)
-class Free:
+class FreeVessels:
     """Vessels whose radii change, and least and greatest logarithm of their scales."""
 
     vessel: IntArray
@@ -48,7 +48,7 @@ def _varied(network: VesselNetwork, how: MatchOptions) -> IntArray:
     return np.arange(network.vessel_count)
 
 
-def free_radii(network: VesselNetwork, how: MatchOptions) -> Free:
+def free_radii(network: VesselNetwork, how: MatchOptions) -> FreeVessels:
     """Vessels that may change, and by how much.
 
     Raises
@@ -68,7 +68,7 @@ def free_radii(network: VesselNetwork, how: MatchOptions) -> Free:
     most = np.log(how.most_change)
     with np.errstate(divide="ignore"):
         low = np.maximum(np.log(how.least_radius_mm / thinnest), -most)
-    return Free(vary, np.minimum(low, 0.0), np.full(len(vary), most))
+    return FreeVessels(vary, np.minimum(low, 0.0), np.full(len(vary), most))
 
 
 def next_scales(
@@ -76,7 +76,7 @@ def next_scales(
     conditions: FlowConditions,
     target: Target,
     found: Effective,
-    free: Free,
+    free: FreeVessels,
     scale: FloatArray,
 ) -> FloatArray:
     """Scales at which the reduced model, resisting as 3D does now, has the wanted flows."""

@@ -52,7 +52,7 @@ class CameraState:
     ----------
     state : {"starting", "there", "lost"}
     message : str
-    still : Still or None
+    still : LatestPicture or None
         The last picture, however old.
     """
 

@@ -7,7 +7,7 @@ import pytest
 
 from design.hemodynamics import FlowConditions, solve_flow
 from design.hemodynamics.dye import (
-    Carried,
+    CarryingFlow,
     carried_by,
     check_frames,
     dye_curves,
@@ -27,7 +27,7 @@ SPLIT = network_of(
 )
 
 
-def carried(network: VesselNetwork) -> Carried:
+def carried(network: VesselNetwork) -> CarryingFlow:
     given = FlowConditions(1e-3, inlet_flow_ul_s=1.0)
     return carried_by(network, solve_flow(network, given), tuple(network.inlets().tolist()))
 

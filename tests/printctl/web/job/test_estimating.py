@@ -9,7 +9,7 @@ import pytest
 
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.gcode_view import Pushing, read_job
-from printctl.preflight import Loaded, volumes
+from printctl.preflight import HeadLoading, volumes
 from printctl.printing.job_table import JobTable
 from printctl.printing.journalled import read_so_far
 from printctl.printing.progress import Filling, progress
@@ -29,7 +29,7 @@ def table_of(data: bytes) -> JobTable:
     view = read_job(
         data, "job.gcode", Pushing(PRINTER, None, "", SYRINGE.inner_mm, SYRINGE.name), None
     )
-    volume = volumes(run, PRINTER, [Loaded(SYRINGE, INK, None)])
+    volume = volumes(run, PRINTER, [HeadLoading(SYRINGE, INK, None)])
     return make_table(parse_job(data, "job.gcode"), run, volume, view)
 
 
