@@ -120,7 +120,7 @@ class AckProtocol(ABC):
         self.fly(now)
 
     def ask(self, now: float) -> None:
-        """Hear that the printer answers; `Synchronised` follows. It can't say which line it took last."""
+        """Check that the printer answers; it can't name its last line. `Synchronised` follows."""
         self.flight, self.in_job, self.probing = PROBE, False, True
         self.fly(now)
 

@@ -159,7 +159,7 @@ class Noisy:
 
 @dataclass(frozen=True)
 class Halting:
-    """Firmware has reported a final stop; it is queried for the reason, `FirmwareHalted` follows."""
+    """Firmware has reported a final stop and is asked for the reason; `FirmwareHalted` follows."""
 
     text: str
 
