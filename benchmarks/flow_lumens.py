@@ -28,7 +28,7 @@ from benchmarks.command import Row
 from benchmarks.embedded_cases import _tissue
 from benchmarks.machine import ROOT, row
 from design.hemodynamics import FlowConditions
-from design.hemodynamics.three_d import FlowOptions, solve_steady, straightened
+from design.hemodynamics.three_d import FlowOptions, solve_steady, straighten_edges
 from design.hemodynamics.three_d.mesh import lumen_mesh
 from design.network import VesselNetwork
 from design.network_csv import write_network_csv
@@ -105,7 +105,7 @@ def _planar(folder: Path) -> Iterator[Row]:
 
 def _mesh_and_solve(network: VesselNetwork) -> float:
     begun = time.perf_counter()
-    mesh, _ = straightened(lumen_mesh(network))
+    mesh, _ = straighten_edges(lumen_mesh(network))
     driven = FlowConditions(VISCOSITY, inlet_flow_ul_s=FLOW_ML_MIN * _UL_S)
     solve_steady(mesh, driven, FlowOptions(order=2))
     return time.perf_counter() - begun

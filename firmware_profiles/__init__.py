@@ -1,6 +1,6 @@
 """Profiles of printers, needles, syringes, inks, baths, dishes and plates, with sources."""
 
-from firmware_profiles.cross_checks import ProfileDoubt, doubts
+from firmware_profiles.cross_checks import ProfileDoubt, profile_doubts
 from firmware_profiles.dishes import Dish
 from firmware_profiles.dispensers import MeasuredFlow, Plunger, Pneumatic
 from firmware_profiles.dispensing import SteadyFlow, steady_flow
@@ -39,11 +39,11 @@ __all__ = [
     "SteadyFlow",
     "Syringe",
     "WatchedGauge",
-    "doubts",
     "flow_ul_s",
     "held_pa",
     "load",
     "pressure_pa",
+    "profile_doubts",
     "read_keys",
     "shipped",
     "steady_flow",

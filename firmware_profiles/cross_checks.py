@@ -42,7 +42,7 @@ class ProfileDoubt:
     grave: bool = True
 
 
-def doubts(facts: Facts, syringes: Sequence[Syringe] = ()) -> list[ProfileDoubt]:
+def profile_doubts(facts: Facts, syringes: Sequence[Syringe] = ()) -> list[ProfileDoubt]:
     """All that is to be said of a profile.
 
     Parameters

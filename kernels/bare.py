@@ -39,7 +39,7 @@ def without_numba() -> None:
     _ASKED.add("bare")
 
 
-def wanted() -> bool:
+def bare_wanted() -> bool:
     """Whether single-threaded kernels are made as `BareKernel` in this process.
 
     Not where a user's settings of numba count, or on another processor or system.

@@ -13,7 +13,7 @@ _SAFE = ("tbb", "omp")
 Layers); its own, "workqueue", stops the program."""
 
 
-def beside() -> Executor:
+def helper_thread() -> Executor:
     """One thread that works beside the caller's; the caller's own where two may not.
 
     Which layer there is, is known once a parallel kernel has run.

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any, TypeVar
 
-from kernels.bare import BareKernel, wanted
+from kernels.bare import BareKernel, bare_wanted
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -27,7 +27,7 @@ def pjit(function: F) -> F:
 
 def _compile(function: F, **flags: bool) -> F:
     kernel: Any
-    if wanted() and not flags:
+    if bare_wanted() and not flags:
         kernel = BareKernel(function)
     else:  # Loads numba, 0.3 CPU s and 90 MB
         kernel = import_module("kernels.with_numba").compiled(function, **flags)

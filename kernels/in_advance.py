@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Final
 
 from kernels.folder import cache_dir, kernel_of
-from kernels.needed import NeededKernel, found, types_of
+from kernels.needed import NeededKernel, resolve_name, types_of
 
 _SOURCES: Final = Path(__file__).resolve().parent.parent
 _MOST_PROCESSES: Final = 8
@@ -77,7 +77,7 @@ def _leave_interrupts() -> None:
 
 def _compiled(kernel: str, takes: str) -> bool:
     try:
-        found(kernel).compile(types_of(takes))
+        resolve_name(kernel).compile(types_of(takes))
     except Exception:  # whatever numba raises for a list that is out of date
         return False
     return True

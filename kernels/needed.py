@@ -38,7 +38,7 @@ class NeededKernel:
     by: frozenset[str]
 
 
-def needed(*works: str) -> list[NeededKernel]:
+def needed_kernels(*works: str) -> list[NeededKernel]:
     """Return what ``works`` need; with none given all that is listed. Empty without the list."""
     if not LIST.is_file():
         return []
@@ -115,7 +115,7 @@ def _numba_type(data: Any) -> Any:
         return types.BaseTuple.from_types([_numba_type(one) for one in value])
     if kind == "named":
         items = [_numba_type(one) for one in value[1]]
-        return types.BaseTuple.from_types(items, found(value[0]))
+        return types.BaseTuple.from_types(items, resolve_name(value[0]))
     return _record(value)
 
 
@@ -136,7 +136,7 @@ def _record(data: list[Any]) -> Any:
     return _numba("np.numpy_support").from_dtype(np.dtype(parts, align=aligned))
 
 
-def found(name: str) -> Any:
+def resolve_name(name: str) -> Any:
     """Return what ``name`` (module, colon, name) stands for."""
     module, _, attribute = name.partition(":")
     return getattr(import_module(module), attribute)

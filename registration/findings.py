@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from design.hemodynamics import FlowConditions
 from design.network import VesselNetwork
-from kernels import beside
+from kernels import helper_thread
 from registration.alignment import Alignment
 from registration.distance import ModelSurface
 from registration.gauging import (
@@ -27,7 +27,7 @@ from registration.gauging import (
     trace_vessels,
     with_interval,
     with_ledges,
-    withdrawn,
+    withdraw_sections,
     without_brinks,
     without_gel_like,
     without_resistance,
@@ -128,11 +128,11 @@ def inspect(case: Inspection) -> Findings:
     evidence = case.evidence
     liquid = liquid_level(traces, evidence, fit)
     seen = sum(int(trace.seen.sum()) for trace in traces)
-    traces = withdrawn(traces, evidence, liquid)
+    traces = withdraw_sections(traces, evidence, liquid)
     untold = seen - sum(int(trace.seen.sum()) for trace in traces)
     traces = without_gel_like(case.network, traces, evidence, fit)
     # Fronts that look for leaks run on one core; what needs none of them is done beside.
-    with beside() as other:
+    with helper_thread() as other:
         search = LeakSearch(grid, case.surface, case.model_is_lumen, _wall(case),
                             case.false_alarm, field, evidence, liquid, fit,
                             case.network)  # fmt: skip

@@ -38,7 +38,7 @@ class Ground:
     part: ModelSurface | None
 
 
-def laid(datums: tuple[Datum, ...], alignment: Alignment, ground: Ground) -> Frame:
+def find_frame(datums: tuple[Datum, ...], alignment: Alignment, ground: Ground) -> Frame:
     """Return the frame of the best fit, or of datums.
 
     Raises

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from design.solids.solid import Solid
-from kernels import beside
+from kernels import helper_thread
 from registration.alignment import Alignment, Fit, align, cross_check, later_doubts
 from registration.assemble import FitDeviations, RegistrationParts, assemble
 from registration.findings import Findings, Inspection, inspect
@@ -28,7 +28,7 @@ from registration.geometry import (
     outer_faces,
 )
 from registration.geometry.faces import POINTS, RIM_BLURS, RIM_MM
-from registration.laying import Ground, laid
+from registration.laying import Ground, find_frame
 from registration.options import RegistrationOptions
 from registration.prepared import PreparedScan
 from registration.result import RegistrationReport
@@ -66,7 +66,7 @@ def register_scan(
         belong together.
     """
     case = PreparedScan.of(scan, model, network, options or RegistrationOptions())
-    with beside() as other:
+    with helper_thread() as other:
         found = _registered(case, other)
     return assemble(found, scan, case.options)
 
@@ -111,7 +111,7 @@ def _laid(case: PreparedScan) -> _Lying:
     faces = () if case.is_lumen else _faces(case, alignment)
     part = None if case.is_lumen else case.surface
     ground = Ground(case.network, case.segmentation, faces, case.errors, case.section_mm, part)
-    frame = laid(case.options.datums, alignment, ground)
+    frame = find_frame(case.options.datums, alignment, ground)
     return _Lying(replace(alignment, rigid=frame.fit), faces, frame)
 
 

@@ -198,7 +198,7 @@ def deposit_of_heads(
     return tuple(found)
 
 
-def united(deposits: Sequence[Deposit]) -> Deposit:
+def unite_deposits(deposits: Sequence[Deposit]) -> Deposit:
     """All inks as one, of deposits on one grid: where two meet, the fuller voxel holds.
 
     Raises

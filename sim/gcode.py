@@ -31,7 +31,7 @@ from sim.gcode_modal import (
     arc_is_sound,
     arc_points,
     dwell_s,
-    has,
+    has_word,
     interpret,
     new_modal,
     speed,
@@ -332,11 +332,11 @@ def _read(text: bytes, modal_of: Records, words_of: Records, rows: Columns) -> i
 def _value(words: Record, kind: int) -> float:
     if kind == DWELL:
         return dwell_s(words)
-    if has(words, 18):
+    if has_word(words, 18):
         return words.value[18]
-    if has(words, 17):
+    if has_word(words, 17):
         return words.value[17]
-    return words.value[15] if has(words, 15) else np.nan
+    return words.value[15] if has_word(words, 15) else np.nan
 
 
 @jit

@@ -96,7 +96,7 @@ def new_modal(
 
 
 @jit
-def has(words: Record, letter: int) -> bool:
+def has_word(words: Record, letter: int) -> bool:
     """Whether a letter (0 = A) stands in the line with a number."""
     return (words.valued >> letter) & 1 == 1
 
@@ -117,7 +117,7 @@ def interpret(modal: Record, words: Record) -> int:
             _set_target(modal, words)
             return MOVE
         if number <= 3:
-            if not (has(words, _I) or has(words, _J) or has(words, _R)):
+            if not (has_word(words, _I) or has_word(words, _J) or has_word(words, _R)):
                 _set_feed(modal, words)
                 return BAD
             _set_target(modal, words)
@@ -144,9 +144,9 @@ def interpret(modal: Record, words: Record) -> int:
             modal.relative[3] = modal.m83
             if modal.e_rule == 2:
                 modal.relative[3] = max(modal.relative[0], modal.m83)
-        elif number == 220 and has(words, _S):
+        elif number == 220 and has_word(words, _S):
             modal.speed_percent = words.value[_S]
-        elif number == 221 and has(words, _S):
+        elif number == 221 and has_word(words, _S):
             modal.flow_percent = words.value[_S]
         elif number in _SYNC_CODES:
             return SYNC
@@ -168,7 +168,7 @@ def _take_head(modal: Record, number: int) -> None:
 def _set_target(modal: Record, words: Record) -> None:
     for axis in range(4):
         letter = _E if axis == 3 else _X + axis
-        if has(words, letter):
+        if has_word(words, letter):
             value = words.value[letter] * modal.unit
             if modal.relative[axis] != 0:
                 modal.position[axis] += value
@@ -183,7 +183,7 @@ def _set_target(modal: Record, words: Record) -> None:
 
 @jit
 def _set_feed(modal: Record, words: Record) -> None:
-    if has(words, _F) and words.value[_F] > 0:
+    if has_word(words, _F) and words.value[_F] > 0:
         modal.feed = words.value[_F] * modal.unit / 60.0
 
 
@@ -192,7 +192,7 @@ def _set_position(modal: Record, words: Record) -> None:
     """G92: x, y and z shift the workspace, e is counted anew; alone it does nothing."""
     for axis in range(4):
         letter = _E if axis == 3 else _X + axis
-        if has(words, letter):
+        if has_word(words, letter):
             value = words.value[letter] * modal.unit
             if axis == 3:
                 modal.plunger_shift += modal.position[3] - value
@@ -205,9 +205,9 @@ def _set_position(modal: Record, words: Record) -> None:
 def dwell_s(words: Record) -> float:
     """How long G4 waits: P milliseconds or S seconds, S wins."""
     seconds = 0.0
-    if has(words, _P):
+    if has_word(words, _P):
         seconds = words.value[_P] * 1e-3
-    if has(words, _S):
+    if has_word(words, _S):
         seconds = words.value[_S]
     return max(seconds, 0.0)
 
@@ -228,7 +228,7 @@ def arc_centre(
     begin: NDArray[np.float64], end: NDArray[np.float64], words: Record, unit: float
 ) -> tuple[float, float]:
     """Centre of a G2/G3 arc in x and y, mm; NaN where there is none."""
-    if has(words, _R):
+    if has_word(words, _R):
         radius = words.value[_R] * unit
         dx, dy = end[0] - begin[0], end[1] - begin[1]
         half = 0.5 * math.hypot(dx, dy)
@@ -240,8 +240,8 @@ def arc_centre(
             begin[0] + 0.5 * dx - height * dy / (2.0 * half),
             begin[1] + 0.5 * dy + height * dx / (2.0 * half),
         )
-    i = words.value[_I] * unit if has(words, _I) else 0.0
-    j = words.value[_J] * unit if has(words, _J) else 0.0
+    i = words.value[_I] * unit if has_word(words, _I) else 0.0
+    j = words.value[_J] * unit if has_word(words, _J) else 0.0
     if i == 0.0 and j == 0.0:
         return math.nan, math.nan
     return begin[0] + i, begin[1] + j
@@ -282,7 +282,7 @@ def arc_is_sound(
     cx, cy = arc_centre(begin, end, words, unit)
     if math.isnan(cx):
         return False
-    if has(words, _R):
+    if has_word(words, _R):
         chord = math.hypot(end[0] - begin[0], end[1] - begin[1])
         if chord > 2.0 * (abs(words.value[_R] * unit) + OFF_CIRCLE_MM):
             return False

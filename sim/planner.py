@@ -287,7 +287,7 @@ def _write_log(planner: Record, block: Record, log: Records, done: int, end: flo
 
 
 @jit
-def counted(planner_of: Records, ring: Records, now: float, out: NDArray[np.int64]) -> int:
+def count_steps(planner_of: Records, ring: Records, now: float, out: NDArray[np.int64]) -> int:
     """Physical steps at ``now`` into ``out`` (4,); returns events done of the running block."""
     planner = planner_of[0]
     done = 0
@@ -307,7 +307,7 @@ def stop_now(planner_of: Records, ring: Records, log: Records, now: float) -> No
     run_until(planner_of, ring, log, now)
     planner = planner_of[0]
     before = np.empty(4, np.int64)
-    done = counted(planner_of, ring, now, before)
+    done = count_steps(planner_of, ring, now, before)
     if planner.running:
         if done > 0:
             _write_log(planner, ring[planner.tail], log, done, now)

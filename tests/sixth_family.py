@@ -17,7 +17,7 @@ from firmware_profiles.families import find_family, meanings
 from firmware_profiles.load import DATA
 from printctl.gate.rules import rules
 from sim.families.parts import family_part
-from sim.reading.words import known
+from sim.reading.words import accepted_letters
 
 NAME = "sixthware"
 FACTS = '''
@@ -110,7 +110,7 @@ def installed(folder: Path) -> Iterator[Printer]:
     finally:
         for home, path in paths.items():
             home.__path__.remove(str(path))
-        for remembers in (find_family, meanings, family_part, known, rules):
+        for remembers in (find_family, meanings, family_part, accepted_letters, rules):
             remembers.cache_clear()
 
 

@@ -16,7 +16,7 @@ def corners_box(corners: Any, low: Any, high: Any) -> None:
 
 
 @jit
-def apart(corners: Any, low: Any, high: Any) -> bool:
+def boxes_apart(corners: Any, low: Any, high: Any) -> bool:
     """Whether a triangle's own box (of corners (3, 3)) and the box low to high don't meet."""
     for axis in range(3):
         if max(corners[0, axis], max(corners[1, axis], corners[2, axis])) < low[axis]:

@@ -14,7 +14,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from design.geometry.boxes import apart, corners_box, next_leaf
+from design.geometry.boxes import boxes_apart, corners_box, next_leaf
 from design.geometry.bvh import TriangleTree, build_triangle_tree
 from design.geometry.exact_meeting import triangles_meet
 from design.geometry.hierarchy import DEPTH
@@ -112,7 +112,7 @@ def _search(tree: Any, faces: Any, n: int, at: int, pairs: Any, status: Any) -> 
     while node >= 0:
         for m in range(max(n + 1, tree.first[node]), tree.first[node] + tree.size[node]):
             two = tree.triangles[m].reshape(3, 3)
-            if apart(two, low, high):
+            if boxes_apart(two, low, high):
                 continue
             met = meet(one, two, faces[tree.face[n]], faces[tree.face[m]])
             if met == APART:

@@ -31,7 +31,7 @@ def _empty(count: int) -> FloatArray:
 
 
 @jit
-def around(own: FloatArray, chosen: IntArray) -> FloatArray:
+def enclosing_box(own: FloatArray, chosen: IntArray) -> FloatArray:
     """Box around the boxes of chosen members, (6,)."""
     out = _empty(1)[0]
     for t in chosen:
@@ -47,7 +47,7 @@ def _faces(box: FloatArray) -> float:
 
 
 @jit
-def parted(own: FloatArray, chosen: IntArray, cheapest: bool) -> int:
+def partition_members(own: FloatArray, chosen: IntArray, cheapest: bool) -> int:
     """Put members of the first child before those of the second; return how many it has.
 
     Cut where it is cheapest, else in the middle of the order they are in.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from design.geometry.cuts import around, parted
+from design.geometry.cuts import enclosing_box, partition_members
 from kernels import jit
 
 FloatArray = NDArray[np.float64]
@@ -49,11 +49,11 @@ def build_hierarchy(own: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
         first, last, depth, parent = stack[top]
         if parent >= 0:
             nodes[parent, 1] = node
-        boxes[node] = around(own, order[first:last])
+        boxes[node] = enclosing_box(own, order[first:last])
         if last - first <= LEAF:
             nodes[node] = (-1 - first, last)
         else:
-            middle = parted(own, order[first:last], depth < DEEPEST) + first
+            middle = partition_members(own, order[first:last], depth < DEEPEST) + first
             nodes[node, 0] = node + 1
             stack[top] = (middle, last, depth + 1, node)
             stack[top + 1] = (first, middle, depth + 1, -1)

@@ -75,7 +75,7 @@ def midpoints(network: VesselNetwork) -> Probes:
     return Probes(np.arange(count), np.full(count, 0.5))
 
 
-def along(vessel: int, count: int) -> Probes:
+def probes_along(vessel: int, count: int) -> Probes:
     """Return so many places along one vessel, evenly apart and away from its ends."""
     return Probes(np.full(count, vessel), (np.arange(count) + 0.5) / count)
 

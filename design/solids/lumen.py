@@ -10,7 +10,7 @@ from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.chains import Chain
 from design.solids.facets import FACET_TOLERANCE_MM
 from design.solids.runs import free_ends
-from design.solids.smooth.assemble import sewn
+from design.solids.smooth.assemble import sew_parts
 from design.solids.smooth.layout import Layout, lay_out
 from design.solids.snap import mended_solid, solid_from_mesh
 from design.solids.solid import Solid
@@ -104,7 +104,7 @@ def _made(
             ends.append("flat" if (index, end) in joined or node in extended else "round")
         shapes.append((ends[0], ends[1]))
         layout.runs[index] = with_ends_drawn_out(run, extended)
-    vertices, faces = sewn(layout, shapes, tolerance_mm)
+    vertices, faces = sew_parts(layout, shapes, tolerance_mm)
     mend = not _united(layout)
     return solid_from_mesh(vertices + middle, faces, "the lumens' union", mend=mend)
 

@@ -10,11 +10,11 @@ import numpy as np
 from design.solids.mend_meeting import grow, patch_hits
 from design.solids.remesh.halfedges import (
     apex,
-    before,
+    are_joined,
     collapse,
     flip,
-    joined,
     origin,
+    previous_half_edge,
     tip,
     valence,
 )
@@ -30,7 +30,7 @@ def turn(s: Any, h: int, reach: float, do: bool) -> int:
     a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, t)
     if c == d or valence(s.twin, s.out, a) <= 3 or valence(s.twin, s.out, b) <= 3:
         return 0
-    if joined(faces, s.twin, s.out, c, d) or _thickness(s.points, a, b, c, d) > reach:
+    if are_joined(faces, s.twin, s.out, c, d) or _thickness(s.points, a, b, c, d) > reach:
         return 0
     s.patch[0], s.patch[1] = here, there
     now = patch_hits(s, 2)
@@ -60,7 +60,7 @@ def draw_in(s: Any, h: int, reach: float, do: bool) -> int:
         p, q = tip(faces, g), apex(faces, g)
         if p != b and q != b and not _may_turn(s.points, a, b, p, q, reach):
             return 0
-        g = s.twin[before(g)]
+        g = s.twin[previous_half_edge(g)]
     if do:
         collapse(faces, s.twin, s.out, h)
         dead[one] = dead[two] = True
@@ -74,7 +74,7 @@ def draw_in(s: Any, h: int, reach: float, do: bool) -> int:
     g = h
     for _ in range(count):
         faces[g // 3, g % 3] = a
-        g = s.twin[before(g)]
+        g = s.twin[previous_half_edge(g)]
     return now - then
 
 
@@ -124,7 +124,7 @@ def _around(s: Any, a: int) -> int:
             return 0
         s.patch[count] = g // 3
         count += 1
-        g = s.twin[before(g)]
+        g = s.twin[previous_half_edge(g)]
         if g == s.out[a]:
             return count
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from design.geometry.boxes import apart, corners_box, next_leaf
+from design.geometry.boxes import boxes_apart, corners_box, next_leaf
 from design.geometry.crossings import APART, meet
 from design.geometry.hierarchy import DEPTH
 from kernels import jit
@@ -80,7 +80,7 @@ def _met(s: Any, other: int, one: Any, mine: Any, low: Any, high: Any, two: Any,
         return 0
     for k in range(3):
         two[k] = s.points[s.faces[other, k]]
-    if apart(two, low, high):
+    if boxes_apart(two, low, high):
         return 0
     for k in range(3):
         its[k] = s.faces[other, k]

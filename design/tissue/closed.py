@@ -56,7 +56,9 @@ def edges_of(faces: NDArray[np.integer]) -> Edges:
     return Edges(ends, uses, balance, of_face)
 
 
-def merged(vertices: FloatArray, faces: NDArray[np.integer]) -> tuple[FloatArray, FaceArray]:
+def merge_vertices(
+    vertices: FloatArray, faces: NDArray[np.integer]
+) -> tuple[FloatArray, FaceArray]:
     """Vertices used by faces, each once, and faces without repeated corners.
 
     Raises

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from design.errors import TissueError
 from design.geometry.surface import Surface
-from design.tissue.closed import edges_of, merged
+from design.tissue.closed import edges_of, merge_vertices
 
 _STEPS_APART = 8.0
 _ROUNDS = 6
@@ -23,7 +23,7 @@ def manifold_of(surface: Surface, what: str) -> Manifold:
     TissueError
         When ``what`` isn't a closed, oriented 2-manifold.
     """
-    return distinct_manifold(Surface(*merged(surface.vertices, surface.faces)), what)
+    return distinct_manifold(Surface(*merge_vertices(surface.vertices, surface.faces)), what)
 
 
 def distinct_manifold(surface: Surface, what: str) -> Manifold:
@@ -71,7 +71,7 @@ def _rounded(manifold: Manifold) -> Surface | None:
     vertices, faces = arrays_of(manifold)
     # Adding 0 turns -0 into 0: they are one place.
     near = vertices.astype(np.float32).astype(np.float64) + 0.0
-    points, corners = merged(near, faces)
+    points, corners = merge_vertices(near, faces)
     edges = edges_of(corners)
     if len(corners) and not (edges.uses != 2).any() and not edges.turned:
         return Surface(points, corners)

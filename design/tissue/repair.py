@@ -22,7 +22,7 @@ from design.tissue.closed import (
     check_closed,
     edges_of,
     enclosed_volume,
-    merged,
+    merge_vertices,
     say_places,
 )
 from design.tissue.crossing_faces import crossing_faces
@@ -75,7 +75,7 @@ def repair_surface(
         When the mesh is empty or can't be mended: large holes, faces that can't be oriented,
         large parts that pass through themselves; with counts and places.
     """
-    work = _Work(*merged(vertices, faces))
+    work = _Work(*merge_vertices(vertices, faces))
     before = enclosed_volume(work.points, work.faces)
     _close(work, unit)
     work.faces, turned = turn_shells(work.points, work.faces)
@@ -139,7 +139,7 @@ def _untangle(work: _Work, unit: str) -> None:
         if attempt:
             around = np.isin(work.faces, np.unique(work.faces[around])).any(axis=1)
         work.points, work.faces, _ = fill_holes(work.points, work.faces[~around])
-        work.points, work.faces = merged(work.points, work.faces)
+        work.points, work.faces = merge_vertices(work.points, work.faces)
         replaced += int(around.sum())
         check_closed(work.points, work.faces)
     if replaced:

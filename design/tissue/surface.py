@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from design.errors import TissueError
 from design.geometry.surface import Surface
 from design.tissue.build import build_grid
-from design.tissue.closed import check_closed, enclosed_volume, merged
+from design.tissue.closed import check_closed, enclosed_volume, merge_vertices
 from design.tissue.columns import Columns
 from design.tissue.spacing import SpacingRule, choose_spacing, wall_thickness
 from design.tissue.tissue import Tissue
@@ -61,7 +61,7 @@ def tissue_from_surface(
         When the mesh is empty, open, inconsistently oriented, holds NaN, has an absurd size,
         or a wall too thin for the grid.
     """
-    points, corners = merged(np.asarray(vertices, dtype=np.float64), np.asarray(faces))
+    points, corners = merge_vertices(np.asarray(vertices, dtype=np.float64), np.asarray(faces))
     check_size(points, unit, limits or SizeLimits())
     check_closed(points, corners)
     points = points * MM_PER[unit]

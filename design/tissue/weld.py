@@ -8,7 +8,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from design.tissue.closed import FaceArray, FloatArray, edges_of, merged
+from design.tissue.closed import FaceArray, FloatArray, edges_of, merge_vertices
 
 _GAP_SHARE = 1e-4
 """Widest gap that is merged over, of the mesh's extent; never above `_EDGE_SHARE` of the edges."""
@@ -56,7 +56,7 @@ def weld_rims(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceArr
     number[rim] = rim[leader[group]]
     gap = float(np.linalg.norm(points[rim] - points[number[rim]], axis=1).max())
     joined = points[number]
-    new_points, new_faces = merged(joined, faces)
+    new_points, new_faces = merge_vertices(joined, faces)
     return new_points, new_faces, len(rim) - groups, gap
 
 

@@ -173,7 +173,7 @@ class _Primer:
 
     def _line(self, line: PrimeLine, head: HeadPriming, place: int) -> None:
         """A change of heads relieves the old one itself, and primes it when it comes back."""
-        start, end = beside(self._around.bounds_mm, self._first, line, place)
+        start, end = line_beside_bounds(self._around.bounds_mm, self._first, line, place)
         builder = self._go(start)
         if head.purge is not None:
             builder.plunge(head.retract_ul, head.plunger_ul_s, NOTHING)
@@ -199,7 +199,7 @@ class _Primer:
         return builder
 
 
-def beside(
+def line_beside_bounds(
     bounds_mm: FloatArray, first_mm: FloatArray, line: PrimeLine, place: int = 0
 ) -> tuple[FloatArray, FloatArray]:
     """Ends, (3,) each, of a line beside the side of the bounds that is nearest the first point.

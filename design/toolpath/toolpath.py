@@ -107,7 +107,7 @@ class Toolpath:
         return float(self.volume_ul.sum())
 
 
-def joined(parts: Sequence[Toolpath]) -> Toolpath:
+def join_toolpaths(parts: Sequence[Toolpath]) -> Toolpath:
     """One toolpath of its parts (at least one), each of which begins where the last one ended."""
 
     def along(name: str) -> NDArray[Any]:

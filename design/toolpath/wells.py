@@ -8,7 +8,7 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.toolpath.moves import MoveBuilder
-from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath, joined
+from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath, join_toolpaths
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Trip:
     plunger_ul_s: float
 
 
-def placed(
+def place_in_well(
     toolpath: Toolpath, place_mm: FloatArray, doses: float = 1.0, source: int = 0
 ) -> Toolpath:
     """The toolpath moved by ``place_mm`` (3,), its volumes times ``doses``.
@@ -72,7 +72,7 @@ def led_to(toolpath: Toolpath, from_mm: FloatArray, trip: Trip) -> tuple[Toolpat
     moves.travel(np.stack([across, to_mm]), trip.speed_mm_s, -1)
     moves.plunge(trip.relieve_ul, trip.plunger_ul_s, -1)
     way = moves.build(must_write=False)
-    return joined([way, toolpath]), len(way)
+    return join_toolpaths([way, toolpath]), len(way)
 
 
 def written_ul(toolpath: Toolpath) -> float:

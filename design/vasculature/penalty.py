@@ -123,7 +123,7 @@ def read_penalty(penalty: PenaltyArrays, x: float, y: float, z: float) -> float:
 
 
 @jit
-def weighed(penalty: PenaltyArrays, b: Any, base: float, rise: float) -> float:
+def weigh_rise(penalty: PenaltyArrays, b: Any, base: float, rise: float) -> float:
     """What trial places are compared by: the rise, or with a penalty w (cost before + rise)."""
     if not penalty.on:
         return rise

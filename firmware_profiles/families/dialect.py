@@ -128,6 +128,6 @@ class Dialect:
         return f"G4 P{milliseconds / 10**self.dwell_decimals:g}"
 
 
-def always(dialect: Dialect) -> Callable[[Printer], Dialect]:
+def same_dialect(dialect: Dialect) -> Callable[[Printer], Dialect]:
     """Give every printer of a family the same dialect."""
     return lambda printer: dialect

@@ -93,6 +93,6 @@ def codes(letter: str, *numbers: int | range) -> frozenset[str]:
     return frozenset(f"{letter}{number}" for number in found)
 
 
-def to(first: int, last: int) -> range:
+def number_range(first: int, last: int) -> range:
     """Return the numbers from ``first`` to ``last``, both included."""
     return range(first, last + 1)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from printctl.bead.predict import InkPrediction
 from printctl.bead.vessels import VesselDiameters
 from registration.report.gcode import Act
-from registration.report.play import Playback, PlayNote, PlayRows, thinned
+from registration.report.play import Playback, PlayNote, PlayRows, thin_playback
 from sim.bead import swell
 from sim.deposit_levels import written_levels
 
@@ -64,7 +64,7 @@ def played(
         (*_remarks(remarks, rows), *_warnings(all_heads, facts, rows)),
         tuple(_notes(all_heads, bool(vessels))),
     )
-    return thinned(whole)
+    return thin_playback(whole)
 
 
 def _rows(one: InkPrediction, held: VesselDiameters | None, several: bool) -> PlayRows:

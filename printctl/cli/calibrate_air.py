@@ -10,7 +10,7 @@ import numpy as np
 from firmware_profiles import Ink, MeasuredFlow, Needle, Pneumatic, Printer, flow_ul_s
 from printctl.calibration import FlowWeighing, Readings, fit_flow
 from printctl.cli.calibrate_files import write_changed
-from printctl.cli.calibrate_options import tell
+from printctl.cli.calibrate_options import print_estimates
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def weigh_flow(
     lines = {f"flow at {what.head.pressure_kpa:g} kPa": found.flow_ul_s}
     if found.lost_s is not None:
         lines["missing from each opening"] = found.lost_s
-    tell(lines, _notes(found, what), as_json)
+    print_estimates(lines, _notes(found, what), as_json)
     if write is not None:
         measured = MeasuredFlow(
             flow_ul_s=found.flow_ul_s.value,

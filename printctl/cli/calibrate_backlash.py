@@ -11,7 +11,14 @@ from printctl.calibration import backlash_path
 from printctl.calibration.paths import Axis
 from printctl.calibration.results import backlash_result
 from printctl.cli.calibrate_files import Job, write_test
-from printctl.cli.calibrate_options import At, Csv, Gcode, given, numbers_of, tell
+from printctl.cli.calibrate_options import (
+    At,
+    Csv,
+    Gcode,
+    numbers_of,
+    print_estimates,
+    read_csv_argument,
+)
 from printctl.cli.options import JsonFlag, PrinterOption, SyringeOption, three_numbers
 from printctl.errors import UsageError
 
@@ -49,9 +56,9 @@ def backlash(
         job = Job(gcode, path, machine, filled, three_numbers(at, "--at"))
         write_test(job, ("target_mm", "approach", "measured_mm"), rows, {})
         return
-    data = given(readings, ("target_mm", "approach", "measured_mm"))
+    data = read_csv_argument(readings, ("target_mm", "approach", "measured_mm"))
     result = backlash_result(data)
-    tell(result.lines, list(result.notes), as_json)
+    print_estimates(result.lines, list(result.notes), as_json)
 
 
 def _axis(text: str) -> Axis:

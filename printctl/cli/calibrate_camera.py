@@ -12,7 +12,7 @@ from PIL import Image
 
 from design.files import replacing
 from printctl.calibration import Estimate
-from printctl.cli.calibrate_options import numbers_of, tell
+from printctl.cli.calibrate_options import numbers_of, print_estimates
 from printctl.cli.options import JsonFlag, messages
 from printctl.errors import UsageError
 from registration.lens import Board, board_picture, find_board, fit_lens, write_lens
@@ -100,7 +100,7 @@ def camera(
             f"the board fills {covered:.0%} of the first picture: distortion beyond it is a guess; "
             "fill half of it or more"
         )
-    tell({"scale in the picture's middle": Estimate(lens.um_per_px, low, high, "µm/px")},
+    print_estimates({"scale in the picture's middle": Estimate(lens.um_per_px, low, high, "µm/px")},
          notes, as_json)  # fmt: skip
     if write is not None:
         write_lens(write, lens)

@@ -10,7 +10,7 @@ import typer
 from firmware_profiles import Ink, MeasuredLag, Needle, Printer, Syringe, load
 from printctl.calibration import Estimate, Lag, LagPattern, fit_lag, lag_path
 from printctl.cli.calibrate_files import Job, write_mended, write_test
-from printctl.cli.calibrate_options import At, Csv, Gcode, Write, given, tell
+from printctl.cli.calibrate_options import At, Csv, Gcode, Write, print_estimates, read_csv_argument
 from printctl.cli.options import JsonFlag, PrinterOption, SyringeOption, three_numbers
 
 
@@ -59,7 +59,7 @@ def lag(
         job = Job(gcode, path, *mounted, place, flow_factor=material.flow_factor)
         write_test(job, ("x_mm", "width_mm"), [[f"{x:g}", ""] for x in _places(length)], said)
         return
-    data = given(readings, ("x_mm", "width_mm"))
+    data = read_csv_argument(readings, ("x_mm", "width_mm"))
     found = fit_lag(
         data.numbers["x_mm"],
         data.numbers["width_mm"],
@@ -68,7 +68,7 @@ def lag(
     )
     factor = found.flow_factor.times(material.flow_factor, "")
     tip = None if needle is None else load(Needle, needle)
-    tell(_told(found, factor), [*_notes(found), *_unwritten(found, tip, write)], as_json)
+    print_estimates(_told(found, factor), [*_notes(found), *_unwritten(found, tip, write)], as_json)
     if write is not None:
         lagging = _with_lag(material, found, tip, load(Syringe, syringe))
         write_mended(write, lagging, "flow_factor", factor)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from printctl.calibration.results import level_result
-from printctl.cli.calibrate_options import Csv, given, numbers_of, tell
+from printctl.cli.calibrate_options import Csv, numbers_of, print_estimates, read_csv_argument
 from printctl.cli.options import JsonFlag
 
 
@@ -22,7 +22,7 @@ def level(
 
     Three places of each at least, not in a row; more tell how sure the tilt is.
     """
-    data = given(readings, ("x_mm", "y_mm", "z_mm"), ("surface",))
+    data = read_csv_argument(readings, ("x_mm", "y_mm", "z_mm"), ("surface",))
     size = numbers_of(part, "--part")
     result = level_result(data, size[0], size[-1])
-    tell(result.lines, list(result.notes), as_json)
+    print_estimates(result.lines, list(result.notes), as_json)

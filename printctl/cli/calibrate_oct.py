@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from printctl.calibration import Estimate
-from printctl.cli.calibrate_options import tell
+from printctl.cli.calibrate_options import print_estimates
 from printctl.cli.options import JsonFlag, messages
 from printctl.cli.scan_options import voxel_mm
 from printctl.errors import UsageError
@@ -109,7 +109,7 @@ def oct_device(
             "no step in the medium: depth has no standard, so an error of the index and shrinkage "
             "along depth look the same"
         )
-    tell(_estimates(found), notes, as_json)
+    print_estimates(_estimates(found), notes, as_json)
     if write is not None:
         write_calibration(write, found)
         messages().print(f"wrote {write}", markup=False)

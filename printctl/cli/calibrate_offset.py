@@ -11,7 +11,7 @@ from firmware_profiles import Printer, load
 from printctl.calibration import Estimate, fit_offset
 from printctl.calibration.results import offset_result, touched_by_two
 from printctl.cli.calibrate_files import write_changed
-from printctl.cli.calibrate_options import Csv, Write, given, tell
+from printctl.cli.calibrate_options import Csv, Write, print_estimates, read_csv_argument
 from printctl.cli.options import JsonFlag
 from printctl.errors import UsageError
 
@@ -35,7 +35,7 @@ def offset(
     """
     if write is not None and printer is None:
         raise UsageError("--write needs the profile that is to be mended; give --printer")
-    data = given(readings, ("x_mm", "y_mm", "z_mm"), ("needle",))
+    data = read_csv_argument(readings, ("x_mm", "y_mm", "z_mm"), ("needle",))
     if printer is not None:
         _, (first, second) = touched_by_two(data)
         last_digit = max(data.last_digit.values())
@@ -45,7 +45,7 @@ def offset(
         )
         return
     result = offset_result(data)
-    tell(result.lines, list(result.notes), as_json)
+    print_estimates(result.lines, list(result.notes), as_json)
 
 
 def _of_head(
@@ -64,7 +64,7 @@ def _of_head(
         f"heads.{number}.offset_mm.{axis}": one for axis, one in zip("xyz", found, strict=True)
     }
     notes = ["touch off again after every change of a needle: it stands elsewhere then"]
-    tell(lines, notes, as_json)
+    print_estimates(lines, notes, as_json)
     if write is None:
         return
     heads: list[dict[str, Any]] = [

@@ -42,7 +42,9 @@ def numbers_of(text: str, option: str) -> list[float]:
         raise UsageError(f"{option} {text!r} isn't a list of numbers; write it like 2,4,6") from exc
 
 
-def given(path: Path | None, numbers: tuple[str, ...], words: tuple[str, ...] = ()) -> Readings:
+def read_csv_argument(
+    path: Path | None, numbers: tuple[str, ...], words: tuple[str, ...] = ()
+) -> Readings:
     """Read the file that must be there when no test is to be written."""
     if path is None:
         raise UsageError(
@@ -52,7 +54,7 @@ def given(path: Path | None, numbers: tuple[str, ...], words: tuple[str, ...] = 
     return read_readings(path, numbers, words)
 
 
-def tell(lines: dict[str, Estimate], notes: list[str], as_json: bool) -> None:
+def print_estimates(lines: dict[str, Estimate], notes: list[str], as_json: bool) -> None:
     """Numbers with their 95 % intervals, then what they mean."""
     if as_json:
         found: dict[str, Any] = {

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from printctl.calibration import Estimate
-from printctl.cli.calibrate_options import tell
+from printctl.cli.calibrate_options import print_estimates
 from printctl.cli.options import JsonFlag, messages
 from printctl.errors import UsageError
 from registration.walls_file import measured_walls, write_walls
@@ -49,7 +49,7 @@ def walls(
     if found.scans == 1:
         notes.append("one scan: its interval doesn't hold what differs from scan to scan")
     told = {"walls lie further into the gel by": Estimate(found.offset_um, low, high, "µm")}
-    tell(told, notes, as_json)
+    print_estimates(told, notes, as_json)
     if write is not None:
         write_walls(write, found)
         messages().print(f"wrote {write}", markup=False)

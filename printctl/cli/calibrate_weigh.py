@@ -12,7 +12,15 @@ from printctl.calibration import weighing_path
 from printctl.calibration.results import weighing_of, weighing_result
 from printctl.cli.calibrate_air import WeighingOptions, open_rows, weigh_flow
 from printctl.cli.calibrate_files import Job, write_mended, write_test
-from printctl.cli.calibrate_options import At, Csv, Gcode, Write, given, numbers_of, tell
+from printctl.cli.calibrate_options import (
+    At,
+    Csv,
+    Gcode,
+    Write,
+    numbers_of,
+    print_estimates,
+    read_csv_argument,
+)
 from printctl.cli.options import JsonFlag, PrinterOption, SyringeOption, three_numbers
 from printctl.errors import UsageError
 
@@ -55,7 +63,7 @@ def weigh(
             job = Job(gcode, path, machine, filled, three_numbers(at, "--at"), doses=True)
             write_test(job, ("open_s", "mass_mg"), open_rows(what.head, volumes, flow), {})
             return
-        data = given(readings, ("open_s", "mass_mg"))
+        data = read_csv_argument(readings, ("open_s", "mass_mg"))
         weigh_flow(what, data, (density, density_error), write, as_json)
         return
     if gcode is not None:
@@ -67,10 +75,10 @@ def weigh(
         return
     if mend not in ("bore", "steps"):
         raise UsageError(f"--mend {mend!r} is neither bore nor steps")
-    data = given(readings, ("travel_mm", "mass_mg"))
+    data = read_csv_argument(readings, ("travel_mm", "mass_mg"))
     found = weighing_of(data, density, density_error)
     result = weighing_result(found, machine, filled)
-    tell(result.lines, list(result.notes), as_json)
+    print_estimates(result.lines, list(result.notes), as_json)
     if write is not None and mend == "bore":
         write_mended(write, filled, "inner_mm", found.bore_mm())
     elif write is not None:

@@ -19,12 +19,12 @@ from printctl.calibration.widths import (
     PictureFacts,
     fit_replies,
     fit_widths,
-    look,
+    measure_picture,
     typed_replies,
     typed_widths,
 )
 from printctl.cli.calibrate_files import MeasuredValue, write_measured
-from printctl.cli.calibrate_options import CameraFile, Write, numbers_of, tell
+from printctl.cli.calibrate_options import CameraFile, Write, numbers_of, print_estimates
 from printctl.cli.options import JsonFlag, messages, print_lines
 from printctl.errors import UsageError
 from registration.lens import read_lens
@@ -85,7 +85,7 @@ def widths(
     if typed:
         answer = _from_sheet(file, written, known)
     else:
-        seen = look(
+        seen = measure_picture(
             file,
             written,
             PictureFacts(um_per_px, _corners(marks), None if camera is None else read_lens(camera)),
@@ -95,7 +95,7 @@ def widths(
         answer = _from_picture(seen, written, known)
     if not as_json:
         print_lines(*answer.table)
-    tell(dict(answer.estimates), [*notes, *answer.notes], as_json)
+    print_estimates(dict(answer.estimates), [*notes, *answer.notes], as_json)
     if write is not None:
         _write(write, answer, load(Ink, ink or written.mounted.ink))
 

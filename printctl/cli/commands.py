@@ -12,7 +12,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from printctl.cli.completing import offered, with_profiles
+from printctl.cli.completing import matching_words, with_profiles
 from printctl.cli.manual import with_manual
 from printctl.cli.summaries import summary
 
@@ -109,7 +109,7 @@ class LazyGroup(TyperGroup):
         """What may be typed next; a command isn't loaded for its name alone."""
         if incomplete.startswith("-"):
             return super().shell_complete(ctx, incomplete)
-        return offered(COMMANDS, incomplete)
+        return matching_words(COMMANDS, incomplete)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find what was typed; for a slip of the pen the base class looks at `commands`."""

@@ -34,7 +34,7 @@ class CompletionWord(NamedTuple):
     help: str | None = None
 
 
-def offered(words: Iterable[str], begun: str) -> list[CompletionWord]:
+def matching_words(words: Iterable[str], begun: str) -> list[CompletionWord]:
     """Those of the words that begin as what was typed."""
     return [CompletionWord(word) for word in words if word.startswith(begun)]
 
@@ -56,6 +56,6 @@ def _names_of(kind: str) -> Callable[[Any, Any, str], list[CompletionWord]]:
 
     def names(ctx: Any, param: Any, begun: str) -> list[CompletionWord]:
         profiles = import_module("firmware_profiles")
-        return offered(profiles.shipped(getattr(profiles, kind)), begun)
+        return matching_words(profiles.shipped(getattr(profiles, kind)), begun)
 
     return names

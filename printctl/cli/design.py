@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from printctl.cli.kernels_ready import have_kernels
-from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines, tell
+from printctl.cli.options import JsonFlag, RecipeArg, messages, print_json, print_lines, print_note
 from printctl.pipeline.run import design_recipe
 from printctl.recipe import load_recipe
 
@@ -22,7 +22,7 @@ def design(
 
     Nothing is sliced or printed. Files that are there are replaced, each by a whole new one.
     """
-    loaded = load_recipe(recipe, tell)
+    loaded = load_recipe(recipe, print_note)
     have_kernels("design")
     data = design_recipe(loaded, recipe.resolve().parent, out, messages())
     if as_json:

@@ -22,10 +22,10 @@ def doctor(
     is opened.
     """
     if warm:
-        from kernels.needed import needed  # Loads numba; only wanted here.
+        from kernels.needed import needed_kernels  # Loads numba; only wanted here.
         from printctl.cli.kernels_ready import compile_with_bar
 
-        compile_with_bar(needed())
+        compile_with_bar(needed_kernels())
     found = examine()
     if as_json:
         print_json(found.as_dict())

@@ -13,7 +13,7 @@ from design.units import UL_S_PER_ML_MIN, LengthUnit
 from printctl.cli.options import messages, print_json, print_lines
 from printctl.dye import CURVES, FRONT, PICTURE, Place, lumens_of, write_front
 from printctl.errors import UsageError
-from registration.dye.predict import carried, carried_beside
+from registration.dye.predict import carried_beside, carrying_flow
 
 _USUAL_ML_MIN = 0.25
 
@@ -45,7 +45,11 @@ def predict_front(asked: FrontOptions, as_json: bool) -> None:
     lumens = lumens_of(asked.model, asked.unit, asked.as_printed)
     network = lumens.network
     places = tuple(_place(text, network) for text in asked.at)
-    flow = carried_beside(network, None, lumens.closed) if lumens.closed else carried(network, None)
+    flow = (
+        carried_beside(network, None, lumens.closed)
+        if lumens.closed
+        else carrying_flow(network, None)
+    )
     if flow is None:
         raise UsageError(
             f"the printed vessels that are closed ({', '.join(map(str, lumens.closed))}) leave no "

@@ -12,7 +12,7 @@ from printctl.cli import flow_options as options
 from printctl.cli.flow_case import is_svzerod, run_case
 from printctl.cli.flow_part import part_of
 from printctl.cli.flow_printed import run_as_printed
-from printctl.cli.flow_ranks import ExternalSolvers, beyond
+from printctl.cli.flow_ranks import ExternalSolvers, run_external_solvers
 from printctl.cli.flow_solve import FlowOutput, pulsatile, space, steady, waves
 from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.options import JsonFlag, print_json, print_lines
@@ -98,7 +98,7 @@ def flow(
     waves(source.network, part, out, svoned, found)
     space(source.network, part, out, fillet, found)
     elsewhere = ExternalSolvers(out, fillet, ranks, ranks_python, slurm, svmultiphysics)
-    beyond(source.network, part, elsewhere, found)
+    run_external_solvers(source.network, part, elsewhere, found)
     matched = flow_match.Match(match_split, want, match_percent, least_lumen_mm)
     flow_match.match(source.network, part, out, fillet, matched, found)
     _say(found, as_json)

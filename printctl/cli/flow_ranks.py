@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from design.hemodynamics.three_d import LumenMesh, straightened
+from design.hemodynamics.three_d import LumenMesh, straighten_edges
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.ranks import rank_conditions, write_case
 from design.hemodynamics.three_d.svmultiphysics import write_svmultiphysics
@@ -50,7 +50,7 @@ class ExternalSolvers:
     svmultiphysics: Path | None
 
 
-def beyond(
+def run_external_solvers(
     network: VesselNetwork, part: FlowPart, asked: ExternalSolvers, found: FlowOutput
 ) -> None:
     """Do what is asked for; nothing where nothing is.
@@ -84,7 +84,7 @@ def beyond(
 
 def _mesh(network: VesselNetwork, part: ThreeDPart, fillet_ratio: float) -> LumenMesh:
     shape = MeshOptions(edge_ratio=part.edge_ratio, fillet_ratio=max(fillet_ratio, SHARP))
-    return straightened(lumen_mesh(network, shape))[0]
+    return straighten_edges(lumen_mesh(network, shape))[0]
 
 
 def _solved(folder: Path, ranks: int, python: Path | None) -> dict[str, Any]:

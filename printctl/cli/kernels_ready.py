@@ -30,9 +30,9 @@ def have_kernels(*works: str, listener: Listener | None = None) -> None:
         Is told of a stage "kernels" if there is anything to compile.
     """
     from kernels.in_advance import missing
-    from kernels.needed import needed
+    from kernels.needed import needed_kernels
 
-    rows = missing(needed(*works))
+    rows = missing(needed_kernels(*works))
     if len(rows) >= FEWEST:
         compile_with_bar(rows, listener)
 

@@ -43,7 +43,7 @@ def messages() -> Console:
     return Console(stderr=True, highlight=False, soft_wrap=True)
 
 
-def tell(note: str) -> None:
+def print_note(note: str) -> None:
     """Say one line to people, whatever brackets stand in it."""
     messages().print(note, markup=False)
 

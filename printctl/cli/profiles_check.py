@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from firmware_profiles import Syringe, doubts, load, shipped
+from firmware_profiles import Syringe, load, profile_doubts, shipped
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.profiles_show import find_profile
 
@@ -23,7 +23,7 @@ def check(
     Exit code 1 when it mustn't be used as it is, 2 when it is no profile.
     """
     kind, facts = find_profile(file)
-    found = doubts(facts, [load(Syringe, name) for name in shipped(Syringe)])
+    found = profile_doubts(facts, [load(Syringe, name) for name in shipped(Syringe)])
     grave = [doubt for doubt in found if doubt.grave]
     if as_json:
         print_json(

@@ -14,7 +14,7 @@ from design.files import write_text
 from firmware_profiles import Printer, load
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.link.families import link_facts
-from printctl.probing import Row, ask_settings, compare, corrected
+from printctl.probing import Row, ask_settings, compare, corrected_profile
 
 
 def probe(
@@ -61,7 +61,7 @@ def probe(
         print_lines(*(_line(row) for row in rows), *notes)
     if write is not None:
         text = yaml.safe_dump(
-            corrected(printer, rows, port, date.today().isoformat()),
+            corrected_profile(printer, rows, port, date.today().isoformat()),
             sort_keys=False,
             allow_unicode=True,
             width=100,

@@ -9,7 +9,7 @@ import typer
 import yaml
 
 from design.files import write_text
-from printctl.cli.options import RecipeArg, print_json, print_lines, tell
+from printctl.cli.options import RecipeArg, print_json, print_lines, print_note
 from printctl.errors import UsageError
 from printctl.recipe import SCHEMA, Recipe, parse_recipe
 from printctl.recipe.load import read_mapping
@@ -54,7 +54,7 @@ def migrate(
     if out is None:
         kept = _backup(file, data["schema"])
         write_text(kept, text)
-        tell(f"the recipe as it was: {kept}")
+        print_note(f"the recipe as it was: {kept}")
     elif out.exists():
         raise UsageError(f"{out} exists and isn't overwritten; give another name")
     write_text(out or file, made)

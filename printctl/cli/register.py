@@ -105,7 +105,12 @@ def register(
         # Loaded only now, beside what the second process loads.
         from printctl.cli.datum_options import datums_of
         from printctl.cli.record_option import read_record
-        from printctl.cli.register_work import Measuring, judged, note, registered
+        from printctl.cli.register_work import (
+            Measuring,
+            judge_registration,
+            note,
+            read_and_register,
+        )
         from printctl.cli.tolerance_options import tolerances_of
         from printctl.recipe.record import RecordPart
 
@@ -117,8 +122,8 @@ def register(
                             depth_down, mirrored, counts)  # fmt: skip
         laid_on = datums_of(datums, design.vessels)
         how = Measuring(scan, said, oct_calibration, walls, air_above, filled, laid_on)
-        made = registered(how, design, steps)
-        data = judged(made, how, limits, stated)
+        made = read_and_register(how, design, steps)
+        data = judge_registration(made, how, limits, stated)
         steps.begin("writing")
         note(made.write(out, data, pdf, second, drawn))
     _tell(data, out, pdf, as_json)

@@ -58,7 +58,7 @@ class Measuring:
         )
 
 
-def registered(how: Measuring, design: DesignRead, steps: Steps) -> RegisteredScan:
+def read_and_register(how: Measuring, design: DesignRead, steps: Steps) -> RegisteredScan:
     """Read the scan and register it."""
     options = how.options
     measured = corrected_scan(how.scan, how.said, how.optics, how.air_above, True)
@@ -69,7 +69,7 @@ def registered(how: Measuring, design: DesignRead, steps: Steps) -> RegisteredSc
                       design.vessels, found, design.printed)  # fmt: skip
 
 
-def judged(
+def judge_registration(
     made: RegisteredScan, how: Measuring, limits: Tolerances, stated: RecordPart
 ) -> dict[str, Any]:
     """Numbers and verdict, with the measurement record."""

@@ -16,7 +16,7 @@ from printctl.cli.options import (
     messages,
     print_json,
     print_lines,
-    tell,
+    print_note,
 )
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.process_lines import process_lines
@@ -66,7 +66,7 @@ def run(
     """
     told = None if progress_file is None else ProgressFile(progress_file)
     with nullcontext() if told is None else told.whole(message_of):
-        loaded = load_recipe(recipe, tell)
+        loaded = load_recipe(recipe, print_note)
         have_kernels(*_works(loaded, until), listener=told)
         folder = out if out is not None else Path("runs") / loaded.name
         how = RunOptions(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=told)

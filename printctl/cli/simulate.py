@@ -72,9 +72,9 @@ def simulate(
     bead = None
     if said.asks:
         # What measures and draws the bead takes seconds to load; the dry run needs none of it.
-        from printctl.cli.simulate_bead import predicted, tell
+        from printctl.cli.simulate_bead import print_predictions, write_predictions
 
-        bead = predicted(file, gcode, run, mounted, said, placed_failures(checks))
+        bead = write_predictions(file, gcode, run, mounted, said, placed_failures(checks))
     if as_json:
         print_json(
             {
@@ -99,5 +99,5 @@ def simulate(
         for text in warnings(checks):
             messages().print(f"note: {text}", markup=False)
         if bead is not None:
-            tell(bead)
+            print_predictions(bead)
     refuse_failed(checks)

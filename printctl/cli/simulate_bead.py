@@ -32,7 +32,7 @@ from sim.bead import swell
 from sim.dryrun import DryRun
 
 
-def predicted(
+def write_predictions(
     file: Path,
     gcode: bytes,
     run: DryRun,
@@ -127,7 +127,7 @@ def _both(
     return late, vessel_diameters(one.prompt, one.prompt_source, network, place, factor)
 
 
-def tell(facts: list[dict[str, Any]]) -> None:
+def print_predictions(facts: list[dict[str, Any]]) -> None:
     """Print it for people; warnings go where people are spoken to."""
     for one in facts:
         head = f"head {one['head']}: " if len(facts) > 1 else ""

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from printctl.cli.options import JsonFlag, PrinterOption, three_numbers
-from printctl.cli.station_options import FolderOption, folder_of, tell
+from printctl.cli.station_options import FolderOption, folder_of, print_status
 from printctl.link.finding import read_baud
 from printctl.station import connect as open_station
 
@@ -52,4 +52,4 @@ def connect(
         start_mm=three_numbers(start, "--start"),
         discard_interrupted=discard,
     )
-    tell(station.status, as_json)
+    print_status(station.status, as_json)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from printctl.cli.options import JsonFlag
-from printctl.cli.station_options import FolderOption, tell, the_station
+from printctl.cli.station_options import FolderOption, print_status, the_station
 
 
 def heat(
@@ -21,4 +21,4 @@ def heat(
     Heaters keep their target when this command ends, until it is set to 0 or the station is
     disconnected.
     """
-    tell(the_station(folder).heat(name, celsius), as_json)
+    print_status(the_station(folder).heat(name, celsius), as_json)

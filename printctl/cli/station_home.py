@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from printctl.cli.options import JsonFlag
-from printctl.cli.station_options import FolderOption, tell, the_station
+from printctl.cli.station_options import FolderOption, print_status, the_station
 
 
 def home(
@@ -22,4 +22,4 @@ def home(
 
     Axes that are homed are trusted from then on; what the needle may do follows from that.
     """
-    tell(the_station(folder).home(list(axes), needle_off=needle_off), as_json)
+    print_status(the_station(folder).home(list(axes), needle_off=needle_off), as_json)

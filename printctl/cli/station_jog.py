@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from printctl.cli.options import JsonFlag
-from printctl.cli.station_options import FolderOption, tell, the_station
+from printctl.cli.station_options import FolderOption, print_status, the_station
 from printctl.errors import UsageError
 
 ByOption = Annotated[float | None, typer.Option(help="By so many mm.")]
@@ -33,6 +33,6 @@ def jog(
         raise UsageError("no axis is named; give --x, --y or --z in mm")
     station = the_station(folder)
     if to:
-        tell(station.move_to(**given, speed_mm_s=speed), as_json)
+        print_status(station.move_to(**given, speed_mm_s=speed), as_json)
     else:
-        tell(station.jog(given, speed_mm_s=speed), as_json)
+        print_status(station.jog(given, speed_mm_s=speed), as_json)

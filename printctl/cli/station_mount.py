@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from printctl.cli.options import JsonFlag
-from printctl.cli.station_options import FolderOption, tell, the_station
+from printctl.cli.station_options import FolderOption, print_status, the_station
 from printctl.errors import UsageError
 
 
@@ -50,7 +50,7 @@ def mount(
     said = {key: value for key, value in given.items() if value is not None}
     if not said:
         raise UsageError("nothing is named; give --needle, --dish or the like")
-    tell(the_station(folder).mount(**said), as_json)
+    print_status(the_station(folder).mount(**said), as_json)
 
 
 def _two(text: str) -> tuple[float, float]:

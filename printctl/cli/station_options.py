@@ -35,15 +35,15 @@ def the_station(folder: Path | None) -> Station:
     return attach(folder_of(folder))
 
 
-def tell(status: StationStatus, as_json: bool) -> None:
+def print_status(status: StationStatus, as_json: bool) -> None:
     """Say how the station stands."""
     if as_json:
         print_json(status.to_dict())
     else:
-        print_lines(*told(status))
+        print_lines(*status_text(status))
 
 
-def told(status: StationStatus) -> list[str]:
+def status_text(status: StationStatus) -> list[str]:
     """A status for people."""
     lines = [f"{status.state.value}: {status.message}", f"{status.profile} at {status.port}"]
     if status.position_mm is not None:

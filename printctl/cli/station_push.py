@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from printctl.cli.options import JsonFlag
-from printctl.cli.station_options import FolderOption, tell, the_station
+from printctl.cli.station_options import FolderOption, print_status, the_station
 
 
 def push(
@@ -22,4 +22,4 @@ def push(
 
     The station counts what is left; a full syringe is told it by `printctl station mount`.
     """
-    tell(the_station(folder).plunger(ul, speed), as_json)
+    print_status(the_station(folder).plunger(ul, speed), as_json)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from printctl.cli.options import JsonFlag
-from printctl.cli.station_options import FolderOption, tell, the_station
+from printctl.cli.station_options import FolderOption, print_status, the_station
 
 
 def reconnect(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
@@ -11,4 +11,4 @@ def reconnect(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
 
     After a kill or a lost port. The position isn't trusted until it is homed or said again.
     """
-    tell(the_station(folder).reconnect(), as_json)
+    print_status(the_station(folder).reconnect(), as_json)

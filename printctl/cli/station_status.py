@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from printctl.cli.options import JsonFlag
-from printctl.cli.station_options import FolderOption, tell, the_station
+from printctl.cli.station_options import FolderOption, print_status, the_station
 
 
 def status(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
@@ -11,4 +11,4 @@ def status(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
 
     Only looks. Exit code 0 whatever the state is, so that a script can read it with --json.
     """
-    tell(the_station(folder).status, as_json)
+    print_status(the_station(folder).status, as_json)

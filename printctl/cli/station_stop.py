@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from printctl.cli.options import JsonFlag
-from printctl.cli.station_options import FolderOption, tell, the_station
+from printctl.cli.station_options import FolderOption, print_status, the_station
 
 
 def stop(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
@@ -11,4 +11,4 @@ def stop(folder: FolderOption = None, as_json: JsonFlag = False) -> None:
 
     Sending it twice does no harm. For a halt at once there is `printctl station kill`.
     """
-    tell(the_station(folder).stop_motion(), as_json)
+    print_status(the_station(folder).stop_motion(), as_json)

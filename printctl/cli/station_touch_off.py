@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from printctl.cli.options import JsonFlag
-from printctl.cli.station_options import FolderOption, tell, the_station
+from printctl.cli.station_options import FolderOption, print_status, the_station
 
 
 def touch_off(
@@ -21,4 +21,4 @@ def touch_off(
 
     Another needle or another dish forgets the floor; touch off again.
     """
-    tell(the_station(folder).touch_off(foil_mm=foil), as_json)
+    print_status(the_station(folder).touch_off(foil_mm=foil), as_json)

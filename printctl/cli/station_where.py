@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from printctl.cli.options import JsonFlag
-from printctl.cli.station_options import FolderOption, tell, the_station
+from printctl.cli.station_options import FolderOption, print_status, the_station
 
 PlaceOption = Annotated[float | None, typer.Option(help="In mm, printer's frame.")]
 
@@ -23,4 +23,4 @@ def where(
 
     Said by a person who looked: nothing moves, and the soft limits go by it from then on.
     """
-    tell(the_station(folder).set_position(x, y, z), as_json)
+    print_status(the_station(folder).set_position(x, y, z), as_json)

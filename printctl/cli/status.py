@@ -27,10 +27,10 @@ def status(run: RunArg, as_json: JsonFlag = False) -> None:
     if as_json:
         print_json(found.to_dict())
         return
-    print_lines(*told(found, str(run)))
+    print_lines(*status_lines(found, str(run)))
 
 
-def told(truth: PrintTruth, run: str) -> list[str]:
+def status_lines(truth: PrintTruth, run: str) -> list[str]:
     """A print for people."""
     status = truth.status
     lines = [
@@ -38,7 +38,7 @@ def told(truth: PrintTruth, run: str) -> list[str]:
         f"{truth.words['made']}; {status.lines_done} of {status.lines_total} lines taken, "
         f"line {status.file_line} of the file",
         *(truth.words[key] for key in ("time", "layer", "vessel", "ink") if truth.words[key]),
-        *watched(status),
+        *waiting_lines(status),
     ]
     if status.line_errors:
         lines.append(f"{status.line_errors} lines sent again")
@@ -51,7 +51,7 @@ def told(truth: PrintTruth, run: str) -> list[str]:
     return lines
 
 
-def watched(status: Status) -> list[str]:
+def waiting_lines(status: Status) -> list[str]:
     """Say what a print waits for and what the machine reads."""
     lines = [f"waits for: {status.waits_for}"] if status.waits_for else []
     if status.deadman_left_s is not None and not status.ended:

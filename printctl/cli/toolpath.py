@@ -16,8 +16,8 @@ from printctl.cli.options import (
     messages,
     print_json,
     print_lines,
+    print_note,
     refuse_input_as_output,
-    tell,
 )
 from printctl.cli.plan_lines import plan_lines
 from printctl.cli.process_lines import process_lines
@@ -39,7 +39,7 @@ def toolpath(
     if out.is_dir():
         raise UsageError(f"{out} is a folder; give the name of a .gcode file in it")
     refuse_input_as_output(out, recipe)
-    loaded = load_recipe(recipe, tell)
+    loaded = load_recipe(recipe, print_note)
     with tempfile.TemporaryDirectory() as scratch:
         data = toolpath_recipe(loaded, recipe.resolve().parent, Path(scratch), messages())
         beside = [(LINE_MAP, out.with_suffix(".map.npz")), (GCODE, out)]

@@ -26,13 +26,13 @@ from printctl.feedback.depth import Depth, depth_of
 from printctl.feedback.evidence import Print
 from printctl.feedback.local import Local, NodeOffset, local_excess, node_offsets
 from printctl.feedback.readings import Reading, as_made_with, readings
-from printctl.feedback.size import Size, less, size_of
+from printctl.feedback.size import Size, size_of, without_size
 from printctl.feedback.whole import (
     BIAS_VOXELS,
     NORMAL_95,
     Mean,
     Radial,
-    pooled,
+    pool_prints,
     radial,
 )
 
@@ -229,7 +229,7 @@ def _stretch(
             float(np.log(one.scale[axis])) - own + base
             for one, own in zip(sizes, bases, strict=True)
         ]
-        found = pooled(size, [float(one.half[axis]) for one in sizes])
+        found = pool_prints(size, [float(one.half[axis]) for one in sizes])
         asked = axis < 2 or depth.corrected
         applied = asked and found.is_real
         factor.append(round(float(np.exp(base - gain * found.value * applied)), 6))
@@ -262,7 +262,7 @@ def _read(
     found = readings(print_, stretch, whole_changes=len(bases) > 1)
     middle = np.array(print_.design.bounds_mm).mean(axis=0)
     return {
-        vessel: as_made_with(less(reading, print_, size, middle), print_, bases)
+        vessel: as_made_with(without_size(reading, print_, size, middle), print_, bases)
         for vessel, reading in found.items()
         if vessel not in without
     }

@@ -16,7 +16,7 @@ from scipy.special import fdtrc, stdtrit
 
 from design.network import VesselNetwork
 from printctl.feedback.readings import LEAST_SECTIONS, Reading
-from printctl.feedback.size import OFFSET_VOXELS, across
+from printctl.feedback.size import OFFSET_VOXELS, projector_across
 from printctl.feedback.whole import NORMAL_95, VESSEL_VOXELS, Radial
 
 FloatArray = NDArray[np.float64]
@@ -203,7 +203,7 @@ def _equations(
         own = float(np.mean([error**2 for _, error in rows]))
         apart = _between([[offset for offset, _ in rows]])
         square = max(own, between, apart) / len(rows) + (OFFSET_VOXELS * voxel_mm) ** 2
-        plane = across(network, vessel, end) / square
+        plane = projector_across(network, vessel, end) / square
         node = network.vessel_nodes[vessel, end]
         matrix[node] += plane
         pull[node] += plane @ np.mean([offset for offset, _ in rows], axis=0)

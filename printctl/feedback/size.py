@@ -97,7 +97,7 @@ def _surface_half(print_: Print) -> FloatArray:
     ])  # fmt: skip
 
 
-def less(reading: Reading, print_: Print, size: Size, about: FloatArray) -> Reading:
+def without_size(reading: Reading, print_: Print, size: Size, about: FloatArray) -> Reading:
     """A reading without what the print's size explains of its axis' offset."""
     if reading.ends_mm is None:
         return reading
@@ -105,7 +105,7 @@ def less(reading: Reading, print_: Print, size: Size, about: FloatArray) -> Read
     return replace(reading, ends_mm=reading.ends_mm - size.explains(nodes, about))
 
 
-def across(network: VesselNetwork, vessel: int, end: int) -> FloatArray:
+def projector_across(network: VesselNetwork, vessel: int, end: int) -> FloatArray:
     """Projector (3, 3) onto the plane across a vessel's first (0) or last (1) end."""
     points, _ = network.polyline(vessel)
     way = points[1] - points[0] if end == 0 else points[-1] - points[-2]
@@ -125,7 +125,7 @@ def _fit(
         if reading.ends_mm is None:
             continue
         for end in (0, 1):
-            plane = across(network, vessel, end)
+            plane = projector_across(network, vessel, end)
             place = network.nodes[network.vessel_nodes[vessel, end]] - about
             rows.append(plane @ np.hstack([np.eye(3), np.diag(place)]))
             values.append(plane @ reading.ends_mm[end])

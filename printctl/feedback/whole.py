@@ -46,7 +46,7 @@ class Mean:
         return bool(abs(self.value) > self.half)
 
 
-def pooled(values: Sequence[float], halves: Sequence[float]) -> Mean:
+def pool_prints(values: Sequence[float], halves: Sequence[float]) -> Mean:
     """Mean over prints. What one scan can be wrong by, all scans of a scanner can be.
 
     Their spread tells what differs from print to print (Student's t over the prints); beside it
@@ -121,8 +121,8 @@ def radial(prints: Sequence[dict[int, Reading]], voxel_mm: float, bias: Mean) ->
     diameters = np.array([reading.diameter_mm for reading in every])
     alike = [_common(_told(found), voxel_mm) for found in prints]
     fits = [_line(found, voxel_mm, float(diameters.mean())) for found in alike]
-    offset = pooled([a.value for a, _ in fits], [a.half for a, _ in fits])
-    slope = pooled([b.value for _, b in fits], [b.half for _, b in fits])
+    offset = pool_prints([a.value for a, _ in fits], [a.half for a, _ in fits])
+    slope = pool_prints([b.value for _, b in fits], [b.half for _, b in fits])
     low, high = float(diameters.min()), float(diameters.max())
     # Blur takes more from thin lumens than from thick ones: the thinnest's bias may differ from the
     # thickest's by as much as it isn't known.

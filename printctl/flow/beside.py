@@ -46,7 +46,7 @@ class TissueSupply:
     drop_pa: float
 
 
-def fed(name: str, network: VesselNetwork, conditions: FlowConditions) -> TissueSupply:
+def feeding_vessels(name: str, network: VesselNetwork, conditions: FlowConditions) -> TissueSupply:
     """Solve a network's steady flow, and take the vessels that feed.
 
     Raises
@@ -89,7 +89,10 @@ def set_beside(
     """
     # Nodes and outlets of their own are the network's: the lattice has one inlet and one outlet.
     plain = replace(conditions, inlets=None, outlets=None, outlet_flow_ul_s={})
-    both = fed("network", network, conditions), fed("lattice", lattice, plain)
+    both = (
+        feeding_vessels("network", network, conditions),
+        feeding_vessels("lattice", lattice, plain),
+    )
     write_columns(folder / TABLE, _table(both))
     flows = {one.name: one.flow / one.flow.mean() for one in both}
     write_bytes(folder / PICTURE, spread_figure(flows))

@@ -22,7 +22,7 @@ from design.hemodynamics import (
     solve_pulsatile,
     steady_at_probes,
 )
-from design.hemodynamics.probes import Probes, ProbeWaves, along, clear_parts, midpoints
+from design.hemodynamics.probes import Probes, ProbeWaves, clear_parts, midpoints, probes_along
 from design.network import FloatArray, VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
 from printctl.flow.outputs import write_columns
@@ -80,7 +80,7 @@ def places(network: VesselNetwork, part: ComparePart) -> tuple[Probes, int]:
     amid = midpoints(network)
     Probes(np.array([vessel]), np.array([0.5])).check(network)
     first, last = clear_parts(network)[vessel]
-    share = first + (last - first) * along(vessel, part.points).fraction
+    share = first + (last - first) * probes_along(vessel, part.points).fraction
     return Probes(
         np.append(amid.vessel, np.full(part.points, vessel)), np.append(amid.fraction, share)
     ), vessel

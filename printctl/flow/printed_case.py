@@ -31,9 +31,9 @@ from printctl.flow.outputs import write_columns
 from printctl.flow.printed_fidelities import (
     Pair,
     VesselFlow,
-    along,
     in_space,
     lumped,
+    mean_one_d,
     mesh_of,
     printed_summary,
     printed_table,
@@ -41,7 +41,7 @@ from printctl.flow.printed_fidelities import (
 from printctl.flow.printed_intervals import (
     DRAWS,
     LumenErrors,
-    carried,
+    carry_intervals,
     flow_intervals,
     lumen_errors,
 )
@@ -158,7 +158,7 @@ def _intervals_said(pair: Pair) -> str:
 def _with_ends(steady: Pair, pair: Pair) -> Pair:
     if steady.ends is None:
         return pair
-    return replace(pair, ends=carried(steady.ends, steady.printed, pair.printed))
+    return replace(pair, ends=carry_intervals(steady.ends, steady.printed, pair.printed))
 
 
 def _steady(case: PrintedCase, design: VesselNetwork, part: OpenPart, errors: LumenErrors) -> Pair:
@@ -176,8 +176,10 @@ def _waves(case: PrintedCase, how: OneDPart, design: VesselNetwork, part: OpenPa
             "or --waveform, with --wall-young-kpa"
         )
     conditions, options = _pulsatile(case, pulse, design), one_d_options(how, pulse.steps)
-    printed = along(part.network, part.pulsatile(conditions), options)
-    return Pair(along(design, conditions, options), printed.of_design(part, design.vessel_count))
+    printed = mean_one_d(part.network, part.pulsatile(conditions), options)
+    return Pair(
+        mean_one_d(design, conditions, options), printed.of_design(part, design.vessel_count)
+    )
 
 
 def _space(

@@ -22,7 +22,7 @@ from design.hemodynamics.three_d import (
     LumenMesh,
     probe_steady,
     solve_steady,
-    straightened,
+    straighten_edges,
 )
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.network import FloatArray, VesselNetwork
@@ -120,7 +120,7 @@ def lumped(network: VesselNetwork, conditions: FlowConditions) -> VesselFlow:
     )
 
 
-def along(
+def mean_one_d(
     network: VesselNetwork, conditions: PulsatileConditions, options: OneDOptions
 ) -> VesselFlow:
     """1D: means of the periodic state.
@@ -151,7 +151,7 @@ def in_space(
     FlowError
         As `solve_steady`.
     """
-    mesh = straightened(mesh)[0]
+    mesh = straighten_edges(mesh)[0]
     found = solve_steady(mesh, conditions, options_of(part))
     every = np.arange(network.vessel_count)
     places = _apart(network)

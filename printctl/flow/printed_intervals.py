@@ -133,7 +133,9 @@ def _ends(values: Sequence[Any]) -> FloatArray:
     return np.array([low, high])
 
 
-def carried(found: FlowIntervals, lumped_flow: VesselFlow, other: VesselFlow) -> FlowIntervals:
+def carry_intervals(
+    found: FlowIntervals, lumped_flow: VesselFlow, other: VesselFlow
+) -> FlowIntervals:
     """Intervals of another fidelity: the lumped one's, relative to its value, about the other's.
 
     Shares keep the width of theirs, because a share may be nothing.

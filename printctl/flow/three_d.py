@@ -26,7 +26,7 @@ from design.hemodynamics.three_d import (
     residence_time,
     sections_at,
     solve_steady,
-    straightened,
+    straighten_edges,
     write_flow_vtu,
 )
 from design.hemodynamics.three_d.axes import axis_places
@@ -75,7 +75,7 @@ def resolve(
     """
     tell(0.0, "meshing")
     shape = MeshOptions(edge_ratio=part.edge_ratio, fillet_ratio=max(fillet_ratio, SHARP))
-    mesh, bent_back = straightened(lumen_mesh(network, shape))
+    mesh, bent_back = straighten_edges(lumen_mesh(network, shape))
     tell(0.3, f"{len(mesh.tets):,} elements")
     options = options_of(part)
     solution = solve_steady(mesh, conditions, options)

@@ -34,7 +34,7 @@ def passes(words: str | None = None) -> Judge:
     return judge
 
 
-def asks(words: str = "") -> Judge:
+def allow_query(words: str = "") -> Judge:
     """Let a question pass: a code that sets something as soon as it has other words."""
 
     def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
@@ -178,7 +178,7 @@ def choose_head(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     return AllowedLine(line.text.decode("ascii"))
 
 
-def within(words: Mapping[str, tuple[float, float]], *, needs: str = "") -> Judge:
+def allow_within(words: Mapping[str, tuple[float, float]], *, needs: str = "") -> Judge:
     """Let a code pass whose numbers are in these spans."""
 
     def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:

@@ -16,22 +16,22 @@ from printctl.gate.known import LineOrigin, Phase, PrinterSituation
 from printctl.gate.motion import home, move
 from printctl.gate.parts import (
     Judge,
+    allow_query,
+    allow_within,
     as_number,
     as_planned,
-    asks,
     choose_head,
     cold_extrusion,
     keyed,
     only_with,
     passes,
     timeout,
-    within,
 )
 from printctl.gate.verdict import AllowedLine, NotAllowed
 from sim.reading import GcodeLine
 
 Rules = dict[str, Judge]
-_FAN: Final = within({"S": (0, 255), "P": (0, 20)}, needs="S")
+_FAN: Final = allow_within({"S": (0, 255), "P": (0, 20)}, needs="S")
 
 
 def _still(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
@@ -122,17 +122,17 @@ def _head(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
 
 _ASKED: Final[Rules] = {
     **{
-        code: asks()
+        code: allow_query()
         for code in ["M92", "M201", "M203", "M204", "M205", "M206", "M218", "M301", "M302", "M304"]
     },
     **{
-        code: asks()
+        code: allow_query()
         for code in ["M113", "M115", "M119", "M155", "M211", "M220", "M31", "M111", "M122"]
     },
-    "M105": asks("T"),
-    "M114": asks("DER"),
-    "M221": asks("TD"),
-    "M503": asks("S"),
+    "M105": allow_query("T"),
+    "M114": allow_query("DER"),
+    "M221": allow_query("TD"),
+    "M503": allow_query("S"),
 }
 
 _CONSOLE: Final[Rules] = {
@@ -196,7 +196,7 @@ def _judge(own: gate_facts.Rule) -> Judge:
     """Make the judge of a family's own rule."""
     match own:
         case gate_facts.AllowQuery():
-            return asks(own.letters)
+            return allow_query(own.letters)
         case gate_facts.AllowValues():
             return only_with(own.values, "", own.remedy)
         case gate_facts.AllowOffsetReset():

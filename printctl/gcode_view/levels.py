@@ -96,7 +96,7 @@ def _said_heights(
     return np.asarray(np.where(at >= 0, said.height_mm[np.maximum(at, 0)], heights))
 
 
-def spread(values: IntArray, rows: IntArray, count: int) -> IntArray:
+def fill_rows(values: IntArray, rows: IntArray, count: int) -> IntArray:
     """Values of some rows for all: a row between takes the next one's, the tail the last one's."""
     at = np.searchsorted(rows, np.arange(count))
     return np.asarray(values[np.minimum(at, len(rows) - 1)])

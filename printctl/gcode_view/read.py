@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
 from printctl.gcode_view.doses import plunger_doses, valve_doses
-from printctl.gcode_view.levels import is_flat, make_layers, spread
+from printctl.gcode_view.levels import fill_rows, is_flat, make_layers
 from printctl.gcode_view.line_map import KINDS, LineMap
 from printctl.gcode_view.pushing import Pushing
 from printctl.gcode_view.rows import Rows, written_rows
@@ -161,7 +161,7 @@ def _layers(
     run = np.cumsum(np.diff(at, prepend=-2) != 1) - 1
     height = np.maximum(rows.start[at, 2], rows.end[at, 2])
     layer, layers = make_layers(height, program.line[rows.row[at]], run, flat, said, layer_mm)
-    return spread(layer, at, len(rows.row)), layers
+    return fill_rows(layer, at, len(rows.row)), layers
 
 
 def _with_lifts(rows: Rows, layer: IntArray, layers: Layers) -> NDArray[np.uint8]:

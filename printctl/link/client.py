@@ -22,7 +22,7 @@ from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Re
 from printctl.link.finding import AUTO, locate
 from printctl.link.job import load_job
 from printctl.link.marks import MarkKind
-from printctl.link.reach import gone, stays_alive, what_is_known
+from printctl.link.reach import has_ended, stays_alive, what_is_known
 from printctl.link.record import LOG, LinkRecord, load_record
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
@@ -265,10 +265,10 @@ def start_print(
     command += ["--care", json.dumps((care or Care()).to_dict())]
     command += ["--baud", str(baud)] if baud else []
     command += ["--resume"] if resume else []
-    return begun(_await_link(spawn(command), folder))
+    return wait_for_first_lines(_await_link(spawn(command), folder))
 
 
-def begun(client: PrintClient) -> PrintClient:
+def wait_for_first_lines(client: PrintClient) -> PrintClient:
     """Wait until the first lines of a print go out.
 
     Raises
@@ -331,7 +331,7 @@ def _await_link(pid: int, folder: Path) -> PrintClient:
     """Wait until the process listens, or has ended."""
     limit = time.monotonic() + START_LIMIT_S
     while time.monotonic() < limit:
-        over = gone(pid)
+        over = has_ended(pid)
         record = _record_of(pid, folder)
         if record is not None and (record.address or record.status):
             return PrintClient(folder, record)

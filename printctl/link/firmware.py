@@ -49,7 +49,7 @@ def parse_firmware(replies: Sequence[bytes]) -> Firmware:
     return Firmware(name, capabilities, extruders)
 
 
-def modes(printer: Printer) -> tuple[bytes, ...]:
+def mode_lines(printer: Printer) -> tuple[bytes, ...]:
     """What a job takes for granted: mm, absolute places, and an absolute plunger if there is one.
 
     A Marlin without extruder doesn't know M82.

@@ -10,7 +10,7 @@ from printctl.link.agreeing import agree_settings
 from printctl.link.channel import Channel
 from printctl.link.errors import HandshakeError
 from printctl.link.families import link_facts
-from printctl.link.firmware import Firmware, differences, modes, parse_firmware
+from printctl.link.firmware import Firmware, differences, mode_lines, parse_firmware
 from printctl.link.gating import settings_changed_by
 from printctl.link.gauges import Gauges
 from printctl.link.position_check import RETRIES
@@ -125,7 +125,7 @@ class FirmwareCheck:
 
     def set_modes(self, journalled: bool) -> None:
         """Set what a job takes for granted: mm, absolute places, an absolute plunger."""
-        for mode in modes(self._printer):
+        for mode in mode_lines(self._printer):
             self._channel.command(mode, journalled)
 
     # --- settings that a job may change ----------------------------------------------------------

@@ -198,7 +198,7 @@ class PrintHistory:
         with self._open() as index:
             for entry, stamp in found:
                 if entry is not None:
-                    put(index, entry, stamp)
+                    write_entry(index, entry, stamp)
 
     def _prepare(self) -> None:
         with self._open() as index:
@@ -299,7 +299,9 @@ def _entries(index: sqlite3.Connection, rows: Sequence[tuple[object, ...]]) -> l
     return found
 
 
-def put(index: sqlite3.Connection, entry: PrintEntry, stamp: tuple[int | None, int | None]) -> None:
+def write_entry(
+    index: sqlite3.Connection, entry: PrintEntry, stamp: tuple[int | None, int | None]
+) -> None:
     """Write one print into an open index; ``stamp`` is its journal's size and time of change."""
     values = {name: getattr(entry, name) for name in _COLUMNS}
     values["journal"] = str(entry.journal.resolve())

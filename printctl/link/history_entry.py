@@ -11,7 +11,7 @@ from pathlib import Path
 
 from printctl.link.journal import Record, read_records
 from printctl.link.journalled_print import times_words
-from printctl.link.noted import noted
+from printctl.link.noted import read_notes
 from printctl.link.states import LinkState
 
 INTERRUPTED = LinkState.INTERRUPTED.value
@@ -157,7 +157,7 @@ def plain_text(value: object) -> str:
 
 def _operator(journal: Path) -> str:
     """Who is named in the print's record."""
-    values = noted(journal).get("values")
+    values = read_notes(journal).get("values")
     return plain_text(values.get("operator") or "") if isinstance(values, dict) else ""
 
 

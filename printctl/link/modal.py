@@ -125,7 +125,7 @@ def astray(modal: Modal, position: dict[str, float], within_mm: float = 0.011) -
     )
 
 
-def named(lines: Sequence[bytes]) -> str:
+def axes_placed(lines: Sequence[bytes]) -> str:
     """Axes, by their letters, that moves among ``lines`` bring to a place of their own.
 
     Up to a ``G92``, which would call a wrong place right.

@@ -23,7 +23,7 @@ def noted_beside(journal: Path) -> Path:
     return journal.with_name(f"record{number}.json")
 
 
-def noted(journal: Path) -> dict[str, Any]:
+def read_notes(journal: Path) -> dict[str, Any]:
     """What was noted of a journal's print; empty where nothing was, or it can't be read."""
     path = noted_beside(journal)
     try:

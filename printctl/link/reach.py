@@ -159,7 +159,7 @@ def _endless(connection: socket.socket) -> socket.socket:
     return connection
 
 
-def gone(pid: int) -> bool:
+def has_ended(pid: int) -> bool:
     """Whether a process has ended, as far as that can be told."""
     if os.name != "posix":
         return False

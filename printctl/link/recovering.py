@@ -13,7 +13,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from printctl.link.errors import LinkError
-from printctl.link.firmware import modes
+from printctl.link.firmware import mode_lines
 from printctl.link.heads import all_raised, choose, head_at, is_about_heads, lowered
 from printctl.link.job import Job
 from printctl.link.job_frame import JobFrame, frame_at
@@ -179,7 +179,7 @@ def _settings(
     The valve isn't one of them: it would open before the needle is in place. Nor are the heads'
     own commands; what is told of each head stands for itself.
     """
-    last: dict[bytes, bytes] = {mode: mode for mode in modes(printer)}
+    last: dict[bytes, bytes] = {mode: mode for mode in mode_lines(printer)}
     for line in job.lines[:begin]:
         if is_about_valve(line, printer) or is_about_heads(line, printer):
             continue

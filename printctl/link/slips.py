@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from printctl.link.channel import Channel
-from printctl.link.modal import astray, named
+from printctl.link.modal import astray, axes_placed
 from printctl.link.position_check import PositionCheck
 
 SOONEST_LINES: Final = 5
@@ -66,7 +66,7 @@ class SlipWatch:
         done = self._checked = self._progress.done
         at, lines = self._progress.modal(), self._progress.job.lines
         wrong, position = ("", {}) if self._slip else self._position.compare(at)
-        soon = set(named(lines[done : done + AGAIN_LINES]))
+        soon = set(axes_placed(lines[done : done + AGAIN_LINES]))
         if wrong and position and soon.issuperset(astray(at, position)):
             self._position.refuse_renamed()
             self._slip = f"after line {done}: {wrong}"

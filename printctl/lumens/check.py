@@ -17,7 +17,7 @@ from printctl.lumens.network import network_lumens
 from printctl.lumens.report import LumenReport, report_dict, report_lumens
 from printctl.lumens.stations import FloatArray, SectionStations
 from printctl.lumens.trees import network_trees
-from printctl.lumens.wording import listed
+from printctl.lumens.wording import list_names
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,14 @@ class LumenCheck:
         parts = []
         if len(closed):
             names = [self.ideal.names[k] for k in closed]
-            parts.append(f"closed: lumen {listed(names)} ({len(names)} of {len(self.ideal.names)})")
+            parts.append(
+                f"closed: lumen {list_names(names)} ({len(names)} of {len(self.ideal.names)})"
+            )
         if self.leaks:
             ways = [
                 f"tree {leak.tree} into {_into(leak)} in layer {leak.layer}" for leak in self.leaks
             ]
-            parts.append(f"leaking: {listed(ways)}")
+            parts.append(f"leaking: {list_names(ways)}")
         if not parts:
             return None
         return f"{'; '.join(parts)}; slice again with finer lines or wider lumens, or mend the part"

@@ -15,7 +15,7 @@ from printctl.lumens.merges import Merge, find_merges
 from printctl.lumens.network import network_lumens
 from printctl.lumens.report import LumenReport, report_dict, report_lumens
 from printctl.lumens.stations import FloatArray, SectionStations
-from printctl.lumens.wording import listed
+from printctl.lumens.wording import list_names
 
 MEANING: Final = (
     "written filaments are taken as sacrificial: the space that they fill is open once they are "
@@ -60,13 +60,13 @@ class FilamentCheck:
         if len(broken):
             names = [self.ideal.names[k] for k in broken]
             parts.append(
-                f"not written through: vessel {listed(names)} ({len(names)} of "
+                f"not written through: vessel {list_names(names)} ({len(names)} of "
                 f"{len(self.ideal.names)})"
             )
         across = [merge for merge in self.merges if merge.across_trees]
         if across:
             pairs = [f"vessel {m.vessels[0]} with {m.vessels[1]}" for m in across]
-            parts.append(f"filaments of two trees merge: {listed(pairs)}")
+            parts.append(f"filaments of two trees merge: {list_names(pairs)}")
         if not parts:
             return None
         return (
@@ -80,7 +80,7 @@ class FilamentCheck:
         found = []
         within = [f"{m.vessels[0]} with {m.vessels[1]}" for m in self.merges if not m.across_trees]
         if within:
-            found.append(f"filaments of one tree merge beside their joints: {listed(within)}")
+            found.append(f"filaments of one tree merge beside their joints: {list_names(within)}")
         if 2 * int(self.ideal.closed.sum()) > len(self.ideal.names):
             found.append(
                 "most vessels aren't written: does the part stand where --place says, and is this "

@@ -21,7 +21,7 @@ def of_heads(run: DryRun, printer: Printer) -> list[DryRun]:
     ]
 
 
-def stacked(each: Sequence[Strokes]) -> tuple[Strokes, IntArray]:
+def stack_heads(each: Sequence[Strokes]) -> tuple[Strokes, IntArray]:
     """All heads' strokes, one head after the other, and the head of each."""
     head = np.repeat(np.arange(len(each)), [len(one.line) for one in each])
     whole = Strokes(

@@ -11,7 +11,7 @@ from firmware_profiles import Printer
 from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
 from printctl.lumens.filaments import Filaments, filaments
-from printctl.lumens.heads import of_heads, stacked, stacked_filaments
+from printctl.lumens.heads import of_heads, stack_heads, stacked_filaments
 from printctl.lumens.line_widths import check_width, said_heights
 from printctl.lumens.lines import (
     ROUNDED,
@@ -118,7 +118,7 @@ def _layers_of_heads(gcode: bytes, writing: Writing) -> tuple[WrittenLines, Writ
     views = of_heads(run, printer)
     for view, ul_per_e in zip(views, _per_e(writing), strict=True):
         each.append(plunger_strokes(view.program, ul_per_e))
-    strokes, head = stacked(each)
+    strokes, head = stack_heads(each)
     if not len(strokes.line):
         raise UsageError("no move of the G-code pushes ink while it goes sideways; is E in it?")
     beads = writing.beads * len(each) if len(writing.beads) == 1 else writing.beads

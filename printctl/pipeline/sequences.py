@@ -52,7 +52,7 @@ def in_order(stages: Sequence[Stage], recipe: Recipe) -> Sequence[Stage]:
     return [*first, *job, *(stage for stage in stages if stage not in first and stage not in job)]
 
 
-def until(name: str) -> Sequence[Stage]:
+def stages_until(name: str) -> Sequence[Stage]:
     """The stages of a run up to one of them, as `names_until`.
 
     Raises

@@ -57,7 +57,7 @@ def run_stages(context: RunContext, stages: Sequence[Stage], bars: StageBars) ->
     taken for done.
     """
     with bars.all():
-        for stage in wanted(context, stages):
+        for stage in wanted_stages(context, stages):
             name = f"{context.title} {stage.name}".strip()
             with bars.stage(name) as report:
                 note = _run_one(context, stage, report)
@@ -68,7 +68,7 @@ def run_as_one(context: RunContext, stages: Sequence[Stage], bars: StageBars, na
     """Run stages as `run_stages`, under one bar: of many parts that are all made alike."""
     with bars.all(), bars.stage(name) as report, RunMeter() as meter:
         notes = []
-        stages = wanted(context, stages)
+        stages = wanted_stages(context, stages)
         for number, stage in enumerate(stages):
             report(number / len(stages), stage.name)
             notes.append(_run_one(context, stage, lambda fraction, note="": None))
@@ -77,7 +77,7 @@ def run_as_one(context: RunContext, stages: Sequence[Stage], bars: StageBars, na
     bars.say(name, f"{meter.seconds:.1f} s{kept if len(new) < len(notes) else ''}")
 
 
-def wanted(context: RunContext, stages: Sequence[Stage]) -> list[Stage]:
+def wanted_stages(context: RunContext, stages: Sequence[Stage]) -> list[Stage]:
     """The stages that the recipe asks for; what an earlier recipe asked for is forgotten."""
     for stage in stages:
         if not stage.asked(context):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from registration.judging import Decision, as_if_pose_sure, pose_in_doubt, reason, worst
+from registration.judging import Decision, as_if_pose_sure, pose_in_doubt, reason, worst_decision
 from registration.report.gauging_sections import pressure_words
 
 Record = Mapping[str, Any]
@@ -49,7 +49,7 @@ def verdict(registration: Record) -> dict[str, Any]:
         *_places(registration),
         *_not_judged(registration),
     ]
-    whole = worst(decision for decision, _ in [*of_features, *others])
+    whole = worst_decision(decision for decision, _ in [*of_features, *others])
     return {
         "passed": whole == "pass",
         "undecided": whole == "undecided",
@@ -79,7 +79,7 @@ def _told(features: Sequence[Record]) -> list[Record]:
         if f["decision"] != "pass"
         and not (
             f["name"] in ("mean", "narrowest")
-            and worst([plain["decision"], by_section.get(f["vessel"], "pass")])
+            and worst_decision([plain["decision"], by_section.get(f["vessel"], "pass")])
             == by_section.get(f["vessel"])
         )
     ]

@@ -14,7 +14,7 @@ from printctl.pipeline.facts import run_facts
 from printctl.pipeline.lock import run_lock
 from printctl.pipeline.plate.run import design_plate, run_plate, toolpath_plate
 from printctl.pipeline.run_options import RunOptions
-from printctl.pipeline.sequences import DESIGN, TOOLPATH, WHOLE, in_order, until
+from printctl.pipeline.sequences import DESIGN, TOOLPATH, WHOLE, in_order, stages_until
 from printctl.pipeline.stage import Stage, run_stages
 from printctl.pipeline.stages import report
 from printctl.pipeline.stages.report import collect
@@ -27,7 +27,7 @@ def run_wanted(
     recipe: Recipe, recipe_folder: Path, folder: Path, console: Console, how: RunOptions
 ) -> dict[str, Any]:
     """Run the stages as `printctl.pipeline.run.run_recipe` says."""
-    stages = in_order(WHOLE if how.until is None else until(how.until), recipe)
+    stages = in_order(WHOLE if how.until is None else stages_until(how.until), recipe)
     with run_lock(folder):
         context = _context(recipe, recipe_folder, folder, console, how)
         if how.listener is not None:
@@ -45,7 +45,7 @@ def _plate(context: RunContext, how: RunOptions, stages: Sequence[Stage]) -> dic
     if how.until is None:
         return run_plate(context, how.pdf)
     for last, work in ((TOOLPATH[-1], toolpath_plate), (DESIGN[-1], design_plate)):
-        if how.until is not None and until(how.until)[-1] is last:
+        if how.until is not None and stages_until(how.until)[-1] is last:
             return work(context)
     raise UsageError(
         f"a plate can't end at {how.until}: its wells go together as far as {DESIGN[-1].name}, "

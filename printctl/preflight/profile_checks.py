@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_profiles import Facts, doubts
+from firmware_profiles import Facts, profile_doubts
 from printctl.set_up.check import Check
 
 
@@ -19,6 +19,6 @@ def profile_checks(*profiles: Facts) -> list[Check]:
             f"{doubt.text}; `printctl profiles check` tells all that is wrong with it",
         )
         for facts in profiles
-        for doubt in doubts(facts)
+        for doubt in profile_doubts(facts)
         if doubt.grave
     ]

@@ -51,7 +51,7 @@ class WritingMoves:
 
 def step_checks(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
     """Warnings of steps that are coarse for this file; none where nothing is written."""
-    wrote = written(run)
+    wrote = writing_moves(run)
     if not len(wrote.length):
         return []
     checks = [_axis_step(wrote, printer)]
@@ -60,7 +60,7 @@ def step_checks(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
     return checks
 
 
-def written(run: DryRun) -> WritingMoves:
+def writing_moves(run: DryRun) -> WritingMoves:
     """The file's moves that write."""
     program = run.program
     begin = np.vstack([program.start[None, :3], program.target[:-1, :3]])[: len(program)]

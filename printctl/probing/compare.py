@@ -51,7 +51,7 @@ def _near(one: float, other: float) -> bool:
     return abs(one - other) <= max(ABSOLUTE, RELATIVE * abs(one))
 
 
-def corrected(profile: Printer, rows: list[Row], port: str, day: str) -> dict[str, Any]:
+def corrected_profile(profile: Printer, rows: list[Row], port: str, day: str) -> dict[str, Any]:
     """The profile with the printer's own values, as a mapping to write as YAML.
 
     What the printer told is no starting value any more, whether it differed or not.

@@ -10,7 +10,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from design.units import LengthUnit
 from printctl.recipe.lattice import LatticeNetwork
 from printctl.recipe.marks import FILE
-from printctl.recipe.parts import NetworkSection, Part, Point, given
+from printctl.recipe.parts import NetworkSection, Part, Point, value_given
 
 FileName = Annotated[
     str,
@@ -237,11 +237,12 @@ class ClosedLoop(Growth):
 
 
 def _network_kind(value: Any) -> str:
-    grown = given(value, "grow")
+    grown = value_given(value, "grow")
     if grown is not None:
         return f"grow: {grown}"
     return next(
-        (key for key in ("design", "network", "lattice") if given(value, key) is not None), "none"
+        (key for key in ("design", "network", "lattice") if value_given(value, key) is not None),
+        "none",
     )
 
 

@@ -26,7 +26,7 @@ from printctl.recipe.marks import (
     PrinterName,
     SyringeName,
 )
-from printctl.recipe.parts import Part, Point, Seed, given
+from printctl.recipe.parts import Part, Point, Seed, value_given
 from printctl.recipe.priming import PrimePart
 from printctl.recipe.record import RecordPart
 from printctl.recipe.regions import FillingPart, RegionPart
@@ -315,7 +315,7 @@ class FileScan(Part):
 
 
 def _scan_kind(value: Any) -> str:
-    return "file" if given(value, "file") is not None else "simulated"
+    return "file" if value_given(value, "file") is not None else "simulated"
 
 
 ScanPart = Annotated[

@@ -38,7 +38,7 @@ class NetworkSection(Part):
         return []
 
 
-def given(value: Any, key: str) -> Any:
+def value_given(value: Any, key: str) -> Any:
     """What a section, as a dict or as a model, says under ``key``; None when it doesn't."""
     return value.get(key) if isinstance(value, dict) else getattr(value, key, None)
 

@@ -12,7 +12,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from design.units import LengthUnit
 from printctl.recipe.marks import FILE
-from printctl.recipe.parts import Length, Part, Point, given
+from printctl.recipe.parts import Length, Part, Point, value_given
 
 FileName = Annotated[
     str,
@@ -57,7 +57,7 @@ class MeshPart(Part):
 
 
 def _zone_kind(value: Any) -> str:
-    return "mesh" if given(value, "mesh") is not None else str(given(value, "shape"))
+    return "mesh" if value_given(value, "mesh") is not None else str(value_given(value, "shape"))
 
 
 ZonePart = Annotated[
@@ -100,7 +100,7 @@ class ImageDemandPart(Part):
 
 
 def _demand_kind(value: Any) -> str:
-    return "image" if given(value, "image") is not None else "depth_mm"
+    return "image" if value_given(value, "image") is not None else "depth_mm"
 
 
 DemandPart = Annotated[
@@ -256,7 +256,9 @@ class FoldedCortex(ShapeSection):
 
 def _tissue_kind(value: Any) -> str:
     files = ("mesh", "points", "labels")
-    return next((k for k in files if given(value, k) is not None), str(given(value, "shape")))
+    return next(
+        (k for k in files if value_given(value, k) is not None), str(value_given(value, "shape"))
+    )
 
 
 TissuePart = Annotated[

@@ -10,7 +10,7 @@ from printctl.records.cover import cover_facts, utc
 from printctl.records.evidence import Evidence
 from printctl.records.verdict import outcome
 from registration.report.pdf.blocks import pair, verdict_box
-from registration.report.pdf.document import Facts, built
+from registration.report.pdf.document import Facts, build_pdf
 from registration.report.pdf.look import HEADING, META, OVERLINE, SMALL, TITLE, text
 
 _MOST: Final = 8
@@ -39,7 +39,7 @@ def cover_pdf(found: Evidence) -> bytes:
     story += [text("Seen by (name, date, signature)", HEADING), Spacer(0, 30)]
     verify = "printctl history verify FILE.zip --key LAB_KEY.pem tells whether it is whole"
     said = outcome(found.verdict) or "no verdict"
-    return built(story, Facts(f"Record of print {entry.id}", said, verify))
+    return build_pdf(story, Facts(f"Record of print {entry.id}", said, verify))
 
 
 def _plain(words: str) -> str:

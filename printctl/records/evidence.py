@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from printctl.link.history_entry import PrintEntry
 from printctl.link.journal import read_records
-from printctl.link.noted import NOTED, noted, noted_beside
+from printctl.link.noted import NOTED, noted_beside, read_notes
 from printctl.link.record import JOURNAL
 from printctl.records.films import TIMELAPSE, film_file
 from printctl.run_folder.artefacts import HTML, JSON, PDF
@@ -72,7 +72,7 @@ class Evidence:
 
     def note(self) -> dict[str, Any]:
         """What the operator noted; empty where there is nothing."""
-        return noted(self.entry.journal)
+        return read_notes(self.entry.journal)
 
 
 def evidence(entry: PrintEntry) -> Evidence:
@@ -179,7 +179,7 @@ def _noted(entry: PrintEntry) -> Iterator[tuple[str, Path]]:
 
 def _named_photos(entry: PrintEntry) -> list[str]:
     """Plain file names only: the folder may be another's, and its record say anything."""
-    listed = noted(entry.journal).get("photos")
+    listed = read_notes(entry.journal).get("photos")
     told = (
         [one.get("name") for one in listed if isinstance(one, dict)]
         if isinstance(listed, list)

@@ -22,7 +22,7 @@ from registration.exports import (
     write_surface_vtp,
     write_tables,
 )
-from registration.gauging.near_lumen import apart
+from registration.gauging.near_lumen import split_summary
 from registration.result import scaled_vertices
 
 DEVIATION = "deviation.ply"
@@ -41,7 +41,7 @@ def design_facts(network: Path) -> dict[str, str]:
 def surface_facts(found: RegistrationReport, network: VesselNetwork) -> dict[str, Any]:
     """Deviations of lumens and of outer faces apart, and where outer faces stand out."""
     known = found.seen & np.isfinite(found.scaled_deviation_um)
-    facts = apart(
+    facts = split_summary(
         scaled_vertices(found)[known],
         network,
         found.deviation_um[known],

@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from printctl.search.quantities import QUANTITIES
-from printctl.search.rank import RankedCandidate, counted
+from printctl.search.rank import RankedCandidate, round_to_grain
 from printctl.search.run import SearchResult
 from registration.report.drawing import styled, to_svg
 from registration.report.svg import ACCENT, MUTED
@@ -101,7 +101,7 @@ def _dots(
 def _at(row: RankedCandidate, name: str) -> float:
     if name in QUANTITIES:
         value = row.numbers.get(name)
-        return np.nan if value is None else counted(name, row.numbers)
+        return np.nan if value is None else round_to_grain(name, row.numbers)
     said = row.candidate.values[name]
     return float(said) if isinstance(said, int | float) else np.nan
 

@@ -109,13 +109,15 @@ def _judged(search: SearchFile, candidate: Candidate, result: Mapping[str, Any])
     if missing:
         said = f"{', '.join(missing)} {'has' if len(missing) == 1 else 'have'} no meaning here"
         return _Row(candidate, "undefined", numbers, 0.0, said)
-    over = {name: one.beyond(counted(name, numbers)) for name, one in search.objectives.items()}
+    over = {
+        name: one.beyond(round_to_grain(name, numbers)) for name, one in search.objectives.items()
+    }
     broken = [f"{name} {numbers[name]:.4g}" for name, by in over.items() if by > 0]
     state: State = "beyond limits" if broken else "good"
     return _Row(candidate, state, numbers, sum(over.values()), ", ".join(broken))
 
 
-def counted(name: str, numbers: Mapping[str, float | None]) -> float:
+def round_to_grain(name: str, numbers: Mapping[str, float | None]) -> float:
     """A quantity as it counts: to its grain, so that rounding decides nothing."""
     value, grain = numbers[name], QUANTITIES[name].grain
     if value is None:
@@ -126,7 +128,9 @@ def counted(name: str, numbers: Mapping[str, float | None]) -> float:
 def _losses(search: SearchFile, good: Sequence[_Row]) -> FloatArray:
     """What each goal costs, (n, goals): the less the better."""
     signs = {name: -1.0 if one.goal == "maximise" else 1.0 for name, one in search.goals.items()}
-    rows = [[sign * counted(name, row.numbers) for name, sign in signs.items()] for row in good]
+    rows = [
+        [sign * round_to_grain(name, row.numbers) for name, sign in signs.items()] for row in good
+    ]
     return np.array(rows, dtype=np.float64).reshape(len(good), len(signs))
 
 

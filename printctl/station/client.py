@@ -18,14 +18,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from firmware_profiles import Printer, load
-from printctl.link.client import PrintClient, begun
+from printctl.link.client import PrintClient, wait_for_first_lines
 from printctl.link.client import attach as attach_print
 from printctl.link.detaching import spawn
 from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
 from printctl.link.families import refuse_unsent
 from printctl.link.journalled_print import read_journal
 from printctl.link.ports import SIMULATED
-from printctl.link.reach import alive, gone, stays_alive
+from printctl.link.reach import alive, has_ended, stays_alive
 from printctl.link.record import JOURNAL as PRINT_JOURNAL
 from printctl.link.resuming import resumable
 from printctl.station.door_key import ask, messages, open_connection, post
@@ -208,7 +208,7 @@ class Station:
         if stays_alive(order.folder):
             raise AlreadyPrinting(f"a print is running in {order.folder}; attach to it")
         ask(self.folder, "print", CHECK_S, **order_to_json(order))
-        return begun(attach_print(order.folder))
+        return wait_for_first_lines(attach_print(order.folder))
 
     def _wish(self, do: str, patience_s: float, **values: Any) -> StationStatus:
         return StationStatus.from_dict(ask(self.folder, do, patience_s, **values)["status"])
@@ -319,7 +319,7 @@ def _await_station(pid: int, folder: Path) -> None:
     """Wait until the printer was checked, or that has failed."""
     limit = time.monotonic() + CHECK_S
     while time.monotonic() < limit:
-        over = gone(pid)
+        over = has_ended(pid)
         with contextlib.suppress(NoLink):
             record = load_station(folder)
             last = record.last

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.alignment.choice import PosePoints, thinned
+from registration.alignment.choice import PosePoints, thin_points
 from registration.alignment.contest import residuals
 from registration.alignment.doubts import LEAST_SEEN, pose_doubts
 from registration.alignment.fit import RIGID, Fit, FitFreedom, refine
@@ -110,7 +110,7 @@ def align(
             "part lies in the field of view"
         )
     search = Search(surface, distance_grid(surface, 2.5, 0.15), options)
-    many = thinned(points, options.fine_points)
+    many = thin_points(points, options.fine_points)
     depth = float(np.inf if depth_standard else np.ptp(np.percentile(many[:, 2], (1, 99))))
     free = partial(_freedom, surface, depth, options)
     choice = PosePoints(search, points, free).choose()

@@ -75,7 +75,7 @@ class PosePoints:
 
     def choose(self) -> Choice:
         """Return the pose that stands against all others."""
-        few = thinned(self.points, self.search.options.coarse_points)
+        few = thin_points(self.points, self.search.options.coarse_points)
         poses = self._refined(self.search.poses(few, CANDIDATES), STRAIGHT)
         best = self._winner(poses)
         own = self._refined(own_symmetries(self.search, few, best.fit, OWN), STRAIGHT)
@@ -90,7 +90,7 @@ class PosePoints:
         return choice
 
     def _refined(self, fits: list[Fit], axes: FloatArray) -> list[_Pose]:
-        some = thinned(self.points, REFINED_POINTS) * axes
+        some = thin_points(self.points, REFINED_POINTS) * axes
         surface = self.search.surface
         return [
             _Pose(refine(surface, some, fit, self.freedom(fit), steps=15, settled_mm=1e-3), axes)
@@ -100,7 +100,7 @@ class PosePoints:
     def _under(self, pose: _Pose, count: int) -> FloatArray:
         """Residuals of about `count` points under a pose, found once."""
         if (pose, count) not in self._known:
-            some = thinned(self.points, count) * pose.axes
+            some = thin_points(self.points, count) * pose.axes
             self._known[pose, count] = residuals(self.search.surface, some, pose.fit)
         return self._known[pose, count]
 
@@ -123,7 +123,7 @@ class PosePoints:
         """
         most = self.search.options.contest_points
         mine, wide = self._under(best, COMPARED_POINTS), self._under(best, most)
-        seen = best.fit.apply(thinned(self.points, COMPARED_POINTS))
+        seen = best.fit.apply(thin_points(self.points, COMPARED_POINTS))
         rivals, mirror_lead, better = [], 0.0, None
         for other in others:
             lead = contest(mine, self._under(other, COMPARED_POINTS))
@@ -152,7 +152,7 @@ class PosePoints:
         return kept
 
 
-def thinned(points: FloatArray, most: int) -> FloatArray:
+def thin_points(points: FloatArray, most: int) -> FloatArray:
     """At most `most` of the points, spread evenly, the same every time."""
     if len(points) <= most:
         return points

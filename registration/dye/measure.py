@@ -15,7 +15,7 @@ from registration.dye.fit import Prediction, predict
 from registration.dye.marks import FloatArray, Marks, checked_node, straight_marks
 from registration.dye.patency import VesselDye, find_patency, timed_beside
 from registration.dye.perspective import FEWEST
-from registration.dye.predict import carried, carried_beside
+from registration.dye.predict import carried_beside, carrying_flow
 from registration.dye.stations import DyeStations
 from registration.dye.traces import Traces, before_dye, read_traces
 from registration.dye.view import LEAST_PX, View, find_view
@@ -128,7 +128,7 @@ def measure_dye(
     if inlet is not None:
         _check_inlet(checked_node(inlet, network, "inlet"), network)
     marks = marks if given.lens is None else straight_marks(marks, given.lens)
-    view, flow = find_view(marks, network), carried(network, inlet)
+    view, flow = find_view(marks, network), carrying_flow(network, inlet)
     stations, traces = read_traces(film, network, view, given.lens)
     arrivals = find_arrivals(traces, stations.radius)
     if not arrivals.dyed.any():

@@ -12,7 +12,7 @@ from registration.dye.beside import Nodes, left_open, solve_beside
 _WATER = 1e-3
 
 
-def carried(network: VesselNetwork, inlet: int | None) -> CarryingFlow:
+def carrying_flow(network: VesselNetwork, inlet: int | None) -> CarryingFlow:
     """Solve the flow of 1 µL/s.
 
     Raises

@@ -90,7 +90,7 @@ class Steadier:
         return float(np.median(np.abs(rest - self._moves @ (self._solve @ rest)))), shift
 
     def _changed(self, grey: FloatImage, shift: FloatArray) -> FloatArray:
-        there = sampled(grey[:, :, None], self._at + shift)[:, 0]
+        there = sample_picture(grey[:, :, None], self._at + shift)[:, 0]
         return np.asarray(np.log(np.maximum(there, 1.0)) - self._grey)
 
     def light(self, frame: FloatImage, shift: FloatArray) -> FloatArray:
@@ -99,7 +99,7 @@ class Steadier:
         Least squares, twice: what lies off by more than three median deviations (a hand, a
         bubble) is left out the second time.
         """
-        changed = np.log(sampled(frame, self._at + shift)) - self._colours
+        changed = np.log(sample_picture(frame, self._at + shift)) - self._colours
         plane = np.linalg.lstsq(self._basis, changed, rcond=None)[0]
         rest = np.abs(changed - self._basis @ plane).mean(axis=1)
         kept = rest <= 3.0 * np.median(rest)
@@ -111,7 +111,7 @@ class Steadier:
         return np.asarray(basis @ coefficients)
 
 
-def sampled(frame: FloatImage, pixels: FloatArray) -> FloatImage:
+def sample_picture(frame: FloatImage, pixels: FloatArray) -> FloatImage:
     """A picture at pixels (n, 2) between its own, (n, colours); its rim goes on outside."""
     # OpenCV's remap refuses more than 2¹⁵ rows.
     wide = -(-len(pixels) // 1024)

@@ -13,7 +13,7 @@ from design.network import VesselNetwork
 from registration.dye.film import Frame, film_frames
 from registration.dye.marks import FloatArray
 from registration.dye.stations import DyeStations, place_stations
-from registration.dye.still import FloatImage, Steadier, enough_off, off_vessels, sampled
+from registration.dye.still import FloatImage, Steadier, enough_off, off_vessels, sample_picture
 from registration.dye.view import View
 from registration.errors import DyeError
 from registration.lens import Lens
@@ -112,7 +112,7 @@ class _Reader:
             plane = steadier.light(picture, shift)
             gain = steadier.plane(self._at, plane)
             self._lights.append(plane[0])
-        seen = sampled(picture, self._at + shift)
+        seen = sample_picture(picture, self._at + shift)
         self._logs.append(self._mean(np.log(seen) - gain))
         self._levels.append(self._mean(seen * np.exp(-gain)))
         self._times.append(time)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from design.files import write_text
-from registration.judging import listed
+from registration.judging import list_findings
 from registration.result import RegistrationReport, report_dict
 
 VESSELS, SECTIONS, DEFECTS = "vessels.csv", "sections.csv", "defects.csv"
@@ -53,7 +53,9 @@ def write_tables(folder: Path, report: RegistrationReport | Mapping[str, Any]) -
         folder / SECTIONS,
         as_csv(_sections(found["vessels"]), ("vessel", *_SECTION_COLUMNS.values())),
     )
-    write_text(folder / DEFECTS, as_csv([_defect(d) for d in listed(found)], _DEFECT_COLUMNS))
+    write_text(
+        folder / DEFECTS, as_csv([_defect(d) for d in list_findings(found)], _DEFECT_COLUMNS)
+    )
     rows = [_zone(row) for row in found.get("characteristics", ())]
     write_text(folder / ZONES, as_csv(rows, _ZONE_COLUMNS))
     return VESSELS, SECTIONS, DEFECTS, ZONES

@@ -12,15 +12,15 @@ if TYPE_CHECKING:
     from registration.gauging.brinks import without_brinks
     from registration.gauging.changes import find_changes
     from registration.gauging.closures import Ends, find_closures
-    from registration.gauging.contrast import ContrastGauge, liquid_level, withdrawn
+    from registration.gauging.contrast import ContrastGauge, liquid_level, withdraw_sections
     from registration.gauging.defect import Defect, DefectKind
     from registration.gauging.deviation import (
         TOLERANCES_UM,
         Deviation,
         deviations,
         hausdorff_p95_um,
+        share_within,
         summarise,
-        within,
     )
     from registration.gauging.gel_like import without_gel_like
     from registration.gauging.junctions import find_junction_changes
@@ -54,13 +54,13 @@ __all__ = [
     "network_of_lumens",
     "part_of",
     "printed_network",
+    "share_within",
     "summarise",
     "surface_points",
     "trace_vessels",
     "with_interval",
     "with_ledges",
-    "withdrawn",
-    "within",
+    "withdraw_sections",
     "without_brinks",
     "without_dead_ends",
     "without_gel_like",

@@ -64,7 +64,7 @@ def liquid_level(traces: tuple[VesselTrace, ...], evidence: GelEvidence, fit: Fi
     return float(np.percentile(medians, 25)) if medians else 1.0
 
 
-def withdrawn(
+def withdraw_sections(
     traces: tuple[VesselTrace, ...], evidence: GelEvidence, liquid: float
 ) -> tuple[VesselTrace, ...]:
     """Return traces in which sections that can't be called open or closed aren't seen."""

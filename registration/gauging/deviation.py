@@ -66,11 +66,11 @@ def summarise(
         sd_um=float(um.std()),
         p95_um=float(np.percentile(size, 95)),
         max_um=float(size.max()),
-        within={limit: within(deviation_mm, limit) for limit in tolerances_um},
+        within={limit: share_within(deviation_mm, limit) for limit in tolerances_um},
     )
 
 
-def within(deviation_mm: FloatArray, tolerance_um: float) -> float:
+def share_within(deviation_mm: FloatArray, tolerance_um: float) -> float:
     """Share of deviations (mm) no larger than a tolerance in µm; NaN when there are none."""
     if len(deviation_mm) == 0:
         return float("nan")
@@ -85,7 +85,7 @@ def histogram(deviation_mm: FloatArray) -> NDArray[np.int64]:
 
 def within_curve(deviation_mm: FloatArray) -> FloatArray:
     """Share within each tolerance of `CURVE_UM`."""
-    return np.array([within(deviation_mm, limit) for limit in CURVE_UM])
+    return np.array([share_within(deviation_mm, limit) for limit in CURVE_UM])
 
 
 def hausdorff_p95_um(there_mm: FloatArray, back_mm: FloatArray) -> float:

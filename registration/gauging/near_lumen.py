@@ -24,7 +24,7 @@ _REACH_MM = 0.2
 """A face belongs to a lumen when it lies within this, or a third of the radius, of its wall."""
 
 
-def apart(
+def split_summary(
     vertices: FloatArray,
     network: VesselNetwork,
     rigid_um: FloatArray,

@@ -88,7 +88,7 @@ class Sections:
         return np.asarray(np.pi / 4 * self.diameter**2)
 
 
-def cut(field: GelField, planes: Planes) -> Sections:
+def cut_sections(field: GelField, planes: Planes) -> Sections:
     """Measure the lumen in each plane by rays from its middle to the wall."""
     angle = 2 * np.pi * np.arange(RAYS) / RAYS
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -149,7 +149,7 @@ def _true(diameter: FloatArray, blur: float, walls: FloatArray) -> FloatArray:
     """Diameter without the field's blur, and with walls where this instrument's truly are.
 
     A wall's part w n² along the light, averaged round a section, widens it by w times the square
-    of the beam's part in its plane (`cut`).
+    of the beam's part in its plane (`cut_sections`).
     """
     return np.asarray(np.maximum(_unblurred(diameter, blur) + walls, 0.0))
 

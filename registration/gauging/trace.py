@@ -11,8 +11,8 @@ from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging.neighbours import Neighbours
-from registration.gauging.planes import across, clearances, stations, to_scan
-from registration.gauging.sections import Planes, Sections, cut
+from registration.gauging.planes import clearances, stations, to_scan, vectors_across
+from registration.gauging.sections import Planes, Sections, cut_sections
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import sample
 
@@ -146,11 +146,11 @@ def _trace(
 ) -> VesselTrace:
     along, centre, tangent, radius = where
     segmentation, fit, neighbours, part = scene
-    rim = centre[:, None] + (radius + border)[:, None, None] * (_CIRCLE @ across(tangent))
+    rim = centre[:, None] + (radius + border)[:, None, None] * (_CIRCLE @ vectors_across(tangent))
     inside = _inside(part, rim)
     mouths = _mouths(inside, length) * free
     planes = to_scan(centre, tangent, radius, fit)
-    sections = cut(segmentation.field, planes)
+    sections = cut_sections(segmentation.field, planes)
     apart = (along > mouths[0] + trim[0]) & (along < length - mouths[1] - trim[1])
     # Beside a vessel that leaves at a narrow angle there is still no gel thick enough to be told.
     apart &= neighbours.free_wall(vessel, centre, tangent, radius + border) == 1.0

@@ -12,7 +12,7 @@ from registration.errors import DatumError
 from registration.geometry.datum import Datum
 from registration.geometry.designed import designed_mouth, straight_axis
 from registration.geometry.faces import Face
-from registration.geometry.features import axis_rows, plane_rows, stacked
+from registration.geometry.features import axis_rows, plane_rows, stack_features
 from registration.geometry.line import Line
 from registration.geometry.lumen import LEAST_SECTIONS, Lumen
 from registration.geometry.mouth import mouth, mouth_rows
@@ -59,7 +59,7 @@ def _ports(scene: Scene, setting: Setting) -> Rows:
             f"datum ports: {len(found)} of {len(ends)} mouths are seen, at least 2 are needed; "
             "scan more of the part, or name faces"
         )
-    return stacked(found)
+    return stack_features(found)
 
 
 def named_face(datum: Datum, faces: Sequence[Face]) -> Face:

@@ -13,7 +13,7 @@ from registration.geometry.filters import cells
 from registration.geometry.frame import motion
 from registration.geometry.lumen import Lumen
 from registration.geometry.nested import Rows
-from registration.geometry.setting import Setting, across, light_across
+from registration.geometry.setting import Setting, light_across, vectors_across
 
 FloatArray = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class _Plane:
     @staticmethod
     def of(points: FloatArray, normal: FloatArray, reach: float) -> _Plane:
         away = points - points.mean(axis=0)
-        tilts = [away @ side / reach for side in across(normal)]
+        tilts = [away @ side / reach for side in vectors_across(normal)]
         terms = np.column_stack([*tilts, np.ones(len(points))])
         return _Plane(points, normal, reach, terms, np.linalg.inv(terms.T @ terms))
 
@@ -63,7 +63,10 @@ class _Plane:
         A point's height changes by n · (ω × (p - c) + t); the plane's numbers are linear in it.
         """
         still = motion(np.zeros(3))
-        tilts = [self.reach * (self.normal @ (motion(way) - still)) for way in across(self.normal)]
+        tilts = [
+            self.reach * (self.normal @ (motion(way) - still))
+            for way in vectors_across(self.normal)
+        ]
         return np.vstack([*tilts, self.normal @ motion(self._arm(there))])
 
     def noise(self, point: FloatArray, asked: FloatArray) -> FloatArray:
@@ -83,7 +86,7 @@ class _Plane:
     def strained(self, there: Setting) -> FloatArray:
         """Tilts and distance by each stretch, (s, 3), mm."""
         n, arm = self.normal, self._arm(there)
-        u, v = across(n)
+        u, v = vectors_across(n)
         return np.array(
             [[self.reach * (n @ s @ u), self.reach * (n @ s @ v), n @ s @ arm]
              for s in there.strains]
@@ -97,7 +100,7 @@ def axis_rows(lumen: Lumen, there: Setting) -> Rows:
     """Return what a straight vessel's axis asks: its least squares line on the designed one."""
     first, last = lumen.line.points[0], lumen.line.points[-1]
     way = (last - first) / np.linalg.norm(last - first)
-    u, v = across(way)
+    u, v = vectors_across(way)
     middle = lumen.raw.mean(axis=0)
     along = (lumen.raw - middle) @ way
     reach = lumen.line.length / 2
@@ -120,7 +123,7 @@ def axis_rows(lumen: Lumen, there: Setting) -> Rows:
     )  # fmt: skip
 
 
-def stacked(parts: list[Rows]) -> Rows:
+def stack_features(parts: list[Rows]) -> Rows:
     """Several features as one datum: all together by least squares."""
     width = sum(len(one.asked) for one in parts)
     blocks, at = [], 0

@@ -13,7 +13,7 @@ from registration.geometry.filters import open_filter
 from registration.geometry.frame import motion
 from registration.geometry.lumen import Lumen
 from registration.geometry.nested import Rows
-from registration.geometry.setting import Setting, across, light_across
+from registration.geometry.setting import Setting, light_across, vectors_across
 
 FloatArray = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def mouth(lumen: Lumen, last: bool) -> AxisEnd | None:
 
 def mouth_rows(found: AxisEnd, face: Face | None, there: Setting) -> Rows:
     """Return what a mouth asks: its middle, and where it was seen the face around it."""
-    u, v = across(found.way)
+    u, v = vectors_across(found.way)
     arm = found.node - there.fit.centre
     light = light_across(there, u, v)
     matrix = [side @ motion(arm) for side in (u, v)]
@@ -76,7 +76,7 @@ def mouth_rows(found: AxisEnd, face: Face | None, there: Setting) -> Rows:
     # The plane's distance at the mouth, from that at its middle and both tilts.
     reach = face.size_mm / 2
     away = found.node - there.fit.apply(face.scanned).mean(axis=0)
-    s, t = (away @ side / reach for side in across(face.normal))
+    s, t = (away @ side / reach for side in vectors_across(face.normal))
     here = np.array([s, t, 1.0])
     both = np.zeros((len(rows.pulls) + len(plane.pulls), 3))
     both[: len(rows.pulls), :2] = rows.pulls

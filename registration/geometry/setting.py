@@ -51,7 +51,7 @@ def light_across(there: Setting, u: FloatArray, v: FloatArray) -> tuple[float, f
     return float(size * (beam @ u)), float(size * (beam @ v))
 
 
-def across(way: FloatArray) -> tuple[FloatArray, FloatArray]:
+def vectors_across(way: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Two unit vectors across a direction."""
     u = np.cross(way, np.eye(3)[np.abs(way).argmin()])
     u = u / np.linalg.norm(u)

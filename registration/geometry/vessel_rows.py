@@ -49,7 +49,7 @@ def row(case: Case, name: Name, words: str, zone: Zone) -> Characteristic:
     )  # fmt: skip
 
 
-def without(case: Case, name: Name, words: str, note: str) -> Characteristic:
+def unmeasured_row(case: Case, name: Name, words: str, note: str) -> Characteristic:
     """Return the row of what wasn't measured, and why."""
     return Characteristic(name, f"vessel {case.vessel}", words, case.vessel, note=note)
 
@@ -64,7 +64,7 @@ def no_cylinder(case: Case) -> Characteristic | None:
     if case.line.straight and case.line.even:
         return None
     shape = "tapered" if case.line.straight else "curved"
-    return without(case, "cylindricity", CYLINDRICITY, f"not defined: the design is {shape}")
+    return unmeasured_row(case, "cylindricity", CYLINDRICITY, f"not defined: the design is {shape}")
 
 
 def mouth_name(case: Case, last: bool) -> str:

@@ -21,7 +21,7 @@ from registration.geometry.vessel_rows import (
     mouth_name,
     no_cylinder,
     row,
-    without,
+    unmeasured_row,
     without_mouth,
 )
 from registration.uncertainty import BLUR_PART, ScanErrors
@@ -38,10 +38,10 @@ def vessel_zones(
     unknown = "too few whole sections were measured"
     found = case.lumen
     if found is None:
-        rows = [without(case, "axis", axis, unknown)]
+        rows = [unmeasured_row(case, "axis", axis, unknown)]
         rows += [without_mouth(case, last, unknown) for last in ends]
-        rows += [no_cylinder(case) or without(case, "cylindricity", CYLINDRICITY, unknown)]
-        return [*rows, without(case, "lumen", SURFACE, unknown)]
+        rows += [no_cylinder(case) or unmeasured_row(case, "cylindricity", CYLINDRICITY, unknown)]
+        return [*rows, unmeasured_row(case, "lumen", SURFACE, unknown)]
     rows = [row(case, "axis", axis, _axis(found, frame, errors, rng))]
     rows += [_port(case, found, last, frame, errors) for last in ends]
     wall = found.drawn_walls(rng)

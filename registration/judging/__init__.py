@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from registration.judging.guard import Decision, worst
+    from registration.judging.guard import Decision, worst_decision
     from registration.judging.judged import RULE, judge, judge_plain
-    from registration.judging.listing import listed
+    from registration.judging.listing import list_findings
     from registration.judging.pose import as_if_pose_sure, pose_in_doubt
     from registration.judging.tolerance import (
         Limit,
@@ -32,10 +32,10 @@ __all__ = [
     "as_if_pose_sure",
     "judge",
     "judge_plain",
-    "listed",
+    "list_findings",
     "pose_in_doubt",
     "reason",
-    "worst",
+    "worst_decision",
 ]
 
 __getattr__ = on_demand(__name__)

@@ -56,6 +56,6 @@ def single_width(u: float) -> float:
     return float(ndtri(1 - RISK / TESTS) / ndtri(0.975)) * u
 
 
-def worst(decisions: Iterable[Decision]) -> Decision:
+def worst_decision(decisions: Iterable[Decision]) -> Decision:
     """Return fail if any fails, else undecided if any is, else pass."""
     return ORDER[max((ORDER.index(one) for one in decisions), default=0)]

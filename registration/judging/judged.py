@@ -25,7 +25,7 @@ from registration.judging.features import (
     rms_feature,
     section_feature,
 )
-from registration.judging.guard import ORDER, RISK, Decision, decide, fail_width, worst
+from registration.judging.guard import ORDER, RISK, Decision, decide, fail_width, worst_decision
 from registration.judging.pose import fails_withdrawn, pose_in_doubt
 from registration.judging.runs import BARE, apart_from_sections, findings
 from registration.judging.series import Series, series_of
@@ -106,7 +106,7 @@ def judge(numbers: Record, tolerances: Tolerances) -> dict[str, Any]:
                 "rule": RULE,
                 "false_fail_risk": RISK,
                 "tolerances": plain_tolerances(tolerances),
-                "decision": worst(f.decision for f in features),
+                "decision": worst_decision(f.decision for f in features),
                 "features": [_plain(f) for f in features],
             },
         }
@@ -166,7 +166,7 @@ class _Vessel:
         leaking = [f for d, f in ways if row["vessel"] in (d["vessel"], d.get("other"))]
         self.row = {
             **row,
-            "decision": worst(f.decision for f in [*self.features, *leaking]),
+            "decision": worst_decision(f.decision for f in [*self.features, *leaking]),
             "interval_95_um": np.round(series.u_um, 2).tolist(),
             "lower_um": np.round(series.designed_um - band.below_um, 2).tolist(),
             "upper_um": np.round(series.designed_um + band.above_um, 2).tolist(),

@@ -8,7 +8,7 @@ from typing import Any
 Record = Mapping[str, Any]
 
 
-def listed(numbers: Record) -> Sequence[Record]:
+def list_findings(numbers: Record) -> Sequence[Record]:
     """Return all findings of a registration; the defects of one that wasn't judged."""
     found = numbers.get("findings", numbers.get("defects", ()))
     return found if isinstance(found, Sequence) else ()

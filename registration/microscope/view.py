@@ -58,7 +58,7 @@ def find_view(picture: Picture, target: Target) -> View:
             f"(--pattern), with {THINNEST_PX:g} pixels or more across a line? With the frame's "
             "corners marked by hand (--marks) it needn't be found"
         )
-    return refined(picture, target, matrix)
+    return refine_view(picture, target, matrix)
 
 
 def marked_view(picture: Picture, target: Target, marks_px: FloatArray) -> View:
@@ -69,10 +69,10 @@ def marked_view(picture: Picture, target: Target, marks_px: FloatArray) -> View:
     PictureError
         When no pattern lies there.
     """
-    return refined(picture, target, _through(target, marks_px))
+    return refine_view(picture, target, _through(target, marks_px))
 
 
-def refined(picture: Picture, target: Target, matrix: FloatArray) -> View:
+def refine_view(picture: Picture, target: Target, matrix: FloatArray) -> View:
     """Fit the homography to the middles of the frame's ink, looking from afar, then near.
 
     Raises

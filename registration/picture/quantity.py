@@ -104,7 +104,7 @@ def magnitude(
         least = float(known[known > high * 1e-9].min())
         if high > LOG_FROM * least:
             return Quantity(key, name, unit, numbers, "log", (least, high))
-    return Quantity(key, name, unit, numbers, "linear", spread((low, high)))
+    return Quantity(key, name, unit, numbers, "linear", separate_limits((low, high)))
 
 
 def signed(key: str, name: str, unit: str, values: NDArray[np.floating[Any]]) -> Quantity | None:
@@ -117,7 +117,7 @@ def signed(key: str, name: str, unit: str, values: NDArray[np.floating[Any]]) ->
     return Quantity(key, name, unit, numbers, "diverging", (-reach, reach))
 
 
-def spread(limits: tuple[float, float]) -> tuple[float, float]:
+def separate_limits(limits: tuple[float, float]) -> tuple[float, float]:
     """Limits that are apart, as a colour bar needs them."""
     low, high = limits
     if high - low > 1e-9 * max(abs(low), abs(high)):

@@ -22,7 +22,7 @@ import numpy as np
 from registration.errors import ScanFileError
 from registration.readers.found import Array, FileVolume
 from registration.readers.limits import check_available
-from registration.readers.storage import filled
+from registration.readers.storage import fill_volume
 
 _MARK = b"FRAMEHEADER"
 _FIRST_RECORD = 6
@@ -71,7 +71,7 @@ def _read(data: Array, header: dict[str, bytes], at: int, path: Path) -> FileVol
     known: dict[str, Any] = {"axes": "yxz", "modality": "oct", "depth_down": True}
     lengths = [_real(header[n]) for n in ("SCANDEPTH", "ELSCANLENGTH", "AZSCANLENGTH")]
     known["voxel_mm"] = [s / n for s, n in zip(lengths, (depth, frames, lines), strict=True)]
-    return FileVolume(filled(views, shape, kind, path), known, notes=(_NOTE,))
+    return FileVolume(fill_volume(views, shape, kind, path), known, notes=(_NOTE,))
 
 
 def _frames(data: Array, at: int, count: int, size: int, path: Path) -> list[int]:

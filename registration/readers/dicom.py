@@ -23,7 +23,7 @@ from registration.readers.dicom_geometry import (
     check_room,
     line_of,
     rescaled,
-    stacked,
+    stack_frames,
 )
 from registration.readers.extras import need
 from registration.readers.found import Array, FileVolume
@@ -78,7 +78,7 @@ def read_dicom_folder(folder: Path) -> FileVolume:
         _check_one_series(slices, files, folder)
         places = np.array([item.ImagePositionPatient for item in slices], dtype=np.float64)
         across = np.array([item.ImageOrientationPatient for item in slices], dtype=np.float64)
-        stack = stacked(places, across, folder)
+        stack = stack_frames(places, across, folder)
         first = slices[0]
         spacing = [float(v) for v in first.PixelSpacing]
         frames = (pydicom.dcmread(files[at]).pixel_array for at in stack.order)
@@ -160,7 +160,7 @@ def _stack(data: Any, per_frame: list[list[Any]], path: Path) -> Stack | None:
     if offsets is not None and len(offsets) == len(where):
         heights = np.array([float(v) for v in offsets]) - float(offsets[0])
         where = where[0] + np.outer(heights, np.cross(turns[0, :3], turns[0, 3:]))
-    return stacked(where, turns, path)
+    return stack_frames(where, turns, path)
 
 
 def _line(sources: Sequence[Any]) -> tuple[float, float]:

@@ -46,7 +46,7 @@ class Stack:
     space: FileSpace
 
 
-def stacked(places: Vector, across: Vector, path: Path) -> Stack:
+def stack_frames(places: Vector, across: Vector, path: Path) -> Stack:
     """Frames by the positions of their first voxels.
 
     Parameters

@@ -22,7 +22,7 @@ from registration.errors import ScanFileError
 from registration.readers.found import Array, FileVolume
 from registration.readers.limits import check_available
 from registration.readers.space import FileSpace
-from registration.readers.storage import filled
+from registration.readers.storage import fill_volume
 
 MAGIC = b"HSF-OCT-"
 _SCAN_MARK = b"HSF-BS-"
@@ -73,7 +73,7 @@ def read_heidelberg(path: Path) -> FileVolume:
     check_available(room, np.dtype(np.uint8), len(data) - header.first, path)
     _check_scans(data, header, path)
     outside = [0]
-    volume = filled(_scans(data, header, outside), shape, kind, path)
+    volume = fill_volume(_scans(data, header, outside), shape, kind, path)
     known: dict[str, Any] = {
         "axes": "yzx", "scale": "linear", "modality": "oct", "depth_down": True,
         "voxel_mm": header.voxel_mm,

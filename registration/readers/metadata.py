@@ -14,7 +14,7 @@ from registration.errors import ScanFileError
 from registration.readers.decibels import COUNT_KEYS, in_decibels, layered, with_scale
 from registration.readers.found import Array, FileVolume
 from registration.readers.light import light_notes
-from registration.readers.orient import is_axes, renamed, to_scan_axes, unmirrored
+from registration.readers.orient import is_axes, rename_axes, to_scan_axes, unmirrored
 from registration.readers.storage import native
 from registration.scan import Scan
 from registration.space import Space
@@ -195,7 +195,7 @@ def _renamed(in_file: Mapping[str, Any], said: Mapping[str, Any]) -> dict[str, A
     """What the file says of its axes' sizes, for the names that the user gives the axes."""
     old, new, sizes = in_file.get("axes"), said.get("axes"), in_file.get("voxel_mm")
     if is_axes(old) and is_axes(new) and _are_sizes(sizes):
-        return {**in_file, "voxel_mm": renamed(sizes, str(old), str(new))}
+        return {**in_file, "voxel_mm": rename_axes(sizes, str(old), str(new))}
     return dict(in_file)
 
 

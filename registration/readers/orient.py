@@ -28,7 +28,7 @@ def to_scan_axes(volume: Array, axes: str, path: Path) -> Array:
     return volume.transpose([named.index(name) for name in ORDER])
 
 
-def renamed(sizes: Sequence[float], old: str, new: str) -> list[float]:
+def rename_axes(sizes: Sequence[float], old: str, new: str) -> list[float]:
     """Sizes along z, y, x of a file's axes that are called otherwise from now on."""
     by_new = {
         after: sizes[ORDER.index(before)]

@@ -20,7 +20,7 @@ from registration.readers.fourier import (
     place_of_wavelengths,
     profiles,
 )
-from registration.readers.storage import filled
+from registration.readers.storage import fill_volume
 
 SPECTRA_KEYS = (
     "wavelength_nm", "wavelength_polynomial_nm", "spacing_mm", "background", "dispersion", "window",
@@ -52,7 +52,7 @@ def volume_of_spectra(spectra: Array, said: SpectraMetadata, path: Path) -> File
     """Linear intensity of spectra laid out as (B-scans, A-scans, samples)."""
     bscans, lines, samples = spectra.shape
     shape = (bscans, lines, samples // 2)
-    volume = filled(_profiled(spectra, said), shape, np.dtype(np.float32), path)
+    volume = fill_volume(_profiled(spectra, said), shape, np.dtype(np.float32), path)
     known = {
         "axes": "yxz", "voxel_mm": said.voxel_mm, "modality": "oct", "scale": "linear",
         "optical_depth": True, "depth_down": True,

@@ -25,7 +25,7 @@ from registration.readers import (
 )
 from registration.readers.found import FileVolume
 from registration.readers.metadata import ScanOverrides, build_scan
-from registration.readers.sidecar import RAW_KEYS, beside, sidecar
+from registration.readers.sidecar import RAW_KEYS, find_sidecar, sidecar
 from registration.scan import Scan
 
 Reader = Callable[[Path], FileVolume]
@@ -80,7 +80,7 @@ def _reader(path: Path) -> Reader:
     for mark, what in _REFUSED.items():
         if start.startswith(mark):
             raise ScanFileError(f"{path}: {what}")
-    if beside(path) is not None:
+    if find_sidecar(path) is not None:
         return raw.read_raw
     raise ScanFileError(
         f"{path}: of no known format by its first bytes ({start[:4].hex(' ')}); export the scan "

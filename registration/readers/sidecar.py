@@ -25,7 +25,7 @@ def sidecar(path: Path, more: tuple[str, ...] = ()) -> dict[str, Any]:
     ScanFileError
         When it can't be parsed, or holds a key that isn't known.
     """
-    found = beside(path)
+    found = find_sidecar(path)
     if found is None:
         return {}
     text = found.read_text(encoding="utf-8")
@@ -39,7 +39,7 @@ def sidecar(path: Path, more: tuple[str, ...] = ()) -> dict[str, Any]:
     return known_keys(plain, str(found), more)
 
 
-def beside(path: Path) -> Path | None:
+def find_sidecar(path: Path) -> Path | None:
     """The sidecar file of a scan, or None."""
     for suffix in _SUFFIXES:
         place = path.with_suffix(suffix)

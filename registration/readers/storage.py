@@ -48,7 +48,7 @@ def empty(shape: Sequence[int], dtype: np.dtype[np.generic], path: Path) -> Arra
         return np.memmap(room, dtype, "r+", 0, tuple(shape))
 
 
-def filled(
+def fill_volume(
     slices: Iterable[Array], shape: Sequence[int], dtype: np.dtype[np.generic], path: Path
 ) -> Array:
     """A volume from its slices along the first axis, in order."""

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from registration.errors import ScanFileError
 from registration.readers.found import Array
 from registration.readers.fourier import Floats, Spectrometer, profiles
-from registration.readers.storage import filled
+from registration.readers.storage import fill_volume
 from registration.readers.zipped import member_array
 
 FIRST, CHIRP = "data/spectral0.data", "data/chirp.data"
@@ -85,7 +85,7 @@ def intensity_of_spectra(
             yield profiles(counts[scanned] - counts[dark].mean(axis=0), kernel)
 
     out = (voxels["Y"], voxels["X"], voxels["Z"])
-    return filled(made(), out, np.dtype(np.float32), path)
+    return fill_volume(made(), out, np.dtype(np.float32), path)
 
 
 def _check_single(root: Element, members: Members, path: Path) -> None:

@@ -26,7 +26,7 @@ from registration.readers.limits import (
 )
 from registration.readers.metadata import SCHEMA, describe, parse
 from registration.readers.ome import of_ome_xml
-from registration.readers.storage import filled, mapped
+from registration.readers.storage import fill_volume, mapped
 from registration.readers.units import millimetres
 from registration.scan import Scan
 
@@ -62,13 +62,13 @@ def _volume(tiff: tifffile.TiffFile, path: Path) -> Array:
         # Several series: read the pages as they come.
         whole = (pages, *first.shape)
         _check_size(tiff, whole, path)
-        return filled((page.asarray() for page in tiff.pages), whole, first.dtype, path)
+        return fill_volume((page.asarray() for page in tiff.pages), whole, first.dtype, path)
     _check_size(tiff, whole, path)
     if bytes_of(whole, kind, path) <= IN_MEMORY_BYTES:
         return np.asarray(series.asarray())
     if series.dataoffset is not None:
         return mapped(path, kind, series.dataoffset, whole)
-    return filled((page.asarray() for page in series.pages), whole, first.dtype, path)
+    return fill_volume((page.asarray() for page in series.pages), whole, first.dtype, path)
 
 
 class _KeptWords(logging.Filter):

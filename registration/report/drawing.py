@@ -97,7 +97,7 @@ def small_multiples(
     return figure, every[:count], columns
 
 
-def broken(along: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+def broken_line(along: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """A line along a vessel that breaks where a section is missing."""
     if len(along) < 3:
         return along, values

@@ -12,14 +12,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from registration.judging import listed
+from registration.judging import list_findings
 from registration.report.drawing import styled, to_svg
 from registration.report.sections import mapping, records
 from registration.report.svg import MUTED
 from registration.report.wording import is_number
 from registration.views import FindingView, SectionStack, Views
 from registration.views.findings import Panel
-from registration.views.mesh_cut import joined
+from registration.views.mesh_cut import join_lines
 
 FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
@@ -50,7 +50,7 @@ def finding_figures(
     """
     if views is None:
         return {}
-    found, vessels = listed(numbers), records(numbers, "vessels")
+    found, vessels = list_findings(numbers), records(numbers, "vessels")
     made: dict[str, bytes] = {}
     for view in views.findings:
         record = found[view.finding]
@@ -137,7 +137,7 @@ def _panel(axes: Axes, shown: Panel) -> None:
         (shown.measured, MEASURED, "solid"),
         (shown.design, DESIGN, (0, (4, 2.5))),
     ):
-        chains = [np.round(chain, 4) for chain in joined(lines)]
+        chains = [np.round(chain, 4) for chain in join_lines(lines)]
         axes.add_collection(
             LineCollection(chains, colors=colour, linewidths=1.1, linestyles=[style])
         )

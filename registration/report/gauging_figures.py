@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from registration.report.drawing import blank, broken, small_multiples, styled, to_svg
+from registration.report.drawing import blank, broken_line, small_multiples, styled, to_svg
 from registration.report.figures import DECIDED, OUTSIDE
 from registration.report.svg import ACCENT, INK, MUTED
 from registration.report.wording import is_number
@@ -109,9 +109,11 @@ def _profile(axes: Axes, vessel: Record, defects: Sequence[Record]) -> None:
     edges = _limits(axes, vessel, along, length)
     axes.axhline(designed, color=MUTED, linewidth=0.8)
     half = _along(vessel, "interval_95_um", along)
-    x, low = broken(along, diameter - half)
-    axes.fill_between(x, low, broken(along, diameter + half)[1], color=INK, alpha=0.16, linewidth=0)
-    axes.plot(*broken(along, diameter), color=INK, linewidth=0.9)
+    x, low = broken_line(along, diameter - half)
+    axes.fill_between(
+        x, low, broken_line(along, diameter + half)[1], color=INK, alpha=0.16, linewidth=0
+    )
+    axes.plot(*broken_line(along, diameter), color=INK, linewidth=0.9)
     _decided(axes, vessel, along, diameter)
     _title(axes, vessel, defects)
     axes.set_xlim(0, length)

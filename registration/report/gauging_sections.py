@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from registration.judging import listed
+from registration.judging import list_findings
 from registration.report.sections import Fact, mapping, records
 from registration.report.tables import Column, Record, Table, make_table
 from registration.report.wording import MISSING, fixed, is_number, number
@@ -72,7 +72,7 @@ def _pair(values: Sequence[Any], decimals: int, factor: float) -> tuple[str, str
 
 def defect_table(registration: Mapping[str, Any]) -> Table | None:
     """The defects that were found, in the network's order."""
-    rows = [_defect(row) for row in listed(registration)]
+    rows = [_defect(row) for row in list_findings(registration)]
     return make_table("defects", rows, DEFECT_COLUMNS, order="by vessel") if rows else None
 
 

@@ -111,7 +111,7 @@ def pack_surfaces(
     return [pack_surface(surface, allowed[i]) for i, surface in enumerate(surfaces)]
 
 
-def packed(surfaces: Surfaces) -> list[dict[str, Any]]:
+def pack_unpacked(surfaces: Surfaces) -> list[dict[str, Any]]:
     """Pack surfaces that aren't packed yet."""
     plain = [one for one in surfaces if isinstance(one, ReportSurface)]
     return pack_surfaces(plain) if plain else [one for one in surfaces if isinstance(one, dict)]

@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from design.files import write_text
 from design.network import VesselNetwork
-from registration.judging import listed
+from registration.judging import list_findings
 from registration.picture.colours import NO_DATA, samples
 from registration.picture.pressures import point_pressure
 from registration.report import sections
@@ -37,7 +37,7 @@ from registration.report.gauging_sections import (
 from registration.report.key_figures import key_figures
 from registration.report.network_view import columns, report_view
 from registration.report.oxygen_figures import oxygen_histogram
-from registration.report.packing import Surfaces, packed
+from registration.report.packing import Surfaces, pack_unpacked
 from registration.report.record import record_facts
 from registration.report.scripts import ENTRY, as_script_json, content_policy, import_map
 from registration.report.section_view import section_view
@@ -180,7 +180,7 @@ def scene(title: str, surfaces: Surfaces, network: dict[str, Any] | None) -> dic
     """A 3D view's data: surfaces, a network of `network_view`, and the colours of both."""
     return {
         "title": title,
-        "surfaces": packed(surfaces),
+        "surfaces": pack_unpacked(surfaces),
         "network": network,
         "colours": {"diverging": samples(True), "sequential": samples(False), "none": NO_DATA},
     }
@@ -276,7 +276,7 @@ def _gauged(registration: Mapping[str, Any]) -> dict[str, Callable[[], bytes | N
         "profiles/Diameter along the vessels: measured with its 95 % interval (grey) and limits "
         "(blue band); sections that fail are squares, undecided ones triangles; findings are "
         f"shaded; {min(MOST_PROFILES, len(vessels))} of {len(vessels)} vessels"
-    ] = partial(profile_figure, vessels, listed(registration))
+    ] = partial(profile_figure, vessels, list_findings(registration))
     made["registration/Deviation of each written layer"] = partial(
         layer_deviation_figure, records(registration, "by_layer")
     )

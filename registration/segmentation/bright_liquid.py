@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.segmentation.classes import Levels, split
+from registration.segmentation.classes import Levels, split_classes
 from registration.segmentation.filters import bin_mean, gaussian_weights, normalise, smooth
 from registration.segmentation.first_light import LIT, REACH_MM, blocks_of, first_light
 from registration.segmentation.walls import Sides, smoothed
@@ -69,7 +69,7 @@ def softly_split(ratio: FloatVolume, lit: Mask) -> tuple[FloatVolume, Levels]:
         weights = gaussian_weights(sigma)
         smooth(bounded, soft, (weights, weights, weights), 0.0)
         chosen = soft.ravel()[::every][lit.ravel()[::every]].astype(np.float64)
-        levels = split(chosen) if len(chosen) else Levels(0.0, 0.0, 0.0)
+        levels = split_classes(chosen) if len(chosen) else Levels(0.0, 0.0, 0.0)
         if levels.two or sigma >= SOFTEST:
             return soft, levels
         sigma = min(1.4 * sigma, SOFTEST)
@@ -92,7 +92,7 @@ def liquid_is_dark(signal: FloatVolume, light: FloatVolume, floor: FloatVolume) 
     noise = bin_mean(np.ascontiguousarray(floor), (size[0], 1, 1), False, 0.0)
     lit = beam > np.maximum(LIT * np.float32(np.percentile(beam, 99)), 4 * noise)
     share = (back + noise)[lit] / beam[lit]
-    levels = split(share.astype(np.float64)) if lit.any() else Levels(0.0, 1.0, 0.0)
+    levels = split_classes(share.astype(np.float64)) if lit.any() else Levels(0.0, 1.0, 0.0)
     return levels.two and levels.low < BRIGHT * levels.high
 
 

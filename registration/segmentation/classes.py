@@ -41,7 +41,7 @@ class Levels:
         return (self.low + self.high) / 2
 
 
-def split(values: FloatArray) -> Levels:
+def split_classes(values: FloatArray) -> Levels:
     """Split values into two classes at the middle of their means (Ridler & Calvard 1978).
 
     `skimage.filters.threshold_isodata` takes the lowest level of a histogram that fulfils this: on

@@ -136,7 +136,7 @@ def _between_x(count: int, size: int, factor: int) -> tuple[NDArray[np.int64], N
     return place, part
 
 
-def evened(signal: FloatVolume, light: FloatVolume, working: Working) -> FloatVolume:
+def even_signal(signal: FloatVolume, light: FloatVolume, working: Working) -> FloatVolume:
     """Return the signal that gel would send back from each voxel, (nz, ny, nx).
 
     Parameters

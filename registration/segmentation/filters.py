@@ -233,7 +233,9 @@ def _smooth(
 
 
 @jit
-def between(field: FloatVolume, factor: tuple[int, int, int], z: int, y: int, x: int) -> float:
+def interpolate_coarse(
+    field: FloatVolume, factor: tuple[int, int, int], z: int, y: int, x: int
+) -> float:
     """A coarse field (block centres at every `factor`-th voxel) at a voxel, trilinear."""
     mz, my, mx = field.shape
     c = min(max((z + 0.5) / factor[0] - 0.5, 0.0), mz - 1.0)
@@ -254,7 +256,7 @@ def between(field: FloatVolume, factor: tuple[int, int, int], z: int, y: int, x:
 def _steps(count: int, size: int, factor: int) -> tuple[IntArray, FloatVolume]:
     """Along an axis of `size` voxels: the coarse one below each, and how far it is to the next.
 
-    `count` coarse ones, block centres at every `factor`-th voxel, as in `between`.
+    `count` coarse ones, block centres at every `factor`-th voxel, as in `interpolate_coarse`.
     """
     index, part = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.float32)
     for voxel in range(size):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from registration.segmentation.classes import Levels, split
+from registration.segmentation.classes import Levels, split_classes
 from registration.segmentation.filters import bin_mean, normalise
 from registration.segmentation.working import Working
 
@@ -117,7 +117,7 @@ def _middle(shape: tuple[int, ...], part: float) -> Mask:
 
 
 def _taken(share: FloatArray, used: Mask) -> tuple[Mask, Levels]:
-    levels = split(share[used])
+    levels = split_classes(share[used])
     return share > levels.middle, levels
 
 

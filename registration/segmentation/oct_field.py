@@ -25,7 +25,7 @@ from registration.segmentation.bright_liquid import (
     sides_of,
     two_media,
 )
-from registration.segmentation.even_light import evened, without_glare
+from registration.segmentation.even_light import even_signal, without_glare
 from registration.segmentation.filters import bin_mean, normalise
 from registration.segmentation.light import light_left, share_of_gel
 from registration.segmentation.local_level import local_level
@@ -96,7 +96,7 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     dull /= response
     light, typical = light_left(dull, step, 3 * noise, working.voxel_mm[:2], scan.depth_down)
     light *= np.float32(typical)
-    light = evened(dull, light, working)
+    light = even_signal(dull, light, working)
     both = None
     if not liquid_is_dark(dull, light, noise / response):
         both = _two_media(dull * response + np.float32(noise), working, scan.depth_down)

@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from kernels import pjit
 from registration.segmentation.filters import (
     Weights,
-    between,
     bin_mean,
     gaussian_weights,
+    interpolate_coarse,
     mean_where,
     near_in_depth,
     smooth,
@@ -180,15 +180,15 @@ def _shares(
                 if found:
                     share = in_gel / beam
                 else:
-                    weight = between(gel_weight, factor, z, y, x)
+                    weight = interpolate_coarse(gel_weight, factor, z, y, x)
                     found = weight > LEAST_WEIGHT
                     if found:
-                        share = in_gel * weight / between(gel_light, factor, z, y, x)
-                    lead = -between(lesser, factor, z, y, x) / CLEARLY if found else 0.0
+                        share = in_gel * weight / interpolate_coarse(gel_light, factor, z, y, x)
+                    lead = -interpolate_coarse(lesser, factor, z, y, x) / CLEARLY if found else 0.0
                     if lead > 0.0:
-                        weight = between(liquid_weight, factor, z, y, x)
+                        weight = interpolate_coarse(liquid_weight, factor, z, y, x)
                         if weight > LEAST_WEIGHT:
-                            passing = between(liquid_light, factor, z, y, x) / weight
+                            passing = interpolate_coarse(liquid_light, factor, z, y, x) / weight
                             second = 1.0 - (beam - in_gel) / passing
                             share += min(lead, 1.0) * (second - share)
                 known[z, y, x] = found

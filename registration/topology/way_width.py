@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 
 from registration.alignment import Fit
 from registration.gauging.planes import to_scan
-from registration.gauging.sections import cut
+from registration.gauging.sections import cut_sections
 from registration.segmentation import GelField
 from registration.segmentation.evidence import GelEvidence
 from registration.topology.ways import Scene
@@ -90,7 +90,7 @@ def outline_width(path: FloatArray, field: GelField, fit: Fit) -> tuple[float, f
     centre, tangent = _cuts(path)
     middle = slice(len(centre) // 7, len(centre) - len(centre) // 7)
     reach = np.full(len(centre[middle]), 0.2)
-    sections = cut(field, to_scan(centre[middle], tangent[middle], reach, fit))
+    sections = cut_sections(field, to_scan(centre[middle], tangent[middle], reach, fit))
     found = sections.diameter[sections.closed_outline & sections.open]
     if len(found) < 3:
         return float("nan"), float("nan")

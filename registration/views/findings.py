@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from design.geometry.surface import Surface
 from registration.scan import Scan
-from registration.views.mesh_cut import cut_mesh, within
+from registration.views.mesh_cut import cut_mesh, lines_within
 from registration.views.sampling import Shades
 
 FloatArray = NDArray[np.float64]
@@ -106,7 +106,7 @@ def panel(
     high = (np.array(last) - 0.5) * size[[along, 2]]
     place = voxel[axis] * float(size[axis])
     lines = [
-        within(cut_mesh(surface.vertices, surface.faces, axis, place), low, high)
+        lines_within(cut_mesh(surface.vertices, surface.faces, axis, place), low, high)
         for surface in (contours.design, contours.measured)
     ]
     # The light comes from above, also where depth is counted upwards.

@@ -46,13 +46,13 @@ def cut_mesh(
     return np.stack(points, axis=1)[:, :, others]
 
 
-def within(lines: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+def lines_within(lines: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     """Lines (k, 2, 2) that touch a window between two corners (2,), mm."""
     near = (lines.max(axis=1) >= low) & (lines.min(axis=1) <= high)
     return lines[near.all(axis=1)]
 
 
-def joined(lines: FloatArray) -> list[FloatArray]:
+def join_lines(lines: FloatArray) -> list[FloatArray]:
     """Chain lines (k, 2, 2) that share ends into polylines (j, 2), so that they draw small.
 
     Both triangles of a cut edge compute its point from the same corners, so that ends agree to

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry.surface import Surface
-from registration.judging import listed
+from registration.judging import list_findings
 from registration.scan import Scan
 from registration.views.findings import Contours, FindingView, half_window, panel
 from registration.views.sampling import Shades
@@ -71,7 +71,7 @@ def take_views(
     """
     shades = Shades.of(scan)
     stack = section_stack(scan, shades, found.vessels, numbers["vessels"])
-    findings = listed(numbers)
+    findings = list_findings(numbers)
     ranked = sorted(
         range(len(findings)), key=lambda k: _SEVERE.get(str(findings[k]["decision"]), 1)
     )

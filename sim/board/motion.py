@@ -17,7 +17,7 @@ from sim.gcode_modal import new_modal
 from sim.planner import (
     add_move,
     command_time,
-    counted,
+    count_steps,
     next_event,
     run_until,
     set_axis,
@@ -132,7 +132,7 @@ class Motion:
     def steps_at(self, now: float) -> list[int]:
         """Stepper counts at ``now``, s, as the firmware numbers them."""
         self.run_until(now)
-        counted(self.planner, self.ring, now, self._steps)
+        count_steps(self.planner, self.ring, now, self._steps)
         return [int(v) for v in self._steps - self.planner["shift"][0]]
 
     def events(self, now: float) -> int:
@@ -140,7 +140,7 @@ class Motion:
         self.run_until(now)
         log = self.log[: int(self.planner["logged"][0])]
         ended = np.abs(log["end"] - log["start"]).max(axis=1).sum() if len(log) else 0
-        return int(ended) + int(counted(self.planner, self.ring, now, self._steps))
+        return int(ended) + int(count_steps(self.planner, self.ring, now, self._steps))
 
     def stop(self, now: float) -> None:
         """Drop all moves; the firmware's position becomes where the motors stand."""

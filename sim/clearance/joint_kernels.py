@@ -103,7 +103,7 @@ def slack_of(i: int, j: int, s: float, t: float, tips: Tips, ink: Ink, joints: J
 
 
 @jit
-def related(i: int, j: int, tips: Tips, ink: Ink, joints: Joints) -> bool:
+def are_related(i: int, j: int, tips: Tips, ink: Ink, joints: Joints) -> bool:
     """Whether any rule of joints may concern this motion and this ink."""
     w = ink.vessel[j]
     if ink.when[j] == tips.when[i]:

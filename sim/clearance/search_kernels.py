@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from kernels import jit
 from sim.clearance.bodies import Ink, Joints, Tips
-from sim.clearance.joint_kernels import related
+from sim.clearance.joint_kernels import are_related
 from sim.clearance.pair_kernels import pair_approach
 from sim.clearance.shaft_kernels import shaft_distance, span
 from sim.planner_state import Record, Records
@@ -157,7 +157,7 @@ def search(
                 low -= own + half[j]
                 if low >= look or low >= max(near[move].value, apart[move].value, told):
                     continue
-                joined = related(i, j, tips, ink, joints)
+                joined = are_related(i, j, tips, ink, joints)
                 w = ink.vessel[j]
                 hit = _hit_of(hits, first, used, w)
                 limit = max(near[move].value, hits[hit].value if hit >= 0 else told)

@@ -16,7 +16,7 @@ from sim.reading.numbers import words_of
 from sim.reading.plain import PLAIN_MOVE, plain_move
 from sim.reading.strip import command_in
 from sim.reading.text import second_command, text_line
-from sim.reading.words import AXES, MOTION, AcceptedLetters, known
+from sim.reading.words import AXES, MOTION, AcceptedLetters, accepted_letters
 
 _CODE: Final = re.compile(rb"([GMTgmt])[ \t]*(\d+)(?![\d.])")
 _SUBCODE: Final = re.compile(rb"[GMTgmt][ \t]*\d*\.")
@@ -74,7 +74,7 @@ def read_words(text: bytes, printer: Printer) -> GcodeLine:
         return _without_code(command, text, family)
     code = _code_of(found, text, family)
     rest = command[found.end() :]
-    letters = known(family, code) if code not in printer.extra_commands else None
+    letters = accepted_letters(family, code) if code not in printer.extra_commands else None
     if letters is not None and letters.text:
         return text_line(code, rest, text, family)
     return _with_words(code, rest, text, family, letters)

@@ -27,7 +27,7 @@ class AcceptedLetters(NamedTuple):
 
 
 @cache
-def known(family: str, code: str) -> AcceptedLetters | None:
+def accepted_letters(family: str, code: str) -> AcceptedLetters | None:
     """Letters of a code; None where any will do."""
     said = find_family(family).grammar.words.get(code)
     if said is None:

@@ -16,8 +16,8 @@ from firmware_profiles import (
     Printer,
     ProfileError,
     Syringe,
-    doubts,
     load,
+    profile_doubts,
     shipped,
 )
 
@@ -29,7 +29,7 @@ SYRINGES = [load(Syringe, name) for name in shipped(Syringe)]
     ("model", "name"), [(model, name) for model in MODELS for name in shipped(model)]
 )
 def test_no_shipped_profile_is_gravely_wrong(model: type[Facts], name: str) -> None:
-    assert [doubt for doubt in doubts(load(model, name), SYRINGES) if doubt.grave] == []
+    assert [doubt for doubt in profile_doubts(load(model, name), SYRINGES) if doubt.grave] == []
 
 
 def changed(model: type[Facts], name: str, **changes: Any) -> Facts:
@@ -75,7 +75,9 @@ def changed(model: type[Facts], name: str, **changes: Any) -> Facts:
 def test_a_contradiction_is_named_with_key_and_values(
     model: type[Facts], name: str, changes: dict[str, Any], key: str, says: str
 ) -> None:
-    grave = [doubt for doubt in doubts(changed(model, name, **changes), SYRINGES) if doubt.grave]
+    grave = [
+        doubt for doubt in profile_doubts(changed(model, name, **changes), SYRINGES) if doubt.grave
+    ]
     assert [doubt.key for doubt in grave] == [key]
     assert says in grave[0].text
 
@@ -83,12 +85,12 @@ def test_a_contradiction_is_named_with_key_and_values(
 def test_a_printer_that_states_no_safe_state_is_not_to_be_used() -> None:
     values = load(Printer, "generic_marlin").model_dump(exclude_unset=True)
     del values["safe_state_on"]
-    grave = [doubt.key for doubt in doubts(Printer.model_validate(values)) if doubt.grave]
+    grave = [doubt.key for doubt in profile_doubts(Printer.model_validate(values)) if doubt.grave]
     assert grave == ["safe_state_on"]
 
 
 def test_what_isn_t_grave_is_told_all_the_same() -> None:
-    told = {doubt.key for doubt in doubts(load(Printer, "makergear_m2_duet2"), SYRINGES)}
+    told = {doubt.key for doubt in profile_doubts(load(Printer, "makergear_m2_duet2"), SYRINGES)}
     assert {"firmware", "starting_values", "steps_per_mm.e"} <= told
 
 

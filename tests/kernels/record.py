@@ -26,7 +26,7 @@ from design.errors import GrowthError
 from kernels.files import read_whole
 from kernels.folder import kernel_of
 from kernels.key import called_kernels, signature_text
-from kernels.needed import NeededKernel, found, types_of, types_text, write
+from kernels.needed import NeededKernel, resolve_name, types_of, types_text, write
 from printctl.pipeline.run import design_recipe, run_recipe
 from printctl.recipe import parse_recipe
 
@@ -213,7 +213,7 @@ def row(file: Path) -> tuple[str, str] | None:
 
 def _calls(one: NeededKernel) -> int:
     """How many kernels a kernel calls: those that call none are compiled first."""
-    return len(called_kernels(found(one.kernel), {}))
+    return len(called_kernels(resolve_name(one.kernel), {}))
 
 
 if __name__ == "__main__":

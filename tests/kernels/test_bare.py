@@ -157,9 +157,9 @@ def test_numbas_own_settings_leave_the_kernels_to_it(
     monkeypatch.chdir(tmp_path)
     for name in [name for name in os.environ if name.startswith("NUMBA_")]:
         monkeypatch.delenv(name)
-    assert bare.wanted()
+    assert bare.bare_wanted()
     monkeypatch.setenv("NUMBA_BOUNDSCHECK", "1")
-    assert not bare.wanted()
+    assert not bare.bare_wanted()
 
 
 def test_flags_are_those_of_the_kernels_that_numba_makes() -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from kernels.in_advance import compile_in_advance, missing
-from kernels.needed import NeededKernel, needed
+from kernels.needed import NeededKernel, needed_kernels
 
 WRONG = NeededKernel("design.geometry.bvh:not_there", "[]", frozenset())
 
@@ -17,7 +17,7 @@ WRONG = NeededKernel("design.geometry.bvh:not_there", "[]", frozenset())
 def rows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[NeededKernel]:
     """Two small kernels of the list, and an empty store."""
     monkeypatch.setenv("PRINTCTL_CACHE", str(tmp_path))
-    return needed()[:2]
+    return needed_kernels()[:2]
 
 
 def test_what_is_compiled_is_no_longer_missing(rows: list[NeededKernel], tmp_path: Path) -> None:

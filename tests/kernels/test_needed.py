@@ -9,7 +9,7 @@ from numba.core import types
 
 from design.geometry.bvh import TriangleTree
 from kernels.key import signature_text
-from kernels.needed import NeededKernel, found, needed, types_of, types_text, write
+from kernels.needed import NeededKernel, needed_kernels, resolve_name, types_of, types_text, write
 from tests.kernels.record import WORKS
 
 RECORD = numba.from_dtype(
@@ -54,11 +54,11 @@ def test_what_the_list_cant_hold_is_said(one) -> None:
 
 def test_each_listed_kernel_is_there_with_its_types() -> None:
     """Else ``python -m tests.kernels.record`` makes the list anew."""
-    rows = needed()
+    rows = needed_kernels()
     assert len(rows) > 400
     assert {work for one in rows for work in one.by} == set(WORKS)
     for one in rows:
-        assert callable(found(one.kernel).py_func), one.kernel
+        assert callable(resolve_name(one.kernel).py_func), one.kernel
         assert types_text(types_of(one.takes)) == one.takes
 
 
@@ -68,8 +68,8 @@ def test_a_list_is_read_by_works(tmp_path, monkeypatch) -> None:
     path = tmp_path / "list.jsonl"
     write([one, other], path)
     monkeypatch.setattr("kernels.needed.LIST", path)
-    assert needed() == [one, other] == needed("b") == needed("a", "b")
-    assert needed("a") == [one]
-    assert needed("c") == []
+    assert needed_kernels() == [one, other] == needed_kernels("b") == needed_kernels("a", "b")
+    assert needed_kernels("a") == [one]
+    assert needed_kernels("c") == []
     monkeypatch.setattr("kernels.needed.LIST", tmp_path / "none")
-    assert needed() == []
+    assert needed_kernels() == []

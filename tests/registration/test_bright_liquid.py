@@ -10,7 +10,7 @@ import pytest
 
 from registration.scan import Scan
 from registration.segmentation import segment
-from registration.segmentation.classes import split
+from registration.segmentation.classes import split_classes
 from registration.segmentation.first_light import first_light
 from registration.segmentation.working import Working
 
@@ -64,9 +64,9 @@ def test_the_liquid_is_as_bright_as_it_is() -> None:
 def test_one_class_of_values_is_not_split_into_two() -> None:
     rng = np.random.default_rng(0)
     one, other = rng.normal(1.0, 0.1, 10_000), rng.normal(0.4, 0.1, 10_000)
-    assert not split(one).two
-    assert split(np.concatenate([one, other])).two
-    assert split(np.concatenate([one, other])).middle == pytest.approx(0.7, abs=0.01)
+    assert not split_classes(one).two
+    assert split_classes(np.concatenate([one, other])).two
+    assert split_classes(np.concatenate([one, other])).middle == pytest.approx(0.7, abs=0.01)
 
 
 def test_a_scan_from_below_is_the_same_turned_round() -> None:

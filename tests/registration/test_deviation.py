@@ -14,9 +14,9 @@ from registration.gauging import (
     ScannedSurface,
     deviations,
     hausdorff_p95_um,
+    share_within,
     summarise,
     surface_points,
-    within,
 )
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
@@ -103,7 +103,7 @@ def test_points_are_spread_by_area() -> None:
 
 def test_share_within_any_tolerance() -> None:
     deviation = np.array([-0.03, 0.01, 0.02, 0.06])
-    assert within(deviation, 15) == 0.25
+    assert share_within(deviation, 15) == 0.25
     assert summarise(deviation, (15.0, 60.0)).within == {15.0: 0.25, 60.0: 1.0}
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from registration.segmentation.even_light import GLARE, evened, running_median, without_glare
+from registration.segmentation.even_light import GLARE, even_signal, running_median, without_glare
 from registration.segmentation.working import Working
 
 FloatVolume = NDArray[np.float32]
@@ -36,7 +36,7 @@ def focused() -> FloatVolume:
 
 def test_a_focus_in_the_gel_is_evened_out_from_top_to_foot() -> None:
     level = focused()
-    light = evened(speckle(level), np.ones_like(level), working())
+    light = even_signal(speckle(level), np.ones_like(level), working())
     inside = np.s_[18:82, 14:56, 14:56]
     ratio = level[inside] / light[inside]
     assert np.abs(ratio.mean(axis=(1, 2)) - 1).max() < 0.25
@@ -48,7 +48,7 @@ def test_a_focus_in_the_gel_is_evened_out_from_top_to_foot() -> None:
 def test_liquid_stays_liquid() -> None:
     level = np.ones((100, 70, 70), dtype=np.float32)
     signal = speckle(level)
-    share = signal / evened(signal, np.ones_like(level), working())
+    share = signal / even_signal(signal, np.ones_like(level), working())
     assert share[:10].mean() < 0.06
     assert share[90:].mean() < 0.06
 
@@ -61,7 +61,7 @@ def test_hazy_liquid_in_a_thin_lumen_is_no_dim_gel() -> None:
     rng = np.random.default_rng(4)
     signal = np.where(off < 0.2, 0.3, 1.0) * rng.gamma(3.0, 1 / 3, off.shape)
     grid = Working((1, 1, 1), np.ones(3), size[::-1].copy(), np.zeros(3), 0.05)
-    light = evened(signal.astype(np.float32), np.ones(off.shape, np.float32), grid)
+    light = even_signal(signal.astype(np.float32), np.ones(off.shape, np.float32), grid)
     assert light[off < 0.35].mean() == pytest.approx(1.0, abs=0.05)
 
 

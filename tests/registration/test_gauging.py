@@ -10,7 +10,7 @@ from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging import deviations, find_changes, summarise, trace_vessels
 from registration.gauging.planes import clearances, stations
-from registration.gauging.sections import Planes, cut
+from registration.gauging.sections import Planes, cut_sections
 from registration.segmentation import GelField, Segmentation
 from registration.segmentation.mesh import surface_mesh
 from tests.registration.parts import lumen_distance, lumens, solid
@@ -37,20 +37,20 @@ def planes(radius: float, xs: list[float]) -> Planes:
 
 @pytest.mark.parametrize("radius", [0.2, 0.35, 0.5])
 def test_diameter_of_a_bore_is_right_to_two_micrometres(radius: float) -> None:
-    found = cut(bore(radius), planes(radius, [0.8, 1.5, 2.1]))
+    found = cut_sections(bore(radius), planes(radius, [0.8, 1.5, 2.1]))
     assert found.closed_outline.all()
     np.testing.assert_allclose(found.diameter, 2 * radius, atol=0.002)
     np.testing.assert_allclose(found.offset, 0, atol=0.002)
 
 
 def test_offset_bore_keeps_its_diameter_and_gives_the_offset() -> None:
-    found = cut(bore(0.3, centre_y=1.62), planes(0.3, [1.0, 1.5]))
+    found = cut_sections(bore(0.3, centre_y=1.62), planes(0.3, [1.0, 1.5]))
     np.testing.assert_allclose(found.diameter, 0.6, atol=0.003)
     np.testing.assert_allclose(found.offset, 0.12, atol=0.003)
 
 
 def test_plug_is_closed_and_beside_it_open() -> None:
-    found = cut(bore(0.3, plug=(1.2, 1.8)), planes(0.3, [0.8, 1.5, 2.2]))
+    found = cut_sections(bore(0.3, plug=(1.2, 1.8)), planes(0.3, [0.8, 1.5, 2.2]))
     np.testing.assert_array_equal(found.open, [True, False, True])
     assert found.diameter[1] == 0
 
@@ -59,7 +59,7 @@ def test_known_blur_is_undone_to_first_order() -> None:
     radius, blur = 0.3, 0.08
     field = bore(radius - blur**2 / (2 * radius))
     blurred = GelField(field.values, 0.5, 1.0, VOXEL, np.zeros(3), blur_mm=blur)
-    found = cut(blurred, planes(radius, [1.5]))
+    found = cut_sections(blurred, planes(radius, [1.5]))
     assert found.diameter[0] == pytest.approx(2 * radius, abs=0.004)
 
 

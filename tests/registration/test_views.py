@@ -15,7 +15,7 @@ from registration import RegistrationReport, Scan, register_scan, report_dict
 from registration.judging import Tolerances, VesselLimits, judge
 from registration.judging.tolerance import symmetric
 from registration.views import Views, add_scan_places, load_views, save_views, take_views
-from registration.views.mesh_cut import cut_mesh, joined
+from registration.views.mesh_cut import cut_mesh, join_lines
 from registration.views.sampling import Shades
 from registration.views.stack import PIXELS, chosen_sections
 from sim.scanner import simulate_oct
@@ -49,7 +49,9 @@ def case() -> Case:
 
 def test_a_plane_cuts_a_cube_in_one_closed_square() -> None:
     cube = planar_construct()
-    rings = [ring for ring in joined(cut_mesh(cube.vertices, cube.faces, 0, 1.0)) if len(ring) > 3]
+    rings = [
+        ring for ring in join_lines(cut_mesh(cube.vertices, cube.faces, 0, 1.0)) if len(ring) > 3
+    ]
     outer = max(rings, key=lambda ring: float(np.ptp(ring[:, 0])))
     np.testing.assert_allclose(outer[0], outer[-1], atol=1e-6)
     np.testing.assert_allclose(np.ptp(outer, axis=0), [8.0, 3.0], atol=1e-6)

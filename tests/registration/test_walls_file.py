@@ -10,7 +10,7 @@ import pytest
 from registration.alignment import Fit
 from registration.errors import RegistrationError
 from registration.gauging import ScannedSurface
-from registration.gauging.sections import cut
+from registration.gauging.sections import cut_sections
 from registration.overlay import Cutter, Raster
 from registration.scan import Scan
 from registration.segmentation import Segmentation, SegmentationOptions, segment
@@ -67,7 +67,7 @@ def test_what_is_no_calibration_is_refused(tmp_path: Path, text: str, reason: st
 def test_sections_are_wider_by_twice_the_offset() -> None:
     field = bore(0.4)
     moved = GelField(*(getattr(field, name) for name in FIELD), wall_mm=0.005)
-    plain, found = (cut(each, planes(0.4, [1.0, 2.0])).diameter for each in (field, moved))
+    plain, found = (cut_sections(each, planes(0.4, [1.0, 2.0])).diameter for each in (field, moved))
     np.testing.assert_allclose(found - plain, 0.010, atol=1e-9)
 
 

@@ -11,8 +11,8 @@ from scipy import ndimage
 from registration import options
 from registration.options import RegistrationOptions, segmentation_options
 from registration.segmentation.filters import (
-    between,
     gaussian_weights,
+    interpolate_coarse,
     normalise,
     smooth,
     times_level,
@@ -52,7 +52,7 @@ def test_levels_are_taken_off_as_interpolated_at_each_voxel(factor: tuple[int, i
     low, high = (rng.random(coarse, dtype=np.float32) + shift for shift in (0.0, 2.0))
     expected = np.empty_like(values)
     for place in np.ndindex(values.shape):
-        floor, top = (between(level, factor, *place) for level in (low, high))
+        floor, top = (interpolate_coarse(level, factor, *place) for level in (low, high))
         expected[place] = (values[place] - floor) / (top - floor)
     normalise(values, low, high, factor)
     np.testing.assert_allclose(values, expected, atol=2e-6)
@@ -65,5 +65,5 @@ def test_a_level_multiplies_each_voxel_as_interpolated_there() -> None:
     factor = (4, 2, 3)
     expected = np.empty_like(values)
     for place in np.ndindex(values.shape):
-        expected[place] = values[place] * max(between(level, factor, *place), 0.1)
+        expected[place] = values[place] * max(interpolate_coarse(level, factor, *place), 0.1)
     np.testing.assert_allclose(times_level(values, level, factor), expected, atol=2e-6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Head, Offset, Printer, load
-from sim.deposit import deposit, deposit_of_heads, united
+from sim.deposit import deposit, deposit_of_heads, unite_deposits
 from sim.dryrun import dry_run
 from sim.errors import DepositError
 from sim.executed import ExecutedMotion
@@ -96,11 +96,11 @@ def test_two_inks_are_laid_on_one_grid():
     for one, other in zip(inks, alone, strict=True):
         assert one.written_ul == other.written_ul
         assert one.volume_mm3 == pytest.approx(other.volume_mm3, rel=0.02)
-    both = united(inks)
+    both = unite_deposits(inks)
     assert both.volume_mm3 == pytest.approx(sum(one.volume_mm3 for one in inks), rel=0.02)
     assert both.written_ul == sum(one.written_ul for one in inks)
     with pytest.raises(DepositError, match="one grid"):
-        united(alone)
+        unite_deposits(alone)
 
 
 def test_a_correct_job_has_no_finding():

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from firmware_profiles import Printer, load
 from sim.planner import (
     add_move,
-    counted,
+    count_steps,
     next_event,
     run_until,
     set_axis,
@@ -229,7 +229,7 @@ def test_counting_in_mid_move_agrees_with_the_motion():
     bench.move(50, 25, 0, 0, feed=10)
     run_until(bench.planner, bench.ring, bench.log, 2.1)
     out = np.zeros(4, np.int64)
-    counted(bench.planner, bench.ring, 2.1, out)
+    count_steps(bench.planner, bench.ring, 2.1, out)
     assert out[0] / 80 == pytest.approx(2 * 10 * 2 / math.sqrt(5), rel=0.01)
     assert out[1] == pytest.approx(out[0] / 2, abs=1)
 

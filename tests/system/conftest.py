@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from kernels import cache_dir
-from kernels.needed import needed
+from kernels.needed import needed_kernels
 from tests.kernels.record import row
 from tests.system.cli import ROOT, printctl
 
@@ -21,7 +21,7 @@ def listed_kernels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A store of compiled kernels that holds none but those on the list (`kernels.needed`)."""
     folder = tmp_path_factory.mktemp("listed")
     (folder / "kernels").mkdir()
-    listed = {(one.kernel, one.takes) for one in needed()}
+    listed = {(one.kernel, one.takes) for one in needed_kernels()}
     for file in cache_dir().glob("*.nbc"):
         if row(file) in listed:
             shutil.copyfile(file, folder / "kernels" / file.name)

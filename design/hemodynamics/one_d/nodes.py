@@ -10,7 +10,7 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.one_d.grid import Grid
 from design.hemodynamics.waveforms import Waveform
-from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, joined
+from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, number_unknowns
 from design.hemodynamics.zero_d.pulsatile.conditions import (
     Outlet,
     PressureOutlet,
@@ -73,7 +73,7 @@ def place_nodes(
     slot = np.arange(len(network.nodes))
     if conditions.inlet_is == "flow":
         slot[inlets] = inlets[0]
-    (slot,) = joined(slot)
+    (slot,) = number_unknowns(slot)
     nodes = _junctions(slot[network.vessel_nodes].ravel(), int(slot.max()) + 1)
     nodes.wave[slot[inlets]] = 0
     if conditions.inlet_is == "pressure":

@@ -2,7 +2,7 @@
 
 from design.hemodynamics.three_d.compare import ErrorEstimate, estimate_error
 from design.hemodynamics.three_d.harmonic import solve_harmonics
-from design.hemodynamics.three_d.jacobian import least_jacobian, straightened
+from design.hemodynamics.three_d.jacobian import least_jacobian, straighten_edges
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh, MeshPort
 from design.hemodynamics.three_d.march import march_flow
 from design.hemodynamics.three_d.options import FlowOptions
@@ -45,7 +45,7 @@ __all__ = [
     "sections_at",
     "solve_harmonics",
     "solve_steady",
-    "straightened",
+    "straighten_edges",
     "wall_shear",
     "write_flow_vtu",
 ]

@@ -45,7 +45,7 @@ def least_jacobian(mesh: LumenMesh) -> FloatArray:
     return np.concatenate([np.zeros(0), *parts]) / straight
 
 
-def straightened(mesh: LumenMesh, least: float = LEAST) -> tuple[LumenMesh, int]:
+def straighten_edges(mesh: LumenMesh, least: float = LEAST) -> tuple[LumenMesh, int]:
     """The mesh with edges drawn towards straight where elements would fold, and how many did.
 
     Edges of a bad element go half the way to straight, and again, and at last the whole.

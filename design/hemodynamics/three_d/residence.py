@@ -21,7 +21,7 @@ from design.errors import FlowError
 from design.hemodynamics.three_d.engine import working
 from design.hemodynamics.three_d.engine_mesh import engine_mesh, port_name
 from design.hemodynamics.three_d.options import FlowOptions
-from design.hemodynamics.three_d.sample import sampled
+from design.hemodynamics.three_d.sample import sample_function
 from design.hemodynamics.three_d.solution import ThreeDSolution
 from design.hemodynamics.three_d.stokes import Spaces, spaces
 from design.network import FloatArray
@@ -126,7 +126,7 @@ def _result(
     leaves = np.maximum(flow, 0.0)
     port_age = np.divide(carried, leaves, out=np.full(len(flow), np.nan), where=leaves > 0.0)
     return ResidenceTime(
-        age=sampled(room, solution.field.mesh, age, _ORDER)[..., 0],
+        age=sample_function(room, solution.field.mesh, age, _ORDER)[..., 0],
         port_age=port_age,
         mean_s=float(carried.sum() / leaves.sum()),
         volume_ul=float(ng.Integrate(ng.CoefficientFunction(1.0), room.mesh, order=6)),

@@ -25,13 +25,13 @@ def field_of(spaces: Spaces, mesh: LumenMesh, unknowns: FloatArray) -> Field:
     velocity, pressure = state_of(spaces, unknowns).components
     return Field(
         mesh,
-        sampled(spaces, mesh, velocity, spaces.order),
-        sampled(spaces, mesh, pressure, spaces.order - 1),
+        sample_function(spaces, mesh, velocity, spaces.order),
+        sample_function(spaces, mesh, pressure, spaces.order - 1),
         spaces.order,
     )
 
 
-def sampled(spaces: Spaces, mesh: LumenMesh, function: Any, degree: int) -> FloatArray:
+def sample_function(spaces: Spaces, mesh: LumenMesh, function: Any, degree: int) -> FloatArray:
     """Values (t, n, c) at the nodes of this degree, in the mesh's own order of corners."""
     ng, at = spaces.ng, lagrange.nodes(degree)
     # The engine's coordinates belong to its corners 0, 1 and 2; corner 3 is the rest.

@@ -96,7 +96,7 @@ def place_at(
         return Boundary(alone, fixed, pressure, injected, lowest, ground)
     slot = np.arange(count)
     slot[inlets] = inlets[0]
-    slot, fixed, pressure, injected, whole = joined(
+    slot, fixed, pressure, injected, whole = number_unknowns(
         slot, fixed, pressure, injected, np.zeros(count) if ground is None else ground
     )
     return Boundary(slot, fixed, pressure, injected, lowest, None if ground is None else whole)
@@ -155,7 +155,7 @@ def _outflows(
     return outlets[is_free[outlets]], injected
 
 
-def joined(slot: IntArray, *values: NDArray[Any]) -> tuple[Any, ...]:
+def number_unknowns(slot: IntArray, *values: NDArray[Any]) -> tuple[Any, ...]:
     """Unknowns numbered without gaps: each node's, and values of those that are used."""
     used = np.zeros(len(slot), dtype=bool)
     used[slot] = True

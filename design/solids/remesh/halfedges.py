@@ -48,13 +48,13 @@ def leaving(faces: IntArray, count: int) -> IntArray:
 
 
 @jit
-def after(h: int) -> int:
+def next_half_edge(h: int) -> int:
     """The half-edge that follows in the same triangle."""
     return h - 2 if h % 3 == 2 else h + 1
 
 
 @jit
-def before(h: int) -> int:
+def previous_half_edge(h: int) -> int:
     """The half-edge that comes before in the same triangle."""
     return h + 2 if h % 3 == 0 else h - 1
 
@@ -78,13 +78,13 @@ def apex(faces: IntArray, h: int) -> int:
 
 
 @jit
-def joined(faces: IntArray, twin: IntArray, out: IntArray, a: int, b: int) -> bool:
+def are_joined(faces: IntArray, twin: IntArray, out: IntArray, a: int, b: int) -> bool:
     """Whether an edge runs between two vertices."""
     h = out[a]
     while True:
         if tip(faces, h) == b:
             return True
-        h = twin[before(h)]
+        h = twin[previous_half_edge(h)]
         if h == out[a]:
             return False
 
@@ -95,7 +95,7 @@ def valence(twin: IntArray, out: IntArray, a: int) -> int:
     count, h = 0, out[a]
     while True:
         count += 1
-        h = twin[before(h)]
+        h = twin[previous_half_edge(h)]
         if h == out[a]:
             return count
 
@@ -107,20 +107,20 @@ def _pair(twin: IntArray, one: int, two: int) -> None:
 
 
 @jit
-def split(faces: IntArray, twin: IntArray, h: int, vertex: int, first: int) -> None:
+def split_edge(faces: IntArray, twin: IntArray, h: int, vertex: int, first: int) -> None:
     """Put ``vertex`` on an edge; two triangles become four, the new ones ``first`` and the next."""
     t = twin[h]
     here, there, second = h // 3, t // 3, first + 1
     b, c, d = tip(faces, h), apex(faces, h), apex(faces, t)
-    beyond_here, beyond_there = twin[after(h)], twin[before(t)]
+    beyond_here, beyond_there = twin[next_half_edge(h)], twin[previous_half_edge(t)]
     faces[here, (h + 1) % 3] = vertex
     faces[there, t % 3] = vertex
     faces[first, 0], faces[first, 1], faces[first, 2] = vertex, b, c
     faces[second, 0], faces[second, 1], faces[second, 2] = b, vertex, d
     _pair(twin, 3 * first, 3 * second)
     _pair(twin, 3 * first + 1, beyond_here)
-    _pair(twin, 3 * first + 2, after(h))
-    _pair(twin, 3 * second + 1, before(t))
+    _pair(twin, 3 * first + 2, next_half_edge(h))
+    _pair(twin, 3 * second + 1, previous_half_edge(t))
     _pair(twin, 3 * second + 2, beyond_there)
 
 
@@ -130,7 +130,12 @@ def flip(faces: IntArray, twin: IntArray, out: IntArray, h: int) -> None:
     t = twin[h]
     here, there = h // 3, t // 3
     a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, t)
-    ad, ca, bc, db = twin[after(t)], twin[before(h)], twin[after(h)], twin[before(t)]
+    ad, ca, bc, db = (
+        twin[next_half_edge(t)],
+        twin[previous_half_edge(h)],
+        twin[next_half_edge(h)],
+        twin[previous_half_edge(t)],
+    )
     faces[here, 0], faces[here, 1], faces[here, 2] = a, d, c
     faces[there, 0], faces[there, 1], faces[there, 2] = b, c, d
     _pair(twin, 3 * here, ad)
@@ -146,11 +151,16 @@ def collapse(faces: IntArray, twin: IntArray, out: IntArray, h: int) -> None:
     """Draw a half-edge's origin into its tip; its two triangles are left over, to be dropped."""
     t = twin[h]
     a, b, c, d = origin(faces, h), tip(faces, h), apex(faces, h), apex(faces, t)
-    bc, ca, ad, db = twin[after(h)], twin[before(h)], twin[after(t)], twin[before(t)]
+    bc, ca, ad, db = (
+        twin[next_half_edge(h)],
+        twin[previous_half_edge(h)],
+        twin[next_half_edge(t)],
+        twin[previous_half_edge(t)],
+    )
     g = out[a]
     while True:
         faces[g // 3, g % 3] = b
-        g = twin[before(g)]
+        g = twin[previous_half_edge(g)]
         if g == out[a]:
             break
     _pair(twin, bc, ca)

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from design.solids.remesh.halfedges import (
     apex,
-    before,
+    are_joined,
     collapse,
     flip,
-    joined,
     origin,
-    split,
+    previous_half_edge,
+    split_edge,
     tip,
     valence,
 )
@@ -108,7 +108,7 @@ def split_long(
         for k in range(3):
             points[vertices, k] = 0.5 * (points[a, k] + points[b, k])
         wanted[vertices] = 0.5 * (wanted[a] + wanted[b])
-        split(faces, twin, h, vertices, triangles)
+        split_edge(faces, twin, h, vertices, triangles)
         vertices += 1
         triangles += 2
     return vertices, triangles
@@ -133,7 +133,7 @@ def _keeps_form(
                 return False
             if _length(points, b, p) > LONG * 0.5 * (wanted[b] + wanted[p]):
                 return False
-        g = twin[before(g)]
+        g = twin[previous_half_edge(g)]
         if g == out[a]:
             return True
 
@@ -147,9 +147,9 @@ def stays_closed(faces: IntArray, twin: IntArray, out: IntArray, h: int) -> bool
     g = out[a]
     while True:
         p = tip(faces, g)
-        if p not in (b, c, d) and joined(faces, twin, out, p, b):
+        if p not in (b, c, d) and are_joined(faces, twin, out, p, b):
             return False
-        g = twin[before(g)]
+        g = twin[previous_half_edge(g)]
         if g == out[a]:
             return True
 
@@ -210,7 +210,7 @@ def turn(
             continue
         if x * u + y * v + z * w <= 0.0 < p * i + q * j + r * k:
             continue
-        if joined(faces, twin, out, c, d):
+        if are_joined(faces, twin, out, c, d):
             continue
         flip(faces, twin, out, h)
         count += 1
@@ -238,7 +238,7 @@ def relax(
                 weight += 1.0
             x, y, z = normal(points, a, p, apex(faces, g))
             nx, ny, nz = nx + x, ny + y, nz + z
-            g = twin[before(g)]
+            g = twin[previous_half_edge(g)]
             if g == out[a]:
                 break
         dx, dy, dz = (

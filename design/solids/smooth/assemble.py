@@ -14,10 +14,10 @@ from design.solids.chains import Chain
 from design.solids.facets import area_factor
 from design.solids.manifolds import to_manifold
 from design.solids.smooth.conflicts import overlapping_runs
-from design.solids.smooth.crowd import COARSER_BALLS, LostRingError, ball, stub, united
+from design.solids.smooth.crowd import COARSER_BALLS, LostRingError, ball, stub, unite_parts
 from design.solids.smooth.crowd_walls import crowd_rounding
 from design.solids.smooth.layout import End, Layout, first_piece, keep_clear_of_balls, swallow
-from design.solids.smooth.round_crowd import rounded
+from design.solids.smooth.round_crowd import round_seams
 from design.solids.smooth.star import star_mesh
 from design.solids.topology import is_closed
 from design.solids.tube import EndShape, tube_mesh
@@ -83,7 +83,7 @@ class Sewing:
         return self.vertices[0][ring]
 
 
-def sewn(
+def sew_parts(
     layout: Layout, shapes: list[tuple[EndShape, EndShape]], tolerance_mm: float
 ) -> tuple[FloatArray, FaceArray]:
     """Make all parts and sew them to one closed surface.
@@ -118,7 +118,7 @@ def _sewn(
     overlaps: NDArray[np.int64],
     tolerance_mm: float,
 ) -> tuple[FloatArray, FaceArray, list[int]]:
-    """As `sewn`, and the runs around crowds that couldn't be parted from the rest."""
+    """As `sew_parts`, and the runs around crowds that couldn't be parted from the rest."""
     keep_clear_of_balls(layout)
     sewing = Sewing()
     torn: list[int] = []
@@ -286,13 +286,13 @@ def _crowd(
     thin = _thinnest(layout, joints, runs)
     places = [sewing.place(ring) for ring in rings]
     sliver = _SLIVER * thin if rounds else 0.0
-    vertices, faces, where = united(parts, places, _CRUMB * thin, sliver)
+    vertices, faces, where = unite_parts(parts, places, _CRUMB * thin, sliver)
     known = np.full(len(vertices), -1)
     for ring, index_of in zip(rings, where, strict=True):
         known[index_of] = ring
     if rounds:
         what = crowd_rounding(layout, joints, runs, shapes, tolerance_mm)
-        vertices, faces = rounded(vertices, faces, known >= 0, what)
+        vertices, faces = round_seams(vertices, faces, known >= 0, what)
         known = np.concatenate([known, np.full(len(vertices) - len(known), -1)])
     sewing.sew(vertices, faces, known)
 

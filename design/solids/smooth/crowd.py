@@ -73,7 +73,7 @@ def stub(centre: FloatArray, near: float, ring: FloatArray, reach: float) -> Man
     return to_manifold(vertices, faces if turn > 0.0 else faces[:, ::-1], f"a stub of {reach:g} mm")
 
 
-def united(
+def unite_parts(
     parts: Sequence[Manifold],
     rings: Sequence[FloatArray],
     crumb_mm: float,

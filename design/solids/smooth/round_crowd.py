@@ -84,7 +84,7 @@ class Rounding:
     tolerance_mm: float
 
 
-def rounded(
+def round_seams(
     vertices: FloatArray, faces: FaceArray, fixed: NDArray[np.bool_], what: Rounding
 ) -> tuple[FloatArray, FaceArray]:
     """The surface with rounded seams.

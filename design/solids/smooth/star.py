@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from design.solids.smooth.fillet import shoot
 from design.solids.smooth.star_net import CAP, Junction, Net, inserted, new_net
-from design.solids.smooth.star_parts import parted
-from design.solids.smooth.star_start import cover_in, rings_in, seams_in, started
+from design.solids.smooth.star_parts import refine_directions
+from design.solids.smooth.star_start import cover_in, rings_in, seams_in, start_triangles
 from kernels import jit
 
 FloatArray = NDArray[np.float64]
@@ -69,7 +69,7 @@ def star_mesh(
     first = len(rings)
     rings_in(junction, net)
     count = cover_in(junction, net)
-    used = started(net, first, count)
+    used = start_triangles(net, first, count)
     if used < 0:
         return -used, rings, net.tri[:0]
     shoot(walls, rho, net.d[first:count], net.away[first:count])
@@ -79,7 +79,7 @@ def star_mesh(
         if used < 0 or status:
             break
         begin = count
-        count, full = parted(junction, net, count, used)
+        count, full = refine_directions(junction, net, count, used)
         status = 2 if full else 0
         if count == begin:
             break

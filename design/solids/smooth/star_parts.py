@@ -15,7 +15,7 @@ IntArray = NDArray[np.int64]
 
 
 @jit
-def parted(junction: Junction, net: Net, count: int, used: int) -> tuple[int, bool]:
+def refine_directions(junction: Junction, net: Net, count: int, used: int) -> tuple[int, bool]:
     """Add directions where triangles leave the surface; return how many there are, and if full."""
     for t in range(used):
         a, b, c = net.tri[t, 0], net.tri[t, 1], net.tri[t, 2]

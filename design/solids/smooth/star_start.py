@@ -54,7 +54,7 @@ def cover_in(junction: Junction, net: Net) -> int:
 
 
 @jit
-def started(net: Net, first: int, count: int) -> int:
+def start_triangles(net: Net, first: int, count: int) -> int:
     """Return how many triangles `count` directions make, the rings' being the first `first`.
 
     -1 where directions don't surround the middle, -3 where rounding blurs their order.

@@ -44,7 +44,7 @@ class _Order:
     harm: tuple[int, int, int, int]
 
 
-def ordered(
+def order_passes(
     elements: Elements,
     rules: Rules,
     head: IntArray,
@@ -105,10 +105,10 @@ def _score(one: _Order) -> tuple[tuple[int, ...], int]:
 def _judged(passes: list[Pass], rules: Rules, joiner: Joiner) -> _Order:
     joined = joiner.join(passes)
     weak = len(joined.open), len(joined.brushed), len(joined.shortened)
-    return _Order(passes, joined, (len(broken(rules, passes)[0]), *weak))
+    return _Order(passes, joined, (len(broken_rules(rules, passes)[0]), *weak))
 
 
-def broken(rules: Rules, passes: list[Pass]) -> tuple[IntArray, IntArray]:
+def broken_rules(rules: Rules, passes: list[Pass]) -> tuple[IntArray, IntArray]:
     """Elements while which others, written before, stand in the shaft's way."""
     when = np.empty(len(rules.begin) - 1, dtype=np.int64)
     order = np.concatenate([one.elements() for one in passes])

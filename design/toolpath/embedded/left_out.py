@@ -21,7 +21,7 @@ from design.toolpath.embedded.entering import (
 from design.toolpath.embedded.meetings import Meetings
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.report import Crossing, OmittedVessel
-from design.toolpath.embedded.rules import Rules, barring_each_other, kept, owners
+from design.toolpath.embedded.rules import Rules, barring_each_other, owners, select_rules
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.toolpath import IntArray
 
@@ -52,7 +52,7 @@ class Conflict(NamedTuple):
     apart_mm: float
 
 
-def chosen(
+def choose_omitted(
     conflicts: Iterable[Conflict], network: VesselNetwork, out: set[int]
 ) -> dict[int, Conflict]:
     """Vessels of which each conflict has one, with the worst of each; some are ``out`` already.
@@ -170,7 +170,7 @@ class Leaving:
 
     def leave(self, conflicts: Iterable[Conflict]) -> None:
         """Leave out one vessel of each conflict."""
-        self._why |= chosen(conflicts, self._design, set(self._why))
+        self._why |= choose_omitted(conflicts, self._design, set(self._why))
         self.elements = np.isin(self._owner[self._cut.vessel], list(self._why))
         if self.elements.all():
             raise ToolpathError(
@@ -180,7 +180,7 @@ class Leaving:
 
     def without(self, rules: Rules) -> Rules:
         """The rules among elements that are written."""
-        return kept(rules, ~(self.elements[owners(rules)] | self.elements[rules.after]))
+        return select_rules(rules, ~(self.elements[owners(rules)] | self.elements[rules.after]))
 
     def trimmed(self, passes: list[Pass]) -> list[Pass]:
         """Passes without what isn't written, in their order."""

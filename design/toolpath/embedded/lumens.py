@@ -15,7 +15,7 @@ from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.joined import JoinedPasses, WeakJoint
 from design.toolpath.embedded.needle import JOINT, Needle
 from design.toolpath.embedded.report import EmbeddedReport
-from design.toolpath.embedded.rules import Rules, barring_each_other, kept, owners
+from design.toolpath.embedded.rules import Rules, barring_each_other, owners, select_rules
 from design.toolpath.embedded.touches import arcs_of
 from design.toolpath.toolpath import FloatArray, IntArray
 
@@ -55,7 +55,7 @@ class Lumens:
             return rules
         first, after = owners(rules), rules.after
         within = self._beside(first, after) & barring_each_other(rules)
-        return kept(rules, ~(within | self._joined(first, after)))
+        return select_rules(rules, ~(within | self._joined(first, after)))
 
     @property
     def lumen_mm(self) -> FloatArray:

@@ -15,7 +15,7 @@ from design.toolpath.embedded.pass_rules import (
     contracted,
     pass_ends,
     pass_rules,
-    turned,
+    reverse_pass,
 )
 from design.toolpath.embedded.rules import Rules
 from design.toolpath.embedded.schedule import Pass
@@ -44,12 +44,12 @@ def fewest(
     legs = [leg for one in passes for leg in one.legs]
     graph = pass_rules([Pass((leg,)) for leg in legs], elements, rules)
     number = {leg.middle: k for k, leg in enumerate(legs)}
-    best, vain = merged(passes, _of_legs(passes, number, graph), elements, head), 0
+    best, vain = merge_passes(passes, _of_legs(passes, number, graph), elements, head), 0
     for _ in range(TRIES):
         if vain == PATIENCE or len(best) < 3:
             break
         parts = _split(best, elements, random)
-        tried = merged(parts, _of_legs(parts, number, graph), elements, head, random)
+        tried = merge_passes(parts, _of_legs(parts, number, graph), elements, head, random)
         vain = 0 if len(tried) < len(best) else vain + 1
         best = tried if len(tried) <= len(best) else best
     return [_in_one(one, elements) for one in best]
@@ -64,7 +64,7 @@ def _of_legs(passes: list[Pass], number: dict[int, int], graph: PassRules) -> Pa
     return contracted(graph, own)
 
 
-def merged(
+def merge_passes(
     passes: list[Pass],
     graph: PassRules,
     elements: Elements,
@@ -146,8 +146,8 @@ def _rebuilt(passes: list[Pass], order: IntArray, chosen: IntArray) -> list[Pass
         one = passes[number]
         if number in follows:
             side, other, there = follows[number]
-            head = one if side == 1 else turned(one)
-            tail = passes[other] if there == 0 else turned(passes[other])
+            head = one if side == 1 else reverse_pass(one)
+            tail = passes[other] if there == 0 else reverse_pass(passes[other])
             one = Pass(head.legs + tail.legs)
         if number not in gone:
             found.append(one)

@@ -102,6 +102,6 @@ def pass_ends(one: Pass, elements: Elements) -> tuple[int, int]:
     return int(here), int(there)
 
 
-def turned(one: Pass) -> Pass:
+def reverse_pass(one: Pass) -> Pass:
     """The same from its other end."""
     return Pass(tuple(Leg(leg.last, -leg.step, leg.size) for leg in one.legs[::-1]))

@@ -13,7 +13,7 @@ from design.toolpath.embedded.bundles import Bundles
 from design.toolpath.embedded.elements import Elements, elements_of, longest_mm
 from design.toolpath.embedded.entering import TOUCH_MM
 from design.toolpath.embedded.heads import EmbeddedHeads
-from design.toolpath.embedded.improve import ordered
+from design.toolpath.embedded.improve import order_passes
 from design.toolpath.embedded.joined import JoinedPasses, WeakJoint
 from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.left_out import Leaving
@@ -21,7 +21,7 @@ from design.toolpath.embedded.lumens import Lumens
 from design.toolpath.embedded.meetings import Meetings, at_nodes, with_touches
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.options import EmbeddedOptions
-from design.toolpath.embedded.recovery import waited
+from design.toolpath.embedded.recovery import add_recovery_dwells
 from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
 from design.toolpath.embedded.rules import find_rules
 from design.toolpath.embedded.schedule import Pass
@@ -116,7 +116,7 @@ class Scene:
         writer = FilamentWriter(self.elements, passes[0], heads, known)
         writer.write_all(passes, joined)
         recovery_s = max(one.recovery_s for one in heads.options)
-        toolpath = waited(writer.builder.build(), recovery_s, heads.shaft_mm)
+        toolpath = add_recovery_dwells(writer.builder.build(), recovery_s, heads.shaft_mm)
         return _Written(toolpath, joined, writer, self.met(toolpath, writer, heads))
 
     def met(self, toolpath: Toolpath, writer: FilamentWriter, heads: EmbeddedHeads) -> InkMet:
@@ -172,7 +172,7 @@ def plan_embedded(
     joiner = Joiner(
         scene.elements, scene.squares, scene.meetings, scene.needle, strict=heads.leave_out
     )
-    passes, joined = ordered(
+    passes, joined = order_passes(
         scene.elements, out.without(rules), heads.vessel_head, joiner, out.elements
     )
     known: dict[Leg, Stretch] = {}

@@ -19,7 +19,7 @@ SAMPLES = 2.0
 """Places looked at for each radius of the shaft along a move."""
 
 
-def waited(toolpath: Toolpath, recovery_s: float, radius_mm: float) -> Toolpath:
+def add_recovery_dwells(toolpath: Toolpath, recovery_s: float, radius_mm: float) -> Toolpath:
     """The toolpath with dwells before the descents to passes in a fresh wake.
 
     Parameters

@@ -93,7 +93,7 @@ def barring_each_other(rules: Rules) -> NDArray[np.bool_]:
     return _places(_keys(rules.after, first, count), _keys(first, rules.after, count)) >= 0
 
 
-def kept(rules: Rules, rows: NDArray[np.bool_]) -> Rules:
+def select_rules(rules: Rules, rows: NDArray[np.bool_]) -> Rules:
     """Only some of the rules, by a mask (m,)."""
     first = owners(rules)[rows]
     return _rules(first, rules.after[rows], rules.harm[rows], len(rules.begin) - 1)

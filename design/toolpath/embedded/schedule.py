@@ -25,7 +25,7 @@ from design.toolpath.embedded.stretches import (
     vertex,
 )
 from design.toolpath.embedded.trails import Ends, ends_of, first_of, going_on
-from design.toolpath.embedded.walk import Leg, Progress, begun, walk
+from design.toolpath.embedded.walk import Leg, Progress, start_walk, walk
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
@@ -68,7 +68,7 @@ class Scheduler:
             self.rules,
             self.head,
             ends_of(elements),
-            begun(self.rules, self.out),
+            start_walk(self.rules, self.out),
             none_open(count),
         )
         begin = np.flatnonzero(legs[:, 0])

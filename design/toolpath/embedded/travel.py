@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath.embedded.elements import Elements
-from design.toolpath.embedded.pass_rules import PassRules, pass_ends, pass_rules, turned
+from design.toolpath.embedded.pass_rules import PassRules, pass_ends, pass_rules, reverse_pass
 from design.toolpath.embedded.rules import Rules
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.toolpath import FloatArray, IntArray
@@ -37,7 +37,7 @@ def with_shorter_ways(
     tool = np.array([head[elements.vessel[one.legs[0].element]] for one in passes])
     order, back = np.arange(len(passes)), np.zeros(len(passes), dtype=np.bool_)
     _improve(order, back, ends, tool, graph)
-    return [turned(passes[k]) if back[k] else passes[k] for k in order.tolist()]
+    return [reverse_pass(passes[k]) if back[k] else passes[k] for k in order.tolist()]
 
 
 @jit
@@ -52,7 +52,7 @@ def _way(one: int, back: bool, other: int, turned: bool, ends: FloatArray, tool:
 def _improve(
     order: IntArray, turned: Flags, ends: FloatArray, tool: IntArray, graph: PassRules
 ) -> None:
-    """Move runs of passes, in `order` and `turned` themselves, until nothing gets shorter.
+    """Move runs of passes, in `order` and `reverse_pass` themselves, until nothing gets shorter.
 
     After the first sweep only passes beside which the order has changed are looked at again.
     """

@@ -49,7 +49,7 @@ class Progress(NamedTuple):
     waiting: IntArray
 
 
-def begun(rules: Rules, out: NDArray[np.bool_] | None = None) -> Progress:
+def start_walk(rules: Rules, out: NDArray[np.bool_] | None = None) -> Progress:
     """Nothing written yet; elements that are ``out`` (n,) count as written, and have no rules."""
     count = len(rules.begin) - 1
     waiting = np.bincount(rules.after, minlength=count)

@@ -24,7 +24,7 @@ from design.toolpath.fresh.regions import Region, Regions, RegionSections
 from design.toolpath.fresh.report import FreshReport, Tally
 from design.toolpath.fresh.section import Body, Layer, layers, rings
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens, moved_in
-from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath, joined
+from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath, join_toolpaths
 
 #: Cover is measured in at most so many layers, evenly spread; in all of a lower part.
 MEASURED = 100
@@ -62,7 +62,7 @@ def plan_fresh(
         As `FreshLayers`.
     """
     layers = FreshLayers(solid, options, regions, heads)
-    return FreshPlan(joined(list(layers)), layers.report())
+    return FreshPlan(join_toolpaths(list(layers)), layers.report())
 
 
 class FreshLayers:

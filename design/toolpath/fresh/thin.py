@@ -97,12 +97,12 @@ def _shared(
     for k in np.flatnonzero(narrow):
         rows = np.arange(fine.contours.offset[k], fine.contours.offset[k + 1])
         if (made[rows] > 0).all():
-            keep = rows[thinned(points[rows], made[rows], width, closed=True)]
+            keep = rows[needed_points(points[rows], made[rows], width, closed=True)]
             rings.append(points[keep])
             ring_widths.append(0.5 * (made[keep] + np.roll(made[keep], 1)))
         else:
             for run in _runs(rows, made[rows] > 0):
-                keep = run[thinned(points[run], made[run], width, closed=False)]
+                keep = run[needed_points(points[run], made[run], width, closed=False)]
                 runs.append(points[keep])
                 run_widths.append(_of_lines(made[keep]))
     return [
@@ -146,7 +146,7 @@ def gap_paths(region: Contours, width_mm: float, least: float, *, between: bool 
         parts = [part for run in runs for part in _unbroken(points[run], run, width_mm)]
         for part in _linked(parts, points, width_mm):
             if _length(points[part]) >= SHORTEST * width_mm:
-                keep = part[thinned(points[part], 2 * room[part], width_mm, closed=False)]
+                keep = part[needed_points(points[part], 2 * room[part], width_mm, closed=False)]
                 lines.append(points[keep])
                 widths.append(_of_lines(2 * room[keep]))
     return gather(lines, widths, closed=False, role=Role.GAP)
@@ -205,7 +205,7 @@ def _straight(ring: FloatArray, width: float, least: float) -> tuple[FloatArray,
     return np.stack([middle - half, middle + half]), np.full(2, made)
 
 
-def thinned(points: FloatArray, made: FloatArray, width: float, *, closed: bool) -> IntArray:
+def needed_points(points: FloatArray, made: FloatArray, width: float, *, closed: bool) -> IntArray:
     """Numbers of the points that a path needs: the others lie on it and change no width."""
     if len(points) < 3:
         return np.arange(len(points))

@@ -95,7 +95,7 @@ def stops(
     )
 
 
-def joined(parts: list[Stops]) -> Stops:
+def join_stops(parts: list[Stops]) -> Stops:
     """Commands one after another."""
     return Stops(
         **{

@@ -20,12 +20,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from design.errors import ToolpathError
-from design.toolpath.gcode.commands import Stops, joined, stops
+from design.toolpath.gcode.commands import Stops, join_stops, stops
 from design.toolpath.gcode.job import Gcode, GcodeOptions
 from design.toolpath.gcode.load import HeadLoad, IdleHead
 from design.toolpath.gcode.marks import Context, Marks, marks_of
 from design.toolpath.gcode.render import Table
-from design.toolpath.gcode.table import JobPosition, counted_from, declared, tabulate
+from design.toolpath.gcode.table import JobPosition, counted_from, declare_position, tabulate
 from design.toolpath.gcode.trip import at_height, begin_of, way_in
 from design.toolpath.gcode.writer import Writer
 from design.toolpath.toolpath import FloatArray, IntArray, MoveKind, Toolpath
@@ -158,7 +158,7 @@ class HeadsWriter(Writer):
         blind = options.start_mm is None
         table, self._reached = tabulate(way, self._reached, self._printer, blind=blind)
         told = not blind and not self._dialect.declares
-        lines.add(declared(table, self._begin, position=told, plunger=True))
+        lines.add(declare_position(table, self._begin, position=told, plunger=True))
 
     def _change(self, new: IdleHead, first_mm: FloatArray, lines: _Lines) -> None:
         """Leave the head in use, take ``new``, and go to where its first move begins."""
@@ -179,7 +179,7 @@ class HeadsWriter(Writer):
             primed = to + [0.0, 0.0, 0.0, new.owed_ul * new.per_ul]
             way.append(Stops.to(primed, new.load.plunger_ul_s * new.per_ul, 1))
             new.owed_ul = 0.0
-        self._add(joined(way), new, lines, at)
+        self._add(join_stops(way), new, lines, at)
 
     def _run(self, toolpath: Toolpath, rows: IntArray, lines: _Lines) -> None:
         """Moves of the head in use."""
@@ -204,7 +204,7 @@ class HeadsWriter(Writer):
             way.append(Stops.to(at, one.load.plunger_ul_s * one.per_ul, 1))
         rise = min(self._options.travel_speed_mm_s, one.printer.max_speed_mm_s.z)
         way.append(Stops.to(at_height(at, self._top), rise, 0))
-        self._add(joined(way), one, lines)
+        self._add(join_stops(way), one, lines)
 
     # -- text
 

@@ -103,7 +103,7 @@ def tabulate(
     return table, JobPosition(quanta[-1] if len(quanta) else reached.quanta, feed, base)
 
 
-def declared(table: Table, begin: JobPosition, *, position: bool, plunger: bool) -> Table:
+def declare_position(table: Table, begin: JobPosition, *, position: bool, plunger: bool) -> Table:
     """Put the G92 in front that says where the tip stands, and that E is 0."""
     if not (position or plunger):
         return table

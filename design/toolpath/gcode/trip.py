@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from design.toolpath.gcode.commands import Stops, joined, plunger_mm_per_ul
+from design.toolpath.gcode.commands import Stops, join_stops, plunger_mm_per_ul
 from design.toolpath.gcode.job import GcodeOptions
 from design.toolpath.toolpath import FloatArray
 from firmware_profiles import Printer, Syringe
@@ -27,7 +27,7 @@ def way_in(
     limits = printer.max_speed_mm_s
     level = min(options.travel_speed_mm_s, limits.x, limits.y)
     rise, to = min(options.travel_speed_mm_s, limits.z), np.append(first, 0.0)
-    return joined(
+    return join_stops(
         [
             Stops.to(at_height(begin, high), rise, 0),
             Stops.to(at_height(to, high), level, 0),
@@ -43,7 +43,7 @@ def way_out(
     per_ul = plunger_mm_per_ul(printer, syringe)
     relieved = last - [0.0, 0.0, 0.0, options.relieve_ul * per_ul]
     rise = min(options.travel_speed_mm_s, printer.max_speed_mm_s.z)
-    return joined(
+    return join_stops(
         [
             Stops.to(relieved, options.plunger_ul_s * per_ul, 1),
             Stops.to(at_height(relieved, top), rise, 0),

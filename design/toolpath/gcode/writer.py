@@ -8,13 +8,13 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.toolpath.gcode.air import at_flow, valve_lines
-from design.toolpath.gcode.commands import Stops, joined, stops
+from design.toolpath.gcode.commands import Stops, join_stops, stops
 from design.toolpath.gcode.dialect import dialect_of
 from design.toolpath.gcode.job import Gcode, GcodeOptions
 from design.toolpath.gcode.marks import Context, Marks, marks_of
 from design.toolpath.gcode.numbers import decimals_for
 from design.toolpath.gcode.render import Table, render
-from design.toolpath.gcode.table import JobPosition, declared, place_text, tabulate
+from design.toolpath.gcode.table import JobPosition, declare_position, place_text, tabulate
 from design.toolpath.gcode.trip import begin_of, way_in, way_out
 from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
 from firmware_profiles import Printer, Syringe
@@ -74,7 +74,7 @@ class Writer:
         if first:
             told = not blind and not self._dialect.declares
             plunger = self._printer.pneumatic is None
-            table = declared(table, begin, position=told, plunger=plunger)
+            table = declare_position(table, begin, position=told, plunger=plunger)
         marks = self._marks(toolpath, table, last=last)
         gcode = self._rendered(toolpath, table, marks)
         self._remember(toolpath)
@@ -116,7 +116,7 @@ class Writer:
             parts.insert(0, way_in(begin_of(start, options), start, self._top, printer, options))
         if last:
             parts.append(way_out(body.position[-1], self._top, printer, syringe, options))
-        return joined(parts)
+        return join_stops(parts)
 
     def _marks(self, toolpath: Toolpath, table: Table, *, last: bool) -> Marks:
         marks = marks_of(toolpath, table, Context(self._source, last))

@@ -81,7 +81,7 @@ def leaf(length: float, weight: float, law: Law) -> tuple[float, float]:
 
 
 @jit
-def joined(
+def joined_load(
     load0: float, spend0: float, load1: float, spend1: float, length: float, weight: float, law: Law
 ) -> tuple[float, float, float]:
     """Load and spend of a segment over two children, and the children's joint load m.

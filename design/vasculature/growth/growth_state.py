@@ -12,7 +12,7 @@ from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.growth.final_tree import final_tree
 from design.vasculature.growth.index import CellIndex, empty_index
-from design.vasculature.growth.make_index import CELL, listed, room_of
+from design.vasculature.growth.make_index import CELL, index_segments, room_of
 from design.vasculature.growth.points import GivenPoints, Sampler
 from design.vasculature.growth.room import Room
 from design.vasculature.growth.sample import Samples, depth_first
@@ -155,7 +155,7 @@ class GrowthState:
         goal = min(self.goal, 2 * self.terminals)
         cell = CELL * float(np.cbrt(self.scale.volume / max(8, goal)))
         count = self.count if own is None else own
-        self.index = listed(
+        self.index = index_segments(
             self.tissue.bounds, cell, self.segments, count, self.others.count, self.room
         )
 

@@ -113,10 +113,12 @@ def limit_children(segments: Any, room: Room, left: Any, right: Any, parent: Any
     if one.given != 0 or (two.radius < one.radius and two.given == 0):
         thin, wide = two, one
     for tip, other in ((one, two), (two, one)):
-        thin.allowed = min(thin.allowed, beside(room, away_from(tip, other), wide.radius))
+        thin.allowed = min(
+            thin.allowed, largest_radius_beside(room, away_from(tip, other), wide.radius)
+        )
     for child in (left, right):
         c = segments[child]
-        c.allowed = min(c.allowed, beside(room, away_from(c, parent), parent.radius))
+        c.allowed = min(c.allowed, largest_radius_beside(room, away_from(c, parent), parent.radius))
         if room.length_to_radius > 0.0:
             c.allowed = min(c.allowed, c.length / room.length_to_radius)
 
@@ -130,7 +132,7 @@ def away_from(tip: Any, other: Any) -> float:
 
 
 @jit
-def beside(room: Room, away: float, other: float) -> float:
+def largest_radius_beside(room: Room, away: float, other: float) -> float:
     """Largest radius of a vessel ``away`` from another of radius ``other``, all in mm."""
     free = away - other
     # The kept distance goes by the thinner of the two, whichever that comes out to be.

@@ -14,7 +14,7 @@ CELL = 1.2
 """Edge of a cell over the mean spacing of terminals."""
 
 
-def listed(
+def index_segments(
     bounds: FloatArray, cell_mm: float, segments: Segments, own: int, others: int, room: Room
 ) -> CellIndex:
     """An index of the first ``own`` segments and the last ``others``, with room to spare."""
@@ -42,6 +42,6 @@ def room_of(tissue: Tissue, options: GrowthOptions) -> Room:
     )
 
 
-def just(value: float) -> float:
+def just_below(value: float) -> float:
     """A hair below a value: what meets it to rounding passes."""
     return value * (1.0 - 1e-9)

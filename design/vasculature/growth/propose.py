@@ -12,7 +12,7 @@ from design.vasculature.growth.fit import fits
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.growth.room import Room, TrialBifurcation
 from design.vasculature.options import Law
-from design.vasculature.penalty import PenaltyArrays, weighed
+from design.vasculature.penalty import PenaltyArrays, weigh_rise
 from kernels import jit
 
 TRIED = 4
@@ -125,7 +125,7 @@ def value_at(
 ) -> float:
     """What place ``b`` is compared by: the model's rise of the cost, a penalty included."""
     rise = model(s, b, t, slopes, sprout, law)
-    return weighed(penalty, b, segments[0].spend, rise)
+    return weigh_rise(penalty, b, segments[0].spend, rise)
 
 
 @jit

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.vasculature.growth.cost import from_gamma, joined, leaf, to_gamma, to_lambda
+from design.vasculature.growth.cost import from_gamma, joined_load, leaf, to_gamma, to_lambda
 from design.vasculature.options import Law
 from kernels import jit
 
@@ -88,7 +88,7 @@ def refresh(segments: Any, i: int, law: Law) -> None:
         flow += b.flow
         load1, spend1 = b.load, b.spend
     s.terminals, s.flow = terminals, flow
-    load, spend, _ = joined(a.load, a.spend, load1, spend1, s.length, weight_of(s, law), law)
+    load, spend, _ = joined_load(a.load, a.spend, load1, spend1, s.length, weight_of(s, law), law)
     s.load, s.spend = load, spend
 
 

@@ -9,7 +9,7 @@ from design.errors import GrowthError, RootError
 from design.vasculature.growth.audit import measure_changed, measure_room
 from design.vasculature.growth.final_tree import final_radii, share_by_demand
 from design.vasculature.growth.growth_state import ALL_AROUND, GrowthState
-from design.vasculature.growth.make_index import just, room_of
+from design.vasculature.growth.make_index import just_below, room_of
 from design.vasculature.growth.points import GivenPoints, in_the_way
 from design.vasculature.growth.prune import prune
 from design.vasculature.growth.refusals import no_room
@@ -212,7 +212,7 @@ class TreeGrowth(GrowthState):
             share_by_demand(self.segments, self.count, self.tissue, self.options, self.others.owns)
         final_radii(self.segments, self.count, self.options, self.scale)
         self._reindex()
-        least = just(smallest or 0.0)
+        least = just_below(smallest or 0.0)
         left = measure_room(self.segments, self.count, self.index, self.room, least, True)
         return int(left) + self._stem_is_short()
 

@@ -140,7 +140,7 @@ def _of_network(network: VesselNetwork) -> Trunk:
         for vessel in leaving[::-1]:
             line, radius = network.polyline(int(vessel))
             root = root or float(radius[0])
-            kept, off = straightened(line, TOLERANCE * float(radius.mean()))
+            kept, off = straighten_line(line, TOLERANCE * float(radius.mean()))
             moved = max(moved, off)
             last = above
             for begin, end in zip(line[kept[:-1]], line[kept[1:]], strict=True):
@@ -164,7 +164,7 @@ def _children(parent: IntArray) -> IntArray:
     return children
 
 
-def straightened(line: FloatArray, tolerance_mm: float) -> tuple[IntArray, float]:
+def straighten_line(line: FloatArray, tolerance_mm: float) -> tuple[IntArray, float]:
     """Points of a polyline that stay, and the furthest that the others were from the new line.
 
     Douglas and Peucker's algorithm: of the points between two that stay, the furthest from their

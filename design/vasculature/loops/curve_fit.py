@@ -109,7 +109,7 @@ class Ends(NamedTuple):
 
 
 @jit
-def away(a: Any, b: Any) -> float:
+def point_distance(a: Any, b: Any) -> float:
     """Distance of two points."""
     return sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
@@ -170,9 +170,9 @@ def weigh(
     count = len(points) - 1
     arc = np.zeros(count + 1)
     for n in range(count):
-        arc[n + 1] = arc[n] + away(points[n], points[n + 1])
+        arc[n + 1] = arc[n] + point_distance(points[n], points[n + 1])
     length = arc[count]
-    chord = max(away(points[0], points[count]), 1e-9)
+    chord = max(point_distance(points[0], points[count]), 1e-9)
     radius = radius_for(length, ends, rule)
     if radius < rule.least:
         return np.inf, 0.0
@@ -215,7 +215,7 @@ def heading(ends: Ends, side: int, here: Any, there: Any) -> float:
     dot = 0.0
     for x in range(3):
         dot += (there[x] - here[x]) * ends.direction[side, x]
-    return dot / max(away(here, there), 1e-12)
+    return dot / max(point_distance(here, there), 1e-12)
 
 
 @jit
@@ -285,7 +285,7 @@ def piece_gap(
                     if gap >= max(least, kept):
                         continue
                     limit = 2.0 * (radius + s.radius) + kept
-                    if along(ends, item, to_first, to_second) <= limit:
+                    if path_length(ends, item, to_first, to_second) <= limit:
                         continue
                     if gap < kept:
                         return -1.0
@@ -294,7 +294,7 @@ def piece_gap(
 
 
 @jit
-def along(ends: Ends, item: int, to_first: float, to_second: float) -> float:
+def path_length(ends: Ends, item: int, to_first: float, to_second: float) -> float:
     """Way along the vessels from a piece to a capsule behind either end, mm; else inf."""
     way = np.inf
     for n in range(KIN):

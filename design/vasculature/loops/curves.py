@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.vasculature.growth.index import CellIndex
-from design.vasculature.loops.curve_fit import Ends, Rule, away, radius_for, stations, weigh
+from design.vasculature.loops.curve_fit import (
+    Ends,
+    Rule,
+    point_distance,
+    radius_for,
+    stations,
+    weigh,
+)
 from kernels import jit
 
 FloatArray = NDArray[np.float64]
@@ -66,7 +73,7 @@ def handle(ends: Ends, side: int, shape: Any, control: Any) -> float:
     """
     here, there = ends.point[side], ends.point[1 - side]
     u = ends.direction[side]
-    chord = max(away(here, there), 1e-9)
+    chord = max(point_distance(here, there), 1e-9)
     # Two directions across u, from the axis least along it.
     axis = 0
     for x in range(1, 3):
@@ -116,7 +123,7 @@ def curve_cost(
     here[:] = control[0]
     for n in range(1, _DENSE + 1):
         bezier(control, n / _DENSE, there)
-        arc[n] = arc[n - 1] + away(here, there)
+        arc[n] = arc[n - 1] + point_distance(here, there)
         here[:] = there
     bend = tightest_bend(control)
     if rule.by_length * arc[_DENSE] / rule.length >= best or bend < 0.99 * rule.bend * radius_for(

@@ -26,7 +26,7 @@ from design.vasculature.loops.curve_fit import Rule
 from design.vasculature.loops.curves import PIECES
 from design.vasculature.loops.loop_options import LoopOptions
 from design.vasculature.loops.matching import match_terminals
-from design.vasculature.loops.tips import Tips, together, tree_tips
+from design.vasculature.loops.tips import Tips, join_tips, tree_tips
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
 
@@ -104,7 +104,7 @@ def close_loops(
     kinds = [VesselKind.ARTERY] * len(sides[0]) + [VesselKind.VEIN] * len(sides[1])
     trees = [*sides[0], *sides[1]]
     ends, vessels = tree_ends(trees)
-    tips = [together(ends[: len(sides[0])]), together(ends[len(sides[0]) :])]
+    tips = [join_tips(ends[: len(sides[0])]), join_tips(ends[len(sides[0]) :])]
     partner = match_tips(tissue, tips[0], tips[1], options)
     web = open_web(tissue, tips, partner, vessels, options)
     web.lay_all()
@@ -154,7 +154,7 @@ def open_web(
     count, fixed = len(partner), len(vessels)
     capsules = np.concatenate([vessels, empty_capsules((2 + PIECES) * count)])
     chord = np.linalg.norm(one.point - other.point[partner], axis=1)
-    typical = one if other.mixing else together([one, other])
+    typical = one if other.mixing else join_tips([one, other])
     rule = _rule(tissue, options, float(np.median(typical.radius)), chord)
     stubs = capsules[fixed : fixed + len(typical.point)]
     ahead = typical.point + STUB * rule.radius * typical.direction

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.vasculature.growth.index import CellIndex
-from design.vasculature.loops.curve_fit import Ends, Rule, away, heading, piece_clear
+from design.vasculature.loops.curve_fit import Ends, Rule, heading, piece_clear, point_distance
 from kernels import jit
 
 FloatArray = NDArray[np.float64]
@@ -154,8 +154,10 @@ def search(
         else:
             node_place(node, lattice, there)
         start = found.gone[before] if before >= 0 else 0.0
-        left = away(there, goal)
-        wide = wide_at(width.radius, width.inflate, min(start, g), min(left, away(here, goal)))
+        left = point_distance(there, goal)
+        wide = wide_at(
+            width.radius, width.inflate, min(start, g), min(left, point_distance(here, goal))
+        )
         if not piece_clear(
             ends, here, there, start, left, wide, rule, index, capsules, len(capsules)
         ):
@@ -198,8 +200,8 @@ def push_onward(
                 if found.came[other] != -2 or found.state[other] == TAKEN:
                     continue
                 node_place(other, lattice, there)
-                left = away(there, goal)
-                far = g + away(there, place)
+                left = point_distance(there, goal)
+                far = g + point_distance(there, place)
                 if found.state[other] == UNSEEN:
                     wide = wide_at(width.radius, width.inflate, far, left)
                     free = piece_clear(
@@ -226,9 +228,9 @@ def push_first(heap: Any, ends: Ends, straight: float, lattice: Lattice) -> None
             for k in range(max(0, centre[2] - reach), min(shape[2], centre[2] + reach + 1)):
                 node = (i * shape[1] + j) * shape[2] + k
                 node_place(node, lattice, there)
-                far = away(here, there)
+                far = point_distance(here, there)
                 if far <= _NEAR * cell and heading(ends, 0, here, there) >= straight:
-                    heappush(heap, (far + away(there, goal), far, node, -1))
+                    heappush(heap, (far + point_distance(there, goal), far, node, -1))
 
 
 @jit
@@ -245,7 +247,7 @@ def hairpin(ends: Ends, came: Any, node: int, lattice: Lattice, onward: Any) -> 
     dot = 0.0
     for x in range(3):
         dot += (here[x] - there[x]) * (onward[x] - here[x])
-    return dot < _TURN * away(here, there) * away(here, onward)
+    return dot < _TURN * point_distance(here, there) * point_distance(here, onward)
 
 
 @jit

@@ -106,7 +106,7 @@ def _way(
     # From the far end first, a little: where that is walled in, the other floods the lattice.
     for side, steps in ((1, FIRST_STEPS), (0, STEPS_AT_MOST)):
         count = search(
-            turned(ends) if side else ends,
+            swap_ends(ends) if side else ends,
             width,
             lattice,
             crowd.rule,
@@ -157,7 +157,7 @@ def _legs(wanted: float) -> int:
     return int(np.clip(round(wanted), 4, _MOST_LEGS))
 
 
-def turned(ends: Ends) -> Ends:
+def swap_ends(ends: Ends) -> Ends:
     """The same ends, the second one first."""
     return Ends(
         np.ascontiguousarray(ends.point[::-1]),

@@ -12,9 +12,9 @@ from design.vasculature.loops.curve_fit import (
     APART,
     Ends,
     Rule,
-    away,
     heading,
     piece_clear,
+    point_distance,
     radius_for,
 )
 from design.vasculature.loops.curves import bezier, tightest_bend
@@ -75,7 +75,7 @@ def spline_points(
         if m == 0:
             bend = min(bend, tightest_bend(part))
         bezier(part, (m + 1) / _PER_SPAN, line[n])
-        arc[n] = arc[n - 1] + away(line[n - 1], line[n])
+        arc[n] = arc[n - 1] + point_distance(line[n - 1], line[n])
     length = arc[dense - 1]
     radius = radius_for(length, ends, rule)
     kept = max(rule.clearance, rule.ratio * radius)
@@ -105,7 +105,7 @@ def turning(a: Any, b: Any, c: Any) -> float:
     dot = 0.0
     for x in range(3):
         dot += (b[x] - a[x]) * (c[x] - b[x])
-    return acos(max(-1.0, min(1.0, dot / max(away(a, b) * away(b, c), 1e-300))))
+    return acos(max(-1.0, min(1.0, dot / max(point_distance(a, b) * point_distance(b, c), 1e-300))))
 
 
 @jit
@@ -157,7 +157,7 @@ def relax(
     kept = np.empty(3)
     for _ in range(sweeps):
         for n in range(last):
-            arc[n + 1] = arc[n] + away(control[n], control[n + 1])
+            arc[n + 1] = arc[n] + point_distance(control[n], control[n + 1])
         for i in range(1, last):
             kept[:] = control[i]
             for part in (0.8, 0.3):

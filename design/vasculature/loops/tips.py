@@ -110,7 +110,7 @@ def _sibling(tree: VesselTree, segment: IntArray, parent: IntArray) -> IntArray:
     return np.where(parent >= 0, other, -1).astype(np.int64)
 
 
-def together(tips: Sequence[Tips]) -> Tips:
+def join_tips(tips: Sequence[Tips]) -> Tips:
     """The tips of several trees as one side."""
     names = [f.name for f in fields(Tips) if f.name != "mixing"]
     columns: dict[str, Any] = {n: np.concatenate([getattr(t, n) for t in tips]) for n in names}

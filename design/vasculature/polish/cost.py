@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.vasculature.growth.cost import joined, to_gamma, to_lambda, to_u
+from design.vasculature.growth.cost import joined_load, to_gamma, to_lambda, to_u
 from design.vasculature.growth.state import SEGMENT, Segments, refresh_all, spread_down
 from design.vasculature.options import Law
 from design.vasculature.tree import VesselTree
@@ -106,7 +106,9 @@ def walk_up(
         o = segments[other]
         n += o.flow
         weight = n * segments[up].thick
-        above, spend, m = joined(load, spend, o.load, o.spend, segments[up].length, weight, law)
+        above, spend, m = joined_load(
+            load, spend, o.load, o.spend, segments[up].length, weight, law
+        )
         share *= load / m
         load, here = above, up
     return spend, share * load / n
@@ -131,7 +133,9 @@ def fork_slopes(
     """
     e = 0.25 * law.lam
     in0, in1 = to_gamma(loads[0], law), to_gamma(loads[1], law)
-    load, spend, m = joined(loads[0], spends[0], loads[1], spends[1], lengths[0], weights[0], law)
+    load, spend, m = joined_load(
+        loads[0], spends[0], loads[1], spends[1], lengths[0], weights[0], law
+    )
     we, me = to_lambda(load, law), to_lambda(m, law)
     both = spends[0] + spends[1]
     by_m = above[0] + above[1] * e * (spend / load - we * both / (me * m))

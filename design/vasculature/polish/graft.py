@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from design.vasculature.growth.cost import joined
+from design.vasculature.growth.cost import joined_load
 from design.vasculature.growth.index import REACH, CellIndex, insert, nearest_segments
 from design.vasculature.growth.room import Room, TrialBifurcation, neighbours_of
 from design.vasculature.options import Law
@@ -19,7 +19,7 @@ from design.vasculature.polish.cost import fork_slopes, relengthened, walk_up
 from design.vasculature.polish.fit import far_end, length_of, near_end
 from design.vasculature.polish.graft_fit import branch_fits, fork_fits, straight_fits, way_fits
 from design.vasculature.polish.relax import GAIN, all_radii
-from design.vasculature.polish.topology import attach, cut, detach, is_below, uncut
+from design.vasculature.polish.topology import attach, cut_branch, detach, is_below, uncut
 from kernels import jit
 
 CANDIDATES = 10
@@ -88,7 +88,7 @@ def fork_cost(
     lengths, loads, spends = _fork_at(segments, i, c, b, law)
     n = s.flow + branch.flow
     weight = n * s.thick
-    load, spend, m = joined(loads[0], spends[0], loads[1], spends[1], lengths[0], weight, law)
+    load, spend, m = joined_load(loads[0], spends[0], loads[1], spends[1], lengths[0], weight, law)
     cost, radius4 = walk_up(segments, i, load, spend, n, law)
     radius = np.sqrt(np.sqrt(flow_over_drop * radius4))
     t = far_end(branch)
@@ -208,7 +208,7 @@ def graft_branch(
     size = _candidates(segments, index, c, p, a, found)
     if size == 0:
         return 0
-    cut(segments, c, saved, law)
+    cut_branch(segments, c, saved, law)
     places = np.empty((size, 3))
     costs, order = _rank(segments, c, found[:size], places, flow_over_drop, law)
     s = segments[p]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from design.vasculature.growth.cost import joined
+from design.vasculature.growth.cost import joined_load
 from design.vasculature.growth.index import REACH, CellIndex, insert
 from design.vasculature.growth.room import Room
 from design.vasculature.growth.state import place, refresh, refresh_upwards, spread_down
@@ -54,7 +54,7 @@ def node_value(
     load0, spend0 = relengthened(one, length_of(b, far_end(one)), law)
     load1, spend1 = relengthened(two, length_of(b, far_end(two)), law)
     up = length_of(near_end(s), b)
-    load, spend, m = joined(load0, spend0, load1, spend1, up, s.flow * s.thick, law)
+    load, spend, m = joined_load(load0, spend0, load1, spend1, up, s.flow * s.thick, law)
     cost, radius4 = walk_up(segments, i, load, spend, s.flow, law)
     radius = np.sqrt(np.sqrt(flow_over_drop * radius4))
     low0, low1 = np.sqrt(np.sqrt(load0 / m)), np.sqrt(np.sqrt(load1 / m))

@@ -22,7 +22,7 @@ def is_below(segments: Any, i: Any, top: Any) -> bool:
 
 
 @jit
-def cut(segments: Any, c: Any, saved: Any, law: Law) -> int:
+def cut_branch(segments: Any, c: Any, saved: Any, law: Law) -> int:
     """Take branch ``c`` off; its parent and sibling become one straight, the parent's record.
 
     ``saved`` (3,) receives parent, sibling and branch as they were. Returns the sibling, whose
@@ -42,7 +42,7 @@ def cut(segments: Any, c: Any, saved: Any, law: Law) -> int:
 
 @jit
 def uncut(segments: Any, p: Any, a: Any, c: Any, saved: Any, law: Law) -> None:
-    """Undo `cut`."""
+    """Undo `cut_branch`."""
     segments[p], segments[a], segments[c] = saved[0], saved[1], saved[2]
     if segments[a].left >= 0:
         segments[segments[a].left].parent, segments[segments[a].right].parent = a, a

@@ -10,10 +10,27 @@ from __future__ import annotations
 from typing import Final
 
 from firmware_profiles.families.common_words import MOVE, TEXTS
-from firmware_profiles.families.grammar import Meaning, codes, to
+from firmware_profiles.families.grammar import Meaning, codes, number_range
 
 CODES: Final = codes("G", 0, 1, 4, 21, 28, 90, 91, 92) | codes(
-    "M", 18, 82, 83, 84, to(104, 107), 109, 110, 112, 114, 115, 119, 140, 190, 204, 220, 221, 400
+    "M",
+    18,
+    82,
+    83,
+    84,
+    number_range(104, 107),
+    109,
+    110,
+    112,
+    114,
+    115,
+    119,
+    140,
+    190,
+    204,
+    220,
+    221,
+    400,
 )
 
 NAMES: Final[dict[str, Meaning]] = {

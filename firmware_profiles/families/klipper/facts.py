@@ -22,7 +22,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from firmware_profiles.families.dialect import Dialect, always
+from firmware_profiles.families.dialect import Dialect, same_dialect
 from firmware_profiles.families.family import Family
 from firmware_profiles.families.gate_facts import (
     Advance,
@@ -84,7 +84,7 @@ FAMILY: Final = Family(
     grammar=Grammar(
         codes=CODES, names=NAMES, words=WORDS, named=True, parentheses=False, e_rule="either"
     ),
-    dialect=always(
+    dialect=same_dialect(
         Dialect(
             "SET_IDLE_TIMEOUT TIMEOUT={seconds}",
             clean=_CLEAN,

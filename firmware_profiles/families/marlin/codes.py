@@ -10,13 +10,26 @@ from __future__ import annotations
 from typing import Final
 
 from firmware_profiles.families.common_words import COMMON
-from firmware_profiles.families.grammar import codes, to
+from firmware_profiles.families.grammar import codes, number_range
 
-CODES: Final = codes("G", to(0, 4), 21, 28, 90, 91, 92) | codes(
+CODES: Final = codes("G", number_range(0, 4), 21, 28, 90, 91, 92) | codes(
     "M",
-    *(0, 1, 17, 18, 31, 75, 76, 77, to(81, 85), 92, to(104, 115), to(117, 121)),
-    *(140, 154, 155, 190, 200, 201, to(203, 206), 211, 220, 221, 301, 302, 400, 410, 428),
-    *(to(500, 504), 876, 999),
+    *(
+        0,
+        1,
+        17,
+        18,
+        31,
+        75,
+        76,
+        77,
+        number_range(81, 85),
+        92,
+        number_range(104, 115),
+        number_range(117, 121),
+    ),
+    *(140, 154, 155, 190, 200, 201, number_range(203, 206), 211, 220, 221, 301, 302, 400, 410, 428),
+    *(number_range(500, 504), 876, 999),
 )
 
 WORDS: Final[dict[str, str]] = {

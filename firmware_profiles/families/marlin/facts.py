@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from firmware_profiles.families.dialect import Dialect, always
+from firmware_profiles.families.dialect import Dialect, same_dialect
 from firmware_profiles.families.family import Family
 from firmware_profiles.families.gate_facts import GateFacts
 from firmware_profiles.families.grammar import Grammar
@@ -66,7 +66,7 @@ FAMILY: Final = Family(
         ends_waits=b"M108",
     ),
     grammar=Grammar(codes=CODES, head_codes=frozenset({"M218"}), words=WORDS, whole=WHOLE),
-    dialect=always(
+    dialect=same_dialect(
         Dialect(
             "M85 S{seconds}",
             "M302 P1",

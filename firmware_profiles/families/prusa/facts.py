@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from firmware_profiles.families.dialect import Dialect, always
+from firmware_profiles.families.dialect import Dialect, same_dialect
 from firmware_profiles.families.family import Family
 from firmware_profiles.families.gate_facts import GateFacts
 from firmware_profiles.families.grammar import Grammar, codes
@@ -53,7 +53,7 @@ FAMILY: Final = Family(
         lower_case=False,
         e_rule="alone",
     ),
-    dialect=always(Dialect("M85 S{seconds}", "M302 S0")),
+    dialect=same_dialect(Dialect("M85 S{seconds}", "M302 S0")),
     gate=GateFacts(questions=("M503 S0", "M211", "M220", "M221", "M111")),
     probe=ProbeFacts((b"M115", b"M503", b"M211")),
     timeout=TIMEOUT,

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from firmware_profiles.families.dialect import Dialect, always
+from firmware_profiles.families.dialect import Dialect, same_dialect
 from firmware_profiles.families.family import Family
 from firmware_profiles.families.gate_facts import AllowOffsetReset, AllowQuery, GateFacts
 from firmware_profiles.families.grammar import Grammar, codes
@@ -46,7 +46,7 @@ FAMILY: Final = Family(
         expressions=True,
         e_rule="alone",
     ),
-    dialect=always(
+    dialect=same_dialect(
         Dialect(
             cold_extrusion="M302 P1", of_each_head=("G10 P{head} X0 Y0 Z0", "M221 D{head} S100")
         )

@@ -3,7 +3,7 @@
 from printctl.calibration.widths.answer import Answer, Change, Replies, Widths
 from printctl.calibration.widths.factors import GivenValues
 from printctl.calibration.widths.fit import fit_replies, fit_widths
-from printctl.calibration.widths.seen import MeasuredPicture, PictureFacts, look
+from printctl.calibration.widths.seen import MeasuredPicture, PictureFacts, measure_picture
 from printctl.calibration.widths.typed import typed_replies, typed_widths
 
 __all__ = [
@@ -16,7 +16,7 @@ __all__ = [
     "Widths",
     "fit_replies",
     "fit_widths",
-    "look",
+    "measure_picture",
     "typed_replies",
     "typed_widths",
 ]

@@ -88,7 +88,7 @@ class PictureFacts:
     lens: Lens | None = None
 
 
-def look(path: Path, written: WrittenPattern, given: PictureFacts) -> MeasuredPicture:
+def measure_picture(path: Path, written: WrittenPattern, given: PictureFacts) -> MeasuredPicture:
     """Find the pattern in a picture and measure it.
 
     Raises

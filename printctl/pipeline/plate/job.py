@@ -13,7 +13,7 @@ from design.toolpath import Toolpath
 from design.toolpath.file import load_toolpath
 from design.toolpath.gcode import Gcode, labelled, save_gcode, stream_gcode
 from design.toolpath.gcode.dialect import dialect_of
-from design.toolpath.wells import Trip, led_to, placed, written_ul
+from design.toolpath.wells import Trip, led_to, place_in_well, written_ul
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.plate.job_map import (
     bundles_of,
@@ -122,7 +122,7 @@ def _parts(
     for well, number in zip(run.wells, sources, strict=False):
         of = run.run_of(well)
         doses = run.whole.ink.flow_factor / of.ink.flow_factor
-        path = placed(paths[well.name], run.place_of(well), doses, number)
+        path = place_in_well(paths[well.name], run.place_of(well), doses, number)
         laid.written_ul.append(written_ul(path) / doses)
         way = 0
         if at is not None:

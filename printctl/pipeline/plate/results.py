@@ -56,10 +56,10 @@ def _row(
         "run": run.folder_of(well),
         **made,
     }
-    return row | (judged(scans[well.name]) if well.name in scans else {})
+    return row | (well_figures(scans[well.name]) if well.name in scans else {})
 
 
-def judged(found: Mapping[str, Any]) -> dict[str, Any]:
+def well_figures(found: Mapping[str, Any]) -> dict[str, Any]:
     """What a well's own report says, in a few numbers."""
     verdict, numbers = found["verdict"], found["registration"]
     errors = [

@@ -52,12 +52,17 @@ def depends(context: RunContext) -> Any:
     return [flow.key(context), told, context.recipe.solid.fillet_ratio]
 
 
-def asked(context: RunContext) -> bool:
+def is_requested(context: RunContext) -> bool:
     """Whether the recipe asks for either."""
     part = context.recipe.flow
     return part.three_d is not None or part.compare is not None
 
 
 STAGE = Stage(
-    "fidelities", depends, (SURFACE, NETWORK), ("kernels", "design", "registration"), work, asked
+    "fidelities",
+    depends,
+    (SURFACE, NETWORK),
+    ("kernels", "design", "registration"),
+    work,
+    is_requested,
 )

@@ -43,7 +43,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     summary["inlet_flow_ml_min"] = summary["inflow_ml_min"]
     if context.recipe.print_scale != 1:
         summary["print_scale"] = context.recipe.print_scale
-        summary["scaled"] = scaled(context, summary)
+        summary["scaled"] = scale_to_print(context, summary)
     written = [TABLE, PICTURE]
     if driven_by.pulse is not None:
         summary["pulsatile"] = pulses(context, driven_by.pulse)
@@ -78,7 +78,7 @@ def waves(context: RunContext, pulse: PulsePart, part: OneDPart, report: Report)
     return solve_and_write_one_d(context.folder, context.network, conditions, options, tell)
 
 
-def scaled(context: RunContext, summary: dict[str, Any]) -> dict[str, Any]:
+def scale_to_print(context: RunContext, summary: dict[str, Any]) -> dict[str, Any]:
     """What the design's flow asks of the print; said on the terminal, too."""
     factor = context.recipe.print_scale
     design = {

@@ -41,11 +41,11 @@ def depends(context: RunContext) -> Any:
     ]
 
 
-def asked(context: RunContext) -> bool:
+def is_requested(context: RunContext) -> bool:
     """Whether the recipe has the section."""
     return context.recipe.oxygen is not None
 
 
 STAGE = Stage(
-    "oxygen", depends, (SURFACE, NETWORK), ("kernels", "design", "registration"), work, asked
+    "oxygen", depends, (SURFACE, NETWORK), ("kernels", "design", "registration"), work, is_requested
 )

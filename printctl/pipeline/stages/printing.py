@@ -58,7 +58,7 @@ def planned_heads(context: RunContext) -> list[int]:
     return found
 
 
-def accepted(context: RunContext) -> tuple[str, ...]:
+def accepted_checks(context: RunContext) -> tuple[str, ...]:
     """What failed a check and the recipe allows, for the journal."""
     text = context.manifest.stages["dry run"].summary.get("accepted_crossings", "")
     return (text,) if text else ()
@@ -76,7 +76,7 @@ def care_of(context: RunContext) -> Care:
         syringe=part.heads[0].syringe if part.heads else part.syringe,
         capacity_mm=usable_mm(context.syringe, context.printer.of_head(0)),
         reload_at=tuple(planned_reloads(context)),
-        accepted=accepted(context),
+        accepted=accepted_checks(context),
         **heads_care(context),
     )
 
@@ -107,7 +107,7 @@ def retreat_of(context: RunContext, lift_mm: float) -> Retreat:
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Start the print (or find the one that is going on here) and follow it to its end."""
     if context.printed:
-        return taken(context)
+        return load_finished_print(context)
     if not context.printer.streamed:
         return loaded_by_hand(context), []
     part = context.recipe.printer
@@ -141,7 +141,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     return {**summary, **executed_facts(context)}, [EXECUTED]
 
 
-def taken(context: RunContext) -> tuple[dict[str, Any], Sequence[str]]:
+def load_finished_print(context: RunContext) -> tuple[dict[str, Any], Sequence[str]]:
     """Take the print that is done in the run's folder, with the simulated printer's record.
 
     Raises

@@ -27,7 +27,7 @@ from registration.errors import RegistrationError
 from registration.readers import is_mosaic, listed_files
 from registration.writers import write_scan
 from sim.bead import laid_deposit
-from sim.deposit import Deposit, deposit, deposit_of_heads, united
+from sim.deposit import Deposit, deposit, deposit_of_heads, unite_deposits
 from sim.deposit_air import pneumatic_deposit
 from sim.dryrun import dry_run
 from sim.executed import ExecutedMotion
@@ -119,7 +119,7 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
     fine = max(_FINEST_DEPOSIT_MM, _DEPOSIT_PER_SCAN_VOXEL * min(dx, dy, dz))
     motion = ExecutedMotion.load(context.folder / EXECUTED)
     if context.printer.heads:
-        ink = united(inks_of(context, motion, fine, more))
+        ink = unite_deposits(inks_of(context, motion, fine, more))
     elif compensates(context):
         ink = predicted_ink(context, motion, fine, more)
     elif context.flow_ul_s is None:

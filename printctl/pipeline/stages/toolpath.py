@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from design.toolpath import Toolpath, joined
+from design.toolpath import Toolpath, join_toolpaths
 from design.toolpath.embedded import (
     Bundles,
     EmbeddedHeads,
@@ -141,7 +141,7 @@ def plan(context: RunContext, *, compensated: bool = True) -> PlannedPath:
             if part.prime is not None:
                 relief = relief_ul(context.loads[0]) if ahead else None
                 before = primed(context, toolpath, toolpath.top_mm, relief)
-                toolpath = joined([before, toolpath])
+                toolpath = join_toolpaths([before, toolpath])
             if ahead:
                 toolpath = ahead_of_lag(context, toolpath)
             return PlannedPath([toolpath], toolpath.top_mm, lambda: embedded.report, bundles)
@@ -156,7 +156,7 @@ def _after_priming(context: RunContext, planned: PlannedPath) -> PlannedPath:
     before = primed(context, first, planned.top_mm, None)
     return replace(
         planned,
-        parts=itertools.chain([joined([before, first])], parts),
+        parts=itertools.chain([join_toolpaths([before, first])], parts),
         top_mm=max(planned.top_mm, before.top_mm),
     )
 
@@ -302,7 +302,7 @@ class Count:
         """Write the parts to a file as one, if they were wanted; its name."""
         if self._kept is None:
             return []
-        save_toolpath(path, joined(self._kept))
+        save_toolpath(path, join_toolpaths(self._kept))
         return [path.name]
 
 

@@ -55,16 +55,18 @@ def answer_unknown(app: FastAPI, root: str) -> None:
     )
     def unknown(request: Request) -> JSONResponse:
         what = f"{request.method} {request.url.path}"
-        return told(404, "NotFoundError", f"the API has no {what}; /api/docs lists what it has")
+        return error_response(
+            404, "NotFoundError", f"the API has no {what}; /api/docs lists what it has"
+        )
 
 
 async def _refused(request: Request, exc: Exception) -> JSONResponse:
-    return told(getattr(exc, "status", _CONFLICT), type(exc).__name__, str(exc))
+    return error_response(getattr(exc, "status", _CONFLICT), type(exc).__name__, str(exc))
 
 
 async def _invalid(request: Request, exc: Exception) -> JSONResponse:
     problems = exc.errors() if isinstance(exc, RequestValidationError) else []
-    return told(
+    return error_response(
         422, "BadRequestError", "; ".join(map(_sentence, problems)) or "the request can't be read"
     )
 
@@ -83,13 +85,13 @@ async def _system(request: Request, exc: Exception) -> JSONResponse:
     log.error("%s %s: %r", request.method, request.url.path, exc)
     assert isinstance(exc, OSError | MemoryError)
     found = explain(exc)
-    return told(found.status, found.kind, found.message)
+    return error_response(found.status, found.kind, found.message)
 
 
 async def _own(request: Request, exc: Exception) -> JSONResponse:
     """Answer a fault of ours; the server writes its trace into the log."""
     name = type(exc).__name__
-    return told(
+    return error_response(
         500, "ServerError", f"the server met an error of its own ({name}); its log has the details"
     )
 
@@ -99,11 +101,13 @@ async def _http(request: Request, exc: Exception) -> JSONResponse:
         return await _system(request, exc.__cause__)
     status = getattr(exc, "status_code", 500)
     names = {404: "NotFoundError", 405: "MethodNotAllowed"}
-    answer = told(status, names.get(status, "HTTPException"), str(getattr(exc, "detail", exc)))
+    answer = error_response(
+        status, names.get(status, "HTTPException"), str(getattr(exc, "detail", exc))
+    )
     answer.headers.update(getattr(exc, "headers", None) or {})
     return answer
 
 
-def told(status: int, error: str, message: str) -> JSONResponse:
+def error_response(status: int, error: str, message: str) -> JSONResponse:
     """An error's answer."""
     return JSONResponse({"error": error, "message": message}, status)

@@ -64,13 +64,13 @@ class StopAnswer(BaseModel):
     message: str
 
 
-def asking(request: Request) -> Principal:
+def requesting_user(request: Request) -> Principal:
     """Who asks, as the guard found out."""
     found: Principal | None = getattr(request.state, "principal", None)
     return found or Principal("local", "this process")
 
 
-Asking = Annotated[Principal, Depends(asking)]
+Asking = Annotated[Principal, Depends(requesting_user)]
 
 
 def router(core: Core, wires: Wires) -> APIRouter:

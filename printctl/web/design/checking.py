@@ -115,7 +115,7 @@ def _named(data: dict[str, Any], folder: Path, store: ProfileStore) -> list[Prob
     """Profiles that aren't there, and files that aren't or lie outside the recipe's folder."""
     found = []
     # Unknown keys are refused by the schema itself.
-    for path, value in forms.said(recipe_form(), data, strict=False):
+    for path, value in forms.form_values(recipe_form(), data, strict=False):
         field = forms.field_at(recipe_form(), data, path)
         if field is None or not isinstance(value, str):
             continue

@@ -27,7 +27,7 @@ def value_at(data: Any, path: Path) -> Any:
     return data
 
 
-def put(form: Node, data: dict[str, Any], path: Path, value: Any) -> dict[str, Any]:
+def set_value(form: Node, data: dict[str, Any], path: Path, value: Any) -> dict[str, Any]:
     """The data with ``value`` at a place; sections on the way come into being.
 
     A section of which there are several sorts begins with the keys that tell it from the others.
@@ -36,7 +36,7 @@ def put(form: Node, data: dict[str, Any], path: Path, value: Any) -> dict[str, A
     inside: Any = new
     node: Node | None = form
     for key, following in pairwise(path):
-        found, node = below(node, inside, key)
+        found, node = child_of(node, inside, key)
         there = value_at(inside, (key,))
         if there is None:
             default = found.default if found is not None else None
@@ -56,7 +56,7 @@ def _set(inside: Any, key: str | int, value: Any) -> None:
         inside[key] = value
 
 
-def removed(form: Node, data: dict[str, Any], path: Path) -> dict[str, Any]:
+def remove_value(form: Node, data: dict[str, Any], path: Path) -> dict[str, Any]:
     """The data without what is said at a place; sections that are empty then go, too.
 
     A section that may be left out stays when it is empty: ``oxygen: {}`` asks for oxygen.
@@ -69,17 +69,17 @@ def removed(form: Node, data: dict[str, Any], path: Path) -> dict[str, Any]:
         del inside[path[-1]]
     field = field_at(form, new, path[:-1]) if len(path) > 1 else None
     if inside in ({}, []) and field is not None and not (field.node.optional or field.required):
-        return removed(form, new, path[:-1])
+        return remove_value(form, new, path[:-1])
     return new
 
 
-def below(node: Node | None, value: Any, key: str | int) -> tuple[FormField | None, Node | None]:
+def child_of(node: Node | None, value: Any, key: str | int) -> tuple[FormField | None, Node | None]:
     """Field and node of a key or index in what stands at a node."""
     if node is None:
         return None, None
     if node.sort == "choice":
         option = node.option(value)
-        return (None, None) if option is None else below(option.node, value, key)
+        return (None, None) if option is None else child_of(option.node, value, key)
     if isinstance(key, int):
         if node.sort == "list":
             return None, node.items[0]
@@ -93,7 +93,7 @@ def field_at(form: Node, data: Any, path: Path) -> FormField | None:
     node: Node | None = form
     found: FormField | None = None
     for key in path:
-        own, node = below(node, data, key)
+        own, node = child_of(node, data, key)
         found = own if own is not None else found
         data = value_at(data, (key,))
         if node is None:
@@ -101,7 +101,7 @@ def field_at(form: Node, data: Any, path: Path) -> FormField | None:
     return found
 
 
-def said(form: Node, data: Any, strict: bool = True) -> Iterator[tuple[Path, Any]]:
+def form_values(form: Node, data: Any, strict: bool = True) -> Iterator[tuple[Path, Any]]:
     """Every value of a recipe with its place, as the form's inputs hold them.
 
     Raises
@@ -123,7 +123,7 @@ def _said(node: Node | None, value: Any, path: Path, strict: bool) -> Iterator[t
         return
     pairs = value.items() if isinstance(value, dict) else enumerate(value)
     for key, inner in pairs:
-        yield from _said(below(node, value, key)[1], inner, (*path, key), strict)
+        yield from _said(child_of(node, value, key)[1], inner, (*path, key), strict)
 
 
 def user_path(form: Node, data: Any, loc: tuple[str | int, ...]) -> Path:
@@ -141,6 +141,6 @@ def user_path(form: Node, data: Any, loc: tuple[str | int, ...]) -> Path:
         if node is not None and node.sort == "free":
             break
         path.append(key)
-        _, node = below(node, data, key)
+        _, node = child_of(node, data, key)
         data = value_at(data, (key,))
     return tuple(path)

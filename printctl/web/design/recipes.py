@@ -13,7 +13,7 @@ from typing import Final
 from design.files import write_bytes, write_text
 from printctl.recipe.starter import STARTER
 from printctl.web.design.checking import CheckedRecipe, check_text
-from printctl.web.design.yaml_text import read_text, rewritten
+from printctl.web.design.yaml_text import read_text, rewrite_yaml
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.profile_store import ProfileStore
 from printctl.web.workspace import Workspace, checked_name, is_name
@@ -238,4 +238,4 @@ class Recipes:
 
     def _named(self, text: str, name: str) -> str:
         checked_name(name)
-        return rewritten(text, {**read_text(text), "name": name})
+        return rewrite_yaml(text, {**read_text(text), "name": name})

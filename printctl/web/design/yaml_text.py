@@ -52,7 +52,7 @@ def _check_events(text: str) -> None:
             raise BadRequestError(f"line {line}: more than {MOST_DEPTH} levels deep; no recipe is")
 
 
-def rewritten(text: str, new: dict[str, Any]) -> str:
+def rewrite_yaml(text: str, new: dict[str, Any]) -> str:
     """The text with the data ``new``; what hasn't changed stays as it is, comments with it.
 
     Where that can't be done the whole is written anew, without comments.

@@ -41,7 +41,7 @@ _ALONE = {
 }
 
 
-def asked(
+def history_query(
     words: Line = "",
     state: Annotated[list[Line] | None, Query(max_length=10)] = None,
     profile: Line = "",
@@ -79,7 +79,7 @@ def router(service: HistoryService) -> APIRouter:
 
 def _lists(made: APIRouter, service: HistoryService) -> None:
     @made.get("", summary="Past prints, a page of them")
-    def prints(query: Annotated[HistoryQuery, Depends(asked)]) -> PrintsPage:
+    def prints(query: Annotated[HistoryQuery, Depends(history_query)]) -> PrintsPage:
         found = service.find(query)
         told = [PastPrint.of(entry) for entry in found.entries]
         return PrintsPage(prints=told, total=found.total, offset=query.offset)
@@ -90,7 +90,7 @@ def _lists(made: APIRouter, service: HistoryService) -> None:
         response_class=StreamingResponse,
         responses={200: {"content": {"text/csv": {}}}},
     )
-    def table(query: Annotated[HistoryQuery, Depends(asked)]) -> StreamingResponse:
+    def table(query: Annotated[HistoryQuery, Depends(history_query)]) -> StreamingResponse:
         head = {"Content-Disposition": 'attachment; filename="prints.csv"'}
         return StreamingResponse(service.csv(query), headers=head, media_type="text/csv")
 

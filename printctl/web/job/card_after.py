@@ -14,12 +14,12 @@ from printctl.web.job.after import checklist
 from printctl.web.job.parts import (
     Folds,
     button,
+    date_text,
     live,
     quiet_button,
+    run_or_explain,
     small,
     subheading,
-    tried,
-    when,
 )
 from printctl.web.job.photos import MOST_BYTES
 from printctl.web.job.service import JobService
@@ -32,7 +32,7 @@ async def add_after(service: JobService, who: Principal, job: str, folds: Folds)
         problem = live().classes("job-problem")
 
         async def do(work: Callable[..., Any], *args: Any) -> Any:
-            found, text = await tried(work, *args)
+            found, text = await run_or_explain(work, *args)
             problem.set_text(text)
             return found
 
@@ -62,7 +62,7 @@ async def _steps(service: JobService, who: Principal, job: str, do: Any) -> None
 
 
 def _ticked(step: dict[str, Any]) -> str:
-    return f"{when(step['at'])}, {step['who']}" if step["done"] and step["at"] else ""
+    return f"{date_text(step['at'])}, {step['who']}" if step["done"] and step["at"] else ""
 
 
 async def _melt_out(service: JobService, who: Principal, job: str, do: Any) -> None:
@@ -138,7 +138,7 @@ async def _notes(service: JobService, who: Principal, job: str, do: Any) -> None
         told.clear()
         with told:
             for one in notes:
-                small(f"{when(one['at'])}, {one['who']}")
+                small(f"{date_text(one['at'])}, {one['who']}")
                 ui.label(one["text"]).classes("whitespace-pre-wrap break-words")
 
     async def add() -> None:
@@ -160,8 +160,10 @@ async def _photos(service: JobService, who: Principal, job: str, do: Any) -> Non
         with shown:
             for one in photos:
                 place = f"{API}/prints/{quote(job, safe='~')}/photos/{quote(one['name'])}"
-                taken = f"Photo of {when(one['at'])}, {one['who']}"
-                ui.image(place).props(f'alt="{when(one["at"])}"').classes("w-40").tooltip(taken)
+                taken = f"Photo of {date_text(one['at'])}, {one['who']}"
+                ui.image(place).props(f'alt="{date_text(one["at"])}"').classes("w-40").tooltip(
+                    taken
+                )
 
     async def take(event: events.UploadEventArguments) -> None:
         found = await do(service.after.add_photo, who, job, await event.file.read())

@@ -10,7 +10,7 @@ from nicegui import ui
 
 from printctl.web.api.answers import API
 from printctl.web.job.camera.timelapse import TimeLapseState
-from printctl.web.job.parts import Folds, live, size, small, tried
+from printctl.web.job.parts import Folds, live, run_or_explain, size, small
 from printctl.web.job.service import JobService
 
 _LOOK_AGAIN_S: Final = 1.0
@@ -19,7 +19,7 @@ _LAPSE_AGAIN_S: Final = 3.0
 
 async def add_camera(service: JobService, job: str, folds: Folds) -> None:
     """Shown where there is a camera, or a time-lapse from when there was one."""
-    found, _ = await tried(_timelapse, service, job)
+    found, _ = await run_or_explain(_timelapse, service, job)
     if service.watching.camera is None and (found is None or not found.frames):
         return
     with folds.card("Camera"):
@@ -70,7 +70,7 @@ def _lapse(service: JobService, job: str, first: TimeLapseState | None) -> None:
             film.update()
 
     async def look() -> None:
-        found, _ = await tried(_timelapse, service, job)
+        found, _ = await run_or_explain(_timelapse, service, job)
         show(found)
 
     show(first)

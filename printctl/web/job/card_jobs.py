@@ -11,7 +11,7 @@ from nicegui import events, run, ui
 
 from printctl.printing.print_words import span
 from printctl.web.job.jobs import ENDINGS, JobEntry
-from printctl.web.job.parts import Folds, live, size, small, tried, when
+from printctl.web.job.parts import Folds, date_text, live, run_or_explain, size, small
 from printctl.web.job.service import JobService
 from printctl.web.shell.uploading import upload
 
@@ -48,7 +48,7 @@ async def keep(
             with came.open("rb") as handle:
                 return service.upload(event.file.name, handle)
 
-        return await tried(work)
+        return await run_or_explain(work)
 
 
 def way(job: str) -> str:
@@ -64,7 +64,7 @@ def _row(one: JobEntry, chosen: str) -> None:
         with link:
             ui.label(one.name).classes("font-semibold break-all")
             small(_facts(one))
-            small(f"{when(one.changed)} · {size(one.size)} · SHA-256 {one.sha256[:12]}…")
+            small(f"{date_text(one.changed)} · {size(one.size)} · SHA-256 {one.sha256[:12]}…")
 
 
 def _facts(one: JobEntry) -> str:

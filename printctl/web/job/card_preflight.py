@@ -10,7 +10,7 @@ from printctl.printing.print_words import span
 from printctl.web.controls import Principal
 from printctl.web.job.card_tip import add_tip
 from printctl.web.job.machine import Machine
-from printctl.web.job.parts import Folds, button, live, number, small, subheading, tried
+from printctl.web.job.parts import Folds, button, live, number, run_or_explain, small, subheading
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.set_up_form import Said, SetUpForm
@@ -43,7 +43,7 @@ def add_preflight(
             problem.set_text("")
             verdict.set_text("Checking: the whole job is run through the planner …")
             check.disable()
-            found, text = await tried(lambda: service.preflight(job, form.said()))
+            found, text = await run_or_explain(lambda: service.preflight(job, form.said()))
             check.enable()
             problem.set_text(text)
             verdict.set_text("" if found is None else _verdict(found))

@@ -9,7 +9,7 @@ from nicegui import run, ui
 
 from printctl.printing.print_words import span
 from printctl.web.controls import Principal
-from printctl.web.job.parts import button, card, live, quiet_button, small, tried
+from printctl.web.job.parts import button, card, live, quiet_button, run_or_explain, small
 from printctl.web.job.print_facts import FACTS, facts
 from printctl.web.job.print_unfinished import UnfinishedPane
 from printctl.web.job.service import JobService
@@ -133,12 +133,12 @@ class PrintCard:
         self._cancel.set_visibility(can["stop"]["possible"])
 
     async def _do(self, work: Callable[..., Any], *args: Any, **values: Any) -> Any:
-        found, said = await tried(work, *args, **values)
+        found, said = await run_or_explain(work, *args, **values)
         self._problem.set_text(said)
         return found
 
     async def _clock_of_cells(self) -> None:
-        found, _ = await tried(self._service.viability, self._job)
+        found, _ = await run_or_explain(self._service.viability, self._job)
         self._cells.set_text("" if found is None else found.words)
         self._cells.set_visibility(found is not None and found.minutes is not None)
         self._cells.classes(remove="job-late")
@@ -146,7 +146,7 @@ class PrintCard:
             self._cells.classes(add="job-late")
 
 
-async def heard(service: JobService, job: str) -> dict[str, Any] | None:
+async def last_report(service: JobService, job: str) -> dict[str, Any] | None:
     """The job's print as it was heard of last."""
     found = await run.io_bound(service.heard, job)
     return None if found is None else found.to_dict()

@@ -10,7 +10,16 @@ from nicegui import ui
 
 from printctl.web.controls import Principal
 from printctl.web.job.after import checklist
-from printctl.web.job.parts import Folds, button, live, quiet_button, small, subheading, tried, when
+from printctl.web.job.parts import (
+    Folds,
+    button,
+    date_text,
+    live,
+    quiet_button,
+    run_or_explain,
+    small,
+    subheading,
+)
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up_form import Said
@@ -44,7 +53,7 @@ def add_start(
         saved = live().classes("text-sm job-quiet")
 
         async def save(**values: Any) -> None:
-            _, problem = await tried(service.write_down, who, job, values)
+            _, problem = await run_or_explain(service.write_down, who, job, values)
             saved.set_text(problem or f"Written down at {time.strftime('%H:%M:%S')}")
 
         _form(record, save)
@@ -53,7 +62,7 @@ def add_start(
         problem = live().classes("job-problem").mark("start problem")
 
         async def ask() -> None:
-            machine, text = await tried(service.machine)
+            machine, text = await run_or_explain(service.machine)
             problem.set_text(text)
             if machine is None:
                 problem.set_text(text or "No printer is connected; connect it on the page Printer.")
@@ -75,7 +84,7 @@ def add_start(
             async def go() -> None:
                 dialog.close()
                 problem.set_text("Starting: checked once more, then sent …")
-                _, text = await tried(lambda: service.start(who, job, said(), words.text))
+                _, text = await run_or_explain(lambda: service.start(who, job, said(), words.text))
                 problem.set_text(text)
 
             with ui.row().classes("gap-2"):
@@ -124,7 +133,7 @@ def _mixing(record: PrintRecord, save: Callable[..., Any]) -> None:
 
 
 def _mixed(at: float | None) -> str:
-    return "" if at is None else f"Mixed at {when(at)}"
+    return "" if at is None else f"Mixed at {date_text(at)}"
 
 
 def _points(record: PrintRecord, save: Callable[..., Any]) -> list[ui.checkbox]:

@@ -8,7 +8,7 @@ from nicegui import ui
 
 from printctl.web.controls import Principal
 from printctl.web.job.machine import AGREES_MM, Machine
-from printctl.web.job.parts import live, quiet_button, tried
+from printctl.web.job.parts import live, quiet_button, run_or_explain
 from printctl.web.job.service import JobService
 from printctl.web.job.to_start import Place
 
@@ -33,7 +33,7 @@ def add_tip(
             told.set_text("The tip is on its way: up, over, down …")
             move.disable()
             on_its_way(True)
-            found, problem = await tried(service.to_start, who, job, start())
+            found, problem = await run_or_explain(service.to_start, who, job, start())
             move.enable()
             on_its_way(False)
             told.set_text(problem or standing(found, start()))

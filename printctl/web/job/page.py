@@ -13,10 +13,10 @@ from printctl.web.job.card_after import add_after
 from printctl.web.job.card_camera import add_camera
 from printctl.web.job.card_jobs import add_jobs
 from printctl.web.job.card_preflight import add_preflight
-from printctl.web.job.card_print import PrintCard, heard
+from printctl.web.job.card_print import PrintCard, last_report
 from printctl.web.job.card_start import add_start
 from printctl.web.job.first import first_job, make_scene
-from printctl.web.job.parts import Folds, card, small, tried
+from printctl.web.job.parts import Folds, card, run_or_explain, small
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
 from printctl.web.live.element import LiveView, live_view, preload
@@ -75,13 +75,13 @@ def _teller(view: LiveView) -> Callable[[dict[str, Any]], None]:
 
 async def _cards(service: JobService, job: str, folds: Folds, cards: ui.element) -> None:
     who = this_browser()
-    first, problem = await tried(service.set_up, job)
+    first, problem = await run_or_explain(service.set_up, job)
     if first is None:
         with card("Job"):
             small(problem)
         return
-    machine, _ = await tried(service.machine)
-    record, unwritten = await tried(service.record, job)
+    machine, _ = await run_or_explain(service.machine)
+    record, unwritten = await run_or_explain(service.record, job)
     with ui.element("div").classes("job-column job-at-print"):
         show_print = PrintCard(service, who, job).show
     with ui.element("div").classes("job-column job-at-view"):
@@ -109,7 +109,7 @@ async def _cards(service: JobService, job: str, folds: Folds, cards: ui.element)
             show(told)
             tell_view(told)
 
-    first_told = await heard(service, job)
+    first_told = await last_report(service, job)
     show(first_told)
     if first_told is not None:
         tell_view(first_told)

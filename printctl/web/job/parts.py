@@ -77,7 +77,7 @@ def small(text: str = "") -> ui.label:
     return ui.label(text).classes("text-sm job-quiet")
 
 
-async def tried(work: Callable[..., Any], *args: Any, **values: Any) -> tuple[Any, str]:
+async def run_or_explain(work: Callable[..., Any], *args: Any, **values: Any) -> tuple[Any, str]:
     """Do it in a thread; give what came of it, or what was refused in words."""
     try:
         return await run.io_bound(lambda: work(*args, **values)), ""
@@ -88,7 +88,7 @@ async def tried(work: Callable[..., Any], *args: Any, **values: Any) -> tuple[An
         return None, known[0] if known else str(exc)
 
 
-def when(at: float) -> str:
+def date_text(at: float) -> str:
     """Day and time as they are shown."""
     return time.strftime("%Y-%m-%d %H:%M", time.localtime(at))
 

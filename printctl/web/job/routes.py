@@ -33,13 +33,13 @@ REFUSED: Final[dict[int | str, dict[str, Any]]] = {
 }
 
 
-def asking(request: Request) -> Principal:
+def requesting_user(request: Request) -> Principal:
     """Return the requesting user, as set by the access guard."""
     found: Principal | None = getattr(request.state, "principal", None)
     return found or Principal("local", "this machine")
 
 
-Who = Annotated[Principal, Depends(asking)]
+Who = Annotated[Principal, Depends(requesting_user)]
 
 
 def routers(service: JobService) -> tuple[APIRouter, ...]:

@@ -64,9 +64,9 @@ class Calibrating:
         syringe = self._store.load(Syringe, asked.syringe)
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
         path = self._access.core.workspace.root / "jobs" / f"calibrate_{name}_{stamp}.gcode"
-        from printctl.web.printer.calibrating_work import written  # Loads scipy and the kernels.
+        from printctl.web.printer.calibrating_work import write_test  # Loads scipy and the kernels.
 
-        rows, made = written(name, asked, printer, syringe, path)
+        rows, made = write_test(name, asked, printer, syringe, path)
         return CalibrationFiles(
             job=f"file~{path.name}",
             lines=made.lines,
@@ -86,9 +86,11 @@ class Calibrating:
         """
         wizard = _on_page(name)
         data = self._readings(wizard, read.rows)
-        from printctl.web.printer.calibrating_work import fitted  # Loads scipy and the kernels.
+        from printctl.web.printer.calibrating_work import (
+            fit_readings,  # Loads scipy and the kernels.
+        )
 
-        return fitted(name, data, read, self._store)
+        return fit_readings(name, data, read, self._store)
 
     def save(
         self, who: Principal, read: Read, mend: Literal["printer", "syringe"], copy: str
@@ -103,9 +105,11 @@ class Calibrating:
         """
         self._access.core.controls.require(who)
         data = self._readings(BY_NAME["weigh"], read.rows)
-        from printctl.web.printer.calibrating_work import copied  # Loads scipy and the kernels.
+        from printctl.web.printer.calibrating_work import (
+            write_profile_copy,  # Loads scipy and the kernels.
+        )
 
-        return copied(data, read, mend, copy, self._store)
+        return write_profile_copy(data, read, mend, copy, self._store)
 
     def _readings(self, wizard: Wizard, rows: Sequence[Sequence[str]]) -> Readings:
         """Readings by way of a file like the command line's; it stays as a record."""

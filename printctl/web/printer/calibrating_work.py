@@ -29,7 +29,7 @@ from printctl.web.printer.wizards import BY_NAME
 from printctl.web.profile_store import ProfileStore
 
 
-def written(
+def write_test(
     name: str, asked: CalibrationRequest, printer: Printer, syringe: Syringe, path: Path
 ) -> tuple[list[list[str]], CalibrationOutput]:
     """Write the test; give the sheet's rows, their last column to be filled in."""
@@ -53,7 +53,7 @@ def written(
     return rows, make_test(job, columns, rows, {})
 
 
-def fitted(name: str, data: Readings, read: Read, store: ProfileStore) -> Result:
+def fit_readings(name: str, data: Readings, read: Read, store: ProfileStore) -> Result:
     """What the readings of a calibration say."""
     if name == "weigh":
         found = weighing_of(data, read.density_g_cm3, read.density_error)
@@ -64,7 +64,7 @@ def fitted(name: str, data: Readings, read: Read, store: ProfileStore) -> Result
     return offset_result(data) if name == "offset" else backlash_result(data)
 
 
-def copied(
+def write_profile_copy(
     data: Readings,
     read: Read,
     mend: Literal["printer", "syringe"],

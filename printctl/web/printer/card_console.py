@@ -10,7 +10,7 @@ from nicegui import events, ui
 from printctl.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.console import Entry
-from printctl.web.printer.parts import Refresh, button, card, live, note, tried
+from printctl.web.printer.parts import Refresh, button, card, live, note, run_or_explain
 from printctl.web.printer.service import PrinterService
 
 SHOWN: Final = 100
@@ -47,7 +47,7 @@ def add_console(service: PrinterService, who: Principal) -> Refresh:
         recalled.add(text)
         line.set_value("")
         # What the console refuses stands in its log; the rest is said below the line.
-        said.set_text(await tried(service.console.send, who, text))
+        said.set_text(await run_or_explain(service.console.send, who, text))
 
     async def key(event: events.GenericEventArguments) -> None:
         if event.args == "Enter":

@@ -10,7 +10,7 @@ from printctl.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.card_home import home_dialog
 from printctl.web.printer.card_place import place_dialog
-from printctl.web.printer.parts import Refresh, card, live, mm, note, quiet_button, tried
+from printctl.web.printer.parts import Refresh, card, live, mm, note, quiet_button, run_or_explain
 from printctl.web.printer.printer_commands import STEPS_MM, rim_mm
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.run_or_notify import run_or_notify
@@ -66,7 +66,7 @@ def add_jog(service: PrinterService, who: Principal) -> Refresh:
 
     async def jog(axis: str, sign: int) -> None:
         said.set_text("")
-        said.set_text(await tried(service.hands.jog, who, axis, sign * float(step.value)))
+        said.set_text(await run_or_explain(service.hands.jog, who, axis, sign * float(step.value)))
 
     def key(event: events.GenericEventArguments) -> Any:
         axis, sign = KEYS[str(event.args)]

@@ -90,7 +90,7 @@ def number(
     return made.classes("pc-number").props("outlined")
 
 
-async def tried(work: Callable[..., Any], *args: Any) -> str:
+async def run_or_explain(work: Callable[..., Any], *args: Any) -> str:
     """Do it in a thread; give what was refused in words, to be shown where the hand is."""
     try:
         await run.io_bound(work, *args)

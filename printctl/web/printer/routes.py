@@ -31,7 +31,7 @@ _SORTS: dict[str, type[Facts]] = {
 }
 
 
-def who(request: Request) -> Principal:
+def requesting_user(request: Request) -> Principal:
     """Return the requesting user, as set by the access guard."""
     found = getattr(request.state, "principal", None)
     return found if isinstance(found, Principal) else Principal("local", "this machine")
@@ -47,8 +47,8 @@ def router(service: PrinterService) -> APIRouter:
     routes = APIRouter(prefix="/api/v1/printer", tags=["printer"], responses=REFUSALS)
     _add_connection(routes, service)
     _add_hands(routes, service)
-    add_tools(routes, service, who)
-    add_calibration(routes, service, who)
+    add_tools(routes, service, requesting_user)
+    add_calibration(routes, service, requesting_user)
     return routes
 
 
@@ -74,15 +74,17 @@ def _add_connection(routes: APIRouter, service: PrinterService) -> None:
 
     @routes.post("/connect", summary="Connect a printer")
     def connect(body: m.ConnectTo, request: Request) -> m.Status:
-        return status_of(service.connect(who(request), body.profile, body.port, body.baud))
+        return status_of(
+            service.connect(requesting_user(request), body.profile, body.port, body.baud)
+        )
 
     @routes.post("/disconnect", summary="Let go of the port; heaters go off")
     def disconnect(request: Request) -> m.Status:
-        return status_of(service.disconnect(who(request)))
+        return status_of(service.disconnect(requesting_user(request)))
 
     @routes.post("/reconnect", summary="Open the port again after a halt or a lost port")
     def reconnect(request: Request) -> m.Status:
-        return status_of(service.reconnect(who(request)))
+        return status_of(service.reconnect(requesting_user(request)))
 
     @routes.get("/temperatures", summary="The last ten minutes, by columns")
     def temperatures() -> dict[str, Any]:
@@ -94,19 +96,21 @@ def _add_hands(routes: APIRouter, service: PrinterService) -> None:
 
     @routes.post("/jog", summary="Move the tip by a step")
     def jog(body: m.Jog, request: Request) -> m.Status:
-        return status_of(hands.jog(who(request), body.axis, body.mm, body.speed_mm_s))
+        return status_of(hands.jog(requesting_user(request), body.axis, body.mm, body.speed_mm_s))
 
     @routes.post("/lift-out", summary="Move the tip straight up, out of the bath")
     def lift_out(request: Request) -> m.Status:
-        return status_of(hands.lift_out(who(request)))
+        return status_of(hands.lift_out(requesting_user(request)))
 
     @routes.post("/home", summary="Home axes")
     def home(body: m.Home, request: Request) -> m.Status:
-        return status_of(hands.home(who(request), body.axes, needle_off=body.needle_off))
+        return status_of(
+            hands.home(requesting_user(request), body.axes, needle_off=body.needle_off)
+        )
 
     @routes.post("/set-position", summary="Say where the tip stands; nothing moves")
     def set_position(body: m.Place, request: Request) -> m.Status:
-        return status_of(hands.set_position(who(request), body.x, body.y, body.z))
+        return status_of(hands.set_position(requesting_user(request), body.x, body.y, body.z))
 
     @routes.post("/stop-motion", summary="Stop a move by hand; needs no controls")
     def stop_motion() -> m.Status:
@@ -114,15 +118,15 @@ def _add_hands(routes: APIRouter, service: PrinterService) -> None:
 
     @routes.post("/heat", summary="Set a heater's target")
     def heat(body: m.Heat, request: Request) -> m.Status:
-        return status_of(hands.heat(who(request), body.name, body.celsius))
+        return status_of(hands.heat(requesting_user(request), body.name, body.celsius))
 
     @routes.post("/heaters-off", summary="Set every target to 0")
     def heaters_off(request: Request) -> m.Status:
-        return status_of(hands.heaters_off(who(request)))
+        return status_of(hands.heaters_off(requesting_user(request)))
 
     @routes.post("/plunger", summary="Push or draw back ink")
     def plunger(body: m.Push, request: Request) -> m.Status:
-        return status_of(hands.plunger(who(request), body.ul, body.ul_s))
+        return status_of(hands.plunger(requesting_user(request), body.ul, body.ul_s))
 
     @routes.post("/mount", summary="Say what is mounted")
     def mount(body: m.MountRequest, request: Request) -> m.Status:
@@ -130,4 +134,4 @@ def _add_hands(routes: APIRouter, service: PrinterService) -> None:
         for key, model in _SORTS.items():
             if said.get(key):
                 said[key] = service.store.given(model, said[key])
-        return status_of(hands.mount(who(request), **said))
+        return status_of(hands.mount(requesting_user(request), **said))

@@ -55,7 +55,7 @@ class OpenScan:
         return (nx * dx, ny * dy, nz * dz)
 
 
-def opened(scan: Scan) -> OpenScan:
+def open_scan(scan: Scan) -> OpenScan:
     """A scan with a window and a threshold to begin with."""
     values = sample(scan.volume)
     low, high = (float(one) for one in np.quantile(values, (0.01, 0.985)))
@@ -136,7 +136,9 @@ class Slices:
         ScanFileError
             When it can't be read, or doesn't say what it must.
         """
-        return self._kept(self._scans, _KEPT_SCANS, _state(path), lambda: opened(read_scan(path)))
+        return self._kept(
+            self._scans, _KEPT_SCANS, _state(path), lambda: open_scan(read_scan(path))
+        )
 
     def png(
         self,

@@ -22,7 +22,7 @@ from printctl.web.scan.growth import refuse_growth
 from printctl.web.scan.unpacking import is_stack, unpack_stack
 from printctl.web.workspace import Workspace, checked_name, is_name
 from registration.readers import ScanOverrides
-from registration.readers.sidecar import beside
+from registration.readers.sidecar import find_sidecar
 
 UPLOADS: Final = ".arriving"
 _RUN_SCANS: Final = ("scan.tif", "scan.oct")
@@ -151,7 +151,7 @@ class ScanStore:
 
     def said(self, scan: str) -> dict[str, Any]:
         """What the user said of a scan beside it."""
-        found = beside(self.path(scan))
+        found = find_sidecar(self.path(scan))
         if found is None:
             return {}
         try:

@@ -15,7 +15,7 @@ from registration.comparison import Comparison
 from registration.comparison.overall import Quantity
 from registration.comparison.vessels import SIGNIFICANT, VesselSpread
 from registration.picture.colours import SEQUENTIAL
-from registration.report.drawing import broken, small_multiples, styled, to_svg
+from registration.report.drawing import broken_line, small_multiples, styled, to_svg
 from registration.report.svg import ACCENT, INK, MUTED, PAPER
 
 FloatArray = NDArray[np.float64]
@@ -200,7 +200,7 @@ def along_figure(found: Comparison) -> bytes | None:
             axes.axhline(vessel.designed_um, color=MUTED, linewidth=0.8)
             for number, each in enumerate(found.prints):
                 for k in each.scans:
-                    along, diameter = broken(*found.scans[k].sections[vessel.vessel])
+                    along, diameter = broken_line(*found.scans[k].sections[vessel.vessel])
                     # A line through one section can't be seen.
                     few = "." if len(along) < 4 else ""
                     axes.plot(along, diameter, few + "-", color=colours[number], linewidth=0.9,

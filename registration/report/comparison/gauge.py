@@ -8,7 +8,7 @@ from typing import Any, Final
 from registration.comparison.gauge import GaugeQuantity, GaugeStudy
 from registration.comparison.gauge.findings import WORDS
 from registration.comparison.gauge.shares import NAMES
-from registration.report.comparison.sections import told
+from registration.report.comparison.sections import interval_text
 from registration.report.tables import Column, Table, make_table
 from registration.report.wording import fixed, number
 
@@ -62,9 +62,9 @@ def _source_table(study: GaugeStudy) -> Table:
         {
             "quantity": _TITLES[q.name],
             "source": f"{name}, {WORDS[name]}",
-            "sd": told(share.sd, 2),
-            "total": told(share.of_total, 1),
-            "tolerance": told(share.of_tolerance, 1),
+            "sd": interval_text(share.sd, 2),
+            "total": interval_text(share.of_total, 1),
+            "tolerance": interval_text(share.of_tolerance, 1),
             "ndc": _ndc(q) if name == "TV" else None,
         }
         for q in study.quantities
@@ -91,14 +91,14 @@ def _vessel_table(study: GaugeStudy) -> Table:
             continue
         s, row = q.shares.sources, dict[str, Any](vessel=q.vessel)
         row |= {name: _plain(s[name].sd.value) for name in NAMES}
-        row |= {name: told(s[name].sd, 2) for name in ("EV", "GRR")}
+        row |= {name: interval_text(s[name].sd, 2) for name in ("EV", "GRR")}
         row |= {
             "total": _plain(s["GRR"].of_total.value),
-            "tolerance": told(s["GRR"].of_tolerance, 1),
+            "tolerance": interval_text(s["GRR"].of_tolerance, 1),
             "ndc": None if q.shares.ndc is None else number(q.shares.ndc),
         }
         other = offsets.get(q.vessel)
-        row["offset"] = None if other is None else told(other.shares.sources["EV"].sd, 2)
+        row["offset"] = None if other is None else interval_text(other.shares.sources["EV"].sd, 2)
         rows.append(row)
     return make_table("gauge-vessels", rows, VESSEL_COLUMNS)
 

@@ -73,7 +73,7 @@ def span(found: Interval, decimals: int = 1) -> str | None:
     return f"{fixed(found.low, decimals)} to {fixed(found.high, decimals)}"
 
 
-def told(found: Interval, decimals: int = 1, unit: str = "") -> str | None:
+def interval_text(found: Interval, decimals: int = 1, unit: str = "") -> str | None:
     """``−1.9 µm (−5.0 to 1.2)``."""
     if not math.isfinite(found.value):
         return None
@@ -117,11 +117,11 @@ def spread_facts(found: Comparison) -> list[Fact]:
     missing = "no print was scanned twice"
     return [
         Fact("Vessels measured in every scan", f"{pooled.vessels} of {len(found.vessels)}"),
-        Fact("Print to print as measured, SD", told(pooled.observed_sd, 1, "µm") or MISSING),
+        Fact("Print to print as measured, SD", interval_text(pooled.observed_sd, 1, "µm") or MISSING),
         Fact("Scan to scan of one print (repeatability), SD",
-             (told(pooled.scan_sd, 1, "µm") if known else None) or missing),
+             (interval_text(pooled.scan_sd, 1, "µm") if known else None) or missing),
         Fact("Print to print, scan noise taken out, SD",
-             (told(pooled.print_sd, 1, "µm") if known else None) or missing),
+             (interval_text(pooled.print_sd, 1, "µm") if known else None) or missing),
         Fact("Along a vessel within a print, SD", fixed(pooled.along_sd_um, 1), "µm"),
         *([Fact("Scan noise of the total spread (%GRR)", fixed(pooled.gauge_percent, 0), "%")]
           if known else []),
@@ -163,8 +163,8 @@ def _trend_row(quantity: Quantity) -> dict[str, Any]:
     unit, slope = quantity.unit, quantity.per_print
     return {
         "name": TITLES[quantity.name],
-        "mean": told(quantity.parts.mean, digits, unit),
-        "sd": told(quantity.parts.observed_sd, digits, unit),
+        "mean": interval_text(quantity.parts.mean, digits, unit),
+        "sd": interval_text(quantity.parts.observed_sd, digits, unit),
         "slope": _slope(slope, digits, unit),
         "day": _slope(quantity.per_day, digits, unit),
         "p": "three prints needed" if slope is None else number(slope.p, 2),
@@ -172,7 +172,7 @@ def _trend_row(quantity: Quantity) -> dict[str, Any]:
 
 
 def _slope(found: Trend | None, digits: int, unit: str) -> str | None:
-    return None if found is None else told(found.slope, digits, unit)
+    return None if found is None else interval_text(found.slope, digits, unit)
 
 
 def vessel_table(found: Comparison) -> Table:
@@ -200,8 +200,8 @@ def _vessel_row(vessel: VesselSpread) -> dict[str, Any]:
         "beyond": _marked(vessel.p_beyond),
         "varies": _marked(vessel.p_varies),
         "drift": None if vessel.drift is None else vessel.drift.slope.value,
-        "cp": None if able is None else told(able.cp, 2),
-        "cpk": None if able is None else told(able.cpk, 2),
+        "cp": None if able is None else interval_text(able.cp, 2),
+        "cpk": None if able is None else interval_text(able.cpk, 2),
         "open": f"{vessel.open} of {vessel.known}",
     }
 

@@ -21,7 +21,7 @@ from registration.report.comparison.sections import (
     vessel_table,
 )
 from registration.report.pdf.blocks import head, outcome
-from registration.report.pdf.document import Facts, built
+from registration.report.pdf.document import Facts, build_pdf
 from registration.report.pdf.drawing import figure
 from registration.report.pdf.look import BULLET, HEADING, MINOR, SMALL, WIDTH, text
 from registration.report.pdf.tables import data_table, fact_lines
@@ -39,7 +39,7 @@ def comparison_pdf(
     """The file's bytes; parameters as `write_comparison_pdf`'s."""
     verdict = found_verdict(found)
     subject = f"{outcome(verdict)}: {'; '.join(verdict['reasons'])}"
-    return built(
+    return build_pdf(
         comparison_story(found, title, notes, drawn),
         Facts(f"{title}: comparison of prints", subject, f"{title} · {' · '.join(facts(found))}"),
     )

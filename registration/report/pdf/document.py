@@ -39,7 +39,7 @@ class Facts:
     footer: str
 
 
-def built(story: Sequence[Flowable], facts: Facts) -> bytes:
+def build_pdf(story: Sequence[Flowable], facts: Facts) -> bytes:
     """Lay a story out on A4; same story, same bytes."""
     use_fonts()
     stream = io.BytesIO()

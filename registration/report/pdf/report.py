@@ -14,7 +14,7 @@ from registration.report.gauging_sections import defect_table, printed_facts, tw
 from registration.report.key_figures import key_figures
 from registration.report.page import all_figures
 from registration.report.pdf.blocks import HALF, head, outcome, pair
-from registration.report.pdf.document import Facts, built
+from registration.report.pdf.document import Facts, build_pdf
 from registration.report.pdf.drawing import figure
 from registration.report.pdf.look import BODY, BULLET, HEADING, MINOR, SMALL, WIDTH, text
 from registration.report.pdf.provenance import digest_facts, meta_line, origin_facts, printed_on
@@ -45,7 +45,7 @@ def report_pdf(
     """The file's bytes; parameters as `write_report_pdf`'s."""
     name, verdict = plain(data.get("recipe") or "Scan against design"), mapping(data, "verdict")
     when = printed_on(data)
-    return built(
+    return build_pdf(
         report_story(data, network, figures, views),
         Facts(
             title=f"{name}: registration report",

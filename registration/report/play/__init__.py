@@ -4,7 +4,7 @@ from registration.report.play.file import load_played, save_played
 from registration.report.play.page import write_play_html
 from registration.report.play.played import Playback, PlayNote, PlayRows
 from registration.report.play.section import play_section
-from registration.report.play.thin import Limits, thinned
+from registration.report.play.thin import Limits, thin_playback
 
 __all__ = [
     "Limits",
@@ -14,6 +14,6 @@ __all__ = [
     "load_played",
     "play_section",
     "save_played",
-    "thinned",
+    "thin_playback",
     "write_play_html",
 ]

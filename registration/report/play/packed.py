@@ -33,7 +33,7 @@ _UM: Final = 1e-3
 _GAP: Final = 2e-6
 
 
-def packed(played: Playback) -> dict[str, Any]:
+def pack_playback(played: Playback) -> dict[str, Any]:
     """All that the page needs, as JSON values.
 
     A row ends at its place and time, and began where the one before ended. Where it didn't, a row

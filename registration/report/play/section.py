@@ -11,7 +11,7 @@ from markupsafe import Markup
 from registration.report.added import AddedSection
 from registration.report.gcode.page import GCODE_STATIC
 from registration.report.play.frame import draw_frame
-from registration.report.play.packed import packed
+from registration.report.play.packed import pack_playback
 from registration.report.play.played import Playback
 from registration.report.scripts import Folders
 
@@ -31,7 +31,7 @@ def _context(played: Playback) -> dict[str, Any]:
     picture, said = draw_frame(played)
     ordered = sorted(played.warnings, key=lambda one: (one.time_s is None, one.time_s or 0.0))
     return {
-        "data": packed(played),
+        "data": pack_playback(played),
         "noun": "Pass" if played.passes else "Layer",
         "passes": played.passes,
         "frame": Markup("data:image/png;base64," + base64.b64encode(picture).decode("ascii")),

@@ -70,7 +70,7 @@ class _State:
     length: FloatArray
 
 
-def thinned(played: Playback, most: int | None = None) -> Playback:
+def thin_playback(played: Playback, most: int | None = None) -> Playback:
     """Join stretches, so that at most ``most`` remain; a note says how far they are off.
 
     Parameters
@@ -83,15 +83,15 @@ def thinned(played: Playback, most: int | None = None) -> Playback:
     """
     allowed = most or (MOST_PASS_ROWS if played.passes else MOST_ROWS)
     limits = usual_limits(played.rows)
-    rows = joined(played.rows, limits)
+    rows = join_stretches(played.rows, limits)
     if len(rows) > allowed and not played.passes:
         limits = limits.of_lines()
-        rows = joined(rows, limits)
+        rows = join_stretches(rows, limits)
     for _ in range(_COARSER_AT_MOST if played.passes else 0):
         if len(rows) <= allowed:
             break
         limits = limits.coarser()
-        rows = joined(rows, limits)
+        rows = join_stretches(rows, limits)
     every = 1
     if len(rows) > allowed and not played.passes:
         every = -(-len(rows) // allowed)
@@ -123,7 +123,7 @@ def _said(played: Playback, rows: PlayRows, limits: Limits, every: int) -> str:
     )
 
 
-def joined(rows: PlayRows, limits: Limits) -> PlayRows:
+def join_stretches(rows: PlayRows, limits: Limits) -> PlayRows:
     """Join neighbours of one kind as long as `limits` allow it.
 
     Joining goes in pairs, so that a straight way of n stretches takes log2 n rounds; what a joined

@@ -145,7 +145,7 @@ def interpreted(board: Controller, command: Command) -> None:
     interpret(board.machine.motion.modal[0], board.words[0])
 
 
-def nothing(board: Controller, command: Command) -> None:
+def no_effect(board: Controller, command: Command) -> None:
     """Known, with no effect that is modelled (fans, steppers' power, texts on a display)."""
 
 
@@ -168,7 +168,7 @@ HANDLERS: Final[Handlers] = {
     "M85": m85,
     "M104": m104,
     "M105": m105,
-    "M108": nothing,
+    "M108": no_effect,
     "M109": m109,
     "M110": m110,
     "M111": m111,
@@ -195,6 +195,8 @@ HANDLERS: Final[Handlers] = {
     "M504": m504,
     "M999": m999,
     **SETTINGS_HANDLERS,
-    **dict.fromkeys(("M17", "M18", "M84", "M106", "M107", "M117", "M120", "M121", "M876"), nothing),
+    **dict.fromkeys(
+        ("M17", "M18", "M84", "M106", "M107", "M117", "M120", "M121", "M876"), no_effect
+    ),
 }
 """By letter and number, but for G0 to G3 and T."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
-from sim.gcode_modal import has, interpret, speed
+from sim.gcode_modal import has_word, interpret, speed
 from sim.gcode_words import number_at, split_words
 from sim.planner import add_move, command_time, next_event, run_until
 from sim.planner_state import Record, Records
@@ -102,7 +102,7 @@ def take_numbered_move(
     row = words[0]
     if planner[0].logged + 2 * len(ring) > len(log):
         return NOT_TAKEN
-    if not is_sound_move(line, expected, longest, row) or (cold and has(row, _E_LETTER)):
+    if not is_sound_move(line, expected, longest, row) or (cold and has_word(row, _E_LETTER)):
         return NOT_TAKEN
     run_until(planner, ring, log, now)
     now += command_time(planner, ring, now, costs)

@@ -19,7 +19,7 @@ from design.hemodynamics import (
     solve_flow,
     solve_pulsatile,
 )
-from design.hemodynamics.probes import Probes, along
+from design.hemodynamics.probes import Probes, probes_along
 from design.hemodynamics.waveforms import Sine
 from design.hemodynamics.zero_d.at_probes import pulsatile_at_probes, steady_at_probes
 from design.network import VesselNetwork
@@ -66,7 +66,7 @@ def test_rigid_vessels_carry_the_inlets_wave_everywhere(profile: str) -> None:
     wave = Sine(3.0, 1.5, 0.7)
     conditions = PulsatileConditions(VISCOSITY, wave, wall=RigidWall(), profile=profile)  # type: ignore[arg-type]
     found = pulsatile_at_probes(
-        TAPER, solve_pulsatile(TAPER, conditions), conditions, along(0, 10), 40
+        TAPER, solve_pulsatile(TAPER, conditions), conditions, probes_along(0, 10), 40
     )
     assert found.flow == pytest.approx(np.tile(wave.at(found.time_s), (10, 1)), rel=1e-10)
     if profile == "poiseuille":
@@ -103,7 +103,7 @@ def _tube(pieces: int) -> VesselNetwork:
 def test_probes_off_the_network_are_refused() -> None:
     conditions = FlowConditions(VISCOSITY, inlet_flow_ul_s=3.0)
     solution = solve_flow(TAPER, conditions)
-    probe = along(0, 1)
+    probe = probes_along(0, 1)
     for wrong in (replace(probe, vessel=np.array([2])), replace(probe, fraction=np.array([1.5]))):
         with pytest.raises(FlowError, match="a probe is"):
             steady_at_probes(TAPER, solution, conditions, wrong)

@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 
 from design.errors import SolidError
 from design.solids import Solid, block_solid, lumen_solid, network_genus, surface_genus
-from design.solids.smooth.assemble import sewn
+from design.solids.smooth.assemble import sew_parts
 from design.solids.smooth.fillet import errors, rounded_distance, shoot, wall_rows
 from design.solids.smooth.layout import lay_out
 from design.solids.smooth.reach import reaches
@@ -213,7 +213,7 @@ def test_a_crowd_is_sewn_to_the_plain_tubes_around_it(length: float) -> None:
         ("flat" if (run, 0) in joined else "round", "flat" if (run, 1) in joined else "round")
         for run in range(5)
     ]
-    _, faces = sewn(layout, shapes, 0.001)
+    _, faces = sew_parts(layout, shapes, 0.001)
     assert sum(layout.swallowed) < 5
     assert is_closed(faces)
     assert surface_genus(lumen_solid(network).faces) == (0, 1)

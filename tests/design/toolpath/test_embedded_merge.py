@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.toolpath.embedded import EmbeddedOptions
-from design.toolpath.embedded.merge import fewest, merged
+from design.toolpath.embedded.merge import fewest, merge_passes
 from design.toolpath.embedded.pass_rules import contracted, pass_rules
 from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.walk import Leg
@@ -43,7 +43,7 @@ def test_a_later_pass_that_leads_to_an_earlier_one_goes_first_where_it_may(later
     rules = rules_of(pairs, len(elements.end))
     head = np.zeros(2, dtype=np.int64)
     passes = [forward(ends[1]), forward(ends[0])]
-    found = merged(passes, pass_rules(passes, elements, rules), elements, head)
+    found = merge_passes(passes, pass_rules(passes, elements, rules), elements, head)
     assert len(found) == count
     if count == 1:
         assert written(found) == list(range(len(elements.end)))
@@ -56,7 +56,7 @@ def test_a_chain_of_rules_over_a_third_pass_keeps_two_apart():
     rules = rules_of(pairs, len(elements.end))
     order = [forward(ends[k]) for k in (1, 2, 0)]
     graph = pass_rules(order, elements, rules)
-    found = merged(order, graph, elements, np.array([0, 0, 1]))  # the third by another head
+    found = merge_passes(order, graph, elements, np.array([0, 0, 1]))  # the third by another head
     assert len(found) == 3
 
 

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.embedded.elements import elements_of
-from design.toolpath.embedded.improve import broken
+from design.toolpath.embedded.improve import broken_rules
 from design.toolpath.embedded.rules import find_rules, one_way
 from design.toolpath.embedded.schedule import Scheduler
-from design.toolpath.embedded.walk import Leg, begun, unwalk, walk
+from design.toolpath.embedded.walk import Leg, start_walk, unwalk, walk
 from tests.design.toolpath.embedded_parts import pairs_of, parts_of, rules_of, trail
 from tests.design.toolpath.shapes import cage, network, random_tree
 from tests.design.toolpath.test_embedded_rules import random_rules
@@ -43,7 +43,7 @@ def test_rules_that_can_all_be_kept_are_kept(seed, density):
     passes = Scheduler(TREE, rules, ONE_HEAD).run()
     assert sorted(order_of(passes)) == list(range(COUNT))
     assert naive_broken(pairs, order_of(passes)) == set()
-    assert len(broken(rules, passes)[0]) == 0
+    assert len(broken_rules(rules, passes)[0]) == 0
     for one in passes:
         assert len(trail(one, TREE)) == len(one.elements()) + 1
 
@@ -55,7 +55,7 @@ def test_rules_that_contradict_each_other_still_let_everything_be_written(seed, 
     passes = Scheduler(TREE, rules, ONE_HEAD).run()
     order = order_of(passes)
     assert sorted(order) == list(range(COUNT))
-    first, after = broken(rules, passes)
+    first, after = broken_rules(rules, passes)
     assert set(zip(first.tolist(), after.tolist(), strict=True)) == naive_broken(pairs, order)
 
 
@@ -129,7 +129,7 @@ def naive_walk(element, step, written, pairs):
 )
 def test_a_walk_goes_as_far_as_it_may_and_can_be_taken_back(seed, density, starts):
     rules, pairs = random_rules(seed, COUNT, density, ranked=False)
-    progress = begun(rules)
+    progress = start_walk(rules)
     written: set[int] = set()
     for element, step in starts:
         before = progress.written.copy(), progress.waiting.copy()

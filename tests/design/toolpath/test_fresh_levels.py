@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from manifold3d import Manifold
 
 from design.errors import ToolpathError
-from design.toolpath import MoveKind, Toolpath, joined
+from design.toolpath import MoveKind, Toolpath, join_toolpaths
 from design.toolpath.file import load_toolpath, save_toolpath
 from design.toolpath.fresh import Adaptive, FreshLayers, FreshOptions, plan_fresh
 from design.toolpath.fresh.levels import adaptive_levels, even_levels
@@ -106,7 +106,7 @@ def test_the_report_weighs_sections_by_their_layers() -> None:
 
 def test_heights_outlast_joining_and_keeping(tmp_path) -> None:
     parts = list(FreshLayers(as_solid(foot()), OPTIONS))
-    whole = joined(parts)
+    whole = join_toolpaths(parts)
     assert len(whole.heights_mm) == len(parts)
     save_toolpath(tmp_path / "path.npz", whole)
     kept: Toolpath = load_toolpath(tmp_path / "path.npz")
@@ -115,7 +115,9 @@ def test_heights_outlast_joining_and_keeping(tmp_path) -> None:
 
 
 def test_all_alike_says_no_heights() -> None:
-    path = joined(list(FreshLayers(as_solid(block(2, 2, 0.3)), replace(OPTIONS, adaptive=None))))
+    path = join_toolpaths(
+        list(FreshLayers(as_solid(block(2, 2, 0.3)), replace(OPTIONS, adaptive=None)))
+    )
     assert path.heights_mm == {}
 
 

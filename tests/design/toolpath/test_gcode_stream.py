@@ -10,7 +10,7 @@ import pytest
 from design.errors import ToolpathError
 from design.toolpath.fresh import FreshLayers, FreshOptions, plan_fresh
 from design.toolpath.gcode import Gcode, GcodeOptions, save_gcode, stream_gcode, write_gcode
-from design.toolpath.toolpath import joined
+from design.toolpath.toolpath import join_toolpaths
 from firmware_profiles import Printer, Syringe, load
 from tests.design.toolpath.shapes import as_solid, block, upright
 
@@ -39,7 +39,7 @@ def test_layers_written_one_by_one_are_the_job_of_their_whole(name, more, start)
     layers = FreshLayers(SOLID, FreshOptions())
     parts = list(layers)
     assert len(parts) == 10
-    whole = joined(parts)
+    whole = join_toolpaths(parts)
     top = float(whole.end[:, 2].max())
     got = Gcode.joined(streamed(parts, top, printer, options))
     expected = write_gcode(whole, printer, SYRINGE, PLACE, options)
@@ -53,7 +53,7 @@ def test_the_plunger_s_count_goes_on_over_the_parts():
     parts = [
         replace(part, volume_ul=400 * part.volume_ul) for part in FreshLayers(SOLID, FreshOptions())
     ]
-    whole = joined(parts)
+    whole = join_toolpaths(parts)
     top = float(whole.end[:, 2].max())
     got = Gcode.joined(streamed(parts, top, printer, None))
     assert got.data.count(b"G92") > 5

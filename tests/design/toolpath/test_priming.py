@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 
 from design.errors import ToolpathError
-from design.toolpath import MoveBuilder, MoveKind, Toolpath, joined
+from design.toolpath import MoveBuilder, MoveKind, Toolpath, join_toolpaths
 from design.toolpath.gcode import write_gcode
-from design.toolpath.priming import HeadPriming, PrimeLine, Purge, Surroundings, beside, priming
+from design.toolpath.priming import (
+    HeadPriming,
+    PrimeLine,
+    Purge,
+    Surroundings,
+    line_beside_bounds,
+    priming,
+)
 from firmware_profiles import Printer, Syringe, load
 from tests.design.toolpath.gcode_reader import Machine
 
@@ -32,12 +39,12 @@ def head(**more: object) -> HeadPriming:
 
 
 def test_line_lies_beside_the_nearest_side_and_ends_near_the_first_point():
-    start, end = beside(BOUNDS, np.array([9.0, 3.0, 1.0]), LINE)
+    start, end = line_beside_bounds(BOUNDS, np.array([9.0, 3.0, 1.0]), LINE)
     assert end == pytest.approx([12.0, 3.0, 1.0])  # 1 mm from the side x = 10
     assert np.linalg.norm(end - start) == pytest.approx(8.0)
     assert start[0] == 12.0
     for x, y, expected in ((0.5, 3, "x=-2"), (5, 0.4, "y=-2"), (5, 5.9, "y=8")):
-        start, end = beside(BOUNDS, np.array([x, y, 1.0]), LINE)
+        start, end = line_beside_bounds(BOUNDS, np.array([x, y, 1.0]), LINE)
         axis, value = "xy".index(expected[0]), float(expected[2:])
         assert start[axis] == end[axis] == value
 
@@ -45,7 +52,7 @@ def test_line_lies_beside_the_nearest_side_and_ends_near_the_first_point():
 def test_moves_end_where_the_part_begins_and_leave_nothing_in_it():
     path = part()
     before = priming(path.start[0], 0, [head()], AROUND, path)
-    whole = joined([before, path])
+    whole = join_toolpaths([before, path])
     assert np.array_equal(whole.start[1:], whole.end[:-1])
     assert np.all(before.source == -1)
     written = before.kind == MoveKind.WRITE
@@ -88,7 +95,9 @@ def test_each_head_writes_a_line_of_its_own_and_the_part_s_comes_last():
     assert before.tool[written].tolist() == [1, 0]
     assert before.end[written, 0].tolist() == [12.0, 14.0]
     machine = load(Printer, "two_syringe_marlin")
-    gcode = write_gcode(joined([before, path]), machine, load(Syringe, "hamilton_1ml"), [50, 50, 5])
+    gcode = write_gcode(
+        join_toolpaths([before, path]), machine, load(Syringe, "hamilton_1ml"), [50, 50, 5]
+    )
     assert gcode.data.count(b"\nT") >= 2
 
 
@@ -96,7 +105,7 @@ def test_a_line_is_no_layer_or_pass_of_the_part():
     machine, syringe = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
     for layers in (False, True):
         path = part(layers=layers)
-        whole = joined([priming(path.start[0], 0, [head()], AROUND, path), path])
+        whole = join_toolpaths([priming(path.start[0], 0, [head()], AROUND, path), path])
         lines = Machine().read(write_gcode(whole, machine, syringe, [50, 50, 5]).data).lines
         marks = [line for line in lines if line.startswith(";")]
         assert marks == [";LAYER_END:0" if layers else ";PASS_END:0"]

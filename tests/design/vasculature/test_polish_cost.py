@@ -9,7 +9,7 @@ from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.polish.cost import tree_volume
 from design.vasculature.polish.graft import fork_cost
 from design.vasculature.polish.relax import best_node, node_value, root_radius
-from design.vasculature.polish.topology import attach, cut, detach, is_below, uncut
+from design.vasculature.polish.topology import attach, cut_branch, detach, is_below, uncut
 from design.vasculature.treemath import tree_from_topology, tree_radii
 from tests.design.vasculature.test_cost import as_tree, laws, random_segments
 
@@ -89,7 +89,7 @@ def test_a_graft_has_the_cost_of_the_tree_built_anew_and_can_be_undone(options, 
     c = int(rng.choice(deep))
     p = int(segments[c]["parent"])
     saved = segments[:4].copy()
-    free = cut(segments, c, saved, law)
+    free = cut_branch(segments, c, saved, law)
     targets = [
         i for i in range(1, len(segments)) if i not in (p, free) and not is_below(segments, i, c)
     ]

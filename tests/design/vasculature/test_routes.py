@@ -18,7 +18,7 @@ from design.vasculature import (
 from design.vasculature.loops.connect import Web
 from design.vasculature.loops.curve_fit import KIN, Ends, radius_for
 from design.vasculature.loops.loops import open_web, pruned, tree_ends
-from design.vasculature.loops.routes import RouteObstacles, find_route, turned
+from design.vasculature.loops.routes import RouteObstacles, find_route, swap_ends
 from tests.design.tissue import surfaces
 
 RADIUS = 0.1
@@ -106,7 +106,7 @@ def test_neighbours_of_a_piece_keep_apart(web, across):
 
 
 def test_the_way_back_is_as_long(web, across):
-    there, back = (find_route(ends, crowd_of(web)) for ends in (across, turned(across)))
+    there, back = (find_route(ends, crowd_of(web)) for ends in (across, swap_ends(across)))
     lengths = [np.linalg.norm(np.diff(r.points, axis=0), axis=1).sum() for r in (there, back)]
     assert lengths[0] == pytest.approx(lengths[1], rel=0.1)
 

@@ -16,7 +16,7 @@ from design.vasculature import (
     tree_radii,
     tree_to_network,
 )
-from design.vasculature.growth.trunk import straightened, trunk_of
+from design.vasculature.growth.trunk import straighten_line, trunk_of
 from design.vasculature.polish import PolishOptions, polish
 from tests.design.geometry.oracles import segment_segment
 from tests.design.vasculature import oracles
@@ -142,7 +142,7 @@ def test_an_artery_segmented_and_published_is_a_trunk():
 def test_straightening_keeps_within_its_tolerance():
     t = np.linspace(0, 3, 200)
     line = np.column_stack([t, np.sin(t), 0 * t])
-    kept, moved = straightened(line, 0.01)
+    kept, moved = straighten_line(line, 0.01)
     assert 3 < len(kept) < 40
     corners = line[kept]
     assert off_axes(line, corners[:-1], corners[1:]).max() <= moved + 1e-12 <= 0.01

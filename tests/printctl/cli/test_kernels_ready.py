@@ -18,8 +18,8 @@ from printctl.web.design.making.progress import read_progress
 @pytest.fixture(autouse=True)
 def _empty_store(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PRINTCTL_CACHE", str(tmp_path))
-    everything = listing.needed
-    monkeypatch.setattr(listing, "needed", lambda *works: everything(*works)[:2])
+    everything = listing.needed_kernels
+    monkeypatch.setattr(listing, "needed_kernels", lambda *works: everything(*works)[:2])
 
 
 def test_few_are_left_to_their_first_call(capsys, tmp_path) -> None:

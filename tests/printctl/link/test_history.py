@@ -20,7 +20,7 @@ from firmware_profiles import Printer, load
 from printctl.cli.main import app
 from printctl.link import LinkState, start_print
 from printctl.link.errors import HistoryError, NoSuchPrint
-from printctl.link.history import PrintHistory, data_folder, put, remember
+from printctl.link.history import PrintHistory, data_folder, remember, write_entry
 from printctl.link.history_entry import INTERRUPTED, Alarm, PrintEntry, entry_of
 from printctl.link.history_query import HistoryQuery, SortBy
 from printctl.link.journal import Journal, read_records
@@ -324,7 +324,7 @@ def test_ten_thousand_prints_are_read_from_the_index_a_page_at_a_time(data, tmp_
                 state="done",
                 alarms=(Alarm(0, "cold"),) * (k % 2),
             )
-            put(index, entry, (1, 1))
+            write_entry(index, entry, (1, 1))
     monkeypatch.setattr("printctl.link.history.entry_of", None)  # no journal is read
     found = history.find(HistoryQuery(words="COLD f99", limit=50, offset=50))
     assert (found.total, len(found.entries)) == (56, 6)

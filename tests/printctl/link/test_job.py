@@ -12,7 +12,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.position_reply import parse_position
 from printctl.link.errors import JobError
 from printctl.link.firmware import differences, parse_firmware
-from printctl.link.modal import Modal, astray, disagreement, modal_state, named
+from printctl.link.modal import Modal, astray, axes_placed, disagreement, modal_state
 from printctl.link.retreat import Retreat, heaters_off
 from tests.printctl.link.jobs import load_job, parse_job
 
@@ -160,4 +160,4 @@ def test_every_axis_that_stands_elsewhere_is_named():
     ],
 )
 def test_axes_that_the_next_lines_put_right(lines, axes):
-    assert named(lines) == axes
+    assert axes_placed(lines) == axes

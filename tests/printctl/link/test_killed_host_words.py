@@ -6,7 +6,7 @@ from contextlib import closing
 
 import pytest
 
-from printctl.cli.status import told
+from printctl.cli.status import status_lines
 from printctl.link.journal import Journal
 from printctl.link.reach import what_is_known
 from printctl.link.record import JOURNAL, RECORD, LinkRecord, save_private
@@ -54,7 +54,7 @@ def test_command_that_recovers_can_be_copied(tmp_path):
     status = killed(tmp_path, "generic_marlin", LinkState.PRINTING)
     (line,) = [
         line
-        for line in told(truth_of(tmp_path, status, JournalledFacts()), "my run")
+        for line in status_lines(truth_of(tmp_path, status, JournalledFacts()), "my run")
         if line.startswith("recover:")
     ]
     assert "printctl recover 'my run' --from-line " in line

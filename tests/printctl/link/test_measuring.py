@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from firmware_profiles import Printer, WatchedGauge
-from printctl.cli.status import watched
+from printctl.cli.status import waiting_lines
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.gauges import Gauge
@@ -70,7 +70,7 @@ def test_readings_below_the_limit_are_journalled_and_shown_and_change_nothing(tm
     took = transport.clock.now()
     assert 0.6 * took / 0.5 < len(read) - 1 <= took / 0.5  # every 0.5 s, between two lines
     assert status.readings == (f"M871: {values[-1]:g} N, at most 12.5 N",)
-    assert f"reads {status.readings[0]}" in watched(status)
+    assert f"reads {status.readings[0]}" in waiting_lines(status)
     assert Status.from_dict(status.to_dict()) == status
     assert read_journal(tmp_path / "journal.log").done == len(JOB)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from printctl.link.history import PrintHistory
 from printctl.link.journal import Journal
-from printctl.link.noted import journal_begun_by, noted, noted_beside, put_aside
+from printctl.link.noted import journal_begun_by, noted_beside, put_aside, read_notes
 
 
 def begun(folder: Path, started: float) -> Path:
@@ -50,9 +50,9 @@ def test_a_journal_is_found_by_when_its_print_began(tmp_path: Path) -> None:
 
 def test_what_cannot_be_read_counts_as_nothing(tmp_path: Path) -> None:
     journal = begun(tmp_path, 1e9)
-    assert noted(journal) == {}
+    assert read_notes(journal) == {}
     for text in ("[1]", '{"values": ', "[" * 100_000):
         noted_beside(journal).write_text(text)
-        assert noted(journal) == {}
+        assert read_notes(journal) == {}
     (tmp_path / "journal.7.log").write_bytes(b"torn")
     assert journal_begun_by(tmp_path, 2e9) == journal

@@ -8,7 +8,7 @@ import pytest
 from firmware_profiles.families.marlin.guarding import guarded
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
-from printctl.link.firmware import modes
+from printctl.link.firmware import mode_lines
 from printctl.link.journalled_print import JournalledPrint, read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal
@@ -110,8 +110,8 @@ def test_needle_leaves_with_the_valve_shut_and_without_e():
 
 
 def test_modes_of_a_head_without_plunger_have_no_e():
-    assert modes(AIR) == (b"G21", b"G90")
-    assert modes(PRINTER) == (b"G21", b"G90", b"M82")
+    assert mode_lines(AIR) == (b"G21", b"G90")
+    assert mode_lines(PRINTER) == (b"G21", b"G90", b"M82")
 
 
 # --- stops and pauses --------------------------------------------------------------------------

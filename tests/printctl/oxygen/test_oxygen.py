@@ -16,7 +16,7 @@ from printctl.errors import RecipeError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import recipe_facts
 from printctl.pipeline.sequences import DESIGN
-from printctl.pipeline.stage import wanted
+from printctl.pipeline.stage import wanted_stages
 from printctl.pipeline.stages import oxygen as stage
 from printctl.progress import StageBars
 from printctl.recipe import Recipe, parse_recipe
@@ -109,14 +109,14 @@ def test_a_recipe_without_the_section_has_neither_stage_nor_word(tmp_path: Path)
     asked = parse_recipe({**BASE, "oxygen": {"cells_per_ml": 1e6}}, "test")
     assert "oxygen" not in recipe_facts(plain)
     assert recipe_facts(asked)["oxygen"]["cells_per_ml"] == 1e6
-    assert stage.STAGE not in wanted(_context(plain, tmp_path), DESIGN)
-    assert stage.STAGE in wanted(_context(asked, tmp_path), DESIGN)
+    assert stage.STAGE not in wanted_stages(_context(plain, tmp_path), DESIGN)
+    assert stage.STAGE in wanted_stages(_context(asked, tmp_path), DESIGN)
 
 
 def test_a_section_taken_out_is_forgotten(tmp_path: Path) -> None:
     context = _context(parse_recipe(BASE, "test"), tmp_path)
     context.manifest.stages["oxygen"] = None  # type: ignore[assignment]
-    wanted(context, DESIGN)
+    wanted_stages(context, DESIGN)
     assert "oxygen" not in context.manifest.stages
 
 

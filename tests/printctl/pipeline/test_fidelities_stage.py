@@ -35,9 +35,9 @@ def _context(folder: Path, fillet_ratio: float = 0.5, **flow: Any) -> Any:
 
 
 def test_it_is_asked_for_by_either_section(tmp_path: Path) -> None:
-    assert not fidelities.asked(_context(tmp_path))
-    assert fidelities.asked(_context(tmp_path, three_d={}))
-    assert fidelities.asked(_context(tmp_path, three_d={}, compare={}))
+    assert not fidelities.is_requested(_context(tmp_path))
+    assert fidelities.is_requested(_context(tmp_path, three_d={}))
+    assert fidelities.is_requested(_context(tmp_path, three_d={}, compare={}))
 
 
 def test_a_straight_lumen_has_poiseuilles_pressure(tmp_path: Path) -> None:

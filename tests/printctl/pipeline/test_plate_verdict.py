@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from printctl.pipeline.plate.results import judged, plate_verdict
+from printctl.pipeline.plate.results import plate_verdict, well_figures
 
 
 def well(passed: bool, undecided: bool) -> dict[str, Any]:
     verdict = {"passed": passed, "undecided": undecided, "reasons": ["Vessel 0: open"]}
     numbers = {"vessels": [{"error_percent": 1.0}], "scaled": {"rms_um": 9.0}}
-    found = judged({"verdict": verdict, "registration": numbers})
+    found = well_figures({"verdict": verdict, "registration": numbers})
     return {"well": "A1", "label": "one", **found}
 
 

@@ -17,9 +17,9 @@ from firmware_profiles import (
     Printer,
     Span,
     Syringe,
-    doubts,
     flow_ul_s,
     load,
+    profile_doubts,
 )
 from printctl.preflight import Check, PlacedDish, SetUp, file_checks
 from sim.dryrun import dry_run
@@ -173,6 +173,6 @@ def test_a_plunger_without_travel_is_refused() -> None:
 
 def test_a_flow_measured_at_another_pressure_is_told_of() -> None:
     printer = head(pressure_kpa=90.0).printer
-    told = [doubt for doubt in doubts(printer) if doubt.key == "dispenser"]
+    told = [doubt for doubt in profile_doubts(printer) if doubt.key == "dispenser"]
     assert [doubt.grave for doubt in told] == [False]
     assert "measured at 80 kPa" in told[0].text

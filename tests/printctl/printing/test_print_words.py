@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from printctl.cli.status import told
+from printctl.cli.status import status_lines
 from printctl.link.states import LinkState, Status
 from printctl.print_state.state import PrintTruth
 from printctl.printing.journalled import JournalledFacts
@@ -19,13 +19,15 @@ def truth() -> PrintTruth:
 
 def test_lines_are_told_as_lines_where_the_time_is_not_known():
     """Seven lines of 47, six of them a header, were told as 14.9 % made."""
-    lines = told(truth(), "run")
+    lines = status_lines(truth(), "run")
     assert lines[1].startswith("at least 7 of 47 lines made; 9 of 47 lines taken")
     assert truth().words["state"] == "Failed · at least 7 of 47 lines"
 
 
 def test_status_tells_the_last_alarm_and_how_many_there_are():
     status = Status(LinkState.PRINTING, alarms=3, line_errors=2)
-    lines = told(PrintTruth(Path(), status, JournalledFacts(last_alarm="M204 R is 500")), "run")
+    lines = status_lines(
+        PrintTruth(Path(), status, JournalledFacts(last_alarm="M204 R is 500")), "run"
+    )
     assert "2 lines sent again" in lines
     assert "3 alarms, the last: M204 R is 500" in lines

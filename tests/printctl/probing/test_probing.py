@@ -16,7 +16,7 @@ from printctl.link.errors import PortInUse
 from printctl.link.journal import Journal
 from printctl.link.transport import open_port
 from printctl.link.wiring import Wiring
-from printctl.probing import Settings, ask_settings, compare, corrected, read_settings
+from printctl.probing import Settings, ask_settings, compare, corrected_profile, read_settings
 from printctl.probing.ask import ask_wired
 from sim.families.registry import simulated_printer
 from tests.printctl.link.protocols import made_protocol
@@ -132,7 +132,7 @@ def test_corrected_profile_has_the_printer_s_values_and_fewer_starting_ones(
         {"steps_per_mm.e": 5900.0, "x_mm.low": 0.0, "x_mm.high": 203.0, "max_speed_mm_s.x": 30.0},
     )
     rows = compare(settings, profile)
-    data = corrected(profile, rows, "/dev/ttyACM0", "2026-11-20")
+    data = corrected_profile(profile, rows, "/dev/ttyACM0", "2026-11-20")
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(data))
     mine = load(Printer, str(path))

@@ -10,7 +10,7 @@ import pytest
 
 from design.vasculature.named import planar_four_vessel
 from registration.dye import DyeOptions, DyeReport, dye_dict, dye_verdict, place_rows
-from registration.dye.predict import carried, carried_beside
+from registration.dye.predict import carried_beside, carrying_flow
 from registration.report.dye_page import write_dye_html
 from sim.dye import Occlusion, dye_flow
 from tests.registration.dye.films import PLANAR_FLOW, planar_report
@@ -40,7 +40,7 @@ def test_what_a_closed_vessel_cuts_off_stands_still() -> None:
     assert flow is not None
     assert set(np.flatnonzero(~flow.moves())) == {4, 8, 12}
     assert carried_beside(NETWORK, None, (0,)) is None
-    whole, same = carried(NETWORK, None), carried_beside(NETWORK, None, ())
+    whole, same = carrying_flow(NETWORK, None), carried_beside(NETWORK, None, ())
     assert same is not None
     assert same.solution.flow == pytest.approx(whole.solution.flow, rel=1e-12)
 

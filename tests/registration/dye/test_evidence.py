@@ -13,7 +13,7 @@ from design.network import VesselNetwork
 from registration.dye import DyeOptions, Marks, dye_verdict, measure_dye, read_marks
 from registration.dye.arrivals import find_arrivals
 from registration.dye.patency import _Seen, _series, _stop
-from registration.dye.predict import carried
+from registration.dye.predict import carrying_flow
 from registration.dye.traces import Traces
 from registration.dye.view import find_view
 from registration.errors import DyeError
@@ -96,7 +96,7 @@ def seen(dyed: list[bool]) -> _Seen:
 
 def test_a_closure_is_where_dye_stops_whatever_blurs_in_at_the_far_end() -> None:
     network = tube()
-    flow = carried(network, None)
+    flow = carrying_flow(network, None)
     length = float(network.points[-1, 0] - network.points[0, 0])
     low, high = _stop(network, flow, 0, seen([True] * 10 + [False] * 19 + [True])) or (0, 0)
     assert low == pytest.approx(9.5 / 30 * length)
@@ -116,7 +116,7 @@ def test_a_vessel_that_flows_into_the_same_outlet_isnt_behind_a_closed_one() -> 
     sides = np.array([[0, 1], [0, 2], [1, 3], [2, 3]])
     none = np.zeros(4, dtype=int)
     network = VesselNetwork.from_segments(corners, sides, np.full(4, 0.3), none, none)
-    flow = carried(network, None)
+    flow = carrying_flow(network, None)
     states: Any = {0: "open", 1: "blocked", 2: "blocked", 3: "not reached"}
     assert _series(network, flow, states, 2) == ()
     assert _series(network, flow, states, 1) == (3,)

@@ -16,12 +16,12 @@ from registration.report.play import (
     load_played,
     play_section,
     save_played,
-    thinned,
+    thin_playback,
     write_play_html,
 )
 from registration.report.play.frame import draw_frame
-from registration.report.play.packed import packed
-from registration.report.play.thin import joined
+from registration.report.play.packed import pack_playback
+from registration.report.play.thin import join_stretches
 
 from .play_sample import HOSTILE, layered, make_rows, passes
 
@@ -53,7 +53,7 @@ def decoded(data):
 
 @pytest.mark.parametrize("played", [layered(), passes()], ids=["layers", "passes"])
 def test_what_a_page_holds_is_the_prediction(played):
-    rows, data = played.rows, packed(played)
+    rows, data = played.rows, pack_playback(played)
     found = decoded(data)
     own = found["act"] != Act.JUMP
     begins = np.flatnonzero(own) - 1
@@ -89,7 +89,7 @@ def wave(count, seed=3):
 
 def test_joined_stretches_keep_way_time_width_and_ink_within_the_limits():
     rows, limits = wave(6000), Limits(0.005, 0.02, 0.004)
-    fewer = joined(rows, limits)
+    fewer = join_stretches(rows, limits)
     assert len(fewer) < len(rows) / 10
     # No gap, no overlap; nothing is lost.
     assert fewer.begin_s[0] == rows.begin_s[0]
@@ -123,8 +123,8 @@ def test_a_large_layered_job_is_told_by_line_and_then_by_some_of_its_layers():
     noisy = replace(rows, line=line, layer=layer, width_mm=rng.uniform(0.1, 0.4, 2000),
                     act=np.full(2000, Act.WRITE, np.uint8))  # fmt: skip
     whole = layered(rows=noisy, layer_z_mm=np.arange(10.0))
-    assert len(thinned(whole, 2000).rows) > 1900
-    by_line = thinned(whole, 1000)
+    assert len(thin_playback(whole, 2000).rows) > 1900
+    by_line = thin_playback(whole, 1000)
     assert np.unique(by_line.rows.line).tolist() == list(range(200))
     assert "mean of each line" in by_line.notes[-1]
     own = by_line.rows.line == 7
@@ -132,12 +132,12 @@ def test_a_large_layered_job_is_told_by_line_and_then_by_some_of_its_layers():
     first = noisy.line == 7
     exact = np.average(noisy.width_mm[first], weights=noisy.way_mm[first])
     assert mean == pytest.approx(exact, rel=1e-3)
-    least = thinned(whole, len(by_line.rows) // 2 + 1)
+    least = thin_playback(whole, len(by_line.rows) // 2 + 1)
     assert set(least.rows.layer.tolist()) == {0, 2, 4, 6, 8}
     assert "One layer in 2 is drawn" in least.notes[-1]
     assert least.rows.laid_ul[-1] == noisy.laid_ul[noisy.layer == 8][-1]
     # Passes would leave holes: they are drawn coarser instead.
-    coarse = thinned(replace(whole, passes=True), 300)
+    coarse = thin_playback(replace(whole, passes=True), 300)
     assert len(coarse.rows) <= 300
     assert set(coarse.rows.layer.tolist()) == set(range(10))
 

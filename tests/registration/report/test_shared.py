@@ -10,7 +10,7 @@ import pytest
 
 from registration.report import all_figures, network_page, write_report_html
 from registration.report import page as page_module
-from registration.report.drawing import broken, small_multiples
+from registration.report.drawing import broken_line, small_multiples
 from registration.report.pdf.report import report_pdf
 from registration.report.scripts import import_map, module_map
 from tests.registration.report.sample import planar_network, sample_data
@@ -53,10 +53,10 @@ def test_small_multiples_stand_in_rows_with_the_gaps_asked_for(
 
 def test_a_line_breaks_where_a_section_is_missing() -> None:
     along = np.array([0.0, 0.1, 0.2, 0.5, 0.6])
-    x, y = broken(along, np.arange(5.0))
+    x, y = broken_line(along, np.arange(5.0))
     assert np.flatnonzero(np.isnan(x)).tolist() == [3]
     assert np.flatnonzero(np.isnan(y)).tolist() == [3]
-    assert broken(along[:2], along[:2])[0].tolist() == [0.0, 0.1]
+    assert broken_line(along[:2], along[:2])[0].tolist() == [0.0, 0.1]
 
 
 def test_page_and_pdf_draw_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

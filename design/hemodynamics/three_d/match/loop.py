@@ -15,7 +15,7 @@ import numpy as np
 
 from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.three_d.effective import Effective, effective, inflow_of, rescaled
-from design.hemodynamics.three_d.jacobian import straightened
+from design.hemodynamics.three_d.jacobian import straighten_edges
 from design.hemodynamics.three_d.match.options import MatchedNetwork, MatchOptions, Round
 from design.hemodynamics.three_d.match.radii import FreeVessels, free_radii, next_scales
 from design.hemodynamics.three_d.match.target import Target, ideal_target
@@ -93,7 +93,7 @@ def _round(
     scale: FloatArray,
     how: MatchOptions,
 ) -> tuple[Effective, Round]:
-    mesh, _ = straightened(lumen_mesh(network, how.mesh))
+    mesh, _ = straighten_edges(lumen_mesh(network, how.mesh))
     solution = solve_steady(mesh, conditions, how.flow)
     found = effective(network, conditions, solution)
     off = np.abs(found.flow[target.vessel] - target.flow) / inflow_of(network, found.flow)

@@ -58,7 +58,7 @@ def factorise_core(plan: StarMesh, admittance: Numbers, ground: Numbers) -> Core
         When what is left is singular to working precision.
     """
     weight = np.zeros(len(plan.links), admittance.dtype)
-    weight[: len(admittance)] = summed(plan.of_given, admittance, len(admittance))
+    weight[: len(admittance)] = sum_by_place(plan.of_given, admittance, len(admittance))
     ground = ground.copy()
     share, total = fold_stars(
         plan.order, plan.begin, plan.neighbour, plan.link, plan.pair, weight, ground
@@ -77,7 +77,9 @@ def _rest(ends: IntArray, admittance: Numbers, ground: Numbers) -> tuple[Numbers
     """
     count = len(ground)
     first, last = ends.T
-    diagonal = ground + summed(first, admittance, count) + summed(last, admittance, count)
+    diagonal = (
+        ground + sum_by_place(first, admittance, count) + sum_by_place(last, admittance, count)
+    )
     scale = 1.0 / np.sqrt(diagonal)
     if len(first) == 0:
         return scale, None
@@ -100,8 +102,10 @@ def _rest(ends: IntArray, admittance: Numbers, ground: Numbers) -> tuple[Numbers
         ) from exc
 
 
-def summed(where: NDArray[Any], values: Numbers, count: int) -> Numbers:
+def sum_by_place(where: NDArray[Any], values: Numbers, count: int) -> Numbers:
     """Values added up by their places, (count,)."""
     if np.iscomplexobj(values):
-        return summed(where, values.real, count) + 1j * summed(where, values.imag, count)
+        return sum_by_place(where, values.real, count) + 1j * sum_by_place(
+            where, values.imag, count
+        )
     return np.asarray(np.bincount(where, weights=values, minlength=count), dtype=np.float64)

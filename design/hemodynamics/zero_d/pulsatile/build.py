@@ -12,7 +12,7 @@ from design.hemodynamics.vessel.inertance import PARABOLIC, plug_inertance
 from design.hemodynamics.vessel.resistance import vessel_resistance
 from design.hemodynamics.vessel.womersley import womersley_number
 from design.hemodynamics.waveforms import Constant, Waveform
-from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, joined
+from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, number_unknowns
 from design.hemodynamics.zero_d.pulsatile.circuit import Circuit
 from design.hemodynamics.zero_d.pulsatile.conditions import (
     Outlet,
@@ -66,7 +66,7 @@ def build_circuit(
     slot = np.arange(len(network.nodes))
     if conditions.inlet_is == "flow":
         slot[inlets] = inlets[0]
-    (slot,) = joined(slot)
+    (slot,) = number_unknowns(slot)
     parts = _Parts(int(slot.max()) + 1)
     parts.push(slot[inlets], conditions.inlet, hold=conditions.inlet_is == "pressure")
     for outlet, nodes in _groups(conditions.outlet, outlets):

@@ -9,7 +9,7 @@ from printctl.web.design import form as forms
 from printctl.web.design.checking import CheckedRecipe, Problem
 from printctl.web.design.recipes import Recipes
 from printctl.web.design.schema import recipe_form
-from printctl.web.design.yaml_text import rewritten
+from printctl.web.design.yaml_text import rewrite_yaml
 from printctl.web.errors import BadRequestError
 
 
@@ -68,11 +68,11 @@ class Editor:
 
     def put(self, path: forms.Path, value: Any) -> None:
         """Say a value at a field; blocking."""
-        self._set_data(forms.put(self.form, self.data, path, value))
+        self._set_data(forms.set_value(self.form, self.data, path, value))
 
     def remove(self, path: forms.Path) -> None:
         """Leave a field to its default; blocking."""
-        self._set_data(forms.removed(self.form, self.data, path))
+        self._set_data(forms.remove_value(self.form, self.data, path))
 
     def tell(self, rebuild: bool) -> None:
         """Call who wants to know of a change; on the event loop."""
@@ -81,7 +81,7 @@ class Editor:
 
     def _set_data(self, data: dict[str, Any]) -> None:
         if data != self.data or any(map(_differs, data.values(), self.data.values())):
-            self.set_text(rewritten(self.text, data))
+            self.set_text(rewrite_yaml(self.text, data))
 
     def _take(self, text: str, checked: CheckedRecipe) -> None:
         self.text, self.problems = text, checked.problems

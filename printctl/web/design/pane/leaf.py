@@ -10,7 +10,7 @@ from nicegui.elements.mixins.validation_element import ValidationElement
 from nicegui.events import ValueChangeEventArguments
 
 from printctl.web.design.checking import PROFILES
-from printctl.web.design.pane.words import hint, label, placeholder, shown, typed
+from printctl.web.design.pane.words import hint, input_text, label, parse_typed, placeholder
 from printctl.web.design.recipes import Recipes
 from printctl.web.design.schema import FormField, Node
 
@@ -50,10 +50,10 @@ def leaf(
 def _text(field: FormField, value: Any, say: Say, name: str) -> ValidationElement[Any]:
     async def changed(event: ValueChangeEventArguments[str | None]) -> None:
         text = event.value or ""
-        await say(None if not text.strip() else typed(field.node, text))
+        await say(None if not text.strip() else parse_typed(field.node, text))
 
     element = ui.input(
-        name, value=shown(field.node, value), placeholder=placeholder(field), on_change=changed
+        name, value=input_text(field.node, value), placeholder=placeholder(field), on_change=changed
     )
     element.props("outlined dense stack-label debounce=450").classes("pc-field")
     if field.node.sort == "number":

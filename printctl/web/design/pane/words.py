@@ -9,7 +9,7 @@ import yaml
 from printctl.web.design.schema import FormField, Node
 
 
-def typed(node: Node, text: str) -> Any:
+def parse_typed(node: Node, text: str) -> Any:
     """Parse typed text; what isn't a number stays text, and the check reports it."""
     text = text.strip()
     if node.sort == "number":
@@ -19,7 +19,7 @@ def typed(node: Node, text: str) -> Any:
     return text
 
 
-def shown(node: Node, value: Any) -> str:
+def input_text(node: Node, value: Any) -> str:
     """What an input shows of a value; empty for none."""
     if value is None:
         return ""
@@ -32,7 +32,7 @@ def shown(node: Node, value: Any) -> str:
 def placeholder(field: FormField) -> str:
     """The default, or what to give."""
     if field.default is not None and field.default != [] and field.default != {}:
-        return shown(field.node, field.default)
+        return input_text(field.node, field.default)
     return "to be given" if field.required else "not given"
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from design.hemodynamics import FlowConditions, solve_flow
-from design.hemodynamics.three_d import FlowOptions, solve_steady, straightened
+from design.hemodynamics.three_d import FlowOptions, solve_steady, straighten_edges
 from design.hemodynamics.three_d.effective import effective, gap, rescaled
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.vessel_flows import conserving, is_clear
@@ -45,7 +45,7 @@ def test_a_pipe_wider_than_drawn_has_the_wider_radius() -> None:
 
 def test_the_reduced_network_has_the_flows_and_pressures_of_3d() -> None:
     network = _fork()
-    mesh, _ = straightened(lumen_mesh(network, MeshOptions(edge_ratio=0.8)))
+    mesh, _ = straighten_edges(lumen_mesh(network, MeshOptions(edge_ratio=0.8)))
     solution = solve_steady(mesh, CONDITIONS, FlowOptions(order=2))
     found = effective(network, CONDITIONS, solution)
     assert found.told.all()

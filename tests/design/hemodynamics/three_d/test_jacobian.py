@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from design.errors import FlowError
-from design.hemodynamics.three_d import LumenMesh, least_jacobian, straightened
+from design.hemodynamics.three_d import LumenMesh, least_jacobian, straighten_edges
 from design.hemodynamics.three_d.lagrange import jacobian, nodes, quadratic
 from design.network import FloatArray
 from tests.design.hemodynamics.three_d.lumens import bend, pipe
@@ -45,7 +45,7 @@ def test_the_bound_is_below_every_sample_and_not_far(far: float) -> None:
 def test_folded_elements_are_straightened_and_others_left() -> None:
     mesh = _pushed(pipe(2, 4), 0.8)
     assert _sampled(mesh).min() < 0.0
-    mended, count = straightened(mesh)
+    mended, count = straighten_edges(mesh)
     assert 0 < count < 20
     assert _sampled(mended).min() > 0.0
     assert np.array_equal(mended.points[: mesh.corner_count], mesh.points[: mesh.corner_count])
@@ -55,7 +55,7 @@ def test_folded_elements_are_straightened_and_others_left() -> None:
 
 def test_nothing_is_done_to_a_sound_mesh() -> None:
     mesh = bend(1, 4)
-    mended, count = straightened(mesh)
+    mended, count = straighten_edges(mesh)
     assert count == 0
     assert mended.points is mesh.points
 

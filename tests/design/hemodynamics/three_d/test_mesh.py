@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from design.errors import FlowError
-from design.hemodynamics.three_d import LumenMesh, least_jacobian, straightened
+from design.hemodynamics.three_d import LumenMesh, least_jacobian, straighten_edges
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.surface import wall_surface
 from design.hemodynamics.three_d.surface_check import check_surface
@@ -43,7 +43,7 @@ def _sound(network: VesselNetwork, options: MeshOptions | None = None) -> LumenM
     """Mesh a network, and see that it is one: closed, of its genus, mapped one to one."""
     options = options or MeshOptions()
     raw = lumen_mesh(network, options)
-    mesh, bent_back = straightened(raw)
+    mesh, bent_back = straighten_edges(raw)
     assert least_jacobian(mesh).min() > 0.0
     assert bent_back < 0.02 * len(mesh.tets)
     loops = network.vessel_count - len(network.nodes) + 1
@@ -122,7 +122,7 @@ def test_fillets_may_be_tiny_or_wide(fillet_ratio: float) -> None:
 def test_coarse_meshes_keep_the_lumens_volume(edge_ratio: float) -> None:
     """Elements that fold are few enough that straightening them takes nothing that counts."""
     network = cross()
-    coarse, _ = straightened(lumen_mesh(network, MeshOptions(edge_ratio=edge_ratio)))
+    coarse, _ = straighten_edges(lumen_mesh(network, MeshOptions(edge_ratio=edge_ratio)))
     assert mesh_volume(coarse) == pytest.approx(mesh_volume(lumen_mesh(network)), rel=5e-3)
 
 
@@ -173,7 +173,7 @@ def test_far_from_junctions_vessels_side_by_side_stay_apart() -> None:
     network = network_of(nodes, [(0, 1), (1, 2), (1, 3), (4, 5)], 0.4)
     mesh = lumen_mesh(network)
     assert _euler(mesh) == 4
-    assert least_jacobian(straightened(mesh)[0]).min() > 0.0
+    assert least_jacobian(straighten_edges(mesh)[0]).min() > 0.0
 
 
 @pytest.mark.parametrize("seed", [2])

@@ -9,7 +9,7 @@ pytest.importorskip("ngsolve", reason='the extra "flow3d" isn\'t installed')
 
 from design.errors import FlowError
 from design.hemodynamics import PulsatileConditions, WindkesselOutlet
-from design.hemodynamics.probes import along
+from design.hemodynamics.probes import probes_along
 from design.hemodynamics.three_d import (
     FlowOptions,
     Stepping,
@@ -71,7 +71,7 @@ def test_a_windkessel_answers_with_its_impedance() -> None:
     pulse, mesh = _pulse(0.5, outlet=outlet), pipe(1, 2, RADIUS, LENGTH)
     turn = 2.0j * np.pi / 0.5
     network = network_of([[0, 0, 0], [0, 0, LENGTH]], [(0, 1)], RADIUS)
-    places = sections_at(network, along(0, 2), mesh, 2)
+    places = sections_at(network, probes_along(0, 2), mesh, 2)
     impedance = outlet.proximal + outlet.distal / (1.0 + turn * outlet.distal * outlet.compliance)
     for found, error in (
         (solve_harmonics(mesh, pulse, FlowOptions(2, False), Stepping(16), places), 2e-3),

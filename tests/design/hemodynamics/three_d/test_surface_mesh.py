@@ -11,7 +11,7 @@ from design.errors import FlowError
 from design.geometry import build_triangle_tree
 from design.geometry.feet import nearest_feet
 from design.hemodynamics import FlowConditions
-from design.hemodynamics.three_d import FlowOptions, LumenMesh, solve_steady, straightened
+from design.hemodynamics.three_d import FlowOptions, LumenMesh, solve_steady, straighten_edges
 from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.surface_mesh import SurfaceOptions, surface_mesh
 from design.network import FloatArray, IntArray, VesselNetwork
@@ -27,7 +27,7 @@ def drop(mesh: LumenMesh, order: int = 2) -> float:
     pytest.importorskip("ngsolve")
     flow = 4.0
     conditions = FlowConditions(WATER, inlet_flow_ul_s=flow)
-    solution = solve_steady(straightened(mesh)[0], conditions, FlowOptions(order=order))
+    solution = solve_steady(straighten_edges(mesh)[0], conditions, FlowOptions(order=order))
     assert solution.mass_imbalance < 1e-8
     ideal = 8.0 * WATER * LENGTH * flow / (np.pi * RADIUS**4)
     return float(np.ptp(solution.port_pressure)) / ideal

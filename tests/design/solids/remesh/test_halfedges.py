@@ -32,7 +32,7 @@ def test_valence_and_neighbours_are_those_of_the_grid() -> None:
     for a in range(len(surface.vertices)):
         assert halfedges.valence(twin, out, a) == 6
         mine = {int(v) for v in faces[(faces == a).any(axis=1)].ravel()} - {a}
-        met = {b for b in range(len(surface.vertices)) if halfedges.joined(faces, twin, out, a, b)}
+        met = {b for b in range(len(surface.vertices)) if halfedges.are_joined(faces, twin, out, a, b)}
         assert met == mine
 
 
@@ -42,7 +42,7 @@ def test_an_edge_is_split(h: int) -> None:
     count, f = len(surface.vertices), len(surface.faces)
     faces = np.concatenate([surface.faces, np.zeros((2, 3), np.int64)])
     twin = np.concatenate([halfedges.twins_of(surface.faces), np.zeros(6, np.int64)])
-    halfedges.split(faces, twin, h, count, f)
+    halfedges.split_edge(faces, twin, h, count, f)
     assert _same_twins(faces, twin)
     assert halfedges.valence(twin, halfedges.leaving(faces, count + 1), count) == 4
 
@@ -55,7 +55,7 @@ def test_an_edge_is_turned_and_turned_back(h: int) -> None:
     across = {int(halfedges.apex(faces, h)), int(halfedges.apex(faces, int(twin[h])))}
     halfedges.flip(faces, twin, out, h)
     assert _same_twins(faces, twin)
-    assert halfedges.joined(faces, twin, out, *across)
+    assert halfedges.are_joined(faces, twin, out, *across)
     for a in range(len(surface.vertices)):
         assert halfedges.origin(faces, int(out[a])) == a
 

@@ -13,10 +13,10 @@ from printctl.recipe import Recipe, parse_recipe
 from printctl.recipe.starter import STARTER
 from printctl.web.design import form as forms
 from printctl.web.design.checking import check_data, check_text
-from printctl.web.design.pane.words import shown, typed
+from printctl.web.design.pane.words import input_text, parse_typed
 from printctl.web.design.recipes import EXAMPLES
 from printctl.web.design.schema import recipe_form
-from printctl.web.design.yaml_text import read_text, rewritten
+from printctl.web.design.yaml_text import read_text, rewrite_yaml
 from printctl.web.errors import BadRequestError
 from printctl.web.profile_store import ProfileStore
 
@@ -33,13 +33,13 @@ PLANAR: dict[str, Any] = {
 def _through_the_form(data: dict[str, Any]) -> dict[str, Any]:
     """The data of a form that was filled in with it, each value as its input shows and reads it."""
     new: dict[str, Any] = {}
-    for path, value in forms.said(FORM, data):
+    for path, value in forms.form_values(FORM, data):
         field = forms.field_at(FORM, data, path)
         assert field is not None, path
         node = field.node.items[0] if isinstance(path[-1], int) else field.node
         if node.sort in ("number", "text", "file"):
-            value = typed(node, shown(node, value))
-        new = forms.put(FORM, new, path, value)
+            value = parse_typed(node, input_text(node, value))
+        new = forms.set_value(FORM, new, path, value)
     return new
 
 
@@ -97,19 +97,19 @@ def test_each_option_of_a_choice_is_told_by_what_it_begins_with() -> None:
 
 
 def test_a_value_inside_a_section_that_isnt_there_brings_its_kind() -> None:
-    data = forms.put(FORM, PLANAR, ("toolpath", "layer_um"), 50)
+    data = forms.set_value(FORM, PLANAR, ("toolpath", "layer_um"), 50)
     assert data["toolpath"] == {"method": "fresh", "layer_um": 50}
     assert "toolpath" not in PLANAR
 
 
 def test_what_is_taken_back_leaves_no_empty_section() -> None:
-    data = forms.put(FORM, PLANAR, ("printer", "care", "reload"), True)
-    assert forms.removed(FORM, data, ("printer", "care", "reload")) == PLANAR
+    data = forms.set_value(FORM, PLANAR, ("printer", "care", "reload"), True)
+    assert forms.remove_value(FORM, data, ("printer", "care", "reload")) == PLANAR
 
 
 def test_an_optional_section_stays_when_it_is_empty() -> None:
-    data = forms.put(FORM, {**PLANAR, "oxygen": {}}, ("oxygen", "sherwood"), 4)
-    assert forms.removed(FORM, data, ("oxygen", "sherwood"))["oxygen"] == {}
+    data = forms.set_value(FORM, {**PLANAR, "oxygen": {}}, ("oxygen", "sherwood"), 4)
+    assert forms.remove_value(FORM, data, ("oxygen", "sherwood"))["oxygen"] == {}
 
 
 @pytest.mark.parametrize(
@@ -166,10 +166,10 @@ def test_own_profiles_are_those_in_the_store(tmp_path: Path) -> None:
 def test_a_changed_value_leaves_the_comments(tmp_path: Path) -> None:
     text = STARTER.read_text(encoding="utf-8")
     data = read_text(text)
-    changed = forms.put(FORM, data, ("toolpath", "layer_um"), 75)
-    changed = forms.put(FORM, changed, ("oxygen",), {})
-    changed = forms.removed(FORM, changed, ("scan", "shrink_percent"))
-    again = rewritten(text, changed)
+    changed = forms.set_value(FORM, data, ("toolpath", "layer_um"), 75)
+    changed = forms.set_value(FORM, changed, ("oxygen",), {})
+    changed = forms.remove_value(FORM, changed, ("scan", "shrink_percent"))
+    again = rewrite_yaml(text, changed)
     assert read_text(again) == changed
     assert again.count("#") == text.count("#")
     assert "layer_um: 75" in again
@@ -177,9 +177,9 @@ def test_a_changed_value_leaves_the_comments(tmp_path: Path) -> None:
 
 def test_a_section_in_one_line_stays_in_one() -> None:
     text = "# mine\nname: n  # its name\ntoolpath: {method: fresh, layer_um: 60}  # thin\n"
-    data = forms.put(FORM, read_text(text), ("toolpath", "layer_um"), 1)
+    data = forms.set_value(FORM, read_text(text), ("toolpath", "layer_um"), 1)
     wanted = "# mine\nname: n  # its name\ntoolpath: {method: fresh, layer_um: 1}  # thin\n"
-    assert rewritten(text, data) == wanted
+    assert rewrite_yaml(text, data) == wanted
 
 
 BOMB = "a: &a [x, x]\nb: &b [*a, *a]\nc: &c [*b, *b]\nname: n\n"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from printctl.link.history import PrintHistory
-from printctl.link.noted import noted
+from printctl.link.noted import read_notes
 from printctl.web.job.record import Records
 from tests.printctl.link.test_noted import begun
 
@@ -40,6 +40,6 @@ def test_a_name_given_after_the_end_is_found_and_stays_with_its_print(tmp_path: 
     PrintHistory().note(folder)
     records.change(record, "Ada", {"cells": "HUVEC"})
     until_filed(["", "Ada"])
-    assert noted(journal) == {}
+    assert read_notes(journal) == {}
     beside = json.loads((folder / "record.1.json").read_text())
     assert beside["values"]["cells"] == "HUVEC"

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from printctl.web.errors import BadRequestError
-from printctl.web.scan.slices import TINT, Slices, opened, picture, plane
+from printctl.web.scan.slices import TINT, Slices, open_scan, picture, plane
 from registration.readers import write_scan_tiff
 from registration.scan import Scan
 
@@ -72,13 +72,13 @@ def test_the_threshold_parts_two_classes() -> None:
     rng = np.random.default_rng(1)
     low, high = rng.normal(10, 1, 4000), rng.normal(30, 1, 2000)
     volume = rng.permutation(np.concatenate([low, high])).reshape(10, 20, 30)
-    found = opened(Scan(**{**vars(_scan()), "volume": volume})).threshold
+    found = open_scan(Scan(**{**vars(_scan()), "volume": volume})).threshold
     assert low.max() < found < high.min()
 
 
 def test_a_constant_volume_is_shown_too() -> None:
     scan = _scan()
-    found = opened(Scan(**{**vars(scan), "volume": np.full(SHAPE, 7, np.uint8)}))
+    found = open_scan(Scan(**{**vars(scan), "volume": np.full(SHAPE, 7, np.uint8)}))
     assert found.low < found.high
     assert np.isfinite(found.threshold)
 

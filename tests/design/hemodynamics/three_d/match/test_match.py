@@ -10,7 +10,7 @@ import pytest
 from design.errors import FlowError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.hemodynamics.probes import Probes
-from design.hemodynamics.three_d import FlowOptions, probe_steady, solve_steady, straightened
+from design.hemodynamics.three_d import FlowOptions, probe_steady, solve_steady, straighten_edges
 from design.hemodynamics.three_d.effective import effective
 from design.hemodynamics.three_d.match import (
     MatchOptions,
@@ -79,7 +79,7 @@ def test_bounds_are_kept_and_told() -> None:
 def test_the_reduced_model_is_brought_to_the_target_at_once() -> None:
     """With the resistances of 3D held, the next radii have the wanted flows to rounding."""
     network = _fork()
-    mesh, _ = straightened(lumen_mesh(network, COARSE.mesh))
+    mesh, _ = straighten_edges(lumen_mesh(network, COARSE.mesh))
     found = effective(network, FAST, solve_steady(mesh, FAST, FlowOptions(order=2)))
     target = ideal_target(network, FAST)
     scale = next_scales(network, FAST, target, found, free_radii(network, COARSE), np.ones(3))
@@ -119,7 +119,7 @@ def test_the_planar_network_comes_within_a_thousandth() -> None:
     assert done.history[0].worst > 0.003
     assert len(done.history) <= 4
     # Again, of the other order, by the sections of the channels.
-    mesh, _ = straightened(lumen_mesh(done.network))
+    mesh, _ = straighten_edges(lumen_mesh(done.network))
     again = solve_steady(mesh, conditions, FlowOptions(order=3))
     probes = Probes(np.array([5, 6, 7, 8]), np.full(4, 0.5))
     flow = probe_steady(done.network, probes, again.field).flow[:, 0]
