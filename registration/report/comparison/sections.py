@@ -117,7 +117,8 @@ def spread_facts(found: Comparison) -> list[Fact]:
     missing = "no print was scanned twice"
     return [
         Fact("Vessels measured in every scan", f"{pooled.vessels} of {len(found.vessels)}"),
-        Fact("Print to print as measured, SD", interval_text(pooled.observed_sd, 1, "µm") or MISSING),
+        Fact("Print to print as measured, SD",
+             interval_text(pooled.observed_sd, 1, "µm") or MISSING),
         Fact("Scan to scan of one print (repeatability), SD",
              (interval_text(pooled.scan_sd, 1, "µm") if known else None) or missing),
         Fact("Print to print, scan noise taken out, SD",
