@@ -1,7 +1,6 @@
 """Wrong input: one clear message, the right exit code, no half-written file."""
 
 import resource
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.system.cli import ROOT, called, printctl, recipe_file
+from tests.system.cli import called, printctl, recipe_file
 
 HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 
@@ -135,7 +134,8 @@ def test_missing_recipe(tmp_path: Path, command: str) -> None:
 
 def test_full_disk_leaves_the_good_file(tmp_path: Path) -> None:
     """A write that fails half-way (here by a file size limit) leaves what was there."""
-    recipe = shutil.copy(ROOT / "examples" / "planar_fresh.yaml", tmp_path)
+    coarse = {"=": "replace", "method": "fresh", "needle": "22g", "layer_um": 150, "line_um": 400}
+    recipe = recipe_file(tmp_path, "planar_fresh", toolpath=coarse)
     (tmp_path / "part.gcode").write_text("a good file")
 
     def small_files_only() -> None:
@@ -148,4 +148,4 @@ def test_full_disk_leaves_the_good_file(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
     assert "too large" in done.stderr
     assert (tmp_path / "part.gcode").read_text() == "a good file"
-    assert {path.name for path in tmp_path.iterdir()} == {"planar_fresh.yaml", "part.gcode"}
+    assert {path.name for path in tmp_path.iterdir()} == {"recipe.yaml", "part.gcode"}
