@@ -98,7 +98,9 @@ def test_winding_number_agrees_with_a_checker(slit):
     points = np.concatenate(list(capsules_near(slit, 3_000)[:2]))
     tree = build_triangle_tree(slit.surface.vertices, slit.surface.faces)
     mine = [winding_number(tree, *p) for p in points]
-    np.testing.assert_array_equal(mine, winding_numbers(points, slit.surface.vertices[slit.surface.faces]))
+    np.testing.assert_array_equal(
+        mine, winding_numbers(points, slit.surface.vertices[slit.surface.faces])
+    )
 
 
 def test_winding_number_counts_overlapping_solids_and_no_cavity():

@@ -32,7 +32,9 @@ def test_valence_and_neighbours_are_those_of_the_grid() -> None:
     for a in range(len(surface.vertices)):
         assert halfedges.valence(twin, out, a) == 6
         mine = {int(v) for v in faces[(faces == a).any(axis=1)].ravel()} - {a}
-        met = {b for b in range(len(surface.vertices)) if halfedges.are_joined(faces, twin, out, a, b)}
+        met = {
+            b for b in range(len(surface.vertices)) if halfedges.are_joined(faces, twin, out, a, b)
+        }
         assert met == mine
 
 
