@@ -39,6 +39,13 @@ def planar_network() -> VesselNetwork:
     )
 
 
+def bent_network() -> VesselNetwork:
+    nodes = np.array([[2, 2, 1], [5, 3, 3], [9, 2, 5], [8, 7, 4], [11, 9, 6], [4, 8, 6.0]])
+    ends = np.array([[0, 1], [1, 2], [1, 3], [3, 4], [3, 5]])
+    radius = np.array([0.6, 0.45, 0.5, 0.35, 0.35])
+    return VesselNetwork.from_segments(nodes, ends, radius, np.zeros(5), np.zeros(5))
+
+
 def rod(start: FloatArray, end: FloatArray, radius: float, sides: int = 32) -> manifold3d.Manifold:
     axis = (end - start) / np.linalg.norm(end - start)
     side = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])

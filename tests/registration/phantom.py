@@ -102,18 +102,26 @@ def _with_lumens(change: Radius) -> FloatArray:
     """Signed distance to the gel, negative inside (a bound near edges)."""
     points = _places()
     box = (np.abs(points - BLOCK / 2) - BLOCK / 2).max(axis=-1)
-    return np.maximum(box, -_lumens(points, change))
+    lumens = np.full(box.size, np.inf)
+    for vessel, (near, along, away) in enumerate(_beside_walls()):
+        lumens[near] = np.minimum(lumens[near], away - change(vessel, along))
+    return np.maximum(box, -lumens.reshape(box.shape))
 
 
-def _lumens(points: FloatArray, change: Radius) -> FloatArray:
-    best = np.full(points.shape[:-1], np.inf)
-    for vessel, (line, radius) in enumerate(ladder().polylines()):
-        a, b = line
+@cache
+def _beside_walls() -> list[tuple[NDArray[np.int64], FloatArray, FloatArray]]:
+    """Per vessel the voxels within it or 1 mm beside it, their way along it and off its wall.
+
+    Farther away the gel's values are those of whole gel, whatever `change` adds.
+    """
+    points, found = _places().reshape(-1, 3), []
+    for (a, b), radius in ladder().polylines():
         length = float(np.linalg.norm(b - a))
         along = np.clip((points - a) @ (b - a) / length, 0, length)
-        away = np.linalg.norm(points - a - along[..., None] * (b - a) / length, axis=-1)
-        best = np.minimum(best, away - radius[0] - change(vessel, along))
-    return best
+        away = np.linalg.norm(points - a - along[:, None] * (b - a) / length, axis=1) - radius[0]
+        near = np.flatnonzero(away < 1.0)
+        found.append((near, along[near], away[near]))
+    return found
 
 
 def traces(segmentation: Segmentation) -> tuple[VesselTrace, ...]:

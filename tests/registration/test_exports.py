@@ -12,8 +12,7 @@ import nrrd
 import numpy as np
 import pytest
 
-from registration import RegistrationOptions, RegistrationReport, Scan, register_scan
-from registration.alignment import AlignmentOptions
+from registration import RegistrationReport, Scan
 from registration.exports import (
     write_axes_vtp,
     write_scan_nrrd,
@@ -22,12 +21,9 @@ from registration.exports import (
 )
 from registration.exports.tables import as_csv
 from registration.gauging import Defect
-from tests.registration.parts import as_scan, lumens, solid
-from tests.registration.test_register import bent_network, microct_of
+from tests.registration.parts import bent_network
+from tests.registration.registered import bent_lumens
 
-FAST = RegistrationOptions(
-    alignment=AlignmentOptions(coarse_points=700, fine_points=6000, contest_points=20_000)
-)
 NETWORK = bent_network()
 WIDE = 0
 OCCLUSION = Defect(
@@ -36,10 +32,9 @@ OCCLUSION = Defect(
 
 
 @pytest.fixture(scope="module")
-def registered() -> tuple[Scan, RegistrationReport]:
+def registered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scan, RegistrationReport]:
     """A micro-CT scan through the front door, with a defect written into what was found."""
-    scan = as_scan(microct_of(NETWORK, NETWORK, seed=3))
-    found = register_scan(scan, solid(lumens(NETWORK)), NETWORK, FAST)
+    scan, found = bent_lumens(tmp_path_factory)
     return scan, replace(found, defects=(OCCLUSION,))
 
 

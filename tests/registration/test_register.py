@@ -9,42 +9,29 @@ import numpy as np
 import pytest
 
 from design.network import VesselNetwork
-from registration import RegistrationOptions, RegistrationReport, register_scan, report_dict
-from registration.alignment import AlignmentOptions
+from registration import RegistrationReport, register_scan, report_dict
 from registration.errors import AlignmentError, RegistrationError, SegmentationError
 from registration.scan import Scan
-from sim.scanner import (
-    MicroCtOptions,
-    OctOptions,
-    Placing,
-    ScannerOutput,
-    simulate_microct,
-    simulate_oct,
-)
+from sim.scanner import ScannerOutput
 from tests.registration.parts import (
     BLOCK,
-    analytic_deposit,
     as_scan,
+    bent_network,
     corners,
-    lumen_distance,
     lumens,
     planar_construct,
-    planar_deposit,
     planar_network,
     solid,
     target_error,
 )
-
-FAST = RegistrationOptions(
-    alignment=AlignmentOptions(coarse_points=700, fine_points=6000, contest_points=20_000)
-)
-COARSE_OCT = OctOptions(voxel_mm=(0.050, 0.050, 0.050))
+from tests.registration.registered import FAST, microct_of, planar_part
 
 
 @pytest.fixture(scope="module")
-def planar() -> tuple[ScannerOutput, RegistrationReport]:
-    scanned = simulate_oct(planar_deposit(0.04), COARSE_OCT, seed=4)
-    return scanned, register_scan(as_scan(scanned), planar_construct(), planar_network())
+def planar(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[ScannerOutput, RegistrationReport]:
+    return planar_part(tmp_path_factory)
 
 
 def test_planar_pose_is_recovered_within_30_um(
@@ -86,6 +73,7 @@ def test_shrunken_outer_faces_deviate_positively(
     assert np.median(report.deviation_um[end]) > 30
 
 
+@pytest.mark.slow
 def test_only_a_seen_surface_has_a_deviation(
     planar: tuple[ScannerOutput, RegistrationReport],
 ) -> None:
@@ -125,6 +113,7 @@ def test_decibels_give_the_same_surface_as_linear_values(
     assert report.scaled.rms_um == pytest.approx(linear.scaled.rms_um, abs=1)
 
 
+@pytest.mark.slow
 def test_mirrored_scan_is_refused_as_mirrored(
     planar: tuple[ScannerOutput, RegistrationReport],
 ) -> None:
@@ -149,20 +138,6 @@ def test_network_of_another_frame_is_refused(
     moved = planar_network().moved(np.array([0.0, 0.65, 0.0]))
     with pytest.raises(RegistrationError, match="same"):
         register_scan(as_scan(planar[0]), planar_construct(), moved)
-
-
-def bent_network() -> VesselNetwork:
-    nodes = np.array([[2, 2, 1], [5, 3, 3], [9, 2, 5], [8, 7, 4], [11, 9, 6], [4, 8, 6.0]])
-    ends = np.array([[0, 1], [1, 2], [1, 3], [3, 4], [3, 5]])
-    radius = np.array([0.6, 0.45, 0.5, 0.35, 0.35])
-    return VesselNetwork.from_segments(nodes, ends, radius, np.zeros(5), np.zeros(5))
-
-
-def microct_of(network: VesselNetwork, printed: VesselNetwork, seed: int) -> ScannerOutput:
-    low, high = network.nodes.min(axis=0) - 0.7, network.nodes.max(axis=0) + 0.7
-    deposit = analytic_deposit(lambda p: lumen_distance(printed, p), low, high, 0.08)
-    placing = Placing(rotation_deg=180, tilt_deg=8, margin_mm=1.0, shrink=(0.98, 0.99, 1.0))
-    return simulate_microct(deposit, MicroCtOptions(placing=placing), seed)
 
 
 @pytest.mark.slow

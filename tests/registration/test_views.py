@@ -11,16 +11,15 @@ import pytest
 from numpy.typing import NDArray
 
 from design.solids import Solid
-from registration import RegistrationReport, Scan, register_scan, report_dict
+from registration import RegistrationReport, Scan, report_dict
 from registration.judging import Tolerances, VesselLimits, judge
 from registration.judging.tolerance import symmetric
 from registration.views import Views, add_scan_places, load_views, save_views, take_views
 from registration.views.mesh_cut import cut_mesh, join_lines
 from registration.views.sampling import Shades
 from registration.views.stack import PIXELS, chosen_sections
-from sim.scanner import simulate_oct
-from tests.registration.parts import as_scan, planar_construct, planar_deposit, planar_network
-from tests.registration.test_register import COARSE_OCT, FAST
+from tests.registration.parts import as_scan, planar_construct
+from tests.registration.registered import planar_part
 
 FloatArray = NDArray[np.float64]
 
@@ -35,13 +34,10 @@ class Case:
 
 
 @pytest.fixture(scope="module")
-def case() -> Case:
+def case(tmp_path_factory: pytest.TempPathFactory) -> Case:
     """A planar part, held against limits so narrow that every vessel has findings."""
-    scan, model = (
-        as_scan(simulate_oct(planar_deposit(0.04), COARSE_OCT, seed=4)),
-        planar_construct(),
-    )
-    found = register_scan(scan, model, planar_network(), FAST)
+    scanned, found = planar_part(tmp_path_factory)
+    scan, model = as_scan(scanned), planar_construct()
     numbers = judge(report_dict(found), Tolerances(VesselLimits(symmetric(0.5))))
     add_scan_places(numbers, scan, found)
     return Case(scan, found, model, numbers, take_views(scan, model, found, numbers))

@@ -15,6 +15,7 @@ from registration.segmentation import Segmentation
 from registration.segmentation.volume import Strength
 from registration.uncertainty import ScanErrors
 from tests.registration.phantom import as_designed, block, traces
+from tests.slower import first_of
 
 LEVEL, LIQUID, OPTICS = 7.0, 0.05, 0.012
 """Gel's brightness, the liquid's over that, the point spread's standard deviation, mm."""
@@ -50,7 +51,7 @@ def profile(line_mm: float, uniform: bool = True) -> WallProfile | None:
     return wall_profile(traces(scan), scan)
 
 
-@pytest.mark.parametrize("line_mm", [0.1, 0.4])
+@pytest.mark.parametrize("line_mm", first_of([0.4, 0.1]))
 @pytest.mark.parametrize("uniform", [False, True])
 def test_the_mean_surface_is_found_under_a_bright_line(line_mm: float, uniform: bool):
     found = profile(line_mm, uniform)
@@ -61,7 +62,7 @@ def test_the_mean_surface_is_found_under_a_bright_line(line_mm: float, uniform: 
     assert found.line_mm == pytest.approx(line_mm, rel=0.25)
 
 
-@pytest.mark.parametrize("line_mm", [0.0, 0.012])
+@pytest.mark.parametrize("line_mm", first_of([0.012, 0.0]))
 def test_a_line_fainter_than_the_walls_are_rough_is_not_told(line_mm: float):
     found = profile(line_mm)
     assert found is None or not found.told

@@ -14,6 +14,7 @@ from registration.topology import leaks
 from registration.topology.ways import _scores, find_ways
 from tests.registration.phantom import CHANNEL, VOXEL, WIDE, block
 from tests.registration.test_defects import findings, hole
+from tests.slower import first_of
 
 FloatArray = NDArray[np.float64]
 
@@ -30,7 +31,7 @@ def speckled(
     return replace(clean, strength=Strength(signal, 0.0))
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", first_of(range(2)))
 def test_a_way_of_200_um_is_found_in_single_look_speckle(seed: int) -> None:
     way = hole((5.0, 1.2, 1.3), (5.0, 3.2, 1.3), 0.10)
     found = findings(speckled(block(extra=way), 0.15, seed=seed)).defects
@@ -54,7 +55,7 @@ def with_bubble(scan: Segmentation, x: float, y: float, z: float, radius: float)
     return replace(scan, strength=Strength(signal, 0.0))
 
 
-@pytest.mark.parametrize("place", [1.3, 1.05])
+@pytest.mark.parametrize("place", first_of([1.05, 1.3]))
 def test_what_a_bubble_shades_may_be_gel(place: float) -> None:
     """A bubble afloat in a lumen, and one that rests at its ceiling."""
     shaded = with_bubble(speckled(block(), 0.15), 5.0, 1.2, place, 0.13)
@@ -83,7 +84,7 @@ def test_light_from_below_gives_the_same_evidence() -> None:
     assert (upwards.glints.down, len(upwards.glints.share)) == (-1, len(whole.glints.share))
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", first_of(range(2)))
 def test_sound_speckled_gel_has_no_way(seed: int) -> None:
     found = findings(speckled(block(), 0.15, seed=seed)).defects
     assert [d for d in found if d.kind in ("leak", "bridge")] == []

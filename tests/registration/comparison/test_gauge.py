@@ -8,6 +8,7 @@ import pytest
 from registration.comparison.errors import GaugeStudyError
 from registration.comparison.gauge.shares import shares
 from registration.comparison.gauge.squares import mean_squares
+from tests.slower import first_of
 
 # AIAG, Measurement Systems Analysis, 4th ed. 2010, chapter III B: three appraisers, three
 # trials, ten parts. Minitab has the same numbers as its example of a crossed study,
@@ -68,7 +69,8 @@ def test_a_part_that_an_operator_never_measured_is_refused_by_name() -> None:
         mean_squares(values, operators, parts)
 
 
-def test_intervals_cover_the_true_components() -> None:
+@pytest.mark.parametrize("rounds", first_of([80, 300]))
+def test_intervals_cover_the_true_components(rounds: int) -> None:
     """Part 6, operator 2, interaction 1, repeats 1.5: 95 % of the intervals hold them."""
     random = np.random.default_rng(5)
     true = {"EV": 1.5, "AV": 2.0, "PV": 6.0, "INT": 1.0}
@@ -76,7 +78,7 @@ def test_intervals_cover_the_true_components() -> None:
     true["TV"] = float(np.hypot(true["GRR"], 6))
     who, what = np.repeat(np.arange(4), 24), np.tile(np.repeat(np.arange(8), 3), 4)
     held = dict.fromkeys(true, 0)
-    rounds, kept = 300, 0
+    kept = 0
     for _ in range(rounds):
         y = 6 * random.normal(size=8)[what] + 2 * random.normal(size=4)[who]
         y += random.normal(size=(4, 8))[who, what] + 1.5 * random.normal(size=96)

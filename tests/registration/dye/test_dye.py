@@ -38,15 +38,22 @@ def _states(report: DyeReport) -> dict[int, str]:
     return {v.vessel: v.patency for v in report.vessels if v.patency != "open"}
 
 
-def _tube_report(folder: Path, spoilt: Disturbance, options: DyeOptions) -> DyeReport:
-    film = DyeFilm(20.0, 8.0, 1.0, TUBE_CAMERA, Dye(), spoilt)
-    path = filmed(folder, tube(), TUBE_FLOW, (0, 1), film)
-    return measure_dye(path, read_marks(folder / "marks.yaml"), tube(), options)
+@pytest.fixture(scope="module")
+def steady(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a tube's film and its marks."""
+    folder = tmp_path_factory.mktemp("steady")
+    film = DyeFilm(20.0, 8.0, 1.0, TUBE_CAMERA, Dye(), STEADY)
+    assert filmed(folder, tube(), TUBE_FLOW, (0, 1), film) == folder / "film.avi"
+    return folder
 
 
-def test_dye_in_a_tube_arrives_when_taylor_says(tmp_path: Path) -> None:
+def _tube_report(folder: Path, options: DyeOptions) -> DyeReport:
+    return measure_dye(folder / "film.avi", read_marks(folder / "marks.yaml"), tube(), options)
+
+
+def test_dye_in_a_tube_arrives_when_taylor_says(steady: Path) -> None:
     options = DyeOptions(flow_ul_s=TUBE_FLOW, start_s=1.0)
-    report = _tube_report(tmp_path, STEADY, options)
+    report = _tube_report(steady, options)
     # Mean over the section c = 1 - s/(2Ut): half of the level c(t_end) at the film's end.
     way = report.stations.points[:, 0]
     end = 0.95 * 7.95 - 1.0
@@ -60,14 +67,14 @@ def test_dye_in_a_tube_arrives_when_taylor_says(tmp_path: Path) -> None:
     assert dye_verdict(report, 40.0)["outcome"] == "pass"
 
 
-def test_flow_and_start_are_found_from_the_film(tmp_path: Path) -> None:
-    report = _tube_report(tmp_path, STEADY, DyeOptions())
+def test_flow_and_start_are_found_from_the_film(steady: Path) -> None:
+    report = _tube_report(steady, DyeOptions())
     assert report.prediction.flow_ul_s == pytest.approx(TUBE_FLOW, rel=0.03)
     assert report.prediction.start_s == pytest.approx(1.0, abs=0.05)
 
 
-def test_half_the_flow_is_late_where_the_flow_is_given(tmp_path: Path) -> None:
-    report = _tube_report(tmp_path, STEADY, DyeOptions(flow_ul_s=2.0 * TUBE_FLOW, start_s=1.0))
+def test_half_the_flow_is_late_where_the_flow_is_given(steady: Path) -> None:
+    report = _tube_report(steady, DyeOptions(flow_ul_s=2.0 * TUBE_FLOW, start_s=1.0))
     found = dye_verdict(report, 40.0)
     assert found["outcome"] == "fail"
     assert "too late" in found["reasons"][0]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from design.network import VesselNetwork
-from registration.dye import DyeOptions, Marks, dye_verdict, measure_dye, read_marks
+from registration.dye import DyeOptions, DyeReport, Marks, dye_verdict, measure_dye, read_marks
 from registration.dye.arrivals import find_arrivals
 from registration.dye.patency import _Seen, _series, _stop
 from registration.dye.predict import carrying_flow
@@ -30,8 +30,12 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return filmed(folder, tube(), TUBE_FLOW, (0, 1), seen)
 
 
-def test_an_open_vessel_that_cant_be_timed_is_no_pass(film: Path) -> None:
-    report = measure_dye(film, read_marks(film.parent / "marks.yaml"), tube())
+@pytest.fixture(scope="module")
+def report(film: Path) -> DyeReport:
+    return measure_dye(film, read_marks(film.parent / "marks.yaml"), tube())
+
+
+def test_an_open_vessel_that_cant_be_timed_is_no_pass(report: DyeReport) -> None:
     assert dye_verdict(report, 40.0)["outcome"] == "pass"
     untimed = [dataclasses.replace(v, leaves_s=None) for v in report.vessels]
     found = dye_verdict(dataclasses.replace(report, vessels=untimed), 40.0)
@@ -39,8 +43,7 @@ def test_an_open_vessel_that_cant_be_timed_is_no_pass(film: Path) -> None:
     assert "too little is seen to time dye in vessel 0" in found["reasons"][0]
 
 
-def test_a_pass_says_what_was_fitted_and_what_was_allowed(film: Path) -> None:
-    report = measure_dye(film, read_marks(film.parent / "marks.yaml"), tube())
+def test_a_pass_says_what_was_fitted_and_what_was_allowed(report: DyeReport) -> None:
     found = dye_verdict(report, 35.0)
     assert found["tolerance_percent"] == 35.0
     assert "within 35 %" in found["reasons"][0]
@@ -70,8 +73,7 @@ def test_marks_turned_round_are_told(film: Path) -> None:
         measure_dye(film, turned, tube())
 
 
-def test_a_step_of_compression_in_a_still_film_is_no_dye(film: Path) -> None:
-    report = measure_dye(film, read_marks(film.parent / "marks.yaml"), tube())
+def test_a_step_of_compression_in_a_still_film_is_no_dye(report: DyeReport) -> None:
     step = np.where(report.traces.times > 3.0, 0.002, 0.0)
     still: Traces = dataclasses.replace(
         report.traces, dye=np.tile(step, (len(report.stations.radius), 1))

@@ -3,34 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 
-from registration import RegistrationOptions, Scan, register_scan, report_dict
-from registration.alignment import AlignmentOptions
+from registration import RegistrationReport, Scan, register_scan, report_dict
 from registration.errors import DatumError
 from registration.geometry import read_datums
 from registration.report.zones import frame_lines, zone_table
-from tests.registration.parts import as_scan, lumens, solid
-from tests.registration.test_register import bent_network, microct_of
+from tests.registration.parts import bent_network, lumens, solid
+from tests.registration.registered import FAST, bent_lumens
 
-FAST = RegistrationOptions(
-    alignment=AlignmentOptions(coarse_points=700, fine_points=6000, contest_points=20_000)
-)
 NETWORK = bent_network()
 
 
-@cache
-def scan() -> Scan:
-    return as_scan(microct_of(NETWORK, NETWORK, seed=3))
+Registered = tuple[Scan, RegistrationReport]
 
 
-def test_the_chosen_datums_lay_the_rigid_fit_and_not_the_scaled_one() -> None:
-    plain = register_scan(scan(), solid(lumens(NETWORK)), NETWORK, FAST)
+@pytest.fixture(scope="module")
+def registered(tmp_path_factory: pytest.TempPathFactory) -> Registered:
+    return bent_lumens(tmp_path_factory)
+
+
+def test_the_chosen_datums_lay_the_rigid_fit_and_not_the_scaled_one(
+    registered: Registered,
+) -> None:
+    scan, plain = registered
     datums = read_datums(["axis 0", "outlet 4"])
-    chosen = register_scan(scan(), solid(lumens(NETWORK)), NETWORK, replace(FAST, datums=datums))
+    chosen = register_scan(scan, solid(lumens(NETWORK)), NETWORK, replace(FAST, datums=datums))
     assert plain.frame.names == ()
     assert chosen.frame.names == ("axis 0", "outlet 4")
     assert chosen.scaled_scan_to_part == pytest.approx(plain.scaled_scan_to_part)
@@ -47,7 +47,8 @@ def test_the_chosen_datums_lay_the_rigid_fit_and_not_the_scaled_one() -> None:
     assert len(table.rows) == len(chosen.characteristics)
 
 
-def test_lumens_scanned_alone_have_no_outer_face_to_be_a_datum() -> None:
+@pytest.mark.slow
+def test_lumens_scanned_alone_have_no_outer_face_to_be_a_datum(registered: Registered) -> None:
     options = replace(FAST, datums=read_datums(["face -z"]))
     with pytest.raises(DatumError, match=r"no planar outer face .* \(it has: none\)"):
-        register_scan(scan(), solid(lumens(NETWORK)), NETWORK, options)
+        register_scan(registered[0], solid(lumens(NETWORK)), NETWORK, options)

@@ -11,6 +11,7 @@ import pytest
 from registration.errors import PictureError
 from registration.lens import Board, BoardView, Lens, find_board, fit_lens, read_lens, write_lens
 from tests.registration.lens.rendered import Rig, photographed
+from tests.slower import first_of
 
 BOARD = Board(11, 8, 2.0, 1.5)
 SEVERAL = ((0, 0, 0), (22, 5, 0), (-18, 12, 90), (8, -24, 20), (-10, -15, 180))
@@ -30,7 +31,7 @@ def off_px(lens: Lens, rig: Rig) -> float:
     return float(np.abs(seen * (seen * true).sum() / (seen * seen).sum() - true).max())
 
 
-@pytest.mark.parametrize("tilt", [(0.0, 0.0, 0.0), (1.5, -2.0, 77.0)])
+@pytest.mark.parametrize("tilt", first_of([(1.5, -2.0, 77.0), (0.0, 0.0, 0.0)]))
 def test_one_picture_of_a_plane_tells_scale_and_distortion(
     tmp_path: Path, tilt: tuple[float, float, float]
 ) -> None:

@@ -98,7 +98,7 @@ def test_inlets_and_outlets_have_arrows_within_the_picture() -> None:
 
 
 def test_arrows_turn_with_the_flow() -> None:
-    options = PictureOptions(width=800)
+    options = PictureOptions(width=400)
     ahead = np.ones(NETWORK.vessel_count)
     designed = draw_picture(NETWORK, quantity("radius"), None, options)
     assert draw_picture(NETWORK, quantity("radius"), None, options, ahead) == designed

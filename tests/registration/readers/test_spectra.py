@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,7 @@ def peak(profile: Floats) -> tuple[float, float]:
     return float(fine[np.argmax(curve)]), float(above[-1] - above[0])
 
 
+@cache
 def limit(voxel: float) -> float:
     """Width that the source and a Hann window over the band allow, in voxels."""
     wavenumber = np.linspace(*(2 * np.pi / (wavelengths()[[-1, 0]] * 1e-6)), 4096)
