@@ -15,6 +15,9 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = ("firmware_profiles", "design", "sim", "registration", "printctl", "docs_tools")
 HOMES = ("firmware_profiles.families", "sim.families")
 NAME = re.compile(rf"\b({'|'.join(family_names())})\b")
+WORD = re.compile(rf"firmware|{'|'.join(family_names())}")
+SEAM = re.compile(r"""["']\s*[a-zA-Z]?["']|\\""")
+"""What may stand within a word in a source: two strings beside each other, a backslash."""
 INSIDE = re.compile(rf"({'|'.join(HOMES)})\.({'|'.join(family_names())})\b")
 
 
@@ -27,6 +30,8 @@ def sources() -> Iterator[Path]:
 
 def faults(text: str) -> list[str]:
     """Where a source names a family, or asks a profile which firmware it has."""
+    if not WORD.search(SEAM.sub("", text)):
+        return []
     tree = ast.parse(text)
     found = []
     prose = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}

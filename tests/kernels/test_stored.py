@@ -1,6 +1,7 @@
 """Kernel store on disk: reused only for identical content."""
 
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from kernels import cache_dir
+from kernels.files import read_whole, write_whole
 
 TWO = """
 import sys
@@ -166,13 +168,31 @@ def _flipped(data: bytes) -> bytes:
     return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
 
 
+DAMAGES = [
+    pytest.param(_flipped, id="one bit"),
+    pytest.param(lambda data: b"", id="empty"),
+    pytest.param(lambda data: b"nonsense", id="nonsense"),
+    pytest.param(lambda data: data[:-50], id="cut"),
+]
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_file_is_not_read(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+    path = tmp_path / "kernel.nbc"
+    write_whole(path, pickle.dumps(("code", bytes(1000))))
+    assert read_whole(path) == ("code", bytes(1000))
+    whole = path.read_bytes()
+    path.write_bytes(damage(whole))
+    assert read_whole(path) is None
+    (tmp_path / "other.nbc").write_bytes(whole)
+    assert read_whole(tmp_path / "other.nbc") is None, "another kernel's"
+
+
 @pytest.mark.parametrize(
     "damage",
     [
-        pytest.param(lambda data: b"", id="empty"),
-        pytest.param(lambda data: b"nonsense", id="nonsense"),
-        pytest.param(lambda data: data[:-50], id="cut"),
-        pytest.param(_flipped, id="one bit"),
+        _flipped,
+        *(pytest.param(*one.values, id=one.id, marks=pytest.mark.slow) for one in DAMAGES[1:]),
     ],
 )
 def test_a_damaged_file_is_compiled_anew(
@@ -192,6 +212,7 @@ def test_a_folder_that_cannot_be_made_costs_only_time(tmp_path: Path) -> None:
     assert _run(tmp_path, SLOPE_FIRST, "3.0, 100.0") == "6.0 False"
 
 
+@pytest.mark.slow
 def test_another_kernels_file_is_not_loaded(tmp_path: Path) -> None:
     (tmp_path / "two.py").write_text(TWO.replace("import sys", "import numpy as np"))
     _python(tmp_path, "import two; two.fa(3); two.fb(3)")

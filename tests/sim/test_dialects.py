@@ -20,6 +20,7 @@ from sim.gcode import checksum
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.protocols import made_protocol
 from tests.printctl.link.sim_transport import SimTransport
+from tests.slower import first_of
 
 START = (50.0, 50.0, 10.0)
 PLACED = b"SET_KINEMATIC_POSITION X=50 Y=50 Z=10\n"
@@ -216,7 +217,7 @@ def test_print_through_the_link_ends_where_the_file_does(firmware, tmp_path):
     assert np.round(motion.plunger_end[-1] * 6400) == 150 * 22
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", first_of(range(4)))
 def test_duet_over_a_line_that_loses_oks_neither_loses_nor_doses_twice(seed, tmp_path):
     status, motion = printed("reprapfirmware", tmp_path, seed, drop_ok=0.02)
     assert status.state is LinkState.DONE, status

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import serial
 
+from sim.__main__ import main
 from sim.executed import ExecutedMotion
 from sim.gcode import checksum
 
@@ -181,36 +182,28 @@ def test_it_ends_with_the_process_that_asked_for_it(serve):
         (["--printer", "marlin_avr", "--fault", "melt@3"], "fault 'melt@3' isn't one of"),
     ],
 )
-def test_wrong_use_is_told_and_ends_with_two(arguments, message):
-    done = used_wrongly(*arguments)
-    assert message in done.stderr
-    assert done.stdout == ""
+def test_wrong_use_is_told_and_ends_with_two(capsys, arguments, message):
+    told = used_wrongly(capsys, *arguments)
+    assert message in told.err
+    assert told.out == ""
 
 
-def used_wrongly(*arguments):
-    """A printer that doesn't start, and what it says."""
-    done = subprocess.run(
-        [sys.executable, "-m", "sim", *arguments],
-        cwd=REPO,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
-    assert done.returncode == 2
-    return done
+def used_wrongly(capsys, *arguments):
+    """What a printer that doesn't start says."""
+    assert main(list(arguments)) == 2
+    return capsys.readouterr()
 
 
-def test_a_port_that_comes_back_needs_a_name(tmp_path):
+def test_a_port_that_comes_back_needs_a_name(tmp_path, capsys):
     faults = tmp_path / "faults.yaml"
     faults.write_text("at: [{fault: unplug, line: 2, back_after_s: 0.2}]")
-    done = used_wrongly("--printer", "marlin_avr", "--faults", str(faults))
-    assert "--link PATH or --tcp PORT" in done.stderr
+    told = used_wrongly(capsys, "--printer", "marlin_avr", "--faults", str(faults))
+    assert "--link PATH or --tcp PORT" in told.err
 
 
-def test_a_link_does_not_replace_a_file(tmp_path):
+def test_a_link_does_not_replace_a_file(tmp_path, capsys):
     file = tmp_path / "precious"
     file.write_text("keep")
-    done = used_wrongly("--printer", "marlin_avr", "--link", str(file))
-    assert "isn't a link" in done.stderr
+    told = used_wrongly(capsys, "--printer", "marlin_avr", "--link", str(file))
+    assert "isn't a link" in told.err
     assert file.read_text() == "keep"

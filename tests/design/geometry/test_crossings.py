@@ -12,6 +12,7 @@ import pytest
 from design.geometry.crossings import side
 from design.solids import Solid, block_solid, find_crossings, lumen_solid
 from tests.design.solids.networks import channels
+from tests.slower import first_of
 
 
 def _exact_side(a: Any, b: Any, c: Any, d: Any) -> int:
@@ -90,7 +91,7 @@ def _soup(rng: np.random.Generator, kind: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("kind", ["apart", "shared", "grid"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", first_of(range(3)))
 def test_all_faces_that_meet_are_found_and_no_others(kind: str, seed: int) -> None:
     vertices, faces = _soup(np.random.default_rng(seed), kind)
     faces = np.unique(np.sort(faces, axis=1), axis=0)

@@ -5,6 +5,7 @@ from design.errors import TissueError
 from design.tissue import Surface, tissue_from_surface
 from tests.design.geometry import oracles
 from tests.design.tissue import surfaces
+from tests.slower import first_of
 
 
 def tissue_of(surface, **options):
@@ -80,12 +81,13 @@ def test_overlapping_solids_count_once():
     assert tissue.contains(np.array([[2.5, 0.0, 0.0]])).all()
 
 
-def test_samples_are_exact_distances(hollow):
+@pytest.mark.parametrize("bricks", first_of([2, 8]))
+def test_samples_are_exact_distances(hollow, bricks):
     grid = hollow.grid.arrays
     corners = hollow.surface.vertices[hollow.surface.faces]
     rng = np.random.default_rng(5)
     a, b, c = np.nonzero(grid.brick >= 0)
-    for n in rng.integers(0, len(a), 8):
+    for n in rng.integers(0, len(a), bricks):
         i, j, k = rng.integers(0, 9, 3)
         p = grid.origin + grid.spacing * (8 * np.array([a[n], b[n], c[n]]) + (i, j, k))
         exact = min(oracles.point_triangle(p, *t) for t in corners)

@@ -59,7 +59,7 @@ def outside(tree, tissue):
     return int(((away < radius) | (winding_numbers(end, corners, exact) <= 0)).sum())
 
 
-@pytest.mark.parametrize("seed", first_of(range(10), 2))
+@pytest.mark.parametrize("seed", first_of(range(10)))
 @pytest.mark.parametrize("name", MAKERS)
 def test_tree_stays_in_tissue(tissues, name, seed):
     root = FREE if name == "needle" else {}

@@ -6,6 +6,7 @@ from design.errors import TissueError
 from design.tissue import load_point_surface, point_surface
 from design.tissue.normals import estimate_normals
 from tests.design.tissue import surfaces
+from tests.slower import first_of
 
 
 def sphere(count, seed=0):
@@ -33,7 +34,7 @@ def closed(shape):
 
 
 @pytest.mark.parametrize("oriented", [True, False])
-@pytest.mark.parametrize("count", [1000, 4000])
+@pytest.mark.parametrize("count", first_of([1000, 4000]))
 def test_sphere_is_met_within_a_twentieth_of_the_spacing(count, oriented):
     way = sphere(count)
     shape, notes = point_surface(10 * way, way if oriented else None)
@@ -104,7 +105,7 @@ def test_few_points_and_bad_normals_are_refused():
         point_surface(10 * sphere(1000), normals)
 
 
-@pytest.mark.parametrize("oriented", [True, False])
+@pytest.mark.parametrize("oriented", first_of([True, False]))
 @pytest.mark.parametrize("suffix", ["xyz", "csv", "ply"])
 def test_files_are_read_with_and_without_normals(tmp_path, suffix, oriented):
     way = sphere(1000)

@@ -42,7 +42,7 @@ def tips(tree):
     return ends[np.lexsort(ends.T)]
 
 
-@pytest.mark.parametrize("name", first_of(SHAPES, 2))
+@pytest.mark.parametrize("name", first_of(SHAPES))
 def test_polished_trees_are_smaller_and_still_fit(name):
     tissue = tissue_of(SHAPES[name]())
     for seed in range(3):
