@@ -25,7 +25,7 @@ FACTS = '''
 
 from firmware_profiles.families.ack_protocol import AckProtocol, Sort
 from firmware_profiles.families.common_words import COMMON
-from firmware_profiles.families.dialect import Dialect, always
+from firmware_profiles.families.dialect import Dialect, same_dialect
 from firmware_profiles.families.family import Family
 from firmware_profiles.families.gate_facts import Ask, GateFacts
 from firmware_profiles.families.grammar import Grammar, codes
@@ -57,7 +57,7 @@ FAMILY = Family(
         words={**COMMON, "M777": ""},
         lower_case=False,
     ),
-    dialect=always(Dialect("M85 S{seconds}", clean=("M220 S100", "M221 S100"))),
+    dialect=same_dialect(Dialect("M85 S{seconds}", clean=("M220 S100", "M221 S100"))),
     gate=GateFacts(console={"M777": Ask()}),
     probe=ProbeFacts((b"M115",)),
     timeout=IdleTimeout("M85", "", "M85 S600"),
