@@ -17,7 +17,7 @@ from printctl.gate import refused_lines
 from printctl.link.errors import JobError
 from printctl.link.marks import MarkReader, Marks
 from sim.errors import GcodeError
-from sim.gcode_path import read_gcode_path
+from sim.reading.user_file import read_gcode_path
 from sim.reading.file import GcodeFile, kinds_of, read_file
 from sim.reading.others import Others, other_lines
 

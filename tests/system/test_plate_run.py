@@ -23,7 +23,7 @@ from printctl.pipeline.run import toolpath_recipe
 from printctl.plates import assigned
 from printctl.preflight import SetUp, file_checks
 from printctl.recipe import load_recipe, parse_recipe
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from tests.system.cli import ROOT, printctl
 from tests.system.forks import FORK
 

@@ -16,7 +16,7 @@ from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
-from sim.executed import ExecutedMotion
+from sim.motion.executed import ExecutedMotion
 from sim.families.registry import simulated_printer
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.journals import journal_in
