@@ -32,8 +32,8 @@ from sim.dry_run.run import dry_run
 from sim.errors import LineError
 from sim.families.marlin.printer import MarlinPrinter
 from sim.program.modal import BAD
-from sim.reading import read_line
 from sim.program.written import read_written
+from sim.reading import read_line
 
 PRINTER = load(Printer, "marlin_avr")
 STEPS = {"X": 80, "Y": 80, "Z": 400, "E": 500}

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from firmware_profiles import Printer, ProfileError, load
-from sim.faults.bad_line import BadLine
 from sim.board.hardware import Board
 from sim.errors import ServeError, SimError
 from sim.families.registry import simulated_printer
+from sim.faults.bad_line import BadLine
 from sim.faults.fault_file import Fault, FaultFile, load_faults, parse_fault
-from sim.serving.job_lines import JobLines
 from sim.faults.pace import Pace
+from sim.serving.job_lines import JobLines
 from sim.serving.ports import Port, PtyPort, TcpPort
 from sim.serving.serve import Server, Serving
 from sim.serving.warm import warm_printer
@@ -64,7 +64,10 @@ def parser() -> argparse.ArgumentParser:
         "repeatable",
     )
     options.add_argument(
-        "--faults", type=Path, metavar="FILE", help="a fault file (YAML), see sim/faults/fault_file.py"
+        "--faults",
+        type=Path,
+        metavar="FILE",
+        help="a fault file (YAML), see sim.faults.fault_file",
     )
     options.add_argument(
         "--no-thermistors", action="store_true", help="temperature inputs aren't wired"

@@ -21,8 +21,8 @@ from sim.bead import Bead, advance_of, cut, nozzle_of, predict_bead
 from sim.bead.pieces import median_flow
 from sim.deposit.lay import Style
 from sim.dry_run.run import DryRun
-from sim.motion.executed import ExecutedMotion
 from sim.heads.valve import as_plunger, flowing
+from sim.motion.executed import ExecutedMotion
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.report.gcode import Act
+from sim.heads.valve import Valve
 from sim.program.gcode import Program
 from sim.program.modal import DWELL, HOME, MOVE
-from sim.heads.valve import Valve
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

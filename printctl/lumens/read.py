@@ -30,8 +30,8 @@ from printctl.lumens.strokes import (
     valve_strokes,
 )
 from sim.dry_run.run import DryRun, dry_run
-from sim.reading.comments import plain_lines, said_start
 from sim.heads.valve import read_with_valve
+from sim.reading.comments import plain_lines, said_start
 
 SMOOTHING_MM: Final = 1.0
 """Ink and syringe give way, so that single steps of the plunger are smoothed over this way."""

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from sim.dry_run.run import DryRun
+from sim.heads.valve import Valve, as_plunger, flowing
 from sim.program.gcode import Program, code, parse_line
 from sim.program.modal import MOVE
-from sim.heads.valve import Valve, as_plunger, flowing
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,8 +9,8 @@ from firmware_profiles import Printer
 from printctl.gate import refused_lines
 from printctl.set_up.check import Check
 from sim.dry_run.run import DryRun
-from sim.reading.firmware_codes import is_known_line
 from sim.program.modal import MOVE
+from sim.reading.firmware_codes import is_known_line
 from sim.reading.outputs import SETS_ARRAY, SETS_CALL, output_of
 
 _OUTPUTS: Final = "outputs set other than the valve's"

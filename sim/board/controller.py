@@ -10,7 +10,6 @@ from typing import Protocol
 import numpy as np
 
 from firmware_profiles import Printer
-from sim.faults.bad_line import BadLine
 from sim.board.fault_plan import FaultPlan
 from sim.board.firmware import Firmware
 from sim.board.hardware import Board
@@ -19,11 +18,12 @@ from sim.board.machine import Machine
 from sim.board.waits import Steps
 from sim.board.wire import BITS_PER_BYTE, Wire
 from sim.board.work import BoardWork
+from sim.faults.bad_line import BadLine
 from sim.faults.fault_file import Fault
 from sim.faults.gauge import Gauge
+from sim.faults.pace import Pace
 from sim.program.gcode import Command
 from sim.program.words import WORDS
-from sim.faults.pace import Pace
 
 
 class Job(Protocol):

@@ -11,9 +11,9 @@ import numpy as np
 
 from firmware_profiles import Printer, Span
 from firmware_profiles.families import family_of
+from sim.motion.block import to_steps
 from sim.motion.executed import ExecutedMotion
 from sim.motion.executed_log import executed_motion
-from sim.program.modal import new_modal
 from sim.motion.planner import (
     add_move,
     command_time,
@@ -24,8 +24,8 @@ from sim.motion.planner import (
     stop_now,
     take_head,
 )
-from sim.motion.block import to_steps
 from sim.motion.state import LOG, new_planner, new_ring
+from sim.program.modal import new_modal
 
 _FIRST_LOG: Final = 4096
 _OUTLASTS_POWER: Final = ("physical", "plungers", "first_pulse", "logged", "merged", "run_end")

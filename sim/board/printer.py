@@ -7,8 +7,8 @@ Modelled of any board, whatever its firmware:
   planner); line assembly with comments and overlong lines;
 - planner, stepper and their times (`sim.motion.planner`), step counters, G92 as a shift of the
   workspace; heaters with thermal mass; settings that are stored;
-- faults that it is told to have (`sim.faults.fault_file`), and a bad cable (`sim.faults.bad_line`) for whoever
-  owns the port.
+- faults that it is told to have (`sim.faults.fault_file`), and a bad cable
+  (`sim.faults.bad_line`) for whoever owns the port.
 
 What a firmware does with that is its family's (`sim.board.firmware`, `sim/families/`).
 
@@ -38,8 +38,8 @@ from firmware_profiles import Printer
 from sim.board.controller import Controller
 from sim.board.hardware import Board
 from sim.board.main_loop import MainLoop
-from sim.motion.executed import ExecutedMotion
 from sim.faults.fault_file import Fault
+from sim.motion.executed import ExecutedMotion
 
 
 class SimulatedPrinter(Controller):

@@ -16,9 +16,9 @@ import numpy as np
 from firmware_profiles import Printer
 from sim.deposit.lay import Deposit, Style, deposit
 from sim.errors import DepositError
-from sim.motion.executed import ExecutedMotion
 from sim.heads.valve import as_plunger, flowing, read_with_valve
 from sim.heads.valve_blocks import with_commands
+from sim.motion.executed import ExecutedMotion
 
 _EXACT_MM: Final = 1e-6
 _KNOWN: Final = 0.9

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from firmware_profiles import Printer, Span
 from firmware_profiles.families import family_of, meanings
 from firmware_profiles.families.grammar import Meaning
-from sim.program.finding import Finding
 from sim.errors import LineError
-from sim.reading.firmware_codes import is_known, is_known_name
-from sim.program.gcode import NO_COMMAND, Program, code_name
-from sim.reading.named_commands import NamedCommand
-from sim.program.modal import BAD, HOME, MOVE
 from sim.heads.state import head_findings
 from sim.motion.stepper import LEAST_RATE
+from sim.program.finding import Finding
+from sim.program.gcode import NO_COMMAND, Program, code_name
+from sim.program.modal import BAD, HOME, MOVE
 from sim.reading.file import kinds_of
+from sim.reading.firmware_codes import is_known, is_known_name
+from sim.reading.named_commands import NamedCommand
 
 FloatArray = NDArray[np.float64]
 _TINY_MM: Final = 1e-6

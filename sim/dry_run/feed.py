@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from firmware_profiles import Printer
 from kernels import jit
 from sim.board.hardware import Board
+from sim.dry_run.line_times import LineTimes
+from sim.motion.planner import add_move, main_share, next_event, run_until, set_axis, take_head
+from sim.motion.processor_times import BLOCK_S, CORNER_S, TRAPEZOID_S
+from sim.motion.state import LOG, Records, new_planner, new_ring
 from sim.program.gcode import Program
 from sim.program.modal import DWELL, HOME, MOVE, SET_POSITION, SYNC, TOOL
-from sim.board.line_times import BLOCK_S, CORNER_S, TRAPEZOID_S, LineTimes
-from sim.motion.planner import add_move, main_share, next_event, run_until, set_axis, take_head
-from sim.motion.state import LOG, Records, new_planner, new_ring
 
 FloatArray = NDArray[np.float64]
 
@@ -161,7 +162,8 @@ def _feed(
         The host's turnaround; two bytes, which the board's transmitter takes at once; the end of a
         second line that is withheld.
     plan_s : (3,) float64, s
-        For a block, its corner, and each trapezoid. ``costs`` as in `sim.motion.planner.command_time`.
+        For a block, its corner, and each trapezoid. ``costs`` as in
+        `sim.motion.planner.command_time`.
     """
     now, arrival, answered, answer = 0.0, 0.0, -host_s[0], 0.0
     begin, finish = np.inf, 0.0

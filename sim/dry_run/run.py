@@ -1,10 +1,10 @@
 """Simulate a G-code file without a printer: duration, path, limit violations.
 
-The planner is that of the simulated printer, fed as the link feeds a real one (`sim.board.line_times`):
-wire both ways, the board's time for a line, the host's turnaround, lines in flight. Where moves
-are shorter than their lines take to come, the planner runs low and slows down here as it would
-there, and what that costs is told (`DryRun.starved`). Waits for
-heat count as nothing; a wait for the user likewise.
+The planner is that of the simulated printer, fed as the link feeds a real one
+(`sim.dry_run.line_times`): wire both ways, the board's time for a line, the host's turnaround,
+lines in flight. Where moves are shorter than their lines take to come, the planner runs low and
+slows down here as it would there, and what that costs is told (`DryRun.starved`). Waits for heat
+count as nothing; a wait for the user likewise.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer
-from sim.dry_run.cold import extrusion_allowed
 from sim.dry_run.checks import check
+from sim.dry_run.cold import extrusion_allowed
 from sim.dry_run.feed import StarvedMotion, run_program, starvation
-from sim.program.finding import Finding
 from sim.dry_run.heat import Heating, heatings
+from sim.dry_run.line_times import line_times
+from sim.heads.state import Heads, read_heads
+from sim.heads.valve import Valve, read_valve
 from sim.motion.executed import ExecutedMotion
 from sim.motion.executed_log import executed_motion
+from sim.program.finding import Finding
 from sim.program.gcode import Program
-from sim.reading.named_commands import NamedCommand
 from sim.program.modal import MOVE
-from sim.heads.state import Heads, read_heads
-from sim.board.line_times import line_times
-from sim.reading.others import Others, other_lines
-from sim.heads.valve import Valve, read_valve
 from sim.program.written import read_written
+from sim.reading.named_commands import NamedCommand
+from sim.reading.others import Others, other_lines
 
 FloatArray = NDArray[np.float64]
 

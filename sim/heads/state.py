@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Head, Printer
 from firmware_profiles.families import family_of
+from sim.heads.valve import CLOSED, UNKNOWN, Valve, read_switch
 from sim.program.finding import Finding
 from sim.program.gcode import Program, code, parse_line
-from sim.reading.named_commands import NamedCommand
 from sim.program.modal import SET_POSITION, TOOL
-from sim.heads.valve import CLOSED, UNKNOWN, Valve, read_switch
+from sim.reading.named_commands import NamedCommand
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -62,7 +62,7 @@ class Heads:
 def read_heads(
     program: Program, gcode: bytes, named: tuple[NamedCommand, ...], printer: Printer
 ) -> Heads:
-    """Follow the commands that raise and lower heads; parameters as of `sim.heads.valve.read_switch`."""
+    """Follow the commands that raise and lower heads; parameters as for `valve.read_switch`."""
     heads = printer.heads or ()
     count = printer.head_count
     raised = np.zeros((len(program), count), dtype=np.bool_)

@@ -24,10 +24,10 @@ from firmware_profiles import Pneumatic, Printer
 from sim.errors import GcodeError
 from sim.motion.executed import ExecutedMotion
 from sim.program.gcode import Program, parse_line
-from sim.reading.named_commands import NamedCommand
 from sim.program.modal import DWELL
-from sim.reading.outputs import output_of
 from sim.program.written import read_written
+from sim.reading.named_commands import NamedCommand
+from sim.reading.outputs import output_of
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

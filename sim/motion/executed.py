@@ -30,8 +30,8 @@ class ExecutedMotion:
     line : (n,) int64
         Zero-based number of the job's command line that made the block; -1 when unknown, or a
         host's own. Of a simulated printer that doesn't know the job (`sim.board.printer`) the
-        number of the line that came, which counts a host's own lines; `sim.heads.valve_blocks` finds the
-        job's.
+        number of the line that came, which counts a host's own lines; `sim.heads.valve_blocks`
+        finds the job's.
     tool : (n,) int64
         The head whose plunger E moved; zeros where not given.
     """

@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 
 from firmware_profiles.families.grammar import ERule
 from kernels import jit
+from sim.encoding import check_text
+from sim.motion.state import Record, Records
 from sim.program.modal import (
     ARC,
     BAD,
@@ -36,9 +38,7 @@ from sim.program.modal import (
     new_modal,
     speed,
 )
-from sim.reading.encoding import check_text
 from sim.program.words import WORDS, split_words
-from sim.motion.state import Record, Records
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]

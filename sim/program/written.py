@@ -11,8 +11,8 @@ from firmware_profiles import Printer
 from firmware_profiles.families import family_of
 from sim.errors import LineError
 from sim.program.gcode import Program, read_gcode
-from sim.reading.named_commands import NamedCommand
 from sim.reading.file import read_file
+from sim.reading.named_commands import NamedCommand
 
 _SECONDS: Final = 60.0
 """The reader takes F as per minute."""

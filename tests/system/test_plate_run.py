@@ -16,7 +16,7 @@ import pytest
 import yaml
 from rich.console import Console
 
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Bath, Ink, Needle, Plate, Printer, Syringe, load
 from printctl.errors import RecipeError, SafetyError
 from printctl.pipeline.run import toolpath_recipe

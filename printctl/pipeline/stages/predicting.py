@@ -26,8 +26,8 @@ from printctl.recipe.making import Embedded
 from printctl.run_folder.artefacts import GCODE
 from sim.bead import Bead, swell
 from sim.dry_run.run import DryRun, dry_run
-from sim.motion.executed import ExecutedMotion
 from sim.heads.valve_blocks import with_commands
+from sim.motion.executed import ExecutedMotion
 
 
 def predicting(

@@ -40,8 +40,8 @@ from sim.families.marlin.commands import HANDLERS
 from sim.families.marlin.factors import set_flow_percent, set_speed_percent
 from sim.families.marlin.firmware import Marlin
 from sim.program.gcode import Command, split_line
-from sim.reading.named_commands import NamedCommand, plain_command
 from sim.program.modal import interpret
+from sim.reading.named_commands import NamedCommand, plain_command
 
 IDLE_S: Final = 600.0
 """Klipper's default; its timer counts motion, not words."""

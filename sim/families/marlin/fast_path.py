@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
-from sim.program.modal import has_word, interpret, speed
-from sim.program.words import number_at, split_words
 from sim.motion.planner import add_move, command_time, next_event, run_until
 from sim.motion.state import Record, Records
+from sim.program.modal import has_word, interpret, speed
+from sim.program.words import number_at, split_words
 
 NOT_TAKEN: Final = -1.0
 _N, _STAR, _G, _SEMICOLON, _EOL = ord("N"), ord("*"), ord("G"), ord(";"), 10

@@ -10,8 +10,8 @@ import numpy as np
 
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortLost
-from sim.faults.bad_line import BadLine
 from sim.board.printer import SimulatedPrinter
+from sim.faults.bad_line import BadLine
 from sim.faults.fault_file import PermanentFaults
 from sim.faults.pace import Pace
 

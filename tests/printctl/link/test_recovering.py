@@ -19,9 +19,9 @@ from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.preflight import gcode_checks
 from sim.dry_run.run import dry_run
-from sim.motion.executed import ExecutedMotion
 from sim.families.marlin.printer import MarlinPrinter
 from sim.faults.fault_file import parse_fault
+from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, START, Script, layered, played
 from tests.printctl.link.sim_transport import SimTransport

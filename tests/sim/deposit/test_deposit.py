@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.deposit.lay import deposit
 from sim.deposit.kernels import SUPERSAMPLE, paint_filaments, paint_layers
+from sim.deposit.lay import deposit
 from sim.errors import DepositError
 from sim.motion.executed import ExecutedMotion
 

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
+from sim.dry_run.line_times import sent_bytes
 from sim.dry_run.run import dry_run
 from sim.program.gcode import checksum, read_gcode
-from sim.board.line_times import sent_bytes
 from tests.sim.transcripts import DATA
 
 PROFILE = load(Printer, "marlin_avr")

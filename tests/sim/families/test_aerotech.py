@@ -13,8 +13,8 @@ from sim.dry_run.run import dry_run
 from sim.errors import GcodeError, ServeError
 from sim.families.aerotech.reading import translate
 from sim.families.registry import simulated_printer
-from sim.program.modal import DWELL, MOVE, SYNC
 from sim.heads.valve import BETWEEN, CLOSED, OPEN
+from sim.program.modal import DWELL, MOVE, SYNC
 from tests.design.toolpath.shapes import as_solid, block
 
 A3200, SYRINGE = load(Printer, "aerotech_pneumatic"), load(Syringe, "hamilton_1ml")

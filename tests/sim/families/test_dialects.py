@@ -12,10 +12,10 @@ from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
 from sim.errors import ServeError
-from sim.motion.executed import ExecutedMotion
 from sim.families.registry import simulated_printer
 from sim.families.reprapfirmware.numbering import crc16
 from sim.families.reprapfirmware.printer import DuetPrinter
+from sim.motion.executed import ExecutedMotion
 from sim.program.gcode import checksum
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.protocols import made_protocol

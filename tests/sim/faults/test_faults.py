@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from sim.faults.bad_line import BadLine
 from sim.errors import ServeError
 from sim.families.marlin.printer import MarlinPrinter
+from sim.faults.bad_line import BadLine
 from sim.faults.fault_file import Fault, FaultFile, PermanentFaults, load_faults
 from sim.program.gcode import checksum
 

@@ -9,10 +9,10 @@ from firmware_profiles import Head, Offset, Printer, load
 from sim.deposit.lay import deposit, deposit_of_heads, unite_deposits
 from sim.dry_run.run import dry_run
 from sim.errors import DepositError
-from sim.motion.executed import ExecutedMotion
 from sim.families.klipper.printer import KlipperPrinter
 from sim.families.marlin.printer import MarlinPrinter
 from sim.families.reprapfirmware.printer import DuetPrinter
+from sim.motion.executed import ExecutedMotion
 from sim.program.gcode import read_gcode
 from sim.reading.file import read_file
 

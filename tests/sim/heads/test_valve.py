@@ -12,7 +12,6 @@ from firmware_profiles import Printer, load
 from sim.deposit.pneumatic import pneumatic_deposit
 from sim.dry_run.run import DryRun, dry_run
 from sim.errors import DepositError
-from sim.motion.executed import ExecutedMotion
 from sim.heads.valve import (
     BETWEEN,
     CLOSED,
@@ -25,6 +24,7 @@ from sim.heads.valve import (
     read_with_valve,
 )
 from sim.heads.valve_blocks import with_commands
+from sim.motion.executed import ExecutedMotion
 
 PRINTER = load(Printer, "pneumatic_marlin")
 HEAD = PRINTER.pneumatic

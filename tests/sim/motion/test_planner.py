@@ -9,6 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
+from sim.motion.block import turn_angle
 from sim.motion.planner import (
     add_move,
     count_steps,
@@ -18,7 +19,6 @@ from sim.motion.planner import (
     set_trapezoid,
     stop_now,
 )
-from sim.motion.block import turn_angle
 from sim.motion.state import BLOCK, LOG, new_planner, new_ring
 from sim.motion.stepper import axis_steps, timer_interval, walk
 from tests.sim.motion.naive_stepper import pulse_times

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from design.errors import NetworkError
 from design.network import VesselKind, VesselNetwork
-from design.network_csv import read_network_csv, write_network_csv
+from design.network_files.csv_format import read_network_csv, write_network_csv
 
 HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 

@@ -11,7 +11,7 @@ import numpy as np
 from design.errors import NetworkError
 from design.files import replacing
 from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
-from design.network_csv.pieces import COLUMNS, GAP_MM
+from design.network_files.csv_format.pieces import COLUMNS, GAP_MM
 
 _ROWS = 100_000
 """Rows made at a time: as Python's numbers they take ten times the network's own memory."""

@@ -11,7 +11,7 @@ import pytest
 
 from design.errors import NetworkError
 from design.network import VesselNetwork
-from design.network_vtp import write_network_vtp
+from design.network_files.vtp import write_network_vtp
 
 DTYPES = {"Float64": "<f8", "Float32": "<f4", "Int64": "<i8", "Int32": "<i4"}
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from design.errors import NetworkError
 from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
-from design.network_csv.chain import chain_pieces
-from design.network_csv.pieces import Pieces
+from design.network_files.csv_format.chain import chain_pieces
+from design.network_files.csv_format.pieces import Pieces
 from design.units import MM_PER, LengthUnit
 
 RADIUS_MM: Final = "radius_mm"

@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 
 from design.errors import NetworkError
 from design.network import FloatArray, IntArray, VesselNetwork
-from design.network_csv.chain import chain_pieces
-from design.network_csv.pieces import Pieces
+from design.network_files.csv_format.chain import chain_pieces
+from design.network_files.csv_format.pieces import Pieces
 
 REACH: Final = 1.05
 """An end within so many radii of a vessel's axis lies in that vessel."""

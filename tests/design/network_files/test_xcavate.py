@@ -10,7 +10,7 @@ import pytest
 
 from design.errors import NetworkError
 from design.network import VesselKind
-from design.network_xcavate import read_network_xcavate
+from design.network_files.xcavate import read_network_xcavate
 
 SHARED = Path("/work/shared/data")
 

@@ -40,13 +40,6 @@ WITHHELD_BYTES: Final = 2
 _BESIDE_PAIR_BYTES: Final = 60
 """Receive buffer kept free beside a pair, at the least (`families.marlin.pairing`)."""
 
-BLOCK_S: Final = 0.92e-3
-"""To make a block of a move."""
-CORNER_S: Final = 0.63e-3
-"""More where another waits: the speed at their corner."""
-TRAPEZOID_S: Final = 0.19e-3
-"""For each trapezoid that the new block makes the planner set."""
-
 
 @dataclass(frozen=True)
 class LineTimes:

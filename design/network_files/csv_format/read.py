@@ -6,8 +6,8 @@ from pathlib import Path
 
 from design.errors import NetworkError
 from design.network import VesselNetwork
-from design.network_csv.chain import chain_pieces
-from design.network_csv.pieces import check_pieces, parse_pieces
+from design.network_files.csv_format.chain import chain_pieces
+from design.network_files.csv_format.pieces import check_pieces, parse_pieces
 from design.units import MM_PER, LengthUnit
 
 

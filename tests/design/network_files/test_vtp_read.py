@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 
 from design.errors import NetworkError
 from design.network import VesselKind, VesselNetwork
-from design.network_vtp import write_network_vtp
-from design.network_vtp_read import read_network_vtp
-
-from .networks import random_trees
+from design.network_files.vtp import write_network_vtp
+from design.network_files.vtp_read import read_network_vtp
+from tests.design.networks import random_trees
 
 POINTS = "0 0 0  10 0 0  20 0 0  10 0 0  10 8 0"
 """A straight line of three points, and one that leaves its middle."""

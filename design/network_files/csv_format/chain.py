@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from design.network import FloatArray, IntArray, VesselNetwork
-from design.network_csv.pieces import GAP_MM, Pieces
+from design.network_files.csv_format.pieces import GAP_MM, Pieces
 
 
 def chain_pieces(pieces: Pieces) -> VesselNetwork:

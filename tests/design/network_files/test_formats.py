@@ -14,9 +14,9 @@ from hypothesis import given, settings
 
 from design.errors import NetworkError
 from design.network import VesselKind, VesselNetwork
-from design.network_json import read_network_json, write_network_json
-from design.network_npz import read_network_npz, write_network_npz
-from design.network_swc import KIND_TYPE, read_network_swc, write_network_swc
+from design.network_files.json_format import read_network_json, write_network_json
+from design.network_files.npz import read_network_npz, write_network_npz
+from design.network_files.swc import KIND_TYPE, read_network_swc, write_network_swc
 from design.vasculature import planar_four_vessel
 from tests.design.networks import networks, random_network, random_trees, trees
 

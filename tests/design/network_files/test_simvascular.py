@@ -12,7 +12,7 @@ from hypothesis import given, settings
 
 from design.errors import NetworkError
 from design.network import VesselNetwork
-from design.network_simvascular import vessel_runs, write_simvascular_paths
+from design.network_files.simvascular import vessel_runs, write_simvascular_paths
 from tests.design.networks import networks
 
 
@@ -68,7 +68,7 @@ def test_points_lie_on_the_path_with_unit_tangents_and_normals(tmp_path: Path) -
 
 
 def test_the_normal_is_that_of_a_path_written_by_simvascular() -> None:
-    from design.network_simvascular import _normals
+    from design.network_files.simvascular import _normals
 
     tangent = np.array(
         [
