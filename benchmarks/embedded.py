@@ -36,7 +36,7 @@ from benchmarks.embedded_cases import (
 from benchmarks.machine import row
 from design.errors import DesignError
 from design.network import VesselNetwork
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 
 QUOTED = "X-CAVATE (MIT), quoted from issue 7, not run here: PyPI has no xcavate"
 SLOW_LIFT_S = 2.0

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from design.network import VesselNetwork
-from design.network_xcavate import read_network_xcavate
+from design.network_files.xcavate import read_network_xcavate
 from design.tissue import Surface, Tissue, annulus, block, tissue_from_surface
 from design.toolpath import Toolpath
 from design.toolpath.embedded import EmbeddedOptions, plan_embedded

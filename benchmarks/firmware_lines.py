@@ -28,12 +28,12 @@ from benchmarks.firmware_bench.avr_board import AvrBoard
 from benchmarks.firmware_bench.serial_host import SerialHost
 from benchmarks.machine import commit, machine, row
 from firmware_profiles import Printer, load
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from sim.errors import LineError
 from sim.families.marlin.printer import MarlinPrinter
-from sim.gcode_modal import BAD
+from sim.program.modal import BAD
+from sim.program.written import read_written
 from sim.reading import read_line
-from sim.written import read_written
 
 PRINTER = load(Printer, "marlin_avr")
 STEPS = {"X": 80, "Y": 80, "Z": 400, "E": 500}

@@ -31,7 +31,7 @@ from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d import FlowOptions, solve_steady, straighten_edges
 from design.hemodynamics.three_d.mesh import lumen_mesh
 from design.network import VesselNetwork
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from design.tissue import block
 from design.vasculature import GrowthOptions, grow_printable, planar_four_vessel, tree_to_network
 

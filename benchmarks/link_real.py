@@ -26,7 +26,7 @@ from benchmarks.link_runs import ends_of
 from benchmarks.link_tap import Tap
 from benchmarks.machine import row
 from printctl.link import LinkState, PrintClient, resume_print, start_print
-from sim.executed import ExecutedMotion
+from sim.motion.executed import ExecutedMotion
 
 Row = dict[str, Any]
 REAL = {"clock": "wall"}

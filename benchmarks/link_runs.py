@@ -21,9 +21,9 @@ from printctl.link.journal import Journal
 from printctl.link.journalled_print import read_journal
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
-from sim.executed import ExecutedMotion
 from sim.families.marlin.printer import MarlinPrinter
-from sim.faults import parse_fault
+from sim.faults.fault_file import parse_fault
+from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.simulated_transport import HostDiedError
 
 MOST_BREAKS = 200

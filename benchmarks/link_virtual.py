@@ -17,7 +17,7 @@ from benchmarks.machine import row
 from firmware_profiles import Printer, load
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from printctl.link.clock import VirtualClock
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 
 Row = dict[str, Any]
 VIRTUAL = {"clock": "virtual"}

@@ -14,7 +14,7 @@ from benchmarks.checkers.link_order import Taken, body_of
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortLost
 from sim.families.marlin.printer import MarlinPrinter
-from sim.faults import PermanentFaults
+from sim.faults.fault_file import PermanentFaults
 from tests.printctl.link.simulated_transport import SimulatedTransport
 
 

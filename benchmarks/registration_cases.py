@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.registration_phantom import Design, Setting, Truth, scan_of
 from design.network import VesselNetwork
-from design.network_csv import read_network_csv
+from design.network_files.csv_format import read_network_csv
 from design.solids import Solid
 from registration.alignment import Alignment
 from registration.scan import Scan

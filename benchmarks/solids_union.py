@@ -28,7 +28,7 @@ from benchmarks.checkers.solid_file import capsule_union_volume, check_file, rea
 from benchmarks.machine import peak_mb, print_rows, row
 from benchmarks.vasculature_runs import run_module
 from design.network import VesselKind, VesselNetwork
-from design.network_csv import read_network_csv, write_network_csv
+from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.solids import lumen_solid, write_3mf, write_stl
 from design.tissue import block, tissue_from_surface
 from design.vasculature import GrowthOptions, grow_tree, tree_to_network

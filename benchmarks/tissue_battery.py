@@ -18,7 +18,7 @@ from benchmarks.checkers import near_pairs, pieces_outside, read_network
 from benchmarks.machine import row
 from design.errors import DesignError
 from design.network import VesselKind
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from design.tissue import (
     BlockZone,
     CylinderZone,

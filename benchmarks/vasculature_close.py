@@ -20,7 +20,7 @@ from benchmarks.vasculature_grow import peak_mb
 from design.errors import DesignError
 from design.hemodynamics import FlowConditions, balance
 from design.network import VesselKind
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from design.tissue import Tissue, load_tissue
 from design.vasculature import (
     ClosedLoops,

@@ -20,7 +20,7 @@ from benchmarks.checkers.read_stl import box_triangles, write_stl
 from benchmarks.machine import peak_mb
 from design.errors import DesignError
 from design.network import VesselKind
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from design.tissue import load_tissue
 from design.vasculature import GrowthOptions, grow_tree, tree_to_network
 

@@ -18,7 +18,7 @@ from benchmarks.machine import row
 from benchmarks.vasculature_checks import check
 from benchmarks.vasculature_runs import Case, run_module
 from design.errors import DesignError
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from design.tissue import load_tissue
 from design.vasculature import GrowthOptions, grow_tree, tree_to_network
 from design.vasculature.polish import PolishOptions, polish

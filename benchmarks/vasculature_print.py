@@ -27,7 +27,7 @@ from benchmarks.machine import ROOT, row
 from benchmarks.vasculature_grow import warm_up
 from benchmarks.vasculature_runs import GrowthFailedError
 from design.network import VesselKind
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from design.tissue import load_tissue
 from design.vasculature import GrowthOptions, tree_to_network
 from design.vasculature.growth.printable import grow_printable

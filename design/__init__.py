@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from design.hemodynamics import FlowConditions, FlowSolution, flow_summary, solve_flow
     from design.hemodynamics.zero_d.table import write_flow_csv
     from design.network import VesselKind, VesselNetwork
-    from design.network_files import read_network, write_network
+    from design.network_files.by_suffix import read_network, write_network
     from design.solids import (
         Solid,
         block_solid,

@@ -1,7 +1,7 @@
 """The sim package: simulated printer and scanner, print simulation, G-code reader.
 
-Import from the modules: `sim.gcode.read_gcode`, `sim.dryrun.dry_run`,
-`sim.families.registry.simulated_printer`, `sim.executed.ExecutedMotion`; ``python -m sim`` is the
-printer as a process of its own. Nothing is imported here, so that what needs one of them doesn't
-wait for the compiled kernels of all.
+Import from the modules: `sim.program.gcode.read_gcode`, `sim.dry_run.run.dry_run`,
+`sim.families.registry.simulated_printer`, `sim.motion.executed.ExecutedMotion`;
+``python -m sim`` is the printer as a process of its own. Nothing is imported here, so that what
+needs one of them doesn't wait for the compiled kernels of all.
 """

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from firmware_profiles import Printer, ProfileError, load
-from sim.bad_line import BadLine
 from sim.board.hardware import Board
 from sim.errors import ServeError, SimError
 from sim.families.registry import simulated_printer
-from sim.faults import Fault, FaultFile, load_faults, parse_fault
-from sim.job_lines import JobLines
-from sim.pace import Pace
-from sim.ports import Port, PtyPort, TcpPort
-from sim.serve import Server, Serving
-from sim.warm import warm_printer
+from sim.faults.bad_line import BadLine
+from sim.faults.fault_file import Fault, FaultFile, load_faults, parse_fault
+from sim.faults.pace import Pace
+from sim.serving.job_lines import JobLines
+from sim.serving.ports import Port, PtyPort, TcpPort
+from sim.serving.serve import Server, Serving
+from sim.serving.warm import warm_printer
 
 
 def _start(text: str) -> tuple[float, float, float]:
@@ -64,7 +64,10 @@ def parser() -> argparse.ArgumentParser:
         "repeatable",
     )
     options.add_argument(
-        "--faults", type=Path, metavar="FILE", help="a fault file (YAML), see sim/faults.py"
+        "--faults",
+        type=Path,
+        metavar="FILE",
+        help="a fault file (YAML), see sim.faults.fault_file",
     )
     options.add_argument(
         "--no-thermistors", action="store_true", help="temperature inputs aren't wired"

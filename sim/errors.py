@@ -10,7 +10,7 @@
     ├── ScannerError            a scan that can't be simulated as asked
     └── ClearanceError          a job whose shaft can't be checked as asked
 
-What is wrong with G-code that *can* be read comes as data (`sim.dryrun.Finding`), because the
+What is wrong with G-code that *can* be read comes as data (`sim.dry_run.run.Finding`), because the
 caller decides which finding refuses a print.
 """
 

@@ -16,7 +16,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families import find_family, meanings
 from firmware_profiles.load import DATA
 from printctl.gate.rules import rules
-from sim.families.parts import family_part
+from sim.family_parts import family_part
 from sim.reading.words import accepted_letters
 
 NAME = "sixthware"

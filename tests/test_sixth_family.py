@@ -21,11 +21,11 @@ from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
 from printctl.preflight.firmware import firmware_checks
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from sim.errors import LineError
 from sim.families.registry import simulated_printer
-from sim.firmware_codes import is_known_line
 from sim.reading import read_line
+from sim.reading.firmware_codes import is_known_line
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.sim_transport import SimTransport

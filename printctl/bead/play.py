@@ -14,7 +14,7 @@ from printctl.bead.vessels import VesselDiameters
 from registration.report.gcode import Act
 from registration.report.play import Playback, PlayNote, PlayRows, thin_playback
 from sim.bead import swell
-from sim.deposit_levels import written_levels
+from sim.deposit.levels import written_levels
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -19,10 +19,10 @@ from printctl.gcode_view.widths import cross_sections
 from printctl.lumens.heads import of_heads
 from sim.bead import Bead, advance_of, cut, nozzle_of, predict_bead
 from sim.bead.pieces import median_flow
-from sim.deposit import Style
-from sim.dryrun import DryRun
-from sim.executed import ExecutedMotion
-from sim.valve import as_plunger, flowing
+from sim.deposit.lay import Style
+from sim.dry_run.run import DryRun
+from sim.heads.valve import as_plunger, flowing
+from sim.motion.executed import ExecutedMotion
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -11,7 +11,7 @@ from design.files import write_bytes
 from design.solids import Solid, write_ply
 from design.tissue.isosurface import isosurface
 from registration.exports import nrrd_header
-from sim.deposit import Deposit
+from sim.deposit.lay import Deposit
 
 HALF = 127.5
 """Of 255, the share of ink at which the surface runs."""

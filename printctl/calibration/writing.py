@@ -19,7 +19,7 @@ from firmware_profiles import Facts, Printer, Syringe
 from printctl.calibration.estimate import Estimate
 from printctl.errors import UsageError
 from printctl.preflight import gcode_checks, refuse_failed, syringe_checks, warnings
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from printctl.cli.options import (
 from printctl.errors import UsageError
 from printctl.preflight import SetUp, file_checks, refuse_failed, warnings
 from printctl.set_up.by_name import ProfileNames, set_up
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 
 _BESIDE = (".svg", ".csv", ".json")
 _OWN = {

@@ -12,7 +12,7 @@ import typer
 from design.files import write_text
 from design.hemodynamics.dye import DYE_DIFFUSIVITY
 from design.network import VesselNetwork
-from design.network_csv import read_network_csv
+from design.network_files.csv_format import read_network_csv
 from design.units import UL_S_PER_ML_MIN
 from printctl.cli.calibrate_options import CameraFile
 from printctl.cli.dye_predict import FrontOptions, predict_front

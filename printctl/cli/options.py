@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 
 from printctl.errors import UsageError
-from sim.gcode_path import read_gcode_path
+from sim.reading.user_file import read_gcode_path
 
 RecipeArg = Annotated[Path, typer.Argument(help="The recipe, a YAML file.", show_default=False)]
 JsonFlag = Annotated[

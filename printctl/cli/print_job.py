@@ -62,7 +62,7 @@ from printctl.printing import (
 )
 from printctl.progress import StageBars
 from printctl.set_up.by_name import ProfileNames, loads_of, of_each, set_up
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 
 
 def print_job(

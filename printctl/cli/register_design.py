@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from design.network import VesselNetwork
-from design.network_csv import read_network_csv
+from design.network_files.csv_format import read_network_csv
 from design.solids import Solid, read_solid
 from design.units import LengthUnit
 from printctl.errors import UsageError

@@ -31,7 +31,7 @@ from printctl.cli.start_of import start_of
 from printctl.preflight import file_checks, placed_failures, refuse_failed, warnings
 from printctl.preflight.shaft_file import file_shaft
 from printctl.set_up.by_name import ProfileNames, set_up
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 
 
 def simulate(

@@ -29,7 +29,7 @@ from printctl.errors import UsageError
 from printctl.gcode_view import read_line_map
 from printctl.set_up import SetUp
 from sim.bead import swell
-from sim.dryrun import DryRun
+from sim.dry_run.run import DryRun
 
 
 def write_predictions(

@@ -10,7 +10,7 @@ from typing import Any
 
 from design.files import write_bytes
 from design.network import VesselNetwork
-from design.network_csv import read_network_csv
+from design.network_files.csv_format import read_network_csv
 from design.solids import read_solid
 from design.toolpath.correction import Corrections, Stretch
 from printctl.compensation import (

@@ -15,7 +15,7 @@ from design.hemodynamics import FlowConditions, PulsatileConditions, at_same_she
 from design.hemodynamics.three_d.engine import load_engine
 from design.hemodynamics.three_d.surface_mesh import SurfaceOptions, surface_mesh
 from design.network import VesselNetwork
-from design.network_csv import read_network_csv
+from design.network_files.csv_format import read_network_csv
 from printctl.errors import UsageError
 from printctl.flow.as_printed import (
     OpenPart,

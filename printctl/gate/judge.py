@@ -16,8 +16,8 @@ from printctl.gate.reasons import reason
 from printctl.gate.rules import of_the_moment, rule, rules
 from printctl.gate.verdict import NOT_BY_HAND, AllowedLine, NotAllowed, Refusal, Verdict
 from sim.errors import GcodeError
-from sim.firmware_codes import is_known_line
 from sim.reading import BLANK, GcodeLine, read_line
+from sim.reading.firmware_codes import is_known_line
 
 LONGEST: Final = 200
 """Characters of a line that a person types."""

@@ -11,7 +11,7 @@ from printctl.gcode_view.pushing import Pushing
 from printctl.gcode_view.rows import Rows
 from printctl.rounding import last_digit_mm
 from registration.report.gcode import Act
-from sim.gcode import Program
+from sim.program.gcode import Program
 from sim.reading.comments import Comments
 
 FloatArray = NDArray[np.float64]

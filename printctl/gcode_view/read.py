@@ -21,10 +21,10 @@ from printctl.gcode_view.widths import cross_sections, widths
 from printctl.rounding import window_mm
 from registration.report.gcode import Act, GcodeJob, Layers
 from sim.errors import GcodeError
-from sim.gcode import Program, code
-from sim.gcode_modal import BAD, MOVE
+from sim.heads.valve import Valve, read_with_valve
+from sim.program.gcode import Program, code
+from sim.program.modal import BAD, MOVE
 from sim.reading.comments import Comments, plain_lines, read_comments, said_start
-from sim.valve import Valve, read_with_valve
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.report.gcode import Act
-from sim.gcode import Program
-from sim.gcode_modal import DWELL, HOME, MOVE
-from sim.valve import Valve
+from sim.heads.valve import Valve
+from sim.program.gcode import Program
+from sim.program.modal import DWELL, HOME, MOVE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

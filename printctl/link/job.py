@@ -17,9 +17,9 @@ from printctl.gate import refused_lines
 from printctl.link.errors import JobError
 from printctl.link.marks import MarkReader, Marks
 from sim.errors import GcodeError
-from sim.gcode_path import read_gcode_path
 from sim.reading.file import GcodeFile, kinds_of, read_file
 from sim.reading.others import Others, other_lines
+from sim.reading.user_file import read_gcode_path
 
 _MOVES: Final = (b"G0 ", b"G1 ")
 _COMMENTS: Final = (b";", b"//")

@@ -10,7 +10,7 @@ import numpy as np
 from firmware_profiles import Printer
 from printctl.lumens.filaments import Filaments
 from printctl.lumens.strokes import IntArray, Strokes
-from sim.dryrun import DryRun
+from sim.dry_run.run import DryRun
 
 
 def of_heads(run: DryRun, printer: Printer) -> list[DryRun]:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from printctl.lumens.lines import WrittenLines
 from printctl.lumens.stations import FloatArray, IntArray
-from sim.lumen_leak_kernels import TISSUE, block_lines, find_runs, join_runs
+from sim.lumens.leak_kernels import TISSUE, block_lines, find_runs, join_runs
 
 PIXEL_MM: Final = 0.03
 MOST_PIXELS: Final = 3e9

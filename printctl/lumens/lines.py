@@ -22,7 +22,7 @@ from printctl.lumens.line_widths import (
 )
 from printctl.lumens.strokes import Strokes, origin, plunger_strokes
 from printctl.rounding import last_digit_mm, window_mm
-from sim.gcode import read_gcode
+from sim.program.gcode import read_gcode
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -9,8 +9,8 @@ import numpy as np
 
 from printctl.lumens.lines import WrittenLines
 from printctl.lumens.stations import FloatArray, IntArray, SectionStations
-from sim.lumen_kernels import sections
-from sim.lumen_ray_kernels import Slabs, list_cells, mark_needed
+from sim.lumens.ray_kernels import Slabs, list_cells, mark_needed
+from sim.lumens.width_kernels import sections
 
 CELL_MM: Final = 0.25
 MOST_CELLS: Final = 60_000_000

@@ -19,8 +19,8 @@ from printctl.lumens.lines import WrittenLines
 from printctl.lumens.network import BEYOND, BEYOND_MM
 from printctl.lumens.stations import FloatArray, IntArray, SectionStations
 from printctl.lumens.trees import margin_mm, mouth_pieces
-from sim.lumen_kernels import widest_in_polygon
-from sim.lumen_leak_kernels import label_pieces, label_ring
+from sim.lumens.leak_kernels import label_pieces, label_ring
+from sim.lumens.width_kernels import widest_in_polygon
 
 LEAST_AREA_MM2: Final = 1e-4
 CIRCLE_MM: Final = 2e-4

@@ -29,9 +29,9 @@ from printctl.lumens.strokes import (
     run_strokes,
     valve_strokes,
 )
-from sim.dryrun import DryRun, dry_run
+from sim.dry_run.run import DryRun, dry_run
+from sim.heads.valve import read_with_valve
 from sim.reading.comments import plain_lines, said_start
-from sim.valve import read_with_valve
 
 SMOOTHING_MM: Final = 1.0
 """Ink and syringe give way, so that single steps of the plunger are smoothed over this way."""

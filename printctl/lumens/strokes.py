@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer
-from sim.dryrun import DryRun
-from sim.gcode import Program, code, parse_line
-from sim.gcode_modal import MOVE
-from sim.valve import Valve, as_plunger, flowing
+from sim.dry_run.run import DryRun
+from sim.heads.valve import Valve, as_plunger, flowing
+from sim.program.gcode import Program, code, parse_line
+from sim.program.modal import MOVE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

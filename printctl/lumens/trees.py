@@ -10,7 +10,7 @@ from design.network import VesselNetwork
 from printctl.lumens.leaks import PIXEL_MM, Grid, Lumens, Pixels
 from printctl.lumens.lines import WrittenLines
 from printctl.lumens.stations import FloatArray, IntArray
-from sim.lumen_leak_kernels import label_pieces
+from sim.lumens.leak_kernels import label_pieces
 
 MOUTH: Final = 1.3
 """A port's opening is wider by this than designed, and nothing within it counts as a leak."""

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from design.network import VesselNetwork
-from design.network_files import ASKED, READ, SAID, WRITERS
-from design.network_simvascular import write_simvascular_paths
-from design.network_xcavate import read_network_xcavate
+from design.network_files.by_suffix import ASKED, READ, SAID, WRITERS
+from design.network_files.simvascular import write_simvascular_paths
+from design.network_files.xcavate import read_network_xcavate
 from design.units import MM_PER, LengthUnit
 from printctl.errors import UsageError
 

@@ -15,7 +15,7 @@ from design.errors import FlowError
 from design.geometry.surface import Surface
 from design.hemodynamics import FlowConditions, flow_table, solve_flow
 from design.network import FloatArray, VesselNetwork
-from design.network_csv import read_network_csv
+from design.network_files.csv_format import read_network_csv
 from design.solids import read_solid
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN, LengthUnit
 from printctl.errors import UsageError

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from design.hemodynamics import FlowConditions, at_same_shear, scaled_network
 from design.network import VesselNetwork
-from design.network_csv import read_network_csv
+from design.network_files.csv_format import read_network_csv
 from design.solids import Solid, read_solid
 from design.tissue import Tissue
 from design.toolpath.correction import NEUTRAL, Corrections

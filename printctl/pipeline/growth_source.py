@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
-from design.network_csv import read_network_csv
-from design.network_json import read_network_json
-from design.network_npz import read_network_npz
-from design.network_swc import read_network_swc
-from design.network_vtp_read import read_network_vtp
-from design.network_xcavate import read_network_xcavate
+from design.network_files.csv_format import read_network_csv
+from design.network_files.json_format import read_network_json
+from design.network_files.npz import read_network_npz
+from design.network_files.swc import read_network_swc
+from design.network_files.vtp_read import read_network_vtp
+from design.network_files.xcavate import read_network_xcavate
 from design.units import PA_PER_MMHG, LengthUnit
 from design.vasculature import DepthPenalty, GrowthOptions, GrowthStage
 from printctl.errors import RecipeError

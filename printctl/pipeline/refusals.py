@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from design.hemodynamics import scaled_network
 from design.network import VesselNetwork
-from design.network_files import read_network
+from design.network_files.by_suffix import read_network
 from design.toolpath.embedded import EmbeddedOptions, check_thinnest
 from design.toolpath.fresh import FreshOptions, check_lumens
 from firmware_profiles import Bath, Dish, Printer, load

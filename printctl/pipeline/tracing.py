@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from design.network import VesselNetwork
 from firmware_profiles import Printer
 from registration import RegistrationReport
-from sim.gcode_modal import MOVE
-from sim.valve import read_with_valve
+from sim.heads.valve import read_with_valve
+from sim.program.modal import MOVE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -12,8 +12,8 @@ from firmware_profiles import Bath, Needle
 from printctl.preflight.wall_gaps import PlaceNames, hub_check, wall_check
 from printctl.set_up.check import Check
 from printctl.set_up.standing import PlacedDish
-from sim.dryrun import DryRun
-from sim.gcode_modal import MOVE
+from sim.dry_run.run import DryRun
+from sim.program.modal import MOVE
 
 FloatArray = NDArray[np.float64]
 _TINY_MM: Final = 1e-6

@@ -16,10 +16,10 @@ from firmware_profiles import Printer, Syringe
 from firmware_profiles.families import family_of
 from firmware_profiles.families.job_facts import IdleTimeout
 from printctl.set_up.check import Check
-from sim.dryrun import DryRun
-from sim.firmware_codes import is_known, is_known_name
-from sim.gcode import code
-from sim.gcode_modal import DWELL, MOVE
+from sim.dry_run.run import DryRun
+from sim.program.gcode import code
+from sim.program.modal import DWELL, MOVE
+from sim.reading.firmware_codes import is_known, is_known_name
 
 _NAME: Final = "the firmware's own switch-off"
 

@@ -17,7 +17,7 @@ from firmware_profiles import Ink, Needle, Printer, Syringe, held_pa, pressure_p
 from printctl.preflight.pneumatic_checks import air_checks, speed_checks
 from printctl.preflight.profile_checks import profile_checks
 from printctl.set_up.check import Check
-from sim.dryrun import DryRun
+from sim.dry_run.run import DryRun
 
 
 @dataclass(frozen=True)

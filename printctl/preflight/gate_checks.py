@@ -8,10 +8,10 @@ from typing import Final
 from firmware_profiles import Printer
 from printctl.gate import refused_lines
 from printctl.set_up.check import Check
-from sim.dryrun import DryRun
-from sim.firmware_codes import is_known_line
-from sim.gcode_modal import MOVE
-from sim.outputs import SETS_ARRAY, SETS_CALL, output_of
+from sim.dry_run.run import DryRun
+from sim.program.modal import MOVE
+from sim.reading.firmware_codes import is_known_line
+from sim.reading.outputs import SETS_ARRAY, SETS_CALL, output_of
 
 _OUTPUTS: Final = "outputs set other than the valve's"
 

@@ -14,9 +14,9 @@ from printctl.preflight.pneumatic_checks import valve_checks
 from printctl.preflight.profile_checks import profile_checks
 from printctl.preflight.wait_checks import wait_checks
 from printctl.set_up.check import Check
-from sim.dryrun import DryRun
-from sim.dryrun_finding import Finding
-from sim.gcode import code
+from sim.dry_run.run import DryRun
+from sim.program.finding import Finding
+from sim.program.gcode import code
 from sim.reading.faults import SORTS
 
 _COUNTED = {

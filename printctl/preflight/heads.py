@@ -2,7 +2,7 @@
 
 Looked at for every move and every head, with its tip where the profile says it stands: raised heads
 are told from lowered ones by the file's own commands. What a firmware would make of the file's
-changes of head is found by `sim.heads`, whose findings refuse.
+changes of head is found by `sim.heads.state`, whose findings refuse.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from firmware_profiles import Needle, Printer
 from printctl.preflight.wall_gaps import wall_gap
 from printctl.set_up.check import Check
 from printctl.set_up.standing import WALL_CLEARANCE_MM, PlacedDish
-from sim.dryrun import DryRun
-from sim.gcode_modal import DWELL, MOVE, SYNC
+from sim.dry_run.run import DryRun
+from sim.program.modal import DWELL, MOVE, SYNC
 
 FloatArray = NDArray[np.float64]
 ABOUT_HEADS: Final = {

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from firmware_profiles import Needle, Printer, Syringe
-from sim.dryrun import DryRun
-from sim.valve import flowing_s
+from sim.dry_run.run import DryRun
+from sim.heads.valve import flowing_s
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer, ProfileError, steady_flow
 from printctl.set_up import HeadLoading
-from sim.dryrun import DryRun
-from sim.gcode_modal import MOVE
+from sim.dry_run.run import DryRun
+from sim.program.modal import MOVE
 
 FloatArray = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from typing import Final
 from firmware_profiles import Bath, Ink
 from printctl.gate import UNNAMED_C
 from printctl.set_up.check import Check
-from sim.dryrun import DryRun
+from sim.dry_run.run import DryRun
 
 _INK: Final = "temperature_c"
 

@@ -15,8 +15,8 @@ from firmware_profiles import Printer
 from firmware_profiles.families import meanings
 from firmware_profiles.families.grammar import Meaning
 from printctl.set_up.check import Check
-from sim.dryrun import DryRun
-from sim.gcode_modal import MOVE
+from sim.dry_run.run import DryRun
+from sim.program.modal import MOVE
 from sim.reading import GcodeLine
 
 _SAME_MM: Final = 1e-3

@@ -20,10 +20,10 @@ from firmware_profiles import (
 )
 from printctl.preflight.profile_checks import profile_checks
 from printctl.set_up.check import Check
-from sim.dryrun import DryRun
-from sim.gcode import code
-from sim.gcode_modal import DWELL, MOVE, SYNC
-from sim.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, flowing_s
+from sim.dry_run.run import DryRun
+from sim.heads.valve import BETWEEN, CLOSED, OPEN, UNKNOWN, Valve, flowing_s
+from sim.program.gcode import code
+from sim.program.modal import DWELL, MOVE, SYNC
 
 _NONE: Final = -1
 _FEED_ROUNDING: Final = 1e-4

@@ -21,7 +21,7 @@ from printctl.preflight.viability import PrintTime, viability_checks
 from printctl.preflight.well_map import read_wells
 from printctl.preflight.wells import Wells, well_checks
 from printctl.set_up import Check, HeadLoading, SetUp, budget_of
-from sim.dryrun import DryRun
+from sim.dry_run.run import DryRun
 
 
 def file_checks(run: DryRun, setup: SetUp, map_path: Path | None = None) -> list[Check]:

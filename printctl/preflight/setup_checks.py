@@ -10,7 +10,7 @@ from firmware_profiles import Printer, Syringe
 from printctl.preflight.firmware import widest_push_check
 from printctl.preflight.profile_checks import profile_checks
 from printctl.set_up.check import Check
-from sim.dryrun import DryRun
+from sim.dry_run.run import DryRun
 
 
 def syringe_check(run: DryRun, syringe: Syringe) -> Check:

@@ -13,7 +13,7 @@ from printctl.preflight.shaft import accepted_text, shaft_checks, shaft_lines, u
 from printctl.preflight.shaft_map import read_written
 from printctl.preflight.shaft_run import shaft_clearance
 from printctl.set_up import Check, SetUp
-from sim.dryrun import DryRun
+from sim.dry_run.run import DryRun
 
 if TYPE_CHECKING:
     from sim.clearance import Clearance

@@ -12,7 +12,7 @@ from printctl.preflight.ink_volumes import volumes
 from printctl.preflight.shaft_map import ShaftMap
 from printctl.set_up import HeadLoading
 from sim.clearance import Clearance, NeedleBody, check_clearance, motion_of
-from sim.dryrun import DryRun
+from sim.dry_run.run import DryRun
 
 FloatArray = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from firmware_profiles import Printer, Syringe
 from printctl.rounding import last_digit_mm
 from printctl.set_up.check import Check
-from sim.dryrun import DryRun
-from sim.gcode_modal import MOVE
+from sim.dry_run.run import DryRun
+from sim.program.modal import MOVE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

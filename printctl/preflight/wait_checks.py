@@ -14,7 +14,7 @@ from firmware_profiles import Printer
 from firmware_profiles.families import family_of, meanings
 from firmware_profiles.families.grammar import Meaning
 from printctl.set_up.check import Check
-from sim.dryrun import DryRun
+from sim.dry_run.run import DryRun
 from sim.reading import GcodeLine
 
 COLDEST_ROOM_C: Final = 15.0

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from design.toolpath.gcode.numbers import decimals_for
 from firmware_profiles import Printer
 from printctl.set_up.check import Check
-from sim.gcode import Program
-from sim.gcode_modal import MOVE
+from sim.program.gcode import Program
+from sim.program.modal import MOVE
 
 FloatArray = NDArray[np.float64]
 _ROUNDINGS: Final = 2.5

@@ -13,8 +13,8 @@ from firmware_profiles import Dish, Needle
 from printctl.preflight.dish import tips_of
 from printctl.preflight.wall_gaps import hub_gap, hub_remedy, wall_gap
 from printctl.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
-from sim.dryrun import DryRun
-from sim.gcode_modal import MOVE
+from sim.dry_run.run import DryRun
+from sim.program.modal import MOVE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

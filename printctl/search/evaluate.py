@@ -26,7 +26,7 @@ from design.hemodynamics import (
     solve_flow,
 )
 from design.measures import measure_network, measures_dict
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from design.tissue import Tissue
 from firmware_profiles import ProfileError
 from printctl.errors import PrintctlError

@@ -24,7 +24,7 @@ from printctl.station.report import StationReport, refusal
 from printctl.station.request_queue import Request, StationRequests
 from printctl.station.speaker import LinkOwner
 from printctl.station.status import Place, StationState
-from sim.executed import ExecutedMotion
+from sim.motion.executed import ExecutedMotion
 
 _REPORT: Final = b"M155 S2"
 _NO_REPORT: Final = "M155 S0"

@@ -4,7 +4,8 @@ With advance K the plunger stands at E + K dE/dt while a move pushes ink along a
 Marlin as M900 K, by RepRapFirmware as M572 S, by Klipper as SET_PRESSURE_ADVANCE ADVANCE=; it may
 also stand in the firmware's own configuration (`advance_s` of the printer's profile). Sources:
 marlinfw.org/docs/gcode/M900.html, docs.duet3d.com (M572), www.klipper3d.org/Kinematics.html
-(pressure advance). The planner of `sim.planner` leaves it out, so that it is put in here, once.
+(pressure advance). The planner of `sim.motion.planner` leaves it out, so that it is put in here,
+once.
 
 Modelled: the plunger is ahead by K times the E speed that the block's mean speed asks for, in
 moves that push ink and move the tip (Klipper: in x or y). Not modelled: Klipper's smoothing over
@@ -22,8 +23,8 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
-from sim.dryrun import DryRun
-from sim.gcode import Program
+from sim.dry_run.run import DryRun
+from sim.program.gcode import Program
 
 FloatArray = NDArray[np.float64]
 

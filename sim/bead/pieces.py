@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.executed import ExecutedMotion
+from sim.motion.executed import ExecutedMotion
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,9 +8,9 @@ Modelled
 - Ink that flows while the needle travels is laid along the travel; what flows while it stands, as a
   drop there.
 - Cross-section = laid volume over way. Embedded: a round filament, d = √(4A/π). In layers: as wide
-  as the ink's bead (`BeadSection`) of the height down to the level below (`sim.deposit`).
+  as the ink's bead (`BeadSection`) of the height down to the level below (`sim.deposit.lay`).
 - Without a lag single motor steps of the plunger are smoothed over `smoothing_mm` of written way,
-  as `sim.deposit` does; with one the lag itself smooths them.
+  as `sim.deposit.lay` does; with one the lag itself smooths them.
 
 Not modelled: speed within one block (its mean counts), die swell by elasticity, necking and
 breaking of thin threads, fusion. Bath: `sim.bead.bath`, `sim.bead.drag`.
@@ -28,8 +28,8 @@ from firmware_profiles.bead import BeadSection
 from sim.bead.flow import NozzleFlow, nozzle_flow
 from sim.bead.nozzle import Nozzle
 from sim.bead.pieces import Pieces
-from sim.deposit import Style
-from sim.deposit_levels import level_areas, level_heights, written_levels
+from sim.deposit.lay import Style
+from sim.deposit.levels import level_areas, level_heights, written_levels
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -145,7 +145,7 @@ def predict_bead(
     smoothing_mm : float, mm
         Way over which the plunger's steps are smoothed where there is no lag.
     style : "layered" or "embedded" or None
-        None decides from the motion, as `sim.deposit` does.
+        None decides from the motion, as `sim.deposit.lay` does.
     section : BeadSection
         Of the ink's lines in layers.
     """

@@ -1,11 +1,11 @@
-"""Render a predicted bead as voxels, by the kernels of `sim.deposit`."""
+"""Render a predicted bead as voxels, by the kernels of `sim.deposit.lay`."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from sim.bead.predict import Bead
-from sim.deposit import Deposit, deposit_of_areas
+from sim.deposit.lay import Deposit, deposit_of_areas
 
 
 def laid_deposit(bead: Bead, voxel_mm: float, swell: float = 1.0) -> Deposit:

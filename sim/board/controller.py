@@ -10,7 +10,6 @@ from typing import Protocol
 import numpy as np
 
 from firmware_profiles import Printer
-from sim.bad_line import BadLine
 from sim.board.fault_plan import FaultPlan
 from sim.board.firmware import Firmware
 from sim.board.hardware import Board
@@ -19,15 +18,16 @@ from sim.board.machine import Machine
 from sim.board.waits import Steps
 from sim.board.wire import BITS_PER_BYTE, Wire
 from sim.board.work import BoardWork
-from sim.faults import Fault
-from sim.gauges import Gauge
-from sim.gcode import Command
-from sim.gcode_words import WORDS
-from sim.pace import Pace
+from sim.faults.bad_line import BadLine
+from sim.faults.fault_file import Fault
+from sim.faults.gauge import Gauge
+from sim.faults.pace import Pace
+from sim.program.gcode import Command
+from sim.program.words import WORDS
 
 
 class Job(Protocol):
-    """A file that is printed (`sim.job_lines.JobLines`)."""
+    """A file that is printed (`sim.serving.job_lines.JobLines`)."""
 
     def find(self, line: bytes) -> int:
         """Place in the file of a line; -1 for a host's own."""
@@ -61,7 +61,7 @@ class Controller(ABC):
         Bytes in flight and the receive ring.
     reader, lines : LineReader, Numbering
         What cuts lines, and what decides about their numbers.
-    words : (1,) of `sim.gcode_words.WORDS`
+    words : (1,) of `sim.program.words.WORDS`
         Of the command in hand.
     work : BoardWork
         Commands in line and in hand.

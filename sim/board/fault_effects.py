@@ -7,7 +7,7 @@ from typing import Final
 
 from sim.board.controller import Controller
 from sim.board.heat import HeatFault
-from sim.faults import Fault, FaultKind
+from sim.faults.fault_file import Fault, FaultKind
 
 
 def apply_fault(board: Controller, fault: Fault) -> bool:

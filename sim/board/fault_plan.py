@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from sim.faults import Fault
+from sim.faults.fault_file import Fault
 
 
 class FaultPlan:

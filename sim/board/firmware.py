@@ -10,7 +10,7 @@ from sim.board.heat import HeatFault
 from sim.board.lines import Numbering
 from sim.board.machine import Machine, MotorRunOn
 from sim.board.waits import Steps, Wait
-from sim.gcode import Command
+from sim.program.gcode import Command
 
 
 class Firmware(Protocol):

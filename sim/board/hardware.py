@@ -43,7 +43,7 @@ class Board:
     store_s: float = 2.03
 
     def costs(self) -> NDArray[np.float64]:
-        """What `sim.planner.command_time` wants."""
+        """What `sim.motion.planner.command_time` wants."""
         return np.array(
             [self.command_s, self.block_s, self.interrupt_s, self.pulse_s, self.most_load]
         )

@@ -11,7 +11,7 @@ from sim.board.heat import Heat
 from sim.board.motion import Motion
 from sim.board.reports import JobTimer, Reports
 from sim.board.settings import Settings, StoredSettings
-from sim.executed import ExecutedMotion
+from sim.motion.executed import ExecutedMotion
 
 
 class MotorRunOn(Protocol):

@@ -11,10 +11,10 @@ import numpy as np
 
 from firmware_profiles import Printer, Span
 from firmware_profiles.families import family_of
-from sim.executed import ExecutedMotion
-from sim.executed_log import executed_motion
-from sim.gcode_modal import new_modal
-from sim.planner import (
+from sim.motion.block import to_steps
+from sim.motion.executed import ExecutedMotion
+from sim.motion.executed_log import executed_motion
+from sim.motion.planner import (
     add_move,
     command_time,
     count_steps,
@@ -24,8 +24,8 @@ from sim.planner import (
     stop_now,
     take_head,
 )
-from sim.planner_block import to_steps
-from sim.planner_state import LOG, new_planner, new_ring
+from sim.motion.state import LOG, new_planner, new_ring
+from sim.program.modal import new_modal
 
 _FIRST_LOG: Final = 4096
 _OUTLASTS_POWER: Final = ("physical", "plungers", "first_pulse", "logged", "merged", "run_end")
@@ -40,12 +40,12 @@ class Motion:
     start_mm : tuple, mm
         Where the tip stands, and where the firmware believes it at power-up.
     costs : (5,) float64
-        Of the processor, see `sim.planner.command_time`.
+        Of the processor, see `sim.motion.planner.command_time`.
 
     Attributes
     ----------
     modal, planner, ring, log : records
-        See `sim.gcode_modal` and `sim.planner_state`.
+        See `sim.program.modal` and `sim.motion.state`.
     tool_offset : (heads, 3) float64, mm
         As the firmware was told.
     closed_until : float, s

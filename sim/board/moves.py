@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from sim.board.controller import Controller
 from sim.board.waits import Place, Task, WaitUntil
-from sim.gcode_modal import ARC, BAD, arc_points, interpret, speed
-from sim.line_times import BLOCK_S, CORNER_S, TRAPEZOID_S
-from sim.planner_state import Records
+from sim.motion.processor_times import BLOCK_S, CORNER_S, TRAPEZOID_S
+from sim.motion.state import Records
+from sim.program.modal import ARC, BAD, arc_points, interpret, speed
 
 LONGEST_EXTRUSION_MM: Final = 200.0
 """As Marlin is built; no other twin's own is known."""

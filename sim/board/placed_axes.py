@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from sim.gcode import Command
+from sim.program.gcode import Command
 
 _ALL: Final = frozenset("XYZ")
 

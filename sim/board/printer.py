@@ -5,10 +5,10 @@ Modelled of any board, whatever its firmware:
 - the serial line: bytes take their time at the baud rate, both ways; a receive ring that overruns;
   a command queue from which ``ok`` comes when a command is done (a move is done when it is in the
   planner); line assembly with comments and overlong lines;
-- planner, stepper and their times (`sim.planner`), step counters, G92 as a shift of the
+- planner, stepper and their times (`sim.motion.planner`), step counters, G92 as a shift of the
   workspace; heaters with thermal mass; settings that are stored;
-- faults that it is told to have (`sim.faults`), and a bad cable (`sim.bad_line`) for whoever
-  owns the port.
+- faults that it is told to have (`sim.faults.fault_file`), and a bad cable
+  (`sim.faults.bad_line`) for whoever owns the port.
 
 What a firmware does with that is its family's (`sim.board.firmware`, `sim/families/`).
 
@@ -38,8 +38,8 @@ from firmware_profiles import Printer
 from sim.board.controller import Controller
 from sim.board.hardware import Board
 from sim.board.main_loop import MainLoop
-from sim.executed import ExecutedMotion
-from sim.faults import Fault
+from sim.faults.fault_file import Fault
+from sim.motion.executed import ExecutedMotion
 
 
 class SimulatedPrinter(Controller):

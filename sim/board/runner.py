@@ -8,7 +8,7 @@ from typing import Final
 
 from sim.board.controller import Controller
 from sim.board.waits import Steps, Task
-from sim.gcode import Command, command_of, split_line
+from sim.program.gcode import Command, command_of, split_line
 
 _SYNC: Final = re.compile(rb"(?:N[-0-9]*)? *M0*400(?!\d)")
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from sim.planner_state import Records
+from sim.motion.state import Records
 
 _OF_PLANNER: Final = (
     *("steps_per_mm", "max_speed", "max_acceleration", "acceleration"),

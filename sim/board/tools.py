@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sim.board.controller import Controller
 from sim.board.waits import Task, WaitStandstill
-from sim.gcode_modal import interpret
+from sim.program.modal import interpret
 
 
 def take_tool_in_silence(board: Controller, number: int) -> Task:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.dryrun import DryRun
+from sim.dry_run.run import DryRun
 from sim.errors import ClearanceError
-from sim.gcode_modal import MOVE
+from sim.program.modal import MOVE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -12,7 +12,7 @@ from sim.clearance.bodies import Ink, Joints, Tips
 from sim.clearance.joint_kernels import are_related
 from sim.clearance.pair_kernels import pair_approach
 from sim.clearance.shaft_kernels import shaft_distance, span
-from sim.planner_state import Record, Records
+from sim.motion.state import Record, Records
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -8,14 +8,14 @@ from typing import Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
+from sim.encoding import check_text
 from sim.errors import LineError
-from sim.families.translators import translator_of
-from sim.gcode_extended import NamedCommand, plain_command
-from sim.gcode_text import check_text
 from sim.reading.faults import MOST_REFUSED, refusal
 from sim.reading.line import GcodeLine
+from sim.reading.named_commands import NamedCommand, plain_command
 from sim.reading.plain import PLAIN_MOVE
 from sim.reading.read import is_name, read_line, read_words
+from sim.reading.translators import translator_of
 
 _REMEMBERED: Final = 10_000
 LineReader = Callable[[bytes, Printer], GcodeLine]

@@ -7,7 +7,6 @@ from typing import Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import find_family
-from sim.families.translators import Translate, translator_of
 from sim.reading.faults import refusal
 from sim.reading.line import BLANK, GcodeLine
 from sim.reading.meaning import check_meaning
@@ -16,6 +15,7 @@ from sim.reading.numbers import words_of
 from sim.reading.plain import PLAIN_MOVE, plain_move
 from sim.reading.strip import command_in
 from sim.reading.text import second_command, text_line
+from sim.reading.translators import Translate, translator_of
 from sim.reading.words import AXES, MOTION, AcceptedLetters, accepted_letters
 
 _CODE: Final = re.compile(rb"([GMTgmt])[ \t]*(\d+)(?![\d.])")
@@ -38,7 +38,7 @@ def read_line(text: bytes, printer: Printer) -> GcodeLine:
     -------
     GcodeLine
         False (`BLANK`) for a comment or an empty line. A code that the firmware doesn't know comes
-        as it stands: `sim.firmware_codes.is_known_line` judges it.
+        as it stands: `sim.reading.firmware_codes.is_known_line` judges it.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Parameter letters that each G-code accepts, by firmware family.
 
 A code that isn't in a family's table takes any well-formed word: whether it may be sent at all is
-decided elsewhere (`sim.firmware_codes`).
+decided elsewhere (`sim.reading.firmware_codes`).
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.deposit import Deposit
+from sim.deposit.lay import Deposit
 from sim.errors import ScannerError
 
 FloatArray = NDArray[np.float64]

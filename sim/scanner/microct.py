@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import pjit
-from sim.deposit import Deposit
+from sim.deposit.lay import Deposit
 from sim.scanner.placing import Placing, place
 from sim.scanner.sampling import blurred, index_map, lookup, random_bits
 from sim.scanner.scanned import ScannerOutput, check_range

@@ -26,7 +26,7 @@ HEAVY = (
     "scipy",
     "shapely",
     "skimage",
-    "sim.gcode",
+    "sim.program.gcode",
     "trimesh",
 )
 PAGES = tuple(f"printctl.web.{room}.page" for room in ROOMS)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from design.network import VesselNetwork
 from design.solids.solid import Solid
 from registration.scan import Scan
-from sim.deposit import Deposit
+from sim.deposit.lay import Deposit
 from sim.scanner import ScannerOutput
 
 FloatArray = NDArray[np.float64]

@@ -10,7 +10,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from sim.families.marlin.printer import MarlinPrinter
-from sim.faults import Fault
+from sim.faults.fault_file import Fault
 
 PROFILE = load(Printer, "marlin_avr")
 

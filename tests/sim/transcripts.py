@@ -8,7 +8,7 @@ from pathlib import Path
 from firmware_profiles import Printer, load
 from sim.board.hardware import Board
 from sim.families.marlin.printer import MarlinPrinter
-from sim.gcode import checksum
+from sim.program.gcode import checksum
 
 DATA = Path(__file__).parent / "data" / "marlin"
 

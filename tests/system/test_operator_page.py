@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from printctl.station import attach
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import PHONE, serious, shown

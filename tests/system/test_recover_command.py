@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from firmware_profiles import Printer, load
-from sim.dryrun import dry_run
-from sim.executed import ExecutedMotion
+from sim.dry_run.run import dry_run
+from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.layered import HEADER, START, layered
 from tests.sim_process import printer_process
 from tests.system.cli import printctl

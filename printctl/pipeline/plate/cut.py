@@ -15,7 +15,7 @@ from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.printing import EXECUTED
 from printctl.plates import StandingPlate
 from printctl.progress import Report
-from sim.executed import ExecutedMotion
+from sim.motion.executed import ExecutedMotion
 
 
 def cut_stage(run: PlateRun) -> Stage:

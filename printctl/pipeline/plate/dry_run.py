@@ -40,8 +40,8 @@ from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP
 from sim.clearance import Clearance
-from sim.dryrun import DryRun, dry_run
-from sim.gcode import Program
+from sim.dry_run.run import DryRun, dry_run
+from sim.program.gcode import Program
 
 BoolArray = NDArray[np.bool_]
 

@@ -55,7 +55,7 @@ from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
 from sim.clearance import Clearance
-from sim.dryrun import DryRun, dry_run
+from sim.dry_run.run import DryRun, dry_run
 
 CHECKS = "dry_run.json"
 

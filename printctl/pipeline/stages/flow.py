@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from design.hemodynamics import scaled_flow
-from design.network_vtp import write_network_vtp
+from design.network_files.vtp import write_network_vtp
 from printctl.flow import (
     ONE_D,
     ONE_D_WAVES,

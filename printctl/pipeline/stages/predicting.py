@@ -25,9 +25,9 @@ from printctl.pipeline.stages.toolpath import plain_job, written_bundles
 from printctl.recipe.making import Embedded
 from printctl.run_folder.artefacts import GCODE
 from sim.bead import Bead, swell
-from sim.dryrun import DryRun, dry_run
-from sim.executed import ExecutedMotion
-from sim.valve_blocks import with_commands
+from sim.dry_run.run import DryRun, dry_run
+from sim.heads.valve_blocks import with_commands
+from sim.motion.executed import ExecutedMotion
 
 
 def predicting(

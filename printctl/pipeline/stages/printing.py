@@ -30,7 +30,7 @@ from printctl.progress import Report
 from printctl.recipe.making import SimulatedScan
 from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import digest_file
-from sim.executed import ExecutedMotion
+from sim.motion.executed import ExecutedMotion
 
 EXECUTED, JOURNAL_FOLDER = "executed.npz", "print"
 

@@ -27,10 +27,10 @@ from registration.errors import RegistrationError
 from registration.readers import is_mosaic, listed_files
 from registration.writers import write_scan
 from sim.bead import laid_deposit
-from sim.deposit import Deposit, deposit, deposit_of_heads, unite_deposits
-from sim.deposit_air import pneumatic_deposit
-from sim.dryrun import dry_run
-from sim.executed import ExecutedMotion
+from sim.deposit.lay import Deposit, deposit, deposit_of_heads, unite_deposits
+from sim.deposit.pneumatic import pneumatic_deposit
+from sim.dry_run.run import dry_run
+from sim.motion.executed import ExecutedMotion
 from sim.scanner import (
     MicroCtOptions,
     OctOptions,

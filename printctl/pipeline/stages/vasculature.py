@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from design.hemodynamics import scaled_network
 from design.lattices import build_lattice
 from design.network import VesselKind, VesselNetwork
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from design.tissue import check_supplied
 from design.vasculature import (
     check_network,

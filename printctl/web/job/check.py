@@ -34,7 +34,7 @@ from printctl.web.job.question import Question
 from printctl.web.job.tabulating import make_table
 from printctl.web.low_priority import lower_priority
 from registration.report.gcode import GcodeJob
-from sim.dryrun import DryRun, dry_run
+from sim.dry_run.run import DryRun, dry_run
 
 _BUDGET: Final = "print time"
 """How the names of the checks begin that `file_checks` makes without changes of syringe."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from printctl.link.job import Job
 from printctl.printing.job_table import NONE, FloatArray, IntArray, JobTable
 from registration.report.gcode import Act, GcodeJob
-from sim.dryrun import DryRun
+from sim.dry_run.run import DryRun
 
 
 def make_table(job: Job, run: DryRun, volume_ul: FloatArray, view: GcodeJob | None) -> JobTable:

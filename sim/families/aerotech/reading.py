@@ -30,9 +30,9 @@ from typing import Final
 
 from firmware_profiles import Printer
 from sim.errors import GcodeError
-from sim.families.translated import TranslatedProgram
-from sim.gcode_extended import NOTHING, NamedCommand
-from sim.outputs import output_of
+from sim.reading.named_commands import NOTHING, NamedCommand
+from sim.reading.outputs import output_of
+from sim.reading.translated import TranslatedProgram
 
 _NUMBER: Final = rb"[-+]?(?:\d+\.?\d*|\.\d+)"
 _DWELL: Final = re.compile(

@@ -39,9 +39,9 @@ from sim.families.klipper.words import parameters_of, values_of
 from sim.families.marlin.commands import HANDLERS
 from sim.families.marlin.factors import set_flow_percent, set_speed_percent
 from sim.families.marlin.firmware import Marlin
-from sim.gcode import Command, split_line
-from sim.gcode_extended import NamedCommand, plain_command
-from sim.gcode_modal import interpret
+from sim.program.gcode import Command, split_line
+from sim.program.modal import interpret
+from sim.reading.named_commands import NamedCommand, plain_command
 
 IDLE_S: Final = 600.0
 """Klipper's default; its timer counts motion, not words."""

@@ -39,8 +39,8 @@ from sim.families.marlin.waits import (
     m410,
     m500,
 )
-from sim.gcode import Command
-from sim.gcode_modal import interpret
+from sim.program.gcode import Command
+from sim.program.modal import interpret
 
 _AT_ONCE_S: Final = 1e-6
 

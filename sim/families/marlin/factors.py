@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from sim.board.controller import Controller
 from sim.board.machine import Machine
-from sim.gcode import Command
+from sim.program.gcode import Command
 
 
 def _whole(command: Command) -> Command:

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
-from sim.gcode_modal import has_word, interpret, speed
-from sim.gcode_words import number_at, split_words
-from sim.planner import add_move, command_time, next_event, run_until
-from sim.planner_state import Record, Records
+from sim.motion.planner import add_move, command_time, next_event, run_until
+from sim.motion.state import Record, Records
+from sim.program.modal import has_word, interpret, speed
+from sim.program.words import number_at, split_words
 
 NOT_TAKEN: Final = -1.0
 _N, _STAR, _G, _SEMICOLON, _EOL = ord("N"), ord("*"), ord("G"), ord(";"), 10
@@ -32,7 +32,7 @@ def is_sound_move(line: bytes, expected: int, longest: int, row: Record) -> bool
     ----------
     line, expected, longest
         As in `take_numbered_move`.
-    row : record of `sim.gcode_words.WORDS`
+    row : record of `sim.program.words.WORDS`
         Gets the line's words where it comes to that.
     """
     size = len(line) - 1
@@ -92,7 +92,7 @@ def take_numbered_move(
     job_line : int
         Kept with the block.
     costs : (5,) float64
-        Of the processor, see `sim.planner.command_time`.
+        Of the processor, see `sim.motion.planner.command_time`.
 
     Returns
     -------

@@ -21,7 +21,7 @@ from sim.families.marlin.texts import BANNER
 from sim.families.marlin.tools import m218, take_tool
 from sim.families.marlin.urgent import EMERGENCY, act_urgently, code_on_entering
 from sim.families.marlin.waits import m420
-from sim.gcode import Command
+from sim.program.gcode import Command
 
 _HEAT_WORDS = {
     HeatFault.SENSOR: ("MINTEMP triggered", "Err: MINTEMP"),

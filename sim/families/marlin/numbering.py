@@ -7,7 +7,7 @@ from typing import Final
 
 from sim.board.controller import Controller
 from sim.board.lines import RefusedLine
-from sim.gcode import checksum
+from sim.program.gcode import checksum
 
 _INTEGER: Final = re.compile(rb"\s*([+-]?\d+)")
 

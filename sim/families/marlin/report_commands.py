@@ -9,7 +9,7 @@ from typing import Final
 from sim.board.controller import Controller
 from sim.board.machine import Machine
 from sim.families.marlin.texts import identity
-from sim.gcode import Command
+from sim.program.gcode import Command
 
 _NUMBER_WORD: Final = re.compile(rb"N[-0-9]*")
 _M118: Final = re.compile(rb"M *0*118 *")

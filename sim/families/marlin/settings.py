@@ -13,7 +13,7 @@ from sim.board.controller import Controller
 from sim.board.machine import Machine
 from sim.families.marlin.factors import filament_line, m200
 from sim.families.marlin.report_commands import planned_position
-from sim.gcode import Command
+from sim.program.gcode import Command
 
 _AXES: Final = "XYZE"
 _NETFABB_STEPS: Final = 20.0

@@ -16,8 +16,8 @@ import numpy as np
 from sim.board.controller import Controller
 from sim.board.machine import Machine
 from sim.board.waits import Place, Task, WaitStandstill
-from sim.gcode import Command
-from sim.gcode_modal import interpret
+from sim.program.gcode import Command
+from sim.program.modal import interpret
 
 _BACK_MM_S: Final = 300.0
 

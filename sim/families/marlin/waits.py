@@ -14,8 +14,8 @@ from sim.board.waits import Steps, Task, User, WaitStandstill, WaitUntil
 from sim.families.marlin.report_commands import planned_position, temperatures
 from sim.families.marlin.texts import SETTINGS
 from sim.families.marlin.urgent import quickstop
-from sim.gcode import Command
-from sim.gcode_modal import dwell_s
+from sim.program.gcode import Command
+from sim.program.modal import dwell_s
 
 _HOMING_MM_S: Final = 50.0
 _HOMING_Z_MM_S: Final = 4.0

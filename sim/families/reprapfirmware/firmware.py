@@ -31,7 +31,7 @@ from sim.families.marlin.commands import HANDLERS
 from sim.families.marlin.factors import set_flow_percent, set_speed_percent
 from sim.families.marlin.firmware import Marlin
 from sim.families.reprapfirmware.numbering import DuetNumbering
-from sim.gcode import Command
+from sim.program.gcode import Command
 
 _MISSING: Final = ("M31", "M75", "M76", "M77", "M113", "M154", "M155", "M211", "M503")
 

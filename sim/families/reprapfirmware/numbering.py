@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from sim.gcode import checksum
+from sim.program.gcode import checksum
 
 _NUMBER: Final = re.compile(rb"N(\d+)")
 _DIGITS: Final = re.compile(rb"\d*")

@@ -5,7 +5,7 @@ from scipy.optimize import linear_sum_assignment
 from design.errors import GrowthError, NetworkError
 from design.hemodynamics import FlowConditions, flow_spread, solve_flow
 from design.network import VesselKind
-from design.network_csv import read_network_csv, write_network_csv
+from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.tissue import annulus, block, tissue_from_surface
 from design.vasculature import (
     GrowthOptions,

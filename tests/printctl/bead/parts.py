@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from design.network import VesselNetwork
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from design.toolpath.embedded import EmbeddedOptions, plan_embedded
 from design.toolpath.gcode import GcodeOptions, save_gcode, stream_gcode
 from design.toolpath.lag import advanced

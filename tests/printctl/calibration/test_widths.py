@@ -20,7 +20,7 @@ from printctl.calibration.patterns import WrittenPattern, read_pattern
 from printctl.calibration.widths import GivenValues, fit_widths, typed_widths
 from printctl.cli.main import app
 from printctl.errors import UsageError
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from tests.registration.microscope.rendered import Camera, Painted, paint
 
 NEEDLE = ("--needle", "25g")

@@ -23,7 +23,7 @@ from PIL import Image
 from rich.console import Console
 
 from design.network import VesselNetwork
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from design.solids import write_stl
 from firmware_profiles import Ink, Syringe, load
 from printctl.pipeline.written_layers import read_written

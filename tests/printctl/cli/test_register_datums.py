@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from design.solids import write_stl
 from tests.printctl.cli.shell import Shell
 from tests.registration.geometry.shapes import construct, network

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from design.network import VesselNetwork
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
 from printctl.run_folder.artefacts import NUMBERS

@@ -22,7 +22,7 @@ from design.hemodynamics import (
 )
 from design.hemodynamics.waveforms import Sine
 from design.network import VesselNetwork
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from printctl.errors import UsageError
 from printctl.flow.as_printed import even_radii, open_part, printed_lumens
 from printctl.flow.printed_case import AS_PRINTED, PrintedCase, recipe_of, solve_as_printed

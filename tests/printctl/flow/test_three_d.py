@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from design.hemodynamics import FlowConditions, ProbeWaves
 from design.hemodynamics.probes import clear_parts, midpoints
-from design.network_csv import read_network_csv
+from design.network_files.csv_format import read_network_csv
 from printctl.flow.comparison import (
     IDEAL,
     comparison_summary,

@@ -6,7 +6,7 @@ import numpy as np
 
 from printctl.link.clock import VirtualClock
 from sim.families.marlin.printer import MarlinPrinter
-from sim.faults import PermanentFaults
+from sim.faults.fault_file import PermanentFaults
 from tests.printctl.link.fake_marlin import slips_through
 from tests.printctl.link.simulated_transport import SimulatedTransport
 

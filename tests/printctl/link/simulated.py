@@ -14,9 +14,9 @@ from printctl.link.journal import Journal
 from printctl.link.states import Status
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
-from sim.executed import ExecutedMotion
 from sim.families.marlin.printer import MarlinPrinter
-from sim.faults import parse_fault
+from sim.faults.fault_file import parse_fault
+from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.journals import journal_in
 from tests.printctl.link.sim_transport import SimTransport

@@ -22,10 +22,10 @@ from printctl.link.states import Status
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
 from sim.board.fault_plan import FaultPlan
-from sim.executed import ExecutedMotion
 from sim.families.marlin.printer import MarlinPrinter
 from sim.families.registry import simulated_printer
-from sim.faults import Fault, FaultFile
+from sim.faults.fault_file import Fault, FaultFile
+from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.simulated_transport import SimulatedTransport
 

@@ -25,7 +25,7 @@ from printctl.link.recovering import plan_recovery
 from printctl.link.reloading import plan_head_reloads, plunger_travel
 from printctl.link.retreat import Retreat, heaters_off
 from printctl.link.states import LinkState
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import Arming, Script, doomed, played

@@ -11,7 +11,7 @@ from printctl.link.journalled_print import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import (

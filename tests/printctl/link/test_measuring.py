@@ -16,10 +16,10 @@ from printctl.link.journalled_print import read_journal
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.preflight.firmware import firmware_checks
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from sim.families.marlin.printer import MarlinPrinter
-from sim.faults import FaultFile, load_faults
-from sim.gauges import Gauge as SimGauge
+from sim.faults.fault_file import FaultFile, load_faults
+from sim.faults.gauge import Gauge as SimGauge
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, START, Script, layered, played
 from tests.printctl.link.sim_transport import SimTransport

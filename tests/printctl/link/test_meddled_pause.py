@@ -9,7 +9,7 @@ import pytest
 
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
-from sim.executed import ExecutedMotion
+from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.simulated import gcode, printed, wire
 
 MOVES = 240

@@ -11,8 +11,8 @@ from printctl.link.clock import VirtualClock
 from printctl.link.journalled_print import read_journal
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
-from sim.executed import ExecutedMotion
 from sim.families.marlin.printer import MarlinPrinter
+from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.simulated import PRINTER, START, gcode, printed
 

@@ -16,8 +16,8 @@ from printctl.link.journalled_print import read_journal
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
-from sim.executed import ExecutedMotion
 from sim.families.klipper.printer import KlipperPrinter
+from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.journals import journal_in
 from tests.printctl.link.sim_transport import SimTransport

@@ -18,7 +18,7 @@ from printctl.link.marks import MarkKind
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.fake_marlin import FakeTransport
 from tests.printctl.link.jobs import parse_job

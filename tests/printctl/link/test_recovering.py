@@ -18,10 +18,10 @@ from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.preflight import gcode_checks
-from sim.dryrun import dry_run
-from sim.executed import ExecutedMotion
+from sim.dry_run.run import dry_run
 from sim.families.marlin.printer import MarlinPrinter
-from sim.faults import parse_fault
+from sim.faults.fault_file import parse_fault
+from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER, START, Script, layered, played
 from tests.printctl.link.sim_transport import SimTransport

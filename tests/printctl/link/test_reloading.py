@@ -21,9 +21,9 @@ from printctl.link.reloading import plan_reloads, plunger_travel
 from printctl.link.requests import Request
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
-from sim.dryrun import dry_run
-from sim.executed import ExecutedMotion
+from sim.dry_run.run import dry_run
 from sim.families.marlin.printer import MarlinPrinter
+from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import (
     PRINTER,

@@ -16,7 +16,7 @@ from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
 from sim.board.hardware import Board
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.jobs import parse_job, with_codes
 from tests.printctl.link.journals import journal_in

@@ -9,9 +9,9 @@ import pytest
 
 from printctl.link.clock import VirtualClock
 from printctl.link.states import LinkState
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from sim.families.marlin.printer import MarlinPrinter
-from sim.faults import Fault, PermanentFaults
+from sim.faults.fault_file import Fault, PermanentFaults
 from tests.printctl.link.simulated import PRINTER, START, gcode, printed, same_motion
 from tests.printctl.link.simulated_transport import SimulatedTransport
 

@@ -16,8 +16,8 @@ from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
-from sim.executed import ExecutedMotion
 from sim.families.registry import simulated_printer
+from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.journals import journal_in
 from tests.printctl.link.sim_transport import SimTransport

@@ -10,8 +10,8 @@ from printctl.link.journalled_print import JournalledPrint, read_journal
 from printctl.link.modal import Modal
 from printctl.link.recovering import plan_recovery
 from printctl.link.stop_place import StopPlace, find_stood
-from sim.dryrun import dry_run
-from sim.executed import ExecutedMotion
+from sim.dry_run.run import dry_run
+from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.test_stop_in_waits import (
     HEADER,

@@ -21,7 +21,7 @@ from printctl.preflight.firmware import firmware_checks
 from printctl.printing import Order, find_or_start
 from printctl.probing import ask_settings
 from printctl.recipe.making import FileScan, SimulatedScan
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from tests.design.toolpath.shapes import as_solid, block
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.protocols import STREAMED

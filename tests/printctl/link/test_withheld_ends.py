@@ -20,7 +20,7 @@ from printctl.link.journal import Journal
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
 from printctl.link.wiring import Wiring
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.fake_marlin import FakeMarlin
 from tests.printctl.link.jobs import parse_job

@@ -15,7 +15,7 @@ from printctl.link.clock import VirtualClock
 from printctl.link.marks import MarkKind
 from printctl.link.states import LinkState
 from printctl.link.streamer import Streamer
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from sim.families.marlin.printer import MarlinPrinter
 from tests.design.toolpath.shapes import as_solid, block, random_tree
 from tests.printctl.link.jobs import parse_job

@@ -12,9 +12,9 @@ from design.toolpath.gcode import GcodeOptions, HeadLoad, write_gcode
 from design.toolpath.moves import MoveBuilder
 from firmware_profiles import Printer, Syringe, load
 from printctl.link.clock import VirtualClock
-from sim.dryrun import dry_run
-from sim.executed import ExecutedMotion
+from sim.dry_run.run import dry_run
 from sim.families.marlin.printer import MarlinPrinter
+from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.jobs import parse_job
 
 TWO = load(Printer, "two_syringe_marlin")

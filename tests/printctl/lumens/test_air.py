@@ -10,8 +10,8 @@ from firmware_profiles import Printer, load
 from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
 from printctl.lumens import Writing, check_network, read_filaments, read_layers, read_lines
-from sim.deposit_air import pneumatic_deposit
-from sim.dryrun import dry_run
+from sim.deposit.pneumatic import pneumatic_deposit
+from sim.dry_run.run import dry_run
 from tests.printctl.lumens.small_gcode import LAYER_MM, LINE_MM, UL_PER_E, gcode, section, tube
 from tests.printctl.lumens.written_filaments import valve_gcode
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from firmware_profiles.bead import BeadSection
 from printctl.lumens import SectionStations, WrittenLines
 from printctl.lumens.measure import slabs_near
-from sim.lumen_kernels import widest_in_polygon
-from sim.lumen_leak_kernels import find_runs, join_runs
-from sim.lumen_ray_kernels import first_hit, stadium_span
+from sim.lumens.leak_kernels import find_runs, join_runs
+from sim.lumens.ray_kernels import first_hit, stadium_span
+from sim.lumens.width_kernels import widest_in_polygon
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

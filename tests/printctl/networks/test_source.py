@@ -7,7 +7,7 @@ import trimesh
 
 from design.hemodynamics import solve_flow, write_flow_csv
 from design.network import VesselNetwork
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from design.vasculature import planar_four_vessel
 from printctl.errors import UsageError
 from printctl.networks import Drive, load_source

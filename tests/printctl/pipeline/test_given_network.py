@@ -11,9 +11,9 @@ from rich.console import Console
 
 from design.errors import NetworkError
 from design.network import VesselNetwork
-from design.network_csv import read_network_csv, write_network_csv
-from design.network_json import write_network_json
-from design.network_vtp import write_network_vtp
+from design.network_files.csv_format import read_network_csv, write_network_csv
+from design.network_files.json_format import write_network_json
+from design.network_files.vtp import write_network_vtp
 from printctl.pipeline.growth_source import read_given
 from printctl.pipeline.run import toolpath_recipe
 from printctl.pipeline.stages.vasculature import parts_told

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from design.network_swc import write_network_swc
+from design.network_files.swc import write_network_swc
 from design.tissue import block, tissue_from_surface
 from design.vasculature import DepthPenalty, GrowthOptions, grow_tree, tree_to_network
 from printctl.errors import RecipeError

@@ -12,7 +12,7 @@ import yaml
 from rich.console import Console
 
 from design.network import VesselKind, VesselNetwork
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Printer, load
 from printctl.errors import RecipeError, SafetyError, UsageError
 from printctl.pipeline.heads import vessel_heads

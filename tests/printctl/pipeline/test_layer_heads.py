@@ -11,7 +11,7 @@ import yaml
 from rich.console import Console
 
 from design.network import VesselNetwork
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Printer, load
 from printctl.errors import RecipeError, UsageError
 from printctl.pipeline.heads import layer_lines_um
@@ -19,7 +19,7 @@ from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
 from printctl.recipe.heads import HeadPart
 from printctl.recipe.making import Fresh
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 
 ROOT = Path(__file__).parents[3]
 SIZE_MM = (6.0, 4.0, 1.5)

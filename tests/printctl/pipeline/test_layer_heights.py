@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from printctl.pipeline.run import toolpath_recipe
 from printctl.recipe import parse_recipe
 from tests.printctl.pipeline.test_layer_heads import SIZE_MM, TUBE, WHOLE_UL, recipe

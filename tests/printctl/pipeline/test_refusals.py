@@ -12,7 +12,7 @@ from rich.console import Console
 
 from design.errors import ToolpathError
 from design.network import VesselNetwork
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Needle, load
 from printctl.errors import SafetyError
 from printctl.pipeline.refusals import refuse_before

@@ -12,7 +12,7 @@ import pytest
 
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
 from printctl.preflight import Check, PlacedDish, SetUp, file_checks
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 
 START = (100.0, 100.0, 20.0)
 PRINTER = load(Printer, "generic_marlin")

@@ -7,7 +7,7 @@ import pytest
 from firmware_profiles import Printer, Syringe, load
 from printctl.errors import SafetyError
 from printctl.preflight import Check, gcode_checks, refuse_failed, syringe_checks, warnings
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 
 MARLIN = load(Printer, "generic_marlin")
 KLIPPER = load(Printer, "klipper_bioprinter")

@@ -17,7 +17,7 @@ from printctl.preflight import (
     of_each_head,
     syringe_checks,
 )
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from tests.printctl.link.two_heads import DATA, QUICK, START, SYRINGES
 
 NEEDLE = load(Needle, "30g")

@@ -6,7 +6,7 @@ import pytest
 
 from firmware_profiles import Bath, Ink, Printer, load
 from printctl.preflight import gcode_checks, temperature_checks
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 
 MARLIN = load(Printer, "generic_marlin")
 PRINTERS = {

@@ -26,7 +26,7 @@ from printctl.preflight import (
     temperature_checks,
     warnings,
 )
-from sim.dryrun import DryRun, dry_run
+from sim.dry_run.run import DryRun, dry_run
 
 PRINTER = load(Printer, "generic_marlin")
 SYRINGE = load(Syringe, "hamilton_1ml")

@@ -7,7 +7,7 @@ import pytest
 from firmware_profiles import FileController, Plunger, Printer, load
 from printctl.preflight.gcode import gcode_checks
 from printctl.set_up.check import Check
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 
 A3200 = load(Printer, "aerotech_pneumatic")
 NEWER = A3200.model_copy(

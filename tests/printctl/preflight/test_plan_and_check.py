@@ -13,7 +13,7 @@ from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.preflight import shaft_clearance, written_arrays
 from printctl.preflight.shaft_map import written_of
 from printctl.set_up import HeadLoading
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from tests.design.toolpath.random_networks import random_network
 
 START = (60.0, 60.0, 190.0)

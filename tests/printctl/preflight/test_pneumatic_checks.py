@@ -22,7 +22,7 @@ from firmware_profiles import (
     profile_doubts,
 )
 from printctl.preflight import Check, PlacedDish, SetUp, file_checks
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 
 START = (100.0, 100.0, 20.0)
 INK, NEEDLE = load(Ink, "collagen_fresh"), load(Needle, "30g_50mm")

@@ -18,7 +18,7 @@ from printctl.preflight import (
     viability_facts,
 )
 from printctl.recipe.care import CarePart
-from sim.dryrun import DryRun, dry_run
+from sim.dry_run.run import DryRun, dry_run
 
 PRINTER = load(Printer, "generic_marlin")
 SYRINGE = load(Syringe, "hamilton_1ml")

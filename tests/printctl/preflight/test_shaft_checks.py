@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from design.network import VesselNetwork
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from design.toolpath import Toolpath
 from design.toolpath.embedded import Bundles
 from design.toolpath.gcode import GcodeOptions, save_gcode, write_gcode

@@ -14,7 +14,7 @@ from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.preflight import shaft_clearance, written_arrays
 from printctl.preflight.shaft_map import written_of
 from printctl.set_up import HeadLoading
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from tests.design.toolpath.shapes import random_tree
 from tests.slower import first_of
 

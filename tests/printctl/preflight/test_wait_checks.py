@@ -6,7 +6,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from printctl.preflight import gcode_checks
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 
 MARLIN = load(Printer, "generic_marlin")
 KLIPPER = load(Printer, "klipper_bioprinter")

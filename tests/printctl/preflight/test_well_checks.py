@@ -10,7 +10,7 @@ import pytest
 
 from firmware_profiles import Needle, Plate, Printer, load
 from printctl.preflight import Check, Wells, well_checks
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 
 PRINTER = load(Printer, "generic_marlin")
 PLATE = load(Plate, "corning_24")

@@ -11,7 +11,7 @@ from printctl.errors import SafetyError
 from printctl.link.job import Job
 from printctl.preflight import Check, gcode_checks, refuse_failed, syringe_checks
 from printctl.printing import capacity_mm, usable_mm, with_reloads
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import START, layered
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from design.network_csv import write_network_csv
+from design.network_files.csv_format import write_network_csv
 from design.vasculature.named import planar_four_vessel
 from registration.dye import Marks, measure_dye, read_marks
 from registration.dye.view import find_view

@@ -14,7 +14,7 @@ import pytest
 from registration import Scan, read_scan
 from registration.errors import RegistrationError
 from registration.writers import write_scan, write_scan_oct, write_scan_zarr
-from sim.deposit import Deposit
+from sim.deposit.lay import Deposit
 from sim.scanner import OctOptions, simulate_oct
 from tests.registration.readers.crafted import counts, scan
 

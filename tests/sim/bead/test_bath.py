@@ -9,7 +9,7 @@ import pytest
 
 from firmware_profiles import Bath, Ink, Needle, load
 from sim.bead import Nozzle, crevice, cut, drag, predict_bead, settling, swell
-from sim.executed import ExecutedMotion
+from sim.motion.executed import ExecutedMotion
 
 
 def strokes(lines: list[tuple[tuple[float, ...], tuple[float, ...]]], diameter: float):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Ink, Needle, held_pa, load
 from sim.bead import Nozzle, Pieces, cut, nozzle_flow, nozzle_of
-from sim.executed import ExecutedMotion
+from sim.motion.executed import ExecutedMotion
 
 FloatArray = NDArray[np.float64]
 LAG = 0.4

@@ -8,8 +8,8 @@ import pytest
 from firmware_profiles import Printer, load
 from firmware_profiles.bead import BeadSection
 from sim.bead import Nozzle, advance_of, cut, laid_deposit, predict_bead
-from sim.dryrun import DryRun, dry_run
-from sim.executed import ExecutedMotion
+from sim.dry_run.run import DryRun, dry_run
+from sim.motion.executed import ExecutedMotion
 
 AREA = 16.69
 LAG = 0.25

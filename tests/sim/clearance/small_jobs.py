@@ -16,7 +16,7 @@ from sim.clearance import (
     check_clearance,
     motion_of,
 )
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 
 NEEDLE = NeedleBody(0.155, clearance_mm=0.05)
 RADIUS = 0.15

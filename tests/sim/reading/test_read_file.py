@@ -11,9 +11,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from sim.errors import GcodeError, LineError
-from sim.gcode import parse_line, read_gcode
+from sim.program.gcode import parse_line, read_gcode
 from sim.reading import read_line
 from sim.reading.file import kinds_of, read_file
 from tests.sim.reading.test_read_line import FAMILIES, anything, lines

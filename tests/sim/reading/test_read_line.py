@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from firmware_profiles import Printer, load, shipped
 from sim.errors import LineError
-from sim.firmware_codes import is_known_line
 from sim.reading import read_line, read_sent
 from sim.reading.faults import SORTS
+from sim.reading.firmware_codes import is_known_line
 from sim.reading.plain import PLAIN_MOVE
 from sim.reading.read import read_words
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.deposit import Deposit
+from sim.deposit.lay import Deposit
 from sim.errors import ScannerError
 from sim.scanner import Defect, with_defects
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.deposit import Deposit
+from sim.deposit.lay import Deposit
 from sim.errors import ScannerError
 from sim.scanner import MicroCtOptions, OctOptions, Placing, simulate_microct, simulate_oct
 from sim.scanner.oct import NOISE_COUNTS

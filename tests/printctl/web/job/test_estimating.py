@@ -15,7 +15,7 @@ from printctl.printing.journalled import read_so_far
 from printctl.printing.progress import Filling, progress
 from printctl.printing.remaining import Estimate, Remaining
 from printctl.web.job.tabulating import make_table
-from sim.dryrun import dry_run
+from sim.dry_run.run import dry_run
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import layered
 

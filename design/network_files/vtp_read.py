@@ -1,0 +1,229 @@
+"""Read a network from VTK XML PolyData (`.vtp`): polylines with a radius at each point."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NoReturn
+
+import numpy as np
+from lxml import etree  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+
+from design.errors import NetworkError
+from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network_files.csv_format.chain import chain_pieces
+from design.network_files.csv_format.pieces import Pieces
+from design.units import MM_PER, LengthUnit
+
+RADIUS_MM: Final = "radius_mm"
+RADII: Final = ("radius", "MaximumInscribedSphereRadius")
+"""Names of a radius in the unit of the file; the second is VMTK's."""
+
+_NUMPY: Final = {
+    "Float64": "f8", "Float32": "f4", "Int64": "i8", "Int32": "i4", "Int16": "i2", "Int8": "i1",
+    "UInt64": "u8", "UInt32": "u4", "UInt16": "u2", "UInt8": "u1",
+}  # fmt: skip
+_ZLIB: Final = "vtkZLibDataCompressor"
+
+
+def read_network_vtp(
+    path: Path, unit: LengthUnit, kind: VesselKind = VesselKind.ARTERY
+) -> VesselNetwork:
+    """Read the polylines of a file whose coordinates are in ``unit``.
+
+    The radius is the point array `RADIUS_MM`, which is in mm, or one of `RADII`, in ``unit``.
+    Points at the same place, to the bit, are one node; vessels are cut where others join them.
+    Cell arrays ``kind`` and ``tree``, as `write_network_vtp` writes them, are kept. Data may be
+    ascii, or binary in base64, as it is or compressed by zlib.
+
+    Parameters
+    ----------
+    path : Path
+    unit : {"um", "mm", "cm", "m", "in"}
+    kind : VesselKind
+        Where the file has no array ``kind``.
+
+    Raises
+    ------
+    NetworkError
+        When the file can't be read so, has no lines or no radius, or holds impossible numbers.
+    OSError
+        When the file can't be opened.
+    """
+    file = _parse(path)
+    points = file.points() * MM_PER[unit]
+    radius = file.radius(MM_PER[unit], len(points))
+    connectivity, offsets = file.lines(len(points))
+    _check_numbers(path, points, radius, connectivity)
+    sizes = np.diff(np.concatenate([[0], offsets]))
+    cell = np.repeat(np.arange(len(sizes)), sizes)
+    first = np.flatnonzero(cell[:-1] == cell[1:])
+    ends = np.stack([connectivity[first], connectivity[first + 1]], axis=1)
+    place, node = np.unique(points, axis=0, return_inverse=True)
+    node = _by_appearance(node.reshape(-1), len(place))
+    # A point given twice in a row has no length.
+    real = node[ends[:, 0]] != node[ends[:, 1]]
+    if not real.any():
+        file.fail("no two points of a line are apart; give at least one vessel")
+    ends, of = ends[real], cell[first][real]
+    return chain_pieces(
+        Pieces(
+            path=path,
+            line=of + 1,
+            vessel=of,
+            nodes=node[ends],
+            points=points[ends],
+            radius=radius[ends],
+            kind=file.cell_numbers("kind", len(sizes), int(kind), len(VesselKind))[of],
+            tree=file.cell_numbers("tree", len(sizes), 0, None)[of],
+        )
+    )
+
+
+def _by_appearance(number: IntArray, count: int) -> IntArray:
+    """The same numbering in the order of first appearance."""
+    first = np.full(count, len(number))
+    np.minimum.at(first, number, np.arange(len(number)))
+    rank = np.empty(count, dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(count)
+    return rank[number]
+
+
+def _check_numbers(
+    path: Path, points: FloatArray, radius: FloatArray, connectivity: IntArray
+) -> None:
+    bad = ~(np.isfinite(points).all(axis=1) & np.isfinite(radius) & (radius > 0.0))
+    used = connectivity[bad[connectivity]]
+    if len(used):
+        raise NetworkError(
+            f"{path}: point {used[0]} has a coordinate or a radius that is NaN, infinite or not "
+            f"above 0 ({len(used)} such points); mend the file"
+        )
+
+
+@dataclass(frozen=True)
+class _File:
+    """The piece of a file, and how its numbers are written."""
+
+    path: Path
+    piece: etree._Element
+    order: str
+    header: str
+    compressed: bool
+
+    def fail(self, text: str) -> NoReturn:
+        raise NetworkError(f"{self.path}: {text}")
+
+    def points(self) -> FloatArray:
+        """Coordinates, (p, 3), in the file's unit."""
+        found = self.piece.find("Points/DataArray")
+        if found is None:
+            self.fail("no points; export the centrelines as PolyData lines")
+        return self.numbers(found).astype(np.float64).reshape(-1, 3)
+
+    def radius(self, mm_per_unit: float, count: int) -> FloatArray:
+        """Radius of each point, (p,), mm."""
+        arrays = {a.get("Name"): a for a in self.piece.findall("PointData/DataArray")}
+        for name, scale in ((RADIUS_MM, 1.0), *((name, mm_per_unit) for name in RADII)):
+            if name in arrays:
+                values = self.numbers(arrays[name]).astype(np.float64) * scale
+                if len(values) != count:
+                    self.fail(f"{name} has {len(values)} values for {count} points; write it again")
+                return values
+        raise NetworkError(
+            f"{self.path}: no point array {RADIUS_MM} (in mm), {' or '.join(RADII)} (in the "
+            f"file's unit); its point arrays are {', '.join(map(str, arrays)) or 'none'}"
+        )
+
+    def lines(self, count: int) -> tuple[IntArray, IntArray]:
+        """Points of all lines in turn, and where each line ends among them."""
+        arrays = {a.get("Name"): a for a in self.piece.findall("Lines/DataArray")}
+        if not {"connectivity", "offsets"} <= set(arrays):
+            self.fail("no lines; export the centrelines as PolyData lines")
+        points, ends = (
+            self.numbers(arrays[n]).astype(np.int64) for n in ("connectivity", "offsets")
+        )
+        if len(ends) == 0:
+            self.fail("no lines; give at least one vessel")
+        whole = bool(np.diff(ends, prepend=0).min() >= 2) and ends[-1] == len(points)
+        if not whole or points.min() < 0 or points.max() >= count:
+            self.fail(
+                "a line has fewer than two points, or points that aren't there; mend the file"
+            )
+        return points, ends
+
+    def cell_numbers(self, name: str, count: int, otherwise: int, below: int | None) -> IntArray:
+        """Whole numbers of a cell array, one a line; ``otherwise`` where there is no such array."""
+        arrays = {a.get("Name"): a for a in self.piece.findall("CellData/DataArray")}
+        if name not in arrays:
+            return np.full(count, otherwise, dtype=np.int64)
+        values = self.numbers(arrays[name]).astype(np.int64)
+        if len(values) != count:
+            self.fail(f"{name} has {len(values)} values for {count} lines; lines alone are read")
+        if below is not None and not ((values >= 0) & (values < below)).all():
+            self.fail(
+                f"{name} goes from {values.min()} to {values.max()}; 0 to {below - 1} are known"
+            )
+        return values
+
+    def numbers(self, element: etree._Element) -> NDArray[np.generic]:
+        """The values of a DataArray, flat."""
+        kind, form = element.get("type", ""), element.get("format", "ascii")
+        if kind not in _NUMPY:
+            self.fail(f"type {kind or 'missing'} isn't one of VTK's numbers; write it again")
+        text = "".join(element.itertext()).strip()
+        try:
+            if form == "ascii":
+                return np.array(text.split(), dtype=_NUMPY[kind])
+            if form == "binary":
+                return np.frombuffer(self._bytes(text), dtype=self.order + _NUMPY[kind])
+        except (ValueError, IndexError, binascii.Error, zlib.error) as exc:
+            self.fail(f"the numbers of {element.get('Name') or 'an array'} can't be read ({exc})")
+        raise NetworkError(
+            f"{self.path}: data mode {form} isn't read; save it with data mode ascii or binary"
+        )
+
+    def _bytes(self, text: str) -> bytes:
+        """Undo base64, the length in front, and compression."""
+        width = np.dtype(self.header).itemsize
+        if not self.compressed:
+            raw = base64.b64decode(text)
+            size = int(np.frombuffer(raw[:width], self.header)[0])
+            return raw[width : width + size]
+        # Three numbers (blocks, their size, that of the last), then each block's compressed size,
+        # are encoded apart from the blocks.
+        start = base64.b64decode(text[: 4 * -(-width // 3)])
+        blocks = int(np.frombuffer(start[:width], self.header)[0])
+        head = 4 * -(-(3 + blocks) * width // 3)
+        numbers = np.frombuffer(base64.b64decode(text[:head]), self.header, 3 + blocks)
+        raw, out, at = base64.b64decode(text[head:]), [], 0
+        for size in numbers[3:].tolist():
+            out.append(zlib.decompress(raw[at : at + size]))
+            at += size
+        return b"".join(out)
+
+
+def _parse(path: Path) -> _File:
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
+    with path.open("rb") as handle:
+        try:
+            root = etree.parse(handle, parser).getroot()
+        except etree.XMLSyntaxError as exc:
+            raise NetworkError(
+                f"{path}: not XML ({exc}); save it as VTK PolyData with data mode ascii or binary"
+            ) from exc
+    if root.tag != "VTKFile" or root.get("type") != "PolyData":
+        raise NetworkError(f"{path}: not VTK PolyData; export the centrelines as .vtp")
+    pieces = root.findall("PolyData/Piece")
+    if len(pieces) != 1:
+        raise NetworkError(f"{path}: {len(pieces)} pieces where one is read; merge them first")
+    compressor = root.get("compressor")
+    if compressor not in (None, _ZLIB):
+        raise NetworkError(f"{path}: compressed by {compressor}; save it uncompressed or by zlib")
+    order = ">" if root.get("byte_order") == "BigEndian" else "<"
+    header = order + _NUMPY.get(root.get("header_type", "UInt32"), "u4")
+    return _File(path, pieces[0], order, header, compressor is not None)

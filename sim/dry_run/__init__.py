@@ -1,0 +1,1 @@
+"""Simulation of a whole G-code file without a printer: duration, path, limits, heat."""

@@ -1,0 +1,1 @@
+"""Faults planned for a simulated printer: cable, clock, gauge."""

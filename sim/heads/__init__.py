@@ -1,0 +1,1 @@
+"""Print heads as a G-code file uses them: selection, tip positions, valves of pneumatic heads."""

@@ -1,0 +1,1 @@
+"""Kernels that measure a printed lumen: open width, rays to its wall, leaks between strands."""

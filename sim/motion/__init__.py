@@ -1,0 +1,1 @@
+"""Marlin's motion: planner, stepper, and the executed motion at the motors."""

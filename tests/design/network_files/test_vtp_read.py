@@ -1,0 +1,157 @@
+"""Reading VTP network files, ours and other programs'."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from design.errors import NetworkError
+from design.network import VesselKind, VesselNetwork
+from design.network_files.vtp import write_network_vtp
+from design.network_files.vtp_read import read_network_vtp
+from tests.design.networks import random_trees
+
+POINTS = "0 0 0  10 0 0  20 0 0  10 0 0  10 8 0"
+"""A straight line of three points, and one that leaves its middle."""
+
+
+def document(
+    points: str = POINTS,
+    radius: str = "2 2 2 1 1",
+    connectivity: str = "0 1 2 3 4",
+    offsets: str = "3 5",
+    name: str = "radius",
+    attributes: str = "",
+    form: str = "ascii",
+    cells: str = "",
+) -> str:
+    def array(title: str, kind: str, text: str, width: int = 1) -> str:
+        return (
+            f'<DataArray type="{kind}" Name="{title}" NumberOfComponents="{width}" '
+            f'format="{form}">{text}</DataArray>'
+        )
+
+    return (
+        f'<VTKFile type="PolyData" version="0.1" byte_order="LittleEndian" {attributes}>'
+        f'<PolyData><Piece NumberOfPoints="5" NumberOfLines="2">'
+        f"<PointData>{array(name, 'Float64', radius)}</PointData><CellData>{cells}</CellData>"
+        f"<Points>{array('Points', 'Float64', points, 3)}</Points>"
+        f"<Lines>{array('connectivity', 'Int64', connectivity)}"
+        f"{array('offsets', 'Int64', offsets)}</Lines></Piece></PolyData></VTKFile>"
+    )
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "network.vtp"
+    path.write_text(text)
+    return path
+
+
+def same_vessels(found: VesselNetwork, network: VesselNetwork) -> None:
+    for name in ("points", "radius", "offset", "kind", "tree"):
+        assert np.array_equal(getattr(found, name), getattr(network, name)), name
+    ends = found.nodes[found.vessel_nodes]
+    assert np.array_equal(ends, network.nodes[network.vessel_nodes])
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 1000), st.integers(1, 12), st.integers(1, 3))
+def test_ours_come_back_to_the_bit(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, vessels: int, roots: int
+) -> None:
+    network = random_trees(seed, vessels, min(roots, vessels))
+    path = tmp_path_factory.mktemp("vtp") / "network.vtp"
+    write_network_vtp(path, network, {"flow_ul_s": np.ones(network.vessel_count)})
+    same_vessels(read_network_vtp(path, "mm"), network)
+
+
+def test_lines_that_join_in_the_middle_are_cut_there(tmp_path: Path) -> None:
+    network = read_network_vtp(written(tmp_path, document()), "cm")
+    assert network.vessel_count == 3
+    assert network.degree().tolist().count(3) == 1
+    assert network.lengths() == pytest.approx([100.0, 100.0, 80.0])
+    # A radius that isn't said to be in mm is in the file's unit.
+    assert network.radius.tolist() == [20, 20, 20, 20, 10, 10]
+    assert (network.kind == VesselKind.ARTERY).all()
+
+
+def test_a_radius_in_mm_stays_in_mm(tmp_path: Path) -> None:
+    network = read_network_vtp(written(tmp_path, document(name="radius_mm")), "cm")
+    assert network.radius.max() == 2.0
+
+
+def packed(values: np.ndarray, head: str) -> str:
+    data = values.tobytes()
+    return base64.b64encode(np.array([len(data)], head).tobytes() + data).decode()
+
+
+def deflated(values: np.ndarray, head: str, block: int = 40) -> str:
+    data = values.tobytes()
+    parts = [data[i : i + block] for i in range(0, len(data), block)]
+    squeezed = [zlib.compress(part) for part in parts]
+    rest = len(data) % block
+    start = np.array([len(parts), block, rest, *map(len, squeezed)], head).tobytes()
+    return base64.b64encode(start).decode() + base64.b64encode(b"".join(squeezed)).decode()
+
+
+@pytest.mark.parametrize("header", ["UInt32", "UInt64"])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_binary_as_paraview_writes_it(tmp_path: Path, header: str, compressed: bool) -> None:
+    head = {"UInt32": "<u4", "UInt64": "<u8"}[header]
+    pack = deflated if compressed else packed
+    attributes = f'header_type="{header}"'
+    attributes += ' compressor="vtkZLibDataCompressor"' if compressed else ""
+    text = document(
+        points=pack(np.array(POINTS.split(), dtype=float), head),
+        radius=pack(np.array([2.0, 2, 2, 1, 1]), head),
+        connectivity=pack(np.arange(5), head),
+        offsets=pack(np.array([3, 5]), head),
+        attributes=attributes,
+        form="binary",
+    )
+    found = read_network_vtp(written(tmp_path, text), "mm")
+    plain = tmp_path / "plain"
+    plain.mkdir()
+    same_vessels(found, read_network_vtp(written(plain, document()), "mm"))
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("not xml", "not XML"),
+        ("<VTKFile type='UnstructuredGrid'/>", "PolyData"),
+        (document(name="thickness"), "thickness"),
+        (document(radius="2 2 2 1"), "4 values for 5 points"),
+        (document(radius="2 2 0 1 1"), "point 2"),
+        (document(points=POINTS.replace("8", "nan")), "point 4"),
+        (document(offsets="1 5"), "fewer than two points"),
+        (document(connectivity="0 1 2 3 9"), "aren't there"),
+        (document(connectivity="", offsets=""), "no lines"),
+        (document(points=POINTS.replace("8", "x")), "can't be read"),
+        (document(form="appended"), "appended"),
+        (document(attributes='compressor="vtkLZ4DataCompressor"'), "vtkLZ4DataCompressor"),
+        (
+            document(cells='<DataArray type="Int64" Name="kind" format="ascii">0 9</DataArray>'),
+            "kind goes from 0 to 9",
+        ),
+    ],
+)
+def test_what_cannot_be_read_is_told(tmp_path: Path, text: str, word: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(NetworkError, match=word) as caught:
+        read_network_vtp(path, "mm")
+    assert str(path) in str(caught.value)
+
+
+def test_no_entity_is_followed(tmp_path: Path) -> None:
+    (tmp_path / "secret").write_text("1 1 1 1 1")
+    entity = f'<!DOCTYPE x [<!ENTITY s SYSTEM "{(tmp_path / "secret").as_uri()}">]>'
+    path = written(tmp_path, entity + document(radius="&s;"))
+    with pytest.raises(NetworkError):
+        read_network_vtp(path, "mm")
