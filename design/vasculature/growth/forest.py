@@ -17,6 +17,7 @@ from design.vasculature.growth.grow import ATTEMPTS, ROUNDS, SPREADS, TreeGrowth
 from design.vasculature.growth.root import stem
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.growth.territory import part_tissue
+from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 
@@ -44,19 +45,25 @@ class RootSpec:
     kind : VesselKind
         Trees of the same kind part the tissue among them by their numbers of terminals, so that
         every terminal of a kind serves the same volume; kinds pervade each other.
+    trunk : Trunk, optional
+        Growth goes on from it, and needs no root point.
+    territory : Surroundings, optional
+        What part of the tissue the tree has, in place of one found by its stem.
     """
 
     options: GrowthOptions
     kind: VesselKind = VesselKind.ARTERY
+    trunk: Trunk | None = None
+    territory: Surroundings | None = None
 
 
 @dataclass(frozen=True)
 class _Stem:
-    """A root's stem before anything grows."""
+    """A root's stem, or its trunk, before anything grows: axes (k, 3) and radii (k,), mm."""
 
     begin: FloatArray
     end: FloatArray
-    radius: float
+    radius: FloatArray
 
 
 def grow_forest(
@@ -89,7 +96,12 @@ def grow_forest(
         raise GrowthError("a forest of no roots was asked for; give at least one")
     options = [_options(root) for root in roots]
     stems: list[_Stem] = []
-    for number, wish in enumerate(options):
+    trunks = [root.trunk if isinstance(root, RootSpec) else None for root in roots]
+    for number, (wish, trunk) in enumerate(zip(options, trunks, strict=True)):
+        if trunk is not None:
+            radius = np.full(len(trunk.parent), trunk.root_radius_mm)
+            stems.append(_Stem(trunk.proximal, trunk.distal, radius))
+            continue
         options[number] = _with_root(tissue, wish, stems)
         stems.append(_stem(tissue, options[number]))
     plots = _territories(tissue, roots, options, stems)
@@ -103,8 +115,9 @@ def grow_forest(
                 plot,
                 wish.terminal_spread or _spread(attempt),
                 attempt + ATTEMPTS * number,
+                trunk,
             )
-            for number, (wish, plot) in enumerate(zip(options, plots, strict=True))
+            for number, (wish, plot, trunk) in enumerate(zip(options, plots, trunks, strict=True))
         ]
         try:
             return _grow_all(growths, stems)
@@ -204,7 +217,7 @@ def _stem(tissue: Tissue, options: GrowthOptions) -> _Stem:
     radius = _likely_radius(tissue, options)
     wall = options.clearance_mm
     begin, end = stem(tissue, options, radius, wall)
-    return _Stem(begin, end, radius)
+    return _Stem(begin[None], end[None], np.array([STEM_ROOM * radius]))
 
 
 def _likely_radius(tissue: Tissue, options: GrowthOptions) -> float:
@@ -223,7 +236,7 @@ def _with_root(tissue: Tissue, options: GrowthOptions, stems: list[_Stem]) -> Gr
     """The options with a root point, found on the surface where none is given."""
     if options.root_point_mm is not None or not stems:
         return options
-    taken = np.array([one.begin for one in stems])
+    taken = np.concatenate([one.begin[:1] for one in stems])
     away = np.linalg.norm(tissue.surface.vertices[:, None] - taken[None], axis=2).min(axis=1)
     order = np.argsort(-away, kind="stable")
     last: DesignError | None = None
@@ -249,17 +262,17 @@ def _territories(
     stems: list[_Stem],
 ) -> list[Surroundings]:
     """For each tree its territory; the whole tissue where it is alone of its kind."""
-    found = [Surroundings() for _ in roots]
-    kinds = {root.kind for root in roots if isinstance(root, RootSpec)}
-    for kind in sorted(kinds):
+    specs = [root if isinstance(root, RootSpec) else None for root in roots]
+    found = [(spec and spec.territory) or Surroundings() for spec in specs]
+    for kind in sorted({spec.kind for spec in specs if spec is not None}):
         of_kind = [
-            n for n, root in enumerate(roots) if isinstance(root, RootSpec) and root.kind == kind
+            n for n, spec in enumerate(specs) if spec and spec.kind == kind and not spec.territory
         ]
         if len(of_kind) < 2:
             continue
         wanted = np.array([options[n].terminals for n in of_kind], dtype=np.float64)
         wanted /= wanted.sum()
-        parts = part_tissue(tissue, np.array([stems[n].end for n in of_kind]), wanted)
+        parts = part_tissue(tissue, np.array([stems[n].end[0] for n in of_kind]), wanted)
         for place, n in enumerate(of_kind):
             # The flow follows the terminals exactly, so that all of a kind have the same.
             found[n] = Surroundings(owns=parts.owns(place), share=float(wanted[place]))
@@ -273,9 +286,9 @@ def _others(growths: list[TreeGrowth], stems: list[_Stem], own: int) -> Surround
         if number == own:
             continue
         if growth.count == 0:
-            start.append(stems[number].begin[None])
-            end.append(stems[number].end[None])
-            radius.append(np.array([STEM_ROOM * stems[number].radius]))
+            start.append(stems[number].begin)
+            end.append(stems[number].end)
+            radius.append(stems[number].radius)
             continue
         s = growth.segments[: growth.count]
         start.append(np.column_stack([s["px"], s["py"], s["pz"]]))

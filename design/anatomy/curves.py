@@ -1,0 +1,198 @@
+"""Curves in place of kinks: bends and main lines of a tree are rounded, piece by piece."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.vasculature.tree import VesselTree
+from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+REACH = 0.42
+"""Part of a vessel on either side of a node that its curve may take."""
+
+STRAIGHT = np.radians(9.0)
+"""Turns below this stay as they are."""
+
+PASSES = 3
+"""Corner cuttings (Chaikin 1974, doi 10.1016/0146-664X(74)90028-8); each halves the turns."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Nodes of a tree, whose vessels are pieces between a node and its parent.
+
+    Attributes
+    ----------
+    points : (n, 3) float64, mm
+        Node 0 is the inlet.
+    parent : (n,) int64
+        -1 for the inlet; parents stand before their children.
+    origin : (n,) int64
+        Segment of the tree that the piece which ends at a node comes from; -1 for the inlet.
+    corner : (n,) int64
+        Node of the tree whose curve a node belongs to, or -1.
+    """
+
+    points: FloatArray
+    parent: IntArray
+    origin: IntArray
+    corner: IntArray
+
+
+def curve_tree(tree: VesselTree, reach: FloatArray) -> tuple[VesselTree, Lines]:
+    """The tree with its bends and main lines rounded, radii derived anew.
+
+    Lengths change a little, and with them the radii that give each terminal its flow: they are
+    derived from the curved tree, so that flows and Murray's law stay exact.
+
+    Parameters
+    ----------
+    tree : VesselTree
+    reach : (s,) float64
+        How far the curve at the far end of each segment reaches, over what it may: 0 to 1.
+
+    Returns
+    -------
+    VesselTree
+        Bends are segments of one child.
+    Lines
+        Where each of its segments comes from; segment ``i`` ends at node ``i + 1``.
+    """
+    main = main_children(tree)
+    lines = _cut_joints(tree, main, reach)
+    for _ in range(PASSES):
+        lines = _cut_bends(lines, _main_nodes(lines))
+    return _rebuilt(tree, lines), lines
+
+
+def main_children(tree: VesselTree) -> IntArray:
+    """The wider child of each segment; -1 for a terminal."""
+    radius = tree_radii(tree)
+    a, b = tree.children.T.astype(np.int64)
+    wider = np.where((b >= 0) & (radius[np.maximum(b, 0)] > radius[np.maximum(a, 0)]), b, a)
+    return np.asarray(np.where(a < 0, -1, wider), dtype=np.int64)
+
+
+def turns(tree: VesselTree) -> tuple[IntArray, FloatArray]:
+    """Segments with a child, and the angle (rad) between each and its main child."""
+    main = main_children(tree)
+    upper = np.flatnonzero(main >= 0)
+    way = tree.distal - tree.proximal
+    return upper, _angle(way[upper], way[main[upper]])
+
+
+def _cut_joints(tree: VesselTree, main: IntArray, reach: FloatArray) -> Lines:
+    """Cut the corner at each node where the main line turns; the node moves onto the cut."""
+    count = len(tree.parent)
+    length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
+    way = (tree.distal - tree.proximal) / length[:, None]
+    upper = np.flatnonzero(main >= 0)
+    lower = main[upper]
+    bends = _angle(way[upper], way[lower]) > STRAIGHT
+    upper, lower = upper[bends], lower[bends]
+    # A segment's far part is its own corner's, its near part its parent's.
+    cut = REACH * reach[upper] * np.minimum(length[upper], length[lower])
+    before = tree.distal[upper] - cut[:, None] * way[upper]
+    after = tree.distal[upper] + cut[:, None] * way[lower]
+    node = tree.distal.copy()
+    node[upper] = 0.5 * (before + after)
+    ahead, behind = np.full(count, -1), np.full(count, -1)
+    ahead[upper] = np.arange(len(upper))
+    behind[lower] = np.arange(len(upper))
+    points, parent, origin, corner = [tree.proximal[0]], [-1], [-1], [-1]
+    place = np.zeros(count, dtype=np.int64)
+    for s in downward_order(tree.children).tolist():
+        above = 0 if tree.parent[s] < 0 else int(place[tree.parent[s]])
+        if behind[s] >= 0:
+            points.append(after[behind[s]])
+            parent.append(above)
+            origin.append(s)
+            corner.append(int(tree.parent[s]))
+            above = len(points) - 1
+        if ahead[s] >= 0:
+            points.append(before[ahead[s]])
+            parent.append(above)
+            origin.append(s)
+            corner.append(s)
+            above = len(points) - 1
+        points.append(node[s])
+        parent.append(above)
+        origin.append(s)
+        corner.append(s if ahead[s] >= 0 else -1)
+        place[s] = len(points) - 1
+    return Lines(np.array(points), np.array(parent), np.array(origin), np.array(corner))
+
+
+def _main_nodes(lines: Lines) -> IntArray:
+    """The one child of each node with exactly one; else -1."""
+    below = np.flatnonzero(lines.parent >= 0)
+    count = np.bincount(lines.parent[below], minlength=len(lines.parent))
+    only = np.full(len(lines.parent), -1, dtype=np.int64)
+    only[lines.parent[below]] = below
+    return np.where(count == 1, only, -1)
+
+
+def _cut_bends(lines: Lines, only: IntArray) -> Lines:
+    """Put two nodes in place of each that is no joint and turns."""
+    at = np.flatnonzero((only >= 0) & (lines.parent >= 0))
+    here = lines.points[at]
+    before, after = here - lines.points[lines.parent[at]], lines.points[only[at]] - here
+    turning = _angle(before, after) > STRAIGHT
+    at, here, before, after = at[turning], here[turning], before[turning], after[turning]
+    length = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
+    step = 0.25 * length[:, None]
+    first = here - step * before / np.linalg.norm(before, axis=1)[:, None]
+    second = here + step * after / np.linalg.norm(after, axis=1)[:, None]
+    extra = np.zeros(len(lines.parent), dtype=np.int64)
+    extra[at] = 1
+    last = np.cumsum(1 + extra) - 1
+    size = int(last[-1]) + 1
+    points, parent = np.empty((size, 3)), np.empty(size, dtype=np.int64)
+    origin, corner = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
+    begin = last - extra
+    points[begin] = lines.points
+    parent[begin] = np.where(lines.parent >= 0, last[np.maximum(lines.parent, 0)], -1)
+    for nodes in (begin, last):
+        origin[nodes], corner[nodes] = lines.origin, lines.corner
+    points[begin[at]], points[last[at]] = first, second
+    parent[last[at]] = begin[at]
+    # The upper part of what was the lower piece belongs to the lower piece's segment.
+    origin[last[at]] = lines.origin[only[at]]
+    return Lines(points, parent, origin, corner)
+
+
+def _rebuilt(tree: VesselTree, lines: Lines) -> VesselTree:
+    parent = lines.parent[1:] - 1
+    children = np.full((len(parent), 2), -1, dtype=np.int32)
+    below = np.flatnonzero(parent >= 0)
+    order = below[np.argsort(parent[below], kind="stable")]
+    first = np.concatenate([[True], np.diff(parent[order]) > 0])
+    children[parent[order[first]], 0] = order[first]
+    children[parent[order[~first]], 1] = order[~first]
+    origin = lines.origin[1:]
+    curved = tree_from_topology(
+        lines.points[lines.parent[1:]],
+        lines.points[1:],
+        parent.astype(np.int32),
+        children,
+        flow_ul_s=float(tree.flow_ul_s[0]),
+        pressure_drop_pa=tree.pressure_drop_pa,
+        murray_exponent=tree.murray_exponent,
+        viscosity_pa_s=tree.viscosity_pa_s,
+        relative_flow=tree.relative_flow[origin],
+        haematocrit=tree.haematocrit,
+        given=tree.given[origin],
+    )
+    return replace(curved, notes=tree.notes)
+
+
+def _angle(one: FloatArray, two: FloatArray) -> FloatArray:
+    across = np.linalg.norm(np.cross(one, two), axis=1)
+    found: FloatArray = np.arctan2(across, np.einsum("ij,ij->i", one, two))
+    return found

@@ -1,0 +1,149 @@
+"""Find a heart's places from its shape: base, apex, epicardium, grooves, ostia."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from design.anatomy.openness import SurfaceSamples
+
+FloatArray = NDArray[np.float64]
+
+_BASAL = 0.5
+"""Cosine of the outward normal to the base's direction beyond which a place is the base, not the
+epicardium."""
+
+_SECTORS = 36
+_FEWEST = 0.03
+"""Share of the surface that isn't outer below which there are no cavities to go by."""
+
+
+@dataclass(frozen=True)
+class HeartPlaces:
+    """Directions and places of a heart.
+
+    Attributes
+    ----------
+    middle : (3,) float64, mm
+        Of the ventricles' cavities.
+    base : (3,) float64
+        Unit vector from the apex to the base.
+    right : (3,) float64
+        Unit vector across it, towards the right ventricle.
+    anterior : (3,) float64
+        Unit vector across both.
+    grooves : (float, float), rad
+        Angles of the anterior and posterior interventricular grooves, from ``right`` towards
+        ``anterior``: between 0 and π, and between -π and 0.
+    epicardium : (k,) int64
+        Numbers of the surface samples that are epicardium.
+    """
+
+    middle: FloatArray
+    base: FloatArray
+    right: FloatArray
+    anterior: FloatArray
+    grooves: tuple[float, float]
+    epicardium: NDArray[np.int64]
+
+    def height(self, points: FloatArray) -> FloatArray:
+        """Along the base's direction from the middle, mm."""
+        found: FloatArray = (points - self.middle) @ self.base
+        return found
+
+    def angle(self, points: FloatArray) -> FloatArray:
+        """About the base's direction, from ``right`` towards ``anterior``, rad."""
+        along = points - self.middle
+        found: FloatArray = np.arctan2(along @ self.anterior, along @ self.right)
+        return found
+
+
+def find_heart_places(
+    samples: SurfaceSamples,
+    base: FloatArray | None = None,
+    right: FloatArray | None = None,
+) -> HeartPlaces:
+    """Find base, right side and grooves; a direction that is given is taken.
+
+    The base lies where the cavities open, and away from the apex; the right ventricle where the
+    wall is thinner. The grooves are where the wall's thickness changes, a third of a turn from
+    the right side at most, or 60 degrees where nothing tells.
+    """
+    outer = samples.outer
+    cavity = samples.points[~outer] if (~outer).mean() >= _FEWEST else samples.points
+    middle = cavity.mean(axis=0)
+    up = _unit(base) if base is not None else _base(samples, middle)
+    normal = -samples.inward
+    epicardium = np.flatnonzero(outer & (normal @ up < _BASAL))
+    wall = _wall(samples, epicardium)
+    points = samples.points[epicardium] - middle
+    if right is None:
+        across = points - np.outer(points @ up, up)
+        thin = wall.mean() - wall
+        right = (across * thin[:, None]).sum(axis=0) if wall.std() > 0.1 * wall.mean() else None
+    if right is None:
+        right = _widest_across(points, up)
+    side = _unit(right - (right @ up) * up)
+    front = np.cross(up, side)
+    places = HeartPlaces(middle, up, side, front, (np.pi / 3, -np.pi / 3), epicardium)
+    angle = places.angle(samples.points[epicardium])
+    return HeartPlaces(middle, up, side, front, _grooves(angle, wall), epicardium)
+
+
+def _base(samples: SurfaceSamples, middle: FloatArray) -> FloatArray:
+    """Direction of the base: the mean of where cavities open, and of apex to middle."""
+    outer = samples.points[samples.outer]
+    inner = ~samples.outer
+    out = samples.way_out[inner].sum(axis=0) if inner.mean() >= _FEWEST else np.zeros(3)
+    if np.linalg.norm(out) < 1e-3 * max(1, inner.sum()):
+        apex = outer[np.argmax(np.linalg.norm(outer - middle, axis=1))]
+        return _unit(middle - apex)
+    out = _unit(out)
+    below = (outer - middle) @ out < 0
+    apex = outer[below][np.argmax(np.linalg.norm(outer[below] - middle, axis=1))]
+    return _unit(out + _unit(middle - apex))
+
+
+def _wall(samples: SurfaceSamples, epicardium: NDArray[np.int64]) -> FloatArray:
+    """Thickness of the wall below each epicardial sample, mm; even over its surroundings."""
+    inner = samples.points[~samples.outer]
+    points = samples.points[epicardium]
+    if len(inner) < _FEWEST * len(samples.points):
+        return np.ones(len(points))
+    thick = cKDTree(inner).query(points)[0]
+    near = cKDTree(points).query(points, min(40, len(points)))[1]
+    even: FloatArray = thick[near].mean(axis=1)
+    return even
+
+
+def _grooves(angle: FloatArray, wall: FloatArray) -> tuple[float, float]:
+    """Angles on either side of 0 at which the wall becomes thick."""
+    sector = np.floor((angle + np.pi) / (2 * np.pi) * _SECTORS).astype(np.int64) % _SECTORS
+    count = np.bincount(sector, minlength=_SECTORS)
+    mean = np.bincount(sector, wall, minlength=_SECTORS) / np.maximum(count, 1)
+    mean[count == 0] = wall.mean()
+    middle = 0.5 * (np.percentile(mean, 10) + np.percentile(mean, 90))
+    found = []
+    for side in (1, -1):
+        steps = [(_SECTORS // 2 + side * n - (side < 0)) % _SECTORS for n in range(_SECTORS // 3)]
+        thick = [n for n in range(2, len(steps)) if mean[steps[n]] > middle]
+        clear = np.ptp(mean) > 0.25 * wall.mean()
+        found.append(side * (2 * np.pi / _SECTORS * thick[0] if thick and clear else np.pi / 3))
+    return found[0], found[1]
+
+
+def _widest_across(points: FloatArray, axis: FloatArray) -> FloatArray:
+    """The direction across an axis in which points reach furthest."""
+    across = points - np.outer(points @ axis, axis)
+    _, vectors = np.linalg.eigh(across.T @ across)
+    widest = vectors[:, -1]
+    # The sign by the largest component, so that the same shape gives the same direction.
+    return np.asarray(widest * np.sign(widest[np.argmax(np.abs(widest))]), dtype=np.float64)
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    unit: FloatArray = np.asarray(vector, dtype=np.float64) / np.linalg.norm(vector)
+    return unit

@@ -1,0 +1,184 @@
+"""Epicardial trunks of a heart: left and right coronary, and their branches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.anatomy.graph_trunk import LayerForest, cheapest_path, spread_sites
+from design.anatomy.heart_places import HeartPlaces
+from design.anatomy.layer import Layer, below_surface, join_layer
+from design.anatomy.openness import SurfaceSamples
+from design.anatomy.trunk_lines import outward
+from design.errors import GrowthError
+from design.tissue import Tissue
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+LEFT, RIGHT = 0, 1
+"""Numbers of the two coronaries' trees."""
+
+_BELOW_RING = 0.07
+"""Of the epicardium's height: how far the atrioventricular groove lies below its rim."""
+
+_LEFT_OF_GROOVE, _RIGHT_OF_GROOVE = np.radians(18.0), np.radians(38.0)
+_CIRCUMFLEX_ENDS = np.radians(35.0)
+"""Before the posterior groove, which the right coronary reaches (right dominance)."""
+
+_POSTERIOR_ENDS = 0.72
+"""Part of the way from base to apex that the posterior interventricular branch goes."""
+
+_WAYPOINT = np.radians(30.0)
+
+
+@dataclass(frozen=True)
+class _Epicardium:
+    """A layer below the epicardium, with each place's height and angle."""
+
+    layer: Layer
+    height: FloatArray
+    angle: FloatArray
+    ring: FloatArray
+    extent: float
+    radius: FloatArray
+
+    def at_ring(self, angle: float) -> int:
+        """The place in the atrioventricular groove at an angle."""
+        off = np.abs(wrapped(self.angle - angle)) * np.maximum(self.radius, 1e-9)
+        return int(np.argmin(off + 2.0 * np.abs(self.height - self.ring)))
+
+    def along_ring(self, begin: float, end: float) -> IntArray:
+        """Places from one angle to another through the groove, the way the angles go."""
+        weight = 1.0 + 25.0 * np.abs(self.height - self.ring) / self.extent
+        steps = max(1, round(abs(end - begin) / _WAYPOINT))
+        stops = [self.at_ring(angle) for angle in np.linspace(begin, end, steps + 1)]
+        return joined_paths(self.layer, weight, stops)
+
+    def along_groove(self, start: int, angle: float, end: int) -> IntArray:
+        """Places from ``start`` down a groove to ``end``."""
+        off = np.abs(wrapped(self.angle - angle)) * self.radius
+        return cheapest_path(self.layer, 1.0 + 25.0 * off / self.extent, start, end)
+
+
+def wrapped(angle: FloatArray) -> FloatArray:
+    """Angles between -π and π."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def joined_paths(layer: Layer, weight: FloatArray, stops: list[int]) -> IntArray:
+    """The cheapest path through stops in turn, no place twice."""
+    path = [stops[0]]
+    for begin, end in zip(stops[:-1], stops[1:], strict=True):
+        for place in cheapest_path(layer, weight, begin, end)[1:].tolist():
+            if place in path:
+                del path[path.index(place) + 1 :]
+            else:
+                path.append(place)
+    return np.array(path, dtype=np.int64)
+
+
+def heart_layer(
+    tissue: Tissue, samples: SurfaceSamples, places: HeartPlaces, depth_mm: float
+) -> Layer:
+    """Places ``depth_mm`` below the epicardium."""
+    mine = places.epicardium
+    points, deep = below_surface(tissue, samples.points[mine], samples.inward[mine], depth_mm)
+    return join_layer(tissue, points[deep], 0.5 * depth_mm)
+
+
+def heart_forest(
+    layer: Layer,
+    places: HeartPlaces,
+    ends: int,
+    balance: float,
+    ostia: dict[int, FloatArray] | None = None,
+) -> LayerForest:
+    """Left and right coronary over the epicardium, with so many ends together.
+
+    Left: down the anterior interventricular groove round the apex, and to the left through the
+    atrioventricular groove. Right: through it to the crux, then down the posterior groove.
+
+    Parameters
+    ----------
+    ostia : of LEFT and RIGHT, (3,) float64, mm, optional
+        Where the coronaries begin, in place of the found ones.
+    """
+    if ends < 6:
+        raise GrowthError(f"{ends} trunk ends are too few for two coronaries; ask for 6 at least")
+    epi = _epicardium(layer, places)
+    front, back = places.grooves
+    back += 2 * np.pi
+    forest = LayerForest(layer, balance, layer.length.copy())
+    apex = int(np.argmin(epi.height))
+    begin = {LEFT: front + _LEFT_OF_GROOVE, RIGHT: front - _RIGHT_OF_GROOVE}
+    for tree, place in (ostia or {}).items():
+        begin[tree] = float(places.angle(place[None])[0])
+    left = epi.along_ring(begin[LEFT], back - _CIRCUMFLEX_ENDS)
+    right = epi.along_ring(begin[RIGHT], back - 2 * np.pi)
+    for tree, path in ((LEFT, left), (RIGHT, right)):
+        forest.plant(tree, int(path[0]))
+    down = epi.along_groove(int(left[0]), front, apex)
+    lowest = epi.height[right[-1]] + _POSTERIOR_ENDS * (epi.height[apex] - epi.height[right[-1]])
+    off = np.abs(wrapped(epi.angle - back)) * epi.radius + np.abs(epi.height - lowest)
+    behind = epi.along_groove(int(right[-1]), back, int(np.argmin(off)))
+    for path in (down, left, right, behind):
+        _extend_free(forest, path)
+    taken = layer.points[np.flatnonzero(forest.parent > -2)]
+    forest.join(spread_sites(layer.points, ends - 4, taken))
+    return forest
+
+
+def ostium_above(tissue: Tissue, place: FloatArray, up: FloatArray) -> FloatArray:
+    """Where a line from a place of the layer towards the base leaves the tissue, (3,), mm.
+
+    Where that is far, the nearest place of the surface.
+    """
+    step = 0.25 * tissue.grid.spacing_mm
+    depth = -float(tissue.grid.distance(place[None])[0])
+    for direction in (up, outward(tissue, place[None])[0]):
+        along = place + step * np.arange(1, 1 + int(12.0 * depth / step))[:, None] * direction
+        out = np.flatnonzero(tissue.grid.distance(along) >= 0.0)
+        if len(out):
+            found: FloatArray = along[out[0]]
+            return found
+    raise GrowthError("no way out to the surface was found at a coronary's begin; give its place")
+
+
+def _extend_free(forest: LayerForest, path: IntArray) -> None:
+    """Go along a path up to the first place that another tree or branch has taken."""
+    taken = forest.parent[path] > -2
+    free = np.flatnonzero(~taken)
+    if not len(free):
+        return
+    first = int(free[0])
+    later = np.flatnonzero(taken[first:])
+    end = first + int(later[0]) if len(later) else len(path)
+    forest.extend(path[max(first - 1, 0) : end])
+
+
+def _epicardium(layer: Layer, places: HeartPlaces) -> _Epicardium:
+    height, angle = places.height(layer.points), places.angle(layer.points)
+    extent = float(np.ptp(height))
+    rim = _rim(height, angle)
+    along = layer.points - places.middle
+    radius = np.linalg.norm(along - np.outer(along @ places.base, places.base), axis=1)
+    return _Epicardium(layer, height, angle, rim - _BELOW_RING * extent, extent, radius)
+
+
+def _rim(height: FloatArray, angle: FloatArray, sectors: int = 36) -> FloatArray:
+    """Height of the epicardium's upper rim at each angle, evened over three sectors."""
+    sector = np.floor((angle + np.pi) / (2 * np.pi) * sectors).astype(np.int64) % sectors
+    top = np.full(sectors, np.nan)
+    for n in range(sectors):
+        mine = height[sector == n]
+        if len(mine):
+            top[n] = np.percentile(mine, 97)
+    known = np.flatnonzero(np.isfinite(top))
+    top = np.interp(np.arange(sectors), known, top[known], period=sectors)
+    top = np.convolve(np.concatenate([top[-2:], top, top[:2]]), np.ones(5) / 5, "valid")
+    at = (angle + np.pi) / (2 * np.pi) * sectors - 0.5
+    found: FloatArray = np.interp(at, np.arange(sectors), top, period=sectors)
+    return found

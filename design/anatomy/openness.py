@@ -1,0 +1,115 @@
+"""Openness of a surface: how much of the outside each place of it sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from design.tissue import Tissue
+from design.vasculature.growth.surface_points import surface_points
+
+FloatArray = NDArray[np.float64]
+
+RAYS = 40
+"""Directions from each place, spread over the half space outside as the cosine to the normal."""
+
+OPEN = 0.5
+"""Openness from which on a place belongs to the outer surface, not to a cavity, cleft or sinus."""
+
+_STEPS = 80
+_NEIGHBOURS = 12
+_GOLDEN = (1.0 + sqrt(5.0)) / 2.0
+
+
+@dataclass(frozen=True)
+class SurfaceSamples:
+    """Places spread over a tissue's surface by area.
+
+    Attributes
+    ----------
+    points : (n, 3) float64, mm
+    inward : (n, 3) float64
+        Unit normals into the tissue.
+    openness : (n,) float64
+        Share of the rays into the outside that never meet the tissue again, 0 to 1; the mean of
+        a place and its neighbours on the same side.
+    way_out : (n, 3) float64
+        Sum of the rays that leave, over all rays.
+    """
+
+    points: FloatArray
+    inward: FloatArray
+    openness: FloatArray
+    way_out: FloatArray
+
+    @property
+    def outer(self) -> NDArray[np.bool_]:
+        """Which places belong to the outer surface."""
+        return self.openness > OPEN
+
+
+def sample_surface(tissue: Tissue, count: int, seed: int = 1) -> SurfaceSamples:
+    """Spread places over the surface and find how open each is.
+
+    The result depends on the shape alone, not on how its surface is cut into triangles.
+    """
+    points, inward = surface_points(tissue, count, np.random.default_rng([seed, 0xA7]))
+    leaves, rays = _rays_that_leave(tissue, points, inward)
+    way_out: FloatArray = np.einsum("nr,nrx->nx", leaves, rays) / RAYS
+    return SurfaceSamples(points, inward, _even(points, inward, leaves.mean(axis=1)), way_out)
+
+
+def _rays_that_leave(
+    tissue: Tissue, points: FloatArray, inward: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """1 for each ray (n, r) that leaves, else 0; and the rays (n, r, 3), unit vectors.
+
+    Steps as long as the distance from the surface (sphere tracing, Hart 1996,
+    doi 10.1007/s003710050084).
+    """
+    local = _hemisphere(RAYS)
+    one, two = _frames(inward)
+    rays = local[:, 0, None] * one[:, None] + local[:, 1, None] * two[:, None]
+    rays = rays - local[:, 2, None] * inward[:, None]
+    low, high = tissue.bounds
+    middle, reach = 0.5 * (low + high), 0.51 * float(np.linalg.norm(high - low))
+    least = 0.5 * tissue.grid.spacing_mm
+    at = (points - 4.0 * least * inward)[:, None] + np.zeros_like(rays)
+    at, way = at.reshape(-1, 3), rays.reshape(-1, 3)
+    leaves = np.zeros(len(at))
+    going = np.arange(len(at))
+    for _ in range(_STEPS):
+        away = tissue.grid.distance(at[going])
+        beyond = np.linalg.norm(at[going] - middle, axis=1) > reach
+        leaves[going[beyond]] = 1.0
+        on = (away > 0.0) & ~beyond
+        going = going[on]
+        at[going] += np.maximum(away[on], least)[:, None] * way[going]
+    return leaves.reshape(len(points), RAYS), rays
+
+
+def _hemisphere(count: int) -> FloatArray:
+    """Unit vectors (count, 3) about z, denser by their cosine to it."""
+    n = np.arange(count) + 0.5
+    radius, angle = np.sqrt(n / count), 2.0 * pi * n / _GOLDEN
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - n / count)])
+
+
+def _frames(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two unit vectors across each of ``axis`` (n, 3)."""
+    other = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
+    one = np.cross(axis, other)
+    one /= np.linalg.norm(one, axis=1)[:, None]
+    return one, np.cross(axis, one)
+
+
+def _even(points: FloatArray, inward: FloatArray, values: FloatArray) -> FloatArray:
+    """Mean of each value and its neighbours' that face the same way."""
+    near = cKDTree(points).query(points, _NEIGHBOURS)[1]
+    same = np.einsum("nkx,nx->nk", inward[near], inward) > 0.3
+    mean: FloatArray = (values[near] * same).sum(axis=1) / same.sum(axis=1)
+    return mean
