@@ -19,6 +19,9 @@ REACH = 0.42
 STRAIGHT = np.radians(9.0)
 """Turns below this stay as they are."""
 
+TAKE_OFF = np.radians(20.0)
+"""Turn by which each of two equal children leaves its parent."""
+
 PASSES = 3
 """Corner cuttings (Chaikin 1974, doi 10.1016/0146-664X(74)90028-8); each halves the turns."""
 
@@ -45,7 +48,13 @@ class Lines:
     corner: IntArray
 
 
-def curve_tree(tree: VesselTree, reach: FloatArray) -> tuple[VesselTree, Lines]:
+def curve_tree(
+    tree: VesselTree,
+    reach: FloatArray,
+    main: IntArray,
+    forked: NDArray[np.bool_],
+    least: float = STRAIGHT,
+) -> tuple[VesselTree, Lines]:
     """The tree with its bends and main lines rounded, radii derived anew.
 
     Lengths change a little, and with them the radii that give each terminal its flow: they are
@@ -56,6 +65,12 @@ def curve_tree(tree: VesselTree, reach: FloatArray) -> tuple[VesselTree, Lines]:
     tree : VesselTree
     reach : (s,) float64
         How far the curve at the far end of each segment reaches, over what it may: 0 to 1.
+    main : (s,) int64
+        Child that goes on from each segment, -1 for none (`main_children`).
+    forked : (s,) bool
+        Segments whose two children are as wide: both leave by a small turn.
+    least : float, rad
+        Turns below it stay as they are.
 
     Returns
     -------
@@ -64,16 +79,15 @@ def curve_tree(tree: VesselTree, reach: FloatArray) -> tuple[VesselTree, Lines]:
     Lines
         Where each of its segments comes from; segment ``i`` ends at node ``i + 1``.
     """
-    main = main_children(tree)
-    lines = _cut_joints(tree, main, reach)
+    lines = _cut_joints(tree, main, forked, reach, least)
     for _ in range(PASSES):
-        lines = _cut_bends(lines, _main_nodes(lines))
+        lines = _cut_bends(lines, _main_nodes(lines), least)
     return _rebuilt(tree, lines), lines
 
 
-def main_children(tree: VesselTree) -> IntArray:
-    """The wider child of each segment; -1 for a terminal."""
-    radius = tree_radii(tree)
+def main_children(tree: VesselTree, radius: FloatArray | None = None) -> IntArray:
+    """The wider child of each segment, by its own radii or others (s,); -1 for a terminal."""
+    radius = tree_radii(tree) if radius is None else radius
     a, b = tree.children.T.astype(np.int64)
     wider = np.where((b >= 0) & (radius[np.maximum(b, 0)] > radius[np.maximum(a, 0)]), b, a)
     return np.asarray(np.where(a < 0, -1, wider), dtype=np.int64)
@@ -87,46 +101,63 @@ def turns(tree: VesselTree) -> tuple[IntArray, FloatArray]:
     return upper, _angle(way[upper], way[main[upper]])
 
 
-def _cut_joints(tree: VesselTree, main: IntArray, reach: FloatArray) -> Lines:
-    """Cut the corner at each node where the main line turns; the node moves onto the cut."""
+def _cut_joints(
+    tree: VesselTree, main: IntArray, forked: NDArray[np.bool_], reach: FloatArray, least: float
+) -> Lines:
+    """Cut the corner at each node where the main line turns; the node moves onto the cut.
+
+    At a fork the node stays, and each child begins by a small turn.
+    """
     count = len(tree.parent)
     length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
     way = (tree.distal - tree.proximal) / length[:, None]
-    upper = np.flatnonzero(main >= 0)
+    upper = np.flatnonzero((main >= 0) & ~forked)
     lower = main[upper]
-    bends = _angle(way[upper], way[lower]) > STRAIGHT
+    bends = _angle(way[upper], way[lower]) > least
     upper, lower = upper[bends], lower[bends]
-    # A segment's far part is its own corner's, its near part its parent's.
     cut = REACH * reach[upper] * np.minimum(length[upper], length[lower])
-    before = tree.distal[upper] - cut[:, None] * way[upper]
-    after = tree.distal[upper] + cut[:, None] * way[lower]
+    # Nodes beside a joint: before it on the upper segment, after it on a lower one.
+    before, after = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
+    before[upper] = tree.distal[upper] - cut[:, None] * way[upper]
+    after[lower] = tree.distal[upper] + cut[:, None] * way[lower]
     node = tree.distal.copy()
-    node[upper] = 0.5 * (before + after)
-    ahead, behind = np.full(count, -1), np.full(count, -1)
-    ahead[upper] = np.arange(len(upper))
-    behind[lower] = np.arange(len(upper))
+    node[upper] = 0.5 * (before[upper] + after[lower])
+    fork = np.flatnonzero(forked)
+    for child in tree.children[fork].T:
+        leaves = _turned(way[fork], way[child], TAKE_OFF)
+        step = REACH * reach[fork] * length[tree.children[fork]].min(axis=1)
+        after[child] = tree.distal[fork] + step[:, None] * leaves
+    corner_here = np.zeros(count, dtype=np.bool_)
+    corner_here[upper] = True
     points, parent, origin, corner = [tree.proximal[0]], [-1], [-1], [-1]
     place = np.zeros(count, dtype=np.int64)
+    has_after, has_before = np.isfinite(after[:, 0]), np.isfinite(before[:, 0])
     for s in downward_order(tree.children).tolist():
         above = 0 if tree.parent[s] < 0 else int(place[tree.parent[s]])
-        if behind[s] >= 0:
-            points.append(after[behind[s]])
-            parent.append(above)
-            origin.append(s)
-            corner.append(int(tree.parent[s]))
-            above = len(points) - 1
-        if ahead[s] >= 0:
-            points.append(before[ahead[s]])
-            parent.append(above)
-            origin.append(s)
-            corner.append(s)
-            above = len(points) - 1
-        points.append(node[s])
-        parent.append(above)
-        origin.append(s)
-        corner.append(s if ahead[s] >= 0 else -1)
-        place[s] = len(points) - 1
+        own = s if corner_here[s] or forked[s] else -1
+        for there, nodes, of in (
+            (has_after[s], after, int(tree.parent[s])),
+            (has_before[s], before, s),
+            (True, node, own),
+        ):
+            if there:
+                points.append(nodes[s])
+                parent.append(above)
+                origin.append(s)
+                corner.append(of)
+                above = len(points) - 1
+        place[s] = above
     return Lines(np.array(points), np.array(parent), np.array(origin), np.array(corner))
+
+
+def _turned(one: FloatArray, two: FloatArray, most: float) -> FloatArray:
+    """Unit vectors ``one`` (n, 3) turned towards ``two`` by the angle between, or ``most``."""
+    across = two - np.einsum("ij,ij->i", one, two)[:, None] * one
+    size = np.linalg.norm(across, axis=1)
+    across = across / np.where(size > 0, size, np.inf)[:, None]
+    angle = np.minimum(_angle(one, two), most)[:, None]
+    turned: FloatArray = np.cos(angle) * one + np.sin(angle) * across
+    return turned
 
 
 def _main_nodes(lines: Lines) -> IntArray:
@@ -138,12 +169,12 @@ def _main_nodes(lines: Lines) -> IntArray:
     return np.where(count == 1, only, -1)
 
 
-def _cut_bends(lines: Lines, only: IntArray) -> Lines:
+def _cut_bends(lines: Lines, only: IntArray, least: float) -> Lines:
     """Put two nodes in place of each that is no joint and turns."""
     at = np.flatnonzero((only >= 0) & (lines.parent >= 0))
     here = lines.points[at]
     before, after = here - lines.points[lines.parent[at]], lines.points[only[at]] - here
-    turning = _angle(before, after) > STRAIGHT
+    turning = _angle(before, after) > least
     at, here, before, after = at[turning], here[turning], before[turning], after[turning]
     length = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
     step = 0.25 * length[:, None]

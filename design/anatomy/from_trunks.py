@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import pi
 
@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from design.anatomy.trunk_lines import TrunkLines, kept_at_depth, smooth_lines, trunk_from, without
+from design.anatomy.trunk_lines import (
+    TrunkLines,
+    kept_at_depth,
+    smooth_lines,
+    thinned,
+    trunk_from,
+    without,
+)
 from design.errors import GrowthError
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
@@ -23,11 +30,21 @@ from design.vasculature.treemath import tree_radii
 
 FloatArray = NDArray[np.float64]
 
-DEPTH_MARGIN = 1.06
+DEPTH_MARGIN = 1.03
 """Depth of a trunk's axis over its radius, beside the clearance: radii rise a little while trees
 grow and are curved."""
 
-_ROUNDS = 4
+RADIUS_MARGIN = 1.05
+"""Radii that trunks are laid for, over those that they got last time."""
+
+STRAIGHTER = 0.12
+"""How far trunk lines may be straightened, over their radius; curves come last."""
+
+WIDER = 1.25
+"""Radii by which trunks are kept clear of each other, over those they are laid for."""
+
+_ROUNDS = 2
+_STUB = 4
 _LIKELY = 2.0
 _SPACING = 1.25
 """Room between trunks over what their radii and clearance ask for."""
@@ -64,18 +81,41 @@ def grow_from_plan(
     TissueError, GrowthError
         As `grow_forest`; and when trunks don't fit with the radii that they get.
     """
-    radius = likely_radius(tissue, options)
-    for _ in range(_ROUNDS):
-        lines = laid(tissue, plan, radius, options)
-        trees = grow_forest(tissue, roots_of(tissue, lines, radius, options))
-        widest = 0.0
-        for tree in trees:
-            share = float(tree.terminals[0]) / options.terminals
-            widest = max(widest, float(tree_radii(tree)[0]) / share ** (1 / options.murray_exponent))
-        if 0.9 * radius < widest <= 1.02 * radius:
-            return trees, lines
-        radius = 1.01 * widest
-    return trees, lines
+    lines = plan.lines
+    radius = likely_radius(tissue, options) * lines.share ** (1 / options.murray_exponent)
+    for left in range(_ROUNDS - 1, -1, -1):
+        smooth, kept = laid(tissue, plan, lines, radius, options)
+        lines, radius = without(lines, ~kept), radius[kept]
+        trees = grow_forest(tissue, roots_of(thinned(smooth, STRAIGHTER * radius), radius, options))
+        found = trunk_radii(smooth, trees)
+        if left == 0 or (found <= radius).all():
+            break
+        # Which trunk feeds what differs a little from one growth to the next.
+        radius = RADIUS_MARGIN * found
+    return trees, smooth
+
+
+def trunk_radii(lines: TrunkLines, trees: Sequence[VesselTree]) -> FloatArray:
+    """Greatest radius that the trees gave to the piece that ends at each node, (n,), mm."""
+    radius = np.zeros(len(lines.parent))
+    pieces = np.flatnonzero(lines.parent >= 0)
+    begin, end = lines.points[lines.parent[pieces]], lines.points[pieces]
+    # Branches leave a piece on its axis, and it is widest before the first of them.
+    place = begin + 0.02 * (end - begin)
+    for tree, number in zip(trees, np.unique(lines.tree), strict=True):
+        given = np.flatnonzero(tree.given)
+        a, b = tree.proximal[given], tree.distal[given]
+        mine = np.flatnonzero(lines.tree[pieces] == number)
+        near = cKDTree(np.concatenate([a, 0.5 * (a + b), b])).query(place[mine], 24)[1]
+        near = np.minimum(near, 3 * len(given) - 1) % len(given)
+        way, to = (b - a)[near], place[mine][:, None] - a[near]
+        part = np.clip((way * to).sum(-1) / np.maximum((way * way).sum(-1), 1e-300), 0.0, 1.0)
+        away = np.linalg.norm(to - part[..., None] * way, axis=-1)
+        found = given[near[np.arange(len(mine)), away.argmin(axis=1)]]
+        radius[pieces[mine]] = tree_radii(tree)[found]
+    for inlet in np.flatnonzero(lines.parent < 0):
+        radius[inlet] = radius[lines.tree == lines.tree[inlet]].max()
+    return radius
 
 
 def likely_radius(tissue: Tissue, options: GrowthOptions) -> float:
@@ -91,19 +131,26 @@ def likely_radius(tissue: Tissue, options: GrowthOptions) -> float:
 
 
 def laid(
-    tissue: Tissue, plan: TrunkPlan, radius_mm: float, options: GrowthOptions
-) -> TrunkLines:
-    """The plan's lines, smooth, at the depth that their radii ask for, and clear of each other."""
-    lines = plan.lines
+    tissue: Tissue,
+    plan: TrunkPlan,
+    lines: TrunkLines,
+    radius: FloatArray,
+    options: GrowthOptions,
+) -> tuple[TrunkLines, NDArray[np.bool_]]:
+    """The lines, smooth, at the depth that their radii (n,) ask for; and which nodes were kept.
+
+    What is in another trunk's way is left away.
+    """
+    kept = np.ones(len(radius), dtype=np.bool_)
     while True:
-        radius = radius_mm * lines.share ** (1.0 / options.murray_exponent)
-        deep = np.maximum(DEPTH_MARGIN * radius + options.clearance_mm, plan.shallow_mm)
-        keep = kept_at_depth(tissue, deep, lines.parent < 0, plan.exactly)
-        smooth = smooth_lines(tissue, lines, keep)
-        gone = _in_the_way(tissue, smooth, radius, options)
+        mine, wide = without(lines, ~kept), radius[kept]
+        deep = np.maximum(DEPTH_MARGIN * wide + options.clearance_mm, plan.shallow_mm)
+        keep = kept_at_depth(tissue, deep, mine.parent < 0, plan.exactly)
+        smooth = smooth_lines(tissue, mine, keep)
+        gone = _in_the_way(tissue, smooth, wide, options)
         if not gone.any():
-            return smooth
-        lines = without(lines, gone)
+            return smooth, kept
+        kept[np.flatnonzero(kept)[gone]] = False
 
 
 def _in_the_way(
@@ -114,7 +161,7 @@ def _in_the_way(
     network = VesselNetwork.from_segments(
         lines.points,
         np.column_stack([lines.parent[piece], piece]),
-        radius[piece],
+        WIDER * radius[piece],
         np.full(len(piece), int(VesselKind.ARTERY)),
         lines.tree[piece],
     )
@@ -133,7 +180,7 @@ def _in_the_way(
 
 
 def _whole_branches(lines: TrunkLines, gone: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """All that lies below what is gone, and what of its branch is left above, too."""
+    """All that lies below what is gone, and stubs of less than `_STUB` nodes above it."""
     if not gone.any():
         return gone
     gone = gone.copy()
@@ -141,11 +188,14 @@ def _whole_branches(lines: TrunkLines, gone: NDArray[np.bool_]) -> NDArray[np.bo
     for i in range(len(gone)):
         if lines.parent[i] >= 0:
             gone[i] |= gone[lines.parent[i]]
-    for i in range(len(gone) - 1, -1, -1):
-        below = int(count[i])
-        if below == 1 and lines.parent[i] >= 0:
-            child = int(np.flatnonzero(lines.parent == i)[0])
-            gone[i] |= gone[child]
+    for i in np.flatnonzero(gone).tolist():
+        stub = []
+        above = int(lines.parent[i])
+        while above >= 0 and not gone[above] and count[above] == 1 and lines.parent[above] >= 0:
+            stub.append(above)
+            above = int(lines.parent[above])
+        if len(stub) < _STUB:
+            gone[stub] = True
     if gone[lines.parent < 0].any() or not (~gone & (lines.parent >= 0)).any():
         raise GrowthError(
             "the trunks don't fit with the radii they would have; ask for fewer terminals or a "
@@ -155,7 +205,7 @@ def _whole_branches(lines: TrunkLines, gone: NDArray[np.bool_]) -> NDArray[np.bo
 
 
 def roots_of(
-    tissue: Tissue, lines: TrunkLines, radius_mm: float, options: GrowthOptions
+    lines: TrunkLines, radius: FloatArray, options: GrowthOptions
 ) -> list[RootSpec]:
     """One root for each tree of the lines, with its territory and its share of the terminals."""
     trees = np.unique(lines.tree)
@@ -166,13 +216,12 @@ def roots_of(
     found = []
     for tree, count in zip(trees.tolist(), counts.tolist(), strict=True):
         part = count / options.terminals
-        radius = radius_mm * part ** (1.0 / options.murray_exponent)
         owns = None if len(trees) == 1 else _nearest_tree(lines, tree)
         found.append(
             RootSpec(
                 replace(options, terminals=int(count)),
                 VesselKind.ARTERY,
-                trunk_from(lines, tree, radius),
+                trunk_from(lines, tree, float(radius.max())),
                 # The flow follows the terminals exactly, so that all have the same.
                 Surroundings(owns=owns, share=part),
             )

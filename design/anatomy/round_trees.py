@@ -1,14 +1,16 @@
-"""Curve several trees, as far as they then stay clear of each other and in the tissue."""
+"""Curve several trees, as far as they stay clear of each other and in the tissue."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from design.anatomy.curves import Lines, curve_tree, turns
+from design.anatomy.curves import STRAIGHT, Lines, curve_tree, main_children, turns
+from design.anatomy.prune_terminals import trimmed, without_collisions
+from design.anatomy.sink import sink_trunk
+from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.collisions.collide import collisions
 from design.vasculature.growth.forest import forest_to_network
@@ -16,57 +18,143 @@ from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Trees = tuple[VesselTree, ...]
+Misfits = tuple[list[list[int]], IntArray]
 
-ROUNDS = 12
-_LESS = 0.5
-_LEAST = 0.02
+KINK = 30.0
+"""Turns, degrees, above which a main line has a kink."""
+
+WIDE = 0.05
+"""Part of the root's radius from which on vessels mustn't have kinks."""
+
+SPARE = 1.08
+"""Terminals to grow over those wanted: some are taken away where vessels don't fit."""
+
+ROUNDS = 10
+_AGAIN = 12
+_SPARED = 0.004
+_SECOND = np.radians(24.0)
+_LESS, _LEAST = 0.5, 0.01
 
 
-@dataclass(frozen=True)
-class CurvedTrees:
-    """Trees with curves, and what they cost.
+def fitted_trees(
+    tissue: Tissue,
+    trees: Sequence[VesselTree],
+    clearance_mm: float,
+    clearance_ratio: float,
+    terminals: int,
+) -> Trees:
+    """Curved trees of so many terminals that fit: trunks sunk, misfits pruned, kinks rounded.
 
-    Attributes
+    Parameters
     ----------
-    trees : tuple of VesselTree
-    pieces_near : int
-        Pairs of pieces that are still nearer than the clearance.
-    pieces_out : int
-        Pieces that reach out of the tissue, but those at the inlets.
-    """
+    trees : sequence of VesselTree
+        With some terminals to spare (`SPARE`), grown with more clearance than is kept.
+    clearance_mm, clearance_ratio : float
+        Kept in the end.
+    terminals : int
+        In the end, of all trees together.
 
-    trees: tuple[VesselTree, ...]
-    pieces_near: int
-    pieces_out: int
+    Raises
+    ------
+    GrowthError
+        When too many terminals don't fit.
+    """
+    mm, ratio = clearance_mm, clearance_ratio
+    done, least = _sunk(tissue, tuple(trees), mm, ratio), STRAIGHT
+    done = _spared(done, terminals, _SPARED * terminals + 16)
+    for _ in range(_AGAIN):
+        done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
+        least = _SECOND
+        if not _any(bad):
+            final = trimmed(done, terminals)
+            bad = misfits(tissue, final, mm, ratio)
+            if not _any(bad) and not kinks(final):
+                return final
+            # Half of the spare terminals go, and what that bends or widens is mended.
+            done = _spared(done, terminals, 0.5 * _spare(done, terminals))
+            bad = misfits(tissue, done, mm, ratio)
+        given = np.concatenate([tree.given for tree in done])
+        # Trunks that reach out are sunk deeper next time.
+        done = without_collisions(done, bad[0], bad[1][~given[bad[1]]])
+    raise GrowthError(
+        f"{len(bad[0])} pairs of vessels are too near, {len(bad[1])} pieces out of the tissue and "
+        f"{kinks(done)} kinks are left after {_AGAIN} rounds; ask for fewer terminals or a higher "
+        "pressure_drop_mmhg"
+    )
+
+
+def _spare(trees: Trees, terminals: int) -> int:
+    return sum(int(tree.terminals[0]) for tree in trees) - terminals
+
+
+def _spared(trees: Trees, terminals: int, spare: float) -> Trees:
+    """The trees with no more terminals to spare than so many."""
+    if _spare(trees, terminals) <= spare:
+        return trees
+    return trimmed(trees, terminals + int(spare))
+
+
+def _any(bad: Misfits) -> bool:
+    return bool(bad[0]) or bool(len(bad[1]))
+
+
+def _sunk(tissue: Tissue, trees: Trees, clearance_mm: float, clearance_ratio: float) -> Trees:
+    """Trees whose trunks lie deep enough, without what then doesn't fit."""
+    for _ in range(_AGAIN):
+        trees = tuple(sink_trunk(tissue, tree, clearance_mm) for tree in trees)
+        bad = misfits(tissue, trees, clearance_mm, clearance_ratio)
+        if not _any(bad):
+            break
+        trees = without_collisions(trees, *bad)
+    return trees
 
 
 def curve_trees(
-    tissue: Tissue, trees: Sequence[VesselTree], clearance_mm: float, clearance_ratio: float
-) -> CurvedTrees:
+    tissue: Tissue,
+    trees: Sequence[VesselTree],
+    clearance_mm: float,
+    clearance_ratio: float,
+    least: float = STRAIGHT,
+) -> tuple[Trees, Misfits]:
     """Round all bends and main lines; where something is in the way, less.
 
     Each curve reaches as far as its vessels allow; those of pieces that come too near to others,
     or out of the tissue, are halved until all fit.
+
+    Returns
+    -------
+    tuple of VesselTree
+    pairs and pieces
+        What is left that doesn't fit, as `misfits`.
     """
     reach = [np.ones(len(tree.parent)) for tree in trees]
-    for _ in range(ROUNDS):
-        curved = [curve_tree(tree, some) for tree, some in zip(trees, reach, strict=True)]
+    main = [main_children(tree) for tree in trees]
+    forked = [np.zeros(len(tree.parent), dtype=np.bool_) for tree in trees]
+    for n in range(ROUNDS):
+        curved = [curve_tree(*each, least) for each in zip(trees, reach, main, forked, strict=True)]
         done = tuple(tree for tree, _ in curved)
-        near, out = misfits(tissue, done, clearance_mm, clearance_ratio)
-        if not near and not out.any():
+        bad = misfits(tissue, done, clearance_mm, clearance_ratio)
+        wider = [_wider(*each) for each in zip(trees, curved, strict=True)]
+        turned = [(a != b) & ~c for a, b, c in zip(main, wider, forked, strict=True)]
+        if not _any(bad) and not any(some.any() for some in turned):
             break
+        # Where the curve itself makes the other child wider, both are alike.
+        forked = [a | b if n > 0 else a for a, b in zip(forked, turned, strict=True)]
+        main = wider
         first = np.cumsum([0, *(len(tree.parent) for tree in done)])
-        bad = np.zeros(first[-1], dtype=np.bool_)
-        bad[out] = True
-        bad[[piece for pair in near for piece in pair]] = True
-        for n, (tree, (_, lines)) in enumerate(zip(trees, curved, strict=True)):
-            _lower(tree, lines, bad[first[n] : first[n + 1]], reach[n])
-    return CurvedTrees(done, len(near), int(out.sum()) if out.dtype == bool else len(out))
+        touched = np.zeros(first[-1], dtype=np.bool_)
+        touched[bad[1]] = True
+        touched[[piece for pair in bad[0] for piece in pair]] = True
+        for k, (tree, (_, lines)) in enumerate(zip(trees, curved, strict=True)):
+            _lower(tree, lines, touched[first[k] : first[k + 1]], reach[k])
+    return done, bad
 
 
 def misfits(
     tissue: Tissue, trees: Sequence[VesselTree], clearance_mm: float, clearance_ratio: float
-) -> tuple[list[list[int]], NDArray[np.int64]]:
+) -> Misfits:
     """Pairs of segments nearer than the clearance, and segments that reach out of the tissue.
 
     Segments of all trees are numbered on. A root's segment may begin outside.
@@ -86,10 +174,17 @@ def _lower(tree: VesselTree, lines: Lines, bad: NDArray[np.bool_], reach: FloatA
     segment = lines.origin[pieces]
     corners = np.concatenate([lines.corner[pieces], segment, tree.parent[segment]])
     corners = np.unique(corners[corners >= 0])
-    reach[corners] = np.where(reach[corners] > _LEAST, _LESS * reach[corners], 0.0)
+    reach[corners] = np.maximum(_LESS * reach[corners], _LEAST)
 
 
-def kinks(trees: Sequence[VesselTree], degrees: float, of_root: float) -> int:
+def _wider(tree: VesselTree, curved: tuple[VesselTree, Lines]) -> IntArray:
+    """The wider child of each segment once its tree is curved."""
+    radius = np.zeros(len(tree.parent))
+    radius[curved[1].origin[1:]] = tree_radii(curved[0])
+    return main_children(tree, radius)
+
+
+def kinks(trees: Sequence[VesselTree], degrees: float = KINK, of_root: float = WIDE) -> int:
     """Turns of main lines above an angle, in vessels wider than a part of their root's radius."""
     count = 0
     for tree in trees:

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from design.anatomy.graph_trunk import LayerForest
 from design.tissue import Tissue
-from design.vasculature.growth.trunk import Trunk
+from design.vasculature.growth.trunk import Trunk, straighten_line
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -164,6 +164,32 @@ def smooth_lines(
         points[inner] += 0.5 * (middle - points[inner])
         points = keep(points)
     return TrunkLines(points, lines.parent, lines.tree, lines.share)
+
+
+def thinned(lines: TrunkLines, tolerance_mm: FloatArray) -> TrunkLines:
+    """The lines without nodes that lie within a tolerance (n,) of the straight beside them.
+
+    Inlets, joints and tips stay; of each run between them Douglas and Peucker's points.
+    """
+    count, main = lines.child_count(), lines.main_child()
+    ends = (lines.parent < 0) | (count != 1)
+    kept = ends.copy()
+    for begin in np.flatnonzero(ends).tolist():
+        for child in np.flatnonzero(lines.parent == begin).tolist():
+            run = [begin, child]
+            while not ends[run[-1]]:
+                run.append(int(main[run[-1]]))
+            stays, _ = straighten_line(lines.points[run], float(tolerance_mm[run].min()))
+            kept[np.array(run)[stays]] = True
+    above = lines.parent.copy()
+    while True:
+        skip = (above >= 0) & ~kept[np.maximum(above, 0)]
+        if not skip.any():
+            break
+        above[skip] = lines.parent[above[skip]]
+    number = np.cumsum(kept) - 1
+    parent = np.where(above[kept] >= 0, number[np.maximum(above[kept], 0)], -1)
+    return TrunkLines(lines.points[kept], parent, lines.tree[kept], lines.share[kept])
 
 
 def kept_at_depth(

@@ -55,7 +55,8 @@ def measure_changed(
         if joints and right >= 0 and (changed[i] or changed[left] or changed[right]):
             limit_children(segments, room, left, right, s)
             limit_smaller_child(segments, room, i)
-        if not changed[i]:
+        # What comes near a given trunk finds it itself.
+        if not changed[i] or s.given != 0:
             continue
         if i > 0:
             most = REACH * s.radius + room.wall

@@ -13,6 +13,9 @@ from design.vasculature.growth.joints import joint_fits
 from design.vasculature.growth.room import Room, TrialBifurcation, neighbours_of
 from kernels import jit
 
+LEAVES = 1.5
+"""Way along a branch, over its radius and its trunk's, within which it is still leaving that."""
+
 Seven = tuple[np.int64, np.int64, np.int64, np.int64, np.int64, np.int64, np.int64]
 
 
@@ -32,6 +35,34 @@ def both_widen(room: Room, away: float, one: float, two: float) -> float:
         # The fixed part of the clearance doesn't grow with the radii.
         factor = min(factor, (away - room.clearance) / both)
     return factor
+
+
+@jit
+def away_from_trunk(
+    s: Any,
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    radius: float,
+    away: float,
+) -> float:
+    """Distance of a branch from a trunk's segment; where it begins in its lumen, once outside.
+
+    A trunk's pieces may be shorter than it is wide, so that a branch of one begins within the
+    next. ``away`` is the distance of the axes.
+    """
+    inner, _ = point_segment(ax, ay, az, s.px, s.py, s.pz, s.dx, s.dy, s.dz)
+    if inner >= s.radius:
+        return away
+    x, y, z = bx - ax, by - ay, bz - az
+    part = LEAVES * (s.radius + radius) / max(1e-12, np.sqrt(x * x + y * y + z * z))
+    if part >= 1.0:
+        return np.inf
+    x, y, z = ax + part * x, ay + part * y, az + part * z
+    return float(segment_segment(x, y, z, bx, by, bz, s.px, s.py, s.pz, s.dx, s.dy, s.dz)[0])
 
 
 @jit
@@ -98,6 +129,8 @@ def widening(
                     d, _, _ = segment_segment(
                         ax, ay, az, bx, by, bz, s.px, s.py, s.pz, s.dx, s.dy, s.dz
                     )
+                    if s.given != 0:
+                        d = away_from_trunk(s, ax, ay, az, bx, by, bz, radius, d)
                     factor = both_widen(room, d, radius, s.radius)
                     if factor < least:
                         least = factor

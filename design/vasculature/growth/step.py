@@ -119,12 +119,15 @@ def thinnest(terminals: int, root_radius: float, law: Law, scale: Scale) -> floa
 def settle(segments: Any, index: CellIndex, room: Room, i: int) -> bool:
     """Derive how wide segment ``i`` may grow and list it; False when the index is full."""
     s = segments[i]
+    if s.given != 0:
+        s.allowed = np.inf
+        return insert(index, i, s, REACH * s.radius + room.clearance)
     parent, sibling, left, right = neighbours_of(segments, i)
     skip = seven(i, parent, sibling, left, right, -1, -1)
     most = REACH * s.radius + room.wall
     depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
     free = widening(index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True)
-    s.allowed = np.inf if s.given != 0 else min(depth - room.wall, free * s.radius)
+    s.allowed = min(depth - room.wall, free * s.radius)
     return insert(index, i, s, REACH * s.radius + room.clearance)
 
 

@@ -1,0 +1,139 @@
+"""Take terminals away from trees: those whose vessels don't fit, and as many as are too many."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.errors import GrowthError
+from design.vasculature.tree import VesselTree
+from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii
+
+IntArray = NDArray[np.int64]
+
+
+def without_terminals(tree: VesselTree, gone: NDArray[np.bool_]) -> VesselTree:
+    """The tree without the terminals (n,) that are gone, and without what led to these alone.
+
+    Each terminal that stays keeps its flow; a joint of one child left becomes a bend.
+
+    Raises
+    ------
+    GrowthError
+        When none would stay.
+    """
+    if not gone.any():
+        return tree
+    order = downward_order(tree.children)
+    kept = (tree.children[:, 0] < 0) & ~gone
+    for i in order[::-1]:
+        if tree.parent[i] >= 0:
+            kept[tree.parent[i]] |= kept[i]
+    if not kept[0]:
+        raise GrowthError("no vessel of a tree fits where its trunk runs; move its inlet")
+    number = np.cumsum(kept) - 1
+    a, b = tree.children[kept].T.astype(np.int64)
+    a = np.where((a >= 0) & kept[np.maximum(a, 0)], number[np.maximum(a, 0)], -1)
+    b = np.where((b >= 0) & kept[np.maximum(b, 0)], number[np.maximum(b, 0)], -1)
+    a, b = np.where(a < 0, b, a), np.where(a < 0, -1, b)
+    parent = tree.parent[kept]
+    parent = np.where(parent >= 0, number[np.maximum(parent, 0)], -1)
+    flow = tree.relative_flow[kept]
+    left = float(flow[a < 0].sum()) * tree.terminal_flow_ul_s
+    smaller = tree_from_topology(
+        tree.proximal[kept],
+        tree.distal[kept],
+        parent.astype(np.int32),
+        np.column_stack([a, b]).astype(np.int32),
+        flow_ul_s=left,
+        pressure_drop_pa=tree.pressure_drop_pa,
+        murray_exponent=tree.murray_exponent,
+        viscosity_pa_s=tree.viscosity_pa_s,
+        relative_flow=flow,
+        haematocrit=tree.haematocrit,
+        given=tree.given[kept],
+    )
+    return replace(smaller, notes=tree.notes)
+
+
+def terminals_below(tree: VesselTree, segments: IntArray) -> NDArray[np.bool_]:
+    """Which segments are terminals at or below any of ``segments``."""
+    below = np.zeros(len(tree.parent), dtype=np.bool_)
+    below[segments] = True
+    for i in downward_order(tree.children):
+        if tree.parent[i] >= 0:
+            below[i] |= below[tree.parent[i]]
+    below &= tree.children[:, 0] < 0
+    return below
+
+
+def without_collisions(
+    trees: Sequence[VesselTree], pairs: list[list[int]], out: IntArray
+) -> tuple[VesselTree, ...]:
+    """The trees without what feeds fewer terminals of each pair, and without what is out.
+
+    Segments of all trees are numbered on.
+    """
+    first = np.cumsum([0, *(len(tree.parent) for tree in trees)])
+    fed = np.concatenate([tree.terminals for tree in trees])
+    bad = [min(pair, key=lambda piece: (fed[piece], piece)) for pair in pairs] + out.tolist()
+    found = []
+    for n, tree in enumerate(trees):
+        mine = np.array([i - first[n] for i in bad if first[n] <= i < first[n + 1]], dtype=np.int64)
+        found.append(without_terminals(tree, terminals_below(tree, mine)))
+    return tuple(found)
+
+
+def trimmed(trees: Sequence[VesselTree], terminals: int) -> tuple[VesselTree, ...]:
+    """The trees with so many terminals together: the shortest side branches go first.
+
+    Each keeps its share of what is left, and the whole flow is spread over them evenly.
+    """
+    counts = np.array([int(tree.terminals[0]) for tree in trees])
+    flow = float(sum(tree.flow_ul_s[0] for tree in trees))
+    extra = int(counts.sum()) - terminals
+    if extra < 0:
+        raise GrowthError(
+            f"only {counts.sum()} of {terminals} terminals fit beside the trunks; ask for fewer "
+            "terminals or a higher pressure_drop_mmhg"
+        )
+    goes = np.floor(extra * counts / counts.sum()).astype(np.int64)
+    goes[np.argmax(counts)] += extra - int(goes.sum())
+    found = []
+    for tree, many in zip(trees, goes.tolist(), strict=True):
+        gone = np.zeros(len(tree.parent), dtype=np.bool_)
+        gone[_side_tips(tree)[:many]] = True
+        found.append(without_terminals(tree, gone))
+    return tuple(with_flow(tree, flow / terminals) for tree in found)
+
+
+def _side_tips(tree: VesselTree) -> IntArray:
+    """Terminals that leave a wider vessel, no trunk's, the shortest first."""
+    radius = tree_radii(tree)
+    length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
+    joint = np.flatnonzero(tree.children[:, 1] >= 0)
+    a, b = tree.children[joint].T.astype(np.int64)
+    thin, wide = np.where(radius[a] < radius[b], a, b), np.where(radius[a] < radius[b], b, a)
+    # A terminal may end a run of pieces: follow it down.
+    tip, total = thin.copy(), length[thin]
+    while True:
+        on = (tree.children[tip, 0] >= 0) & (tree.children[tip, 1] < 0)
+        if not on.any():
+            break
+        tip = np.where(on, tree.children[tip, 0], tip)
+        total = total + np.where(on, length[tip], 0.0)
+    fits = (tree.children[tip, 0] < 0) & ~tree.given[tip] & (tree.terminals[wide] > 1)
+    return np.asarray(tip[fits][np.argsort(total[fits], kind="stable")], dtype=np.int64)
+
+
+def with_flow(tree: VesselTree, terminal_flow_ul_s: float) -> VesselTree:
+    """The tree with another mean flow of its terminals; radii follow from the pressure drop."""
+    return replace(tree, terminal_flow_ul_s=terminal_flow_ul_s)
+
+
+def root_radius(tree: VesselTree) -> float:
+    """Radius of the root, mm."""
+    return float(tree_radii(tree)[0])
