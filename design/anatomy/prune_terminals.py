@@ -14,6 +14,9 @@ from design.vasculature.treemath import downward_order, tree_from_topology, tree
 
 IntArray = NDArray[np.int64]
 
+_STEADY = 4
+"""Terminals of a vessel that hardly changes when one beside it is taken away."""
+
 
 def without_terminals(tree: VesselTree, gone: NDArray[np.bool_]) -> VesselTree:
     """The tree without the terminals (n,) that are gone, and without what led to these alone.
@@ -90,10 +93,9 @@ def without_collisions(
 def trimmed(trees: Sequence[VesselTree], terminals: int) -> tuple[VesselTree, ...]:
     """The trees with so many terminals together: the shortest side branches go first.
 
-    Each keeps its share of what is left, and the whole flow is spread over them evenly.
+    Each tree gives in proportion to what it has; each terminal that stays keeps its flow.
     """
     counts = np.array([int(tree.terminals[0]) for tree in trees])
-    flow = float(sum(tree.flow_ul_s[0] for tree in trees))
     extra = int(counts.sum()) - terminals
     if extra < 0:
         raise GrowthError(
@@ -107,7 +109,7 @@ def trimmed(trees: Sequence[VesselTree], terminals: int) -> tuple[VesselTree, ..
         gone = np.zeros(len(tree.parent), dtype=np.bool_)
         gone[_side_tips(tree)[:many]] = True
         found.append(without_terminals(tree, gone))
-    return tuple(with_flow(tree, flow / terminals) for tree in found)
+    return tuple(found)
 
 
 def _side_tips(tree: VesselTree) -> IntArray:
@@ -125,7 +127,7 @@ def _side_tips(tree: VesselTree) -> IntArray:
             break
         tip = np.where(on, tree.children[tip, 0], tip)
         total = total + np.where(on, length[tip], 0.0)
-    fits = (tree.children[tip, 0] < 0) & ~tree.given[tip] & (tree.terminals[wide] > 1)
+    fits = (tree.children[tip, 0] < 0) & ~tree.given[tip] & (tree.terminals[wide] >= _STEADY)
     return np.asarray(tip[fits][np.argsort(total[fits], kind="stable")], dtype=np.int64)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.anatomy.curves import STRAIGHT, Lines, curve_tree, main_children, turns
-from design.anatomy.prune_terminals import trimmed, without_collisions
+from design.anatomy.prune_terminals import trimmed, with_flow, without_collisions
 from design.anatomy.sink import sink_trunk
 from design.errors import GrowthError
 from design.tissue import Tissue
@@ -63,6 +63,8 @@ def fitted_trees(
     """
     mm, ratio = clearance_mm, clearance_ratio
     done, least = _sunk(tissue, tuple(trees), mm, ratio), STRAIGHT
+    flow = float(sum(tree.flow_ul_s[0] for tree in trees)) / terminals
+    done = tuple(with_flow(tree, flow) for tree in done)
     done = _spared(done, terminals, _SPARED * terminals + 16)
     for _ in range(_AGAIN):
         done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
