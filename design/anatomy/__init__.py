@@ -1,0 +1,1 @@
+"""Anatomy where it is wanted: trunks on guiding layers, zones, pairs and curves."""

@@ -40,8 +40,8 @@ RADIUS_MARGIN = 1.05
 STRAIGHTER = 0.12
 """How far trunk lines may be straightened, over their radius; curves come last."""
 
-WIDER = 1.25
-"""Radii by which trunks are kept clear of each other, over those they are laid for."""
+WIDER = 1.15
+"""See `TrunkPlan`."""
 
 _ROUNDS = 2
 _STUB = 4
@@ -61,11 +61,14 @@ class TrunkPlan:
         Least depth of the trunks' axes.
     exactly : bool
         Whether trunks keep to their depth; else they may lie deeper.
+    wider : float
+        Radii by which trunks are kept clear of each other, over those they are laid for.
     """
 
     lines: TrunkLines
     shallow_mm: float
     exactly: bool = True
+    wider: float = WIDER
 
 
 def grow_from_plan(
@@ -147,7 +150,7 @@ def laid(
         deep = np.maximum(DEPTH_MARGIN * wide + options.clearance_mm, plan.shallow_mm)
         keep = kept_at_depth(tissue, deep, mine.parent < 0, plan.exactly)
         smooth = smooth_lines(tissue, mine, keep)
-        gone = _in_the_way(tissue, smooth, wide, options)
+        gone = _in_the_way(tissue, smooth, plan.wider * wide, options)
         if not gone.any():
             return smooth, kept
         kept[np.flatnonzero(kept)[gone]] = False
@@ -161,7 +164,7 @@ def _in_the_way(
     network = VesselNetwork.from_segments(
         lines.points,
         np.column_stack([lines.parent[piece], piece]),
-        WIDER * radius[piece],
+        radius[piece],
         np.full(len(piece), int(VesselKind.ARTERY)),
         lines.tree[piece],
     )
@@ -171,8 +174,9 @@ def _in_the_way(
     pairs = piece[found.vessels] if found.count else np.empty((0, 2), dtype=np.int64)
     thinner = np.where(radius[pairs[:, 0]] < radius[pairs[:, 1]], pairs[:, 0], pairs[:, 1])
     gone[thinner] = True
+    # What lacks a little is sunk once its radius is known.
     inside = tissue.grid.capsule_inside(
-        lines.points[lines.parent[piece]], lines.points[piece], radius[piece], options.clearance_mm
+        lines.points[lines.parent[piece]], lines.points[piece], 0.5 * radius[piece]
     )
     enters = lines.parent[lines.parent[piece]] < 0
     gone[piece[~inside & ~enters]] = True

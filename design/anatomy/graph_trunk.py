@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from heapq import heappop, heappush
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from scipy.sparse.csgraph import dijkstra
 
 from design.anatomy.layer import Layer
 from design.errors import GrowthError
+
+BESIDE = 3.0
+"""Cost of going on beside a tree, over going away from it."""
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -30,87 +33,82 @@ class LayerForest:
         doi 10.1371/journal.pcbi.1000877, balancing factor).
     cost : (e,) float64
         Of each edge of the layer.
+    apart : float, mm
+        Least distance of a new branch's end from the trees as they stand.
     parent, tree : (n,) int64
         Of each place; -2 and -1 where no tree has come.
     way : (n,) float64, mm
         From the inlet, along the tree.
+    away : (n,) float64, mm
+        Distance of each place from the nearest that has a tree.
     """
 
     layer: Layer
     balance: float
     cost: FloatArray
+    apart: float
     parent: IntArray = field(init=False)
     tree: IntArray = field(init=False)
     way: FloatArray = field(init=False)
+    away: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
         count = len(self.layer.points)
         self.parent = np.full(count, -2, dtype=np.int64)
         self.tree = np.full(count, -1, dtype=np.int64)
         self.way = np.zeros(count)
-        self._best = np.full(count, np.inf)
-        self._from = np.full(count, -1, dtype=np.int64)
+        self.away = np.full(count, np.inf)
 
     def plant(self, tree: int, place: int) -> None:
         """Begin a tree at a place."""
         self._take(place, -1, tree)
-        self._spread([place])
 
     def extend(self, path: IntArray) -> None:
         """Go on from the last place of ``path`` that has a tree, along the rest of it."""
         taken = np.flatnonzero(self.parent[path] > -2)
         if not len(taken):
             raise GrowthError("a trunk's path doesn't begin on a tree; give its inlet a place")
-        fresh = []
-        for before, here in zip(
-            path[taken[-1] : -1].tolist(), path[taken[-1] + 1 :].tolist(), strict=True
-        ):
+        rest = path[taken[-1] :].tolist()
+        for before, here in pairwise(rest):
             self._take(here, before, int(self.tree[before]))
-            fresh.append(here)
-        self._spread(fresh)
 
     def join(self, sites: IntArray) -> None:
-        """Join all of ``sites``, each time the one that costs least."""
-        left = [site for site in sites.tolist() if self.parent[site] == -2]
-        while left:
-            costs = self._best[left]
-            at = int(np.argmin(costs))
-            if not np.isfinite(costs[at]):
+        """Join all of ``sites`` that are ``apart`` from the trees, the cheapest first."""
+        left = sites[self.away[sites] > self.apart]
+        while len(left):
+            cost, before = self._ways()
+            best = int(left[np.argmin(cost[left])])
+            if not np.isfinite(cost[best]):
                 return
-            self.extend(self._path_to(left[at]))
-            left = [site for site in left if self.parent[site] == -2]
+            path = [best]
+            while self.parent[path[-1]] == -2:
+                path.append(int(before[path[-1]]))
+            self.extend(np.array(path[::-1], dtype=np.int64))
+            left = left[self.away[left] > self.apart]
 
     def _take(self, place: int, parent: int, tree: int) -> None:
+        points = self.layer.points
         self.parent[place], self.tree[place] = parent, tree
         if parent >= 0:
-            step = self.layer.points[place] - self.layer.points[parent]
-            self.way[place] = self.way[parent] + float(np.linalg.norm(step))
+            self.way[place] = self.way[parent] + float(
+                np.linalg.norm(points[place] - points[parent])
+            )
+        self.away = np.minimum(self.away, np.linalg.norm(points - points[place], axis=1))
 
-    def _path_to(self, site: int) -> IntArray:
-        path = [site]
-        while self.parent[path[-1]] == -2:
-            path.append(int(self._from[path[-1]]))
-        return np.array(path[::-1], dtype=np.int64)
-
-    def _spread(self, sources: list[int]) -> None:
-        """Lower the costs of all places that are reached better from ``sources`` (Dijkstra)."""
-        heap: list[tuple[float, int]] = []
-        for place in sources:
-            value = self.balance * float(self.way[place])
-            self._best[place] = min(value, self._best[place])
-            heappush(heap, (float(self._best[place]), place))
-        first, to, cost, best = self.layer.first, self.layer.to, self.cost, self._best
-        while heap:
-            value, place = heappop(heap)
-            if value > best[place]:
-                continue
-            for edge in range(first[place], first[place + 1]):
-                other = int(to[edge])
-                further = value + float(cost[edge])
-                if further < best[other]:
-                    best[other] = further
-                    self._from[other] = place
-                    heappush(heap, (further, other))
+    def _ways(self) -> tuple[FloatArray, IntArray]:
+        """Cost of joining each place, and the place before it on the way from the trees."""
+        layer, count = self.layer, len(self.layer.points)
+        begin = np.repeat(np.arange(count), np.diff(layer.first))
+        near = np.minimum(self.away[begin], self.away[layer.to]) < 0.6 * self.apart
+        cost = self.cost * np.where(near, BESIDE, 1.0)
+        taken = np.flatnonzero(self.parent > -2)
+        # All trees hang on one more place, each of theirs by its part of the way.
+        first = np.append(layer.first, layer.first[-1] + len(taken))
+        to = np.concatenate([layer.to, taken])
+        weight = np.concatenate([cost, self.balance * self.way[taken] + 1e-9])
+        graph = csr_matrix((weight, to, first), shape=(count + 1,) * 2)
+        found, before = dijkstra(graph, indices=count, return_predecessors=True)
+        return found[:count], before[:count].astype(np.int64)
 
 
 def cheapest_path(layer: Layer, weight: FloatArray, start: int, end: int) -> IntArray:

@@ -33,7 +33,6 @@ SPARE = 1.08
 
 ROUNDS = 10
 _AGAIN = 12
-_SPARED = 0.004
 _SECOND = np.radians(24.0)
 _LESS, _LEAST = 0.5, 0.01
 
@@ -65,7 +64,6 @@ def fitted_trees(
     done, least = _sunk(tissue, tuple(trees), mm, ratio), STRAIGHT
     flow = float(sum(tree.flow_ul_s[0] for tree in trees)) / terminals
     done = tuple(with_flow(tree, flow) for tree in done)
-    done = _spared(done, terminals, _SPARED * terminals + 16)
     for _ in range(_AGAIN):
         done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
         least = _SECOND
@@ -74,8 +72,8 @@ def fitted_trees(
             bad = misfits(tissue, final, mm, ratio)
             if not _any(bad) and not kinks(final):
                 return final
-            # Half of the spare terminals go, and what that bends or widens is mended.
-            done = _spared(done, terminals, 0.5 * _spare(done, terminals))
+            # Most spare terminals go, and what that bends or widens is mended.
+            done = _spared(done, terminals, 0.2 * _spare(done, terminals))
             bad = misfits(tissue, done, mm, ratio)
         given = np.concatenate([tree.given for tree in done])
         # Trunks that reach out are sunk deeper next time.

@@ -1,0 +1,104 @@
+"""Template of a heart: two coronaries over the epicardium, branches into the wall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from design.anatomy.from_trunks import TrunkPlan
+from design.anatomy.grown import AnatomicTrees, grow_fitted
+from design.anatomy.heart_places import HeartPlaces, find_heart_places
+from design.anatomy.heart_trunk import LEFT, RIGHT, heart_forest, heart_layer, ostium_above
+from design.anatomy.openness import sample_surface
+from design.anatomy.trunk_lines import lines_of
+from design.errors import GrowthError
+from design.network import VesselKind
+from design.tissue import Tissue
+from design.vasculature.growth.territories import demand_points
+from design.vasculature.options import GrowthOptions
+
+Place = tuple[float, float, float]
+
+NAMES: Final = ("left_coronary", "right_coronary")
+
+_SAMPLES = 12_000
+_VOLUME = 20_000
+
+
+@dataclass(frozen=True)
+class HeartAnatomy:
+    """What a heart's coronaries are told; what isn't is found in its shape.
+
+    Attributes
+    ----------
+    base, right : (float, float, float), optional
+        Directions from the apex to the base, and from the left ventricle to the right one.
+    left_ostium_mm, right_ostium_mm : (float, float, float), optional
+        Near where the coronaries begin.
+    trunk_ends : int
+        How many ends the epicardial vessels have, at about.
+    trunk_depth_mm : float, mm
+        Least depth of their axes.
+    balance : float
+        See `LayerForest`.
+    """
+
+    base: Place | None = None
+    right: Place | None = None
+    left_ostium_mm: Place | None = None
+    right_ostium_mm: Place | None = None
+    trunk_ends: int = 300
+    trunk_depth_mm: float = 0.3
+    balance: float = 0.25
+
+
+def grow_heart(
+    tissue: Tissue, options: GrowthOptions, anatomy: HeartAnatomy | None = None
+) -> AnatomicTrees:
+    """Grow left and right coronary in any heart's ventricles.
+
+    Base, right side and grooves are found in the shape (`find_heart_places`). The trunks run
+    below the epicardium: left main, anterior descending and circumflex; right with its posterior
+    descending; and side branches all over it. From these the tree goes on into the wall.
+
+    Raises
+    ------
+    TissueError, GrowthError
+        Where no layer, ostium or tree fits.
+    """
+    anatomy = anatomy or HeartAnatomy()
+    ends = min(anatomy.trunk_ends, options.terminals // 4)
+    if ends < 6:
+        raise GrowthError(
+            f"{options.terminals} terminals are too few for two coronaries and their branches; "
+            "ask for 24 at least"
+        )
+    samples = sample_surface(tissue, _SAMPLES, options.seed)
+    places = find_heart_places(samples, _vector(anatomy.base), _vector(anatomy.right))
+    layer = heart_layer(tissue, samples, places, max(1.0, anatomy.trunk_depth_mm))
+    given = {LEFT: anatomy.left_ostium_mm, RIGHT: anatomy.right_ostium_mm}
+    near = {tree: np.array(place) for tree, place in given.items() if place is not None}
+    forest = heart_forest(layer, places, ends, anatomy.balance, near)
+    begins = {t: int(np.flatnonzero((forest.parent == -1) & (forest.tree == t))[0]) for t in given}
+    ostia = {t: ostium_above(tissue, layer.points[i], places.base) for t, i in begins.items()}
+    volume, _ = demand_points(tissue, _VOLUME, options.seed)
+    plan = TrunkPlan(lines_of(forest, ostia, volume), anatomy.trunk_depth_mm)
+    trees = grow_fitted(tissue, plan, options)
+    return AnatomicTrees(trees, (VesselKind.ARTERY,) * 2, NAMES, _notes(places, ostia))
+
+
+def _vector(place: Place | None) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:
+    return None if place is None else np.array(place, dtype=np.float64)
+
+
+def _notes(places: HeartPlaces, ostia: dict[int, np.ndarray]) -> tuple[str, ...]:
+    say = "({:.3g}, {:.3g}, {:.3g})"
+    return (
+        f"the heart's base was taken to lie towards {say.format(*places.base)}, its right side "
+        f"towards {say.format(*places.right)}",
+        "ostia: " + ", ".join(
+            f"{name} at {say.format(*ostia[tree])} mm" for tree, name in enumerate(NAMES)
+        ),
+    )
