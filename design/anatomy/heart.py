@@ -49,7 +49,7 @@ class HeartAnatomy:
     right: Place | None = None
     left_ostium_mm: Place | None = None
     right_ostium_mm: Place | None = None
-    trunk_ends: int = 300
+    trunk_ends: int = 500
     trunk_depth_mm: float = 0.3
     balance: float = 0.25
 

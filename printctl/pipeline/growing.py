@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
+from design.anatomy.grown import AnatomicTrees
+from design.anatomy.heart import HeartAnatomy, grow_heart
+from design.anatomy.presets import PRESETS
 from design.hemodynamics import FlowConditions, balance
 from design.network import VesselKind
 from design.tissue import Tissue, check_supplied
+from design.units import PA_PER_MMHG
 from design.vasculature import (
     ClosedLoops,
     GrowthOptions,
@@ -19,9 +24,11 @@ from design.vasculature import (
     grow_tree,
 )
 from design.vasculature.polish import PolishOptions, polish
+from printctl.errors import RecipeError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.growth_source import growth_options, read_trunk
 from printctl.pipeline.printability import printability
+from printctl.recipe.anatomy import AnatomyPart
 from printctl.recipe.growth import ClosedLoop, GrownNetwork
 
 
@@ -38,6 +45,41 @@ def grown_tree(context: RunContext, part: GrownNetwork) -> VesselTree:
         return tree
     polished = polish(context.tissue, tree, polish_options(part, seed)).tree
     return replace(polished, notes=tree.notes)
+
+
+def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
+    """The trees of the organ that the recipe names.
+
+    What the recipe leaves open of Murray's exponent and the pressure drop is the template's.
+    """
+    anatomy = part.anatomy
+    if anatomy is None:
+        raise RecipeError("the recipe names no anatomy; add anatomy: {template: ...}")
+    options = growth_options(part, context.recipe.seed, context.recipe_folder)
+    preset = PRESETS[anatomy.template]
+    own = part.model_fields_set
+    if "murray_exponent" not in own:
+        options = replace(options, murray_exponent=preset.murray_exponent)
+    if "pressure_drop_mmhg" not in own:
+        options = replace(options, pressure_drop_pa=preset.pressure_drop_mmhg * PA_PER_MMHG)
+    found = _grown(context.tissue, options, anatomy)
+    for tree in found.trees:
+        check_supplied(context.tissue, tree.distal)
+    return found
+
+
+def _grown(tissue: Tissue, options: GrowthOptions, part: AnatomyPart) -> AnatomicTrees:
+    at = {name: inlet.at_mm for name, inlet in part.inlets.items()}
+    said = {
+        "trunk_ends": part.trunk_ends,
+        "trunk_depth_mm": part.trunk_depth_mm,
+        "base": part.base_direction,
+        "right": part.right_direction,
+        "left_ostium_mm": at.get("left_coronary"),
+        "right_ostium_mm": at.get("right_coronary"),
+    }
+    known: dict[str, Any] = {name: value for name, value in said.items() if value is not None}
+    return grow_heart(tissue, options, HeartAnatomy(**known))
 
 
 def printable_tree(context: RunContext, part: GrownNetwork, options: GrowthOptions) -> VesselTree:

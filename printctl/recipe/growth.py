@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from design.units import LengthUnit
+from printctl.recipe.anatomy import AnatomyPart
 from printctl.recipe.lattice import LatticeNetwork
 from printctl.recipe.marks import FILE
 from printctl.recipe.parts import NetworkSection, Part, Point, value_given
@@ -174,6 +175,9 @@ class GrownNetwork(Growth):
     )
     trunk_unit: LengthUnit | None = Field(default=None, description="Of a CSV's coordinates.")
     stages: tuple[StagePart, ...] = Field(default=(), max_length=100)
+    anatomy: AnatomyPart | None = Field(
+        default=None, description="Trunks, inlets and zones as an organ has them."
+    )
 
     def files(self) -> list[str]:
         """The terminals' and the trunk's."""
@@ -203,6 +207,9 @@ class GrownNetwork(Growth):
         for key in ("polish", "trunk", "stages", "terminal_points", "root"):
             if self.printable and getattr(self, key):
                 raise ValueError(f"printable doesn't go with {key} yet; give one of the two")
+        for key in ("polish", "printable", "trunk", "stages", "terminal_points", "root", "root_mm"):
+            if self.anatomy is not None and getattr(self, key):
+                raise ValueError(f"anatomy doesn't go with {key}; give one of the two")
         if self.root is not None and (self.root_mm or self.root_direction or self.trunk):
             raise ValueError(
                 "root: search finds root and direction itself; give it without root_mm, "

@@ -10,6 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from design.anatomy.network import curved_network
 from design.hemodynamics import scaled_network
 from design.lattices import build_lattice
 from design.network import VesselKind, VesselNetwork
@@ -22,7 +23,7 @@ from design.vasculature import (
     tree_to_network,
 )
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.growing import closed_loop, grown_tree, said_of
+from printctl.pipeline.growing import anatomic_trees, closed_loop, grown_tree, said_of
 from printctl.pipeline.growth_source import read_given
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
@@ -82,6 +83,9 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
         case LatticeNetwork():
             network, clearance = build_lattice(context.tissue, part.options()), 0.0
             check_supplied(context.tissue, network.nodes)
+        case GrownNetwork() if part.anatomy is not None:
+            found = anatomic_trees(context, part)
+            return curved_network(found.trees, found.kinds), {"notes": list(found.notes)}
         case GrownNetwork():
             tree = grown_tree(context, part)
             return tree_to_network(tree, VesselKind.ARTERY), {"notes": list(tree.notes)}
