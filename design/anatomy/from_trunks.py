@@ -63,12 +63,15 @@ class TrunkPlan:
         Whether trunks keep to their depth; else they may lie deeper.
     wider : float
         Radii by which trunks are kept clear of each other, over those they are laid for.
+    keep : function of (n, 3) to (n, 3), optional
+        Brings nodes back to a zone, after they were brought to their depth.
     """
 
     lines: TrunkLines
     shallow_mm: float
     exactly: bool = True
     wider: float = WIDER
+    keep: Callable[[FloatArray], FloatArray] | None = None
 
 
 def grow_from_plan(
@@ -149,11 +152,28 @@ def laid(
         mine, wide = without(lines, ~kept), radius[kept]
         deep = np.maximum(DEPTH_MARGIN * wide + options.clearance_mm, plan.shallow_mm)
         keep = kept_at_depth(tissue, deep, mine.parent < 0, plan.exactly)
-        smooth = smooth_lines(tissue, mine, keep)
+        smooth = smooth_lines(tissue, mine, _both(keep, plan.keep, mine.parent < 0))
         gone = _in_the_way(tissue, smooth, plan.wider * wide, options)
         if not gone.any():
             return smooth, kept
         kept[np.flatnonzero(kept)[gone]] = False
+
+
+def _both(
+    one: Callable[[FloatArray], FloatArray],
+    two: Callable[[FloatArray], FloatArray] | None,
+    fixed: NDArray[np.bool_],
+) -> Callable[[FloatArray], FloatArray]:
+    """One function after the other; the second doesn't move what is fixed."""
+    if two is None:
+        return one
+    after = two
+
+    def keep(points: FloatArray) -> FloatArray:
+        points = one(points)
+        return np.where(fixed[:, None], points, after(points))
+
+    return keep
 
 
 def _in_the_way(

@@ -65,7 +65,7 @@ def fitted_trees(
     flow = float(sum(tree.flow_ul_s[0] for tree in trees)) / terminals
     done = tuple(with_flow(tree, flow) for tree in done)
     for _ in range(_AGAIN):
-        done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
+        done, bad, _ = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
         least = _SECOND
         if not _any(bad):
             final = trimmed(done, terminals)
@@ -117,7 +117,7 @@ def curve_trees(
     clearance_mm: float,
     clearance_ratio: float,
     least: float = STRAIGHT,
-) -> tuple[Trees, Misfits]:
+) -> tuple[Trees, Misfits, tuple[IntArray, ...]]:
     """Round all bends and main lines; where something is in the way, less.
 
     Each curve reaches as far as its vessels allow; those of pieces that come too near to others,
@@ -128,6 +128,8 @@ def curve_trees(
     tuple of VesselTree
     pairs and pieces
         What is left that doesn't fit, as `misfits`.
+    tuple of (n,) int64
+        Segment of the tree given that each segment comes from.
     """
     reach = [np.ones(len(tree.parent)) for tree in trees]
     main = [main_children(tree) for tree in trees]
@@ -149,7 +151,7 @@ def curve_trees(
         touched[[piece for pair in bad[0] for piece in pair]] = True
         for k, (tree, (_, lines)) in enumerate(zip(trees, curved, strict=True)):
             _lower(tree, lines, touched[first[k] : first[k + 1]], reach[k])
-    return done, bad
+    return done, bad, tuple(lines.origin[1:] for _, lines in curved)
 
 
 def misfits(

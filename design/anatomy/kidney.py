@@ -1,0 +1,171 @@
+"""Template of a kidney: from the hilum between the lobes to arcs below the cortex."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
+from design.anatomy.graph_trunk import LayerForest, spread_sites
+from design.anatomy.grown import AnatomicTrees, grow_fitted
+from design.anatomy.kidney_places import KidneyPlaces, find_kidney_places
+from design.anatomy.layer import Layer, join_layer
+from design.anatomy.openness import sample_surface
+from design.anatomy.pair_fit import fitted_pair
+from design.anatomy.pairs import PairOptions
+from design.anatomy.round_trees import SPARE
+from design.anatomy.trunk_lines import lines_of
+from design.errors import GrowthError
+from design.network import VesselKind
+from design.tissue import Tissue, function_demand
+from design.vasculature.growth.territories import demand_points
+from design.vasculature.options import GrowthOptions
+
+FloatArray = NDArray[np.float64]
+Place = tuple[float, float, float]
+
+_SAMPLES = 12_000
+_VOLUME = 30_000
+_PLACES = 6_000
+_LOBES = 9
+_ARC_ROOM = 1.3
+"""Depth of the arcs' zone below the capsule, over the cortex's thickness."""
+
+_DEEP = 2.5
+"""Cost of leaving the arcs' zone, for branches of the second rank on."""
+
+_ATTEMPTS = 4
+
+
+@dataclass(frozen=True)
+class KidneyAnatomy:
+    """What a kidney's vessels are told; what isn't is found in its shape.
+
+    Attributes
+    ----------
+    hilum_mm : (float, float, float), optional
+        Near where the vessels enter.
+    cortex_mm : float, optional
+        Thickness of the cortex; a third of the greatest depth by default.
+    cortex_demand : float
+        Terminals per volume of the cortex over the medulla's.
+    trunk_ends : int
+        How many ends the trunks have, at about.
+    veins : bool
+        Whether a vein runs beside each artery.
+    """
+
+    hilum_mm: Place | None = None
+    cortex_mm: float | None = None
+    cortex_demand: float = 4.0
+    trunk_ends: int = 120
+    veins: bool = True
+
+
+def grow_kidney(
+    tissue: Tissue, options: GrowthOptions, anatomy: KidneyAnatomy | None = None
+) -> AnatomicTrees:
+    """Grow an artery, and a vein beside it, into any kidney.
+
+    Hilum, capsule and cortex are found in the shape (`find_kidney_places`). Trunks enter on the
+    sinus's wall, go through the medulla to the border of the cortex and on along it; the wide
+    vessels leave the cortex free. From these the tree goes on into cortex and medulla. Artery and
+    vein are grown as one tree of sheaths with room for both.
+
+    Raises
+    ------
+    TissueError, GrowthError
+        Where no trunk or tree fits.
+    """
+    anatomy = anatomy or KidneyAnatomy()
+    ends = min(anatomy.trunk_ends, options.terminals // 4)
+    if ends < 6:
+        raise GrowthError(f"{options.terminals} terminals are too few for a kidney; ask for 24")
+    samples = sample_surface(tissue, _SAMPLES, options.seed)
+    volume, _ = demand_points(tissue, _VOLUME, options.seed)
+    entry = None if anatomy.hilum_mm is None else np.array(anatomy.hilum_mm)
+    places = find_kidney_places(tissue, samples, volume, entry, anatomy.cortex_mm)
+    tissue = replace(tissue, demand=_demand(tissue, places, anatomy.cortex_demand))
+    layer = kidney_layer(tissue, places, volume)
+    forest = kidney_forest(layer, places, ends)
+    lines = lines_of(forest, {0: places.entry}, volume)
+    plan = TrunkPlan(lines, 0.3, exactly=False, keep=places.kept_in_medulla)
+    notes = _notes(places)
+    if not anatomy.veins:
+        trees = grow_fitted(tissue, plan, options)
+        return AnatomicTrees(trees, (VesselKind.ARTERY,), ("artery",), notes)
+    pair = _grow_pair(tissue, plan, options)
+    kinds = (VesselKind.ARTERY, VesselKind.VEIN)
+    return AnatomicTrees(pair, kinds, ("artery", "vein"), notes)
+
+
+def kidney_layer(tissue: Tissue, places: KidneyPlaces, volume: FloatArray) -> Layer:
+    """Places all over the medulla and the cortex's inner border."""
+    inside = places.below_capsule(volume) >= places.cortex_mm
+    points = volume[inside & (-tissue.grid.distance(volume) > 0.3)]
+    return join_layer(tissue, points[:_PLACES], 0.2)
+
+
+def kidney_forest(layer: Layer, places: KidneyPlaces, ends: int) -> LayerForest:
+    """One tree: first to some lobes, as straight as can be; then along the cortex's border."""
+    depth = places.below_capsule(layer.points)
+    arcs = np.flatnonzero(depth <= _ARC_ROOM * places.cortex_mm)
+    if len(arcs) < 10:
+        raise GrowthError("the cortex leaves no medulla to run trunks in; give a lower cortex_mm")
+    near = cKDTree(layer.points[arcs]).query(layer.points[arcs], 2)[0][:, 1]
+    # Random places in a shell: as many a volume as have their nearest neighbour that far away.
+    shell = len(arcs) * (near.mean() / 0.554) ** 3
+    area = shell / ((_ARC_ROOM - 1.0) * places.cortex_mm)
+    forest = LayerForest(layer, 0.6, layer.length.copy(), 0.3 * float(np.sqrt(area / _LOBES)))
+    forest.plant(0, layer.nearest(places.entry + 2.0 * layer.spacing_mm * places.inward))
+    lobes = spread_sites(layer.points[arcs], _LOBES, places.entry[None])
+    forest.join(arcs[lobes])
+    begin = np.repeat(np.arange(len(layer.points)), np.diff(layer.first))
+    deep = np.maximum(depth[begin], depth[layer.to]) > _ARC_ROOM * places.cortex_mm
+    forest.cost = layer.length * np.where(deep, _DEEP, 1.0)
+    forest.balance, forest.apart = 0.3, 0.62 * float(np.sqrt(area / ends))
+    taken = layer.points[np.flatnonzero(forest.parent > -2)]
+    forest.join(arcs[spread_sites(layer.points[arcs], 3 * ends, taken)])
+    return forest
+
+
+def _grow_pair(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> tuple:  # type: ignore[type-arg]
+    pair = PairOptions(gap_mm=2.0 * options.clearance_mm)
+    sheaths = replace(
+        options,
+        terminals=ceil(SPARE * options.terminals) + 8,
+        pressure_drop_pa=options.pressure_drop_pa / pair.sheath**4,
+        clearance_mm=3.2 * options.clearance_mm,
+        clearance_ratio=options.clearance_ratio,
+    )
+    error = GrowthError("not tried")
+    for attempt in range(_ATTEMPTS):
+        wider = WIDER * (1.0 + 0.15 * attempt)
+        trees, _ = grow_from_plan(tissue, replace(plan, wider=wider), sheaths)
+        try:
+            return fitted_pair(tissue, trees[0], options, pair)
+        except GrowthError as failed:
+            error = failed
+    raise GrowthError(f"{error} (last of {_ATTEMPTS} attempts)") from error
+
+
+def _demand(tissue: Tissue, places: KidneyPlaces, ratio: float):  # type: ignore[no-untyped-def]
+    def weight(points: FloatArray) -> FloatArray:
+        cortex = places.below_capsule(points) < places.cortex_mm
+        found: FloatArray = np.where(cortex, max(1.0, ratio), max(1.0, 1.0 / ratio))
+        return found
+
+    return function_demand(tissue, weight)
+
+
+def _notes(places: KidneyPlaces) -> tuple[str, ...]:
+    say = "({:.3g}, {:.3g}, {:.3g})"
+    return (
+        f"the hilum was taken to open towards {say.format(*places.hilum)}; the vessels enter at "
+        f"{say.format(*places.entry)} mm",
+        f"the cortex is {places.cortex_mm:.3g} mm thick",
+    )
