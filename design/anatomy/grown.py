@@ -5,8 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import ceil
 
-from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
-from design.anatomy.round_trees import SPARE, fitted_trees
+from design.anatomy.from_trunks import (
+    WIDER,
+    TrunkPlan,
+    grow_from_plan,
+    grow_pair_from_plan,
+)
+from design.anatomy.pairs import PairOptions
+from design.anatomy.round_trees import SPARE, SPARE_OF_PAIR, fitted_trees
 from design.errors import GrowthError
 from design.network import VesselKind
 from design.tissue import Tissue
@@ -43,9 +49,11 @@ class AnatomicTrees:
 
 
 def grow_fitted(
-    tissue: Tissue, plan: TrunkPlan, options: GrowthOptions
+    tissue: Tissue, plan: TrunkPlan, options: GrowthOptions, pair: PairOptions | None = None
 ) -> tuple[VesselTree, ...]:
     """Grow trees from a plan's trunks, curve them and keep what fits: so many terminals in all.
+
+    With a ``pair`` artery and vein, side by side in the trunks, of so many terminals each.
 
     Raises
     ------
@@ -54,17 +62,26 @@ def grow_fitted(
     """
     more = replace(
         options,
-        terminals=ceil(SPARE * options.terminals) + 8,
+        terminals=ceil((SPARE if pair is None else SPARE_OF_PAIR) * options.terminals) + 8,
         clearance_mm=_CLEARER * options.clearance_mm,
         clearance_ratio=_CLEARER_RATIO * options.clearance_ratio,
     )
     error = GrowthError("not tried")
     for attempt in range(ATTEMPTS):
         wider = WIDER * (1.0 + _MORE_ROOM * attempt)
-        trees, _ = grow_from_plan(tissue, replace(plan, wider=wider), more)
+        wide = replace(plan, wider=wider)
+        if pair is None:
+            trees, _ = grow_from_plan(tissue, wide, more)
+        else:
+            trees = grow_pair_from_plan(tissue, wide, more, pair)
         try:
             return fitted_trees(
-                tissue, trees, options.clearance_mm, options.clearance_ratio, options.terminals
+                tissue,
+                trees,
+                options.clearance_mm,
+                options.clearance_ratio,
+                options.terminals,
+                each=pair is not None,
             )
         except GrowthError as failed:
             error = failed

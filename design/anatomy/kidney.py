@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
+from design.anatomy.from_trunks import TrunkPlan
 from design.anatomy.graph_trunk import LayerForest, spread_sites
 from design.anatomy.grown import AnatomicTrees, grow_fitted
 from design.anatomy.kidney_places import KidneyPlaces, find_kidney_places
 from design.anatomy.layer import Layer, join_layer
 from design.anatomy.openness import sample_surface
-from design.anatomy.pair_fit import fitted_pair
 from design.anatomy.pairs import PairOptions
-from design.anatomy.round_trees import SPARE
 from design.anatomy.trunk_lines import lines_of
 from design.errors import GrowthError
 from design.network import VesselKind
-from design.tissue import Tissue, function_demand
+from design.tissue import Demand, Tissue, function_demand
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.options import GrowthOptions
 
@@ -37,8 +34,6 @@ _ARC_ROOM = 1.3
 
 _DEEP = 2.5
 """Cost of leaving the arcs' zone, for branches of the second rank on."""
-
-_ATTEMPTS = 4
 
 
 @dataclass(frozen=True)
@@ -74,7 +69,7 @@ def grow_kidney(
     Hilum, capsule and cortex are found in the shape (`find_kidney_places`). Trunks enter on the
     sinus's wall, go through the medulla to the border of the cortex and on along it; the wide
     vessels leave the cortex free. From these the tree goes on into cortex and medulla. Artery and
-    vein are grown as one tree of sheaths with room for both.
+    vein run side by side in the trunks.
 
     Raises
     ------
@@ -98,9 +93,9 @@ def grow_kidney(
     if not anatomy.veins:
         trees = grow_fitted(tissue, plan, options)
         return AnatomicTrees(trees, (VesselKind.ARTERY,), ("artery",), notes)
-    pair = _grow_pair(tissue, plan, options)
+    trees = grow_fitted(tissue, plan, options, PairOptions(gap_mm=2.0 * options.clearance_mm))
     kinds = (VesselKind.ARTERY, VesselKind.VEIN)
-    return AnatomicTrees(pair, kinds, ("artery", "vein"), notes)
+    return AnatomicTrees(trees, kinds, ("artery", "vein"), notes)
 
 
 def kidney_layer(tissue: Tissue, places: KidneyPlaces, volume: FloatArray) -> Layer:
@@ -116,9 +111,9 @@ def kidney_forest(layer: Layer, places: KidneyPlaces, ends: int) -> LayerForest:
     arcs = np.flatnonzero(depth <= _ARC_ROOM * places.cortex_mm)
     if len(arcs) < 10:
         raise GrowthError("the cortex leaves no medulla to run trunks in; give a lower cortex_mm")
-    near = cKDTree(layer.points[arcs]).query(layer.points[arcs], 2)[0][:, 1]
-    # Random places in a shell: as many a volume as have their nearest neighbour that far away.
-    shell = len(arcs) * (near.mean() / 0.554) ** 3
+    # Random places all over a volume have their nearest neighbours 0.554 of its cube root away.
+    near = cKDTree(layer.points).query(layer.points, 2)[0][:, 1]
+    shell = len(arcs) * (float(near.mean()) / 0.554) ** 3
     area = shell / ((_ARC_ROOM - 1.0) * places.cortex_mm)
     forest = LayerForest(layer, 0.6, layer.length.copy(), 0.3 * float(np.sqrt(area / _LOBES)))
     forest.plant(0, layer.nearest(places.entry + 2.0 * layer.spacing_mm * places.inward))
@@ -133,27 +128,7 @@ def kidney_forest(layer: Layer, places: KidneyPlaces, ends: int) -> LayerForest:
     return forest
 
 
-def _grow_pair(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> tuple:  # type: ignore[type-arg]
-    pair = PairOptions(gap_mm=2.0 * options.clearance_mm)
-    sheaths = replace(
-        options,
-        terminals=ceil(SPARE * options.terminals) + 8,
-        pressure_drop_pa=options.pressure_drop_pa / pair.sheath**4,
-        clearance_mm=3.2 * options.clearance_mm,
-        clearance_ratio=options.clearance_ratio,
-    )
-    error = GrowthError("not tried")
-    for attempt in range(_ATTEMPTS):
-        wider = WIDER * (1.0 + 0.15 * attempt)
-        trees, _ = grow_from_plan(tissue, replace(plan, wider=wider), sheaths)
-        try:
-            return fitted_pair(tissue, trees[0], options, pair)
-        except GrowthError as failed:
-            error = failed
-    raise GrowthError(f"{error} (last of {_ATTEMPTS} attempts)") from error
-
-
-def _demand(tissue: Tissue, places: KidneyPlaces, ratio: float):  # type: ignore[no-untyped-def]
+def _demand(tissue: Tissue, places: KidneyPlaces, ratio: float) -> Demand:
     def weight(points: FloatArray) -> FloatArray:
         cortex = places.below_capsule(points) < places.cortex_mm
         found: FloatArray = np.where(cortex, max(1.0, ratio), max(1.0, 1.0 / ratio))

@@ -28,7 +28,7 @@ KINK = 30.0
 WIDE = 0.05
 """Part of the root's radius from which on vessels mustn't have kinks."""
 
-SPARE = 1.08
+SPARE, SPARE_OF_PAIR = 1.08, 1.25
 """Terminals to grow over those wanted: some are taken away where vessels don't fit."""
 
 ROUNDS = 10
@@ -43,6 +43,7 @@ def fitted_trees(
     clearance_mm: float,
     clearance_ratio: float,
     terminals: int,
+    each: bool = False,
 ) -> Trees:
     """Curved trees of so many terminals that fit: trunks sunk, misfits pruned, kinks rounded.
 
@@ -54,6 +55,8 @@ def fitted_trees(
         Kept in the end.
     terminals : int
         In the end, of all trees together.
+    each : bool
+        Of each tree instead.
 
     Raises
     ------
@@ -63,17 +66,18 @@ def fitted_trees(
     mm, ratio = clearance_mm, clearance_ratio
     done, least = _sunk(tissue, tuple(trees), mm, ratio), STRAIGHT
     flow = float(sum(tree.flow_ul_s[0] for tree in trees)) / terminals
+    flow /= len(trees) if each else 1
     done = tuple(with_flow(tree, flow) for tree in done)
     for _ in range(_AGAIN):
         done, bad, _ = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
         least = _SECOND
         if not _any(bad):
-            final = trimmed(done, terminals)
+            final = trimmed(done, terminals, each)
             bad = misfits(tissue, final, mm, ratio)
             if not _any(bad) and not kinks(final):
                 return final
             # Most spare terminals go, and what that bends or widens is mended.
-            done = _spared(done, terminals, 0.2 * _spare(done, terminals))
+            done = _spared(done, terminals, each)
             bad = misfits(tissue, done, mm, ratio)
         given = np.concatenate([tree.given for tree in done])
         # Trunks that reach out are sunk deeper next time.
@@ -85,15 +89,12 @@ def fitted_trees(
     )
 
 
-def _spare(trees: Trees, terminals: int) -> int:
-    return sum(int(tree.terminals[0]) for tree in trees) - terminals
-
-
-def _spared(trees: Trees, terminals: int, spare: float) -> Trees:
-    """The trees with no more terminals to spare than so many."""
-    if _spare(trees, terminals) <= spare:
-        return trees
-    return trimmed(trees, terminals + int(spare))
+def _spared(trees: Trees, terminals: int, each: bool) -> Trees:
+    """The trees with a fifth of the terminals that they have to spare."""
+    if each:
+        return tuple(_spared((tree,), terminals, False)[0] for tree in trees)
+    spare = sum(int(tree.terminals[0]) for tree in trees) - terminals
+    return trimmed(trees, terminals + spare // 5)
 
 
 def _any(bad: Misfits) -> bool:
