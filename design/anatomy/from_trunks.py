@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from design.anatomy.pairs import PARTS, PairOptions, paired_lines, refined
 from design.anatomy.trunk_lines import (
     TrunkLines,
     kept_at_depth,
@@ -100,45 +99,6 @@ def grow_from_plan(
         # Which trunk feeds what differs a little from one growth to the next.
         radius = RADIUS_MARGIN * found
     return trees, smooth
-
-
-def grow_pair_from_plan(
-    tissue: Tissue, plan: TrunkPlan, options: GrowthOptions, pair: PairOptions
-) -> tuple[VesselTree, ...]:
-    """Lay two trunks side by side where the plan has one, and grow artery and vein from them.
-
-    Raises
-    ------
-    TissueError, GrowthError
-        As `grow_from_plan`.
-    """
-    vein = replace(options, pressure_drop_pa=options.pressure_drop_pa / pair.vein_over_artery**4)
-    lines = plan.lines
-    radius = likely_radius(tissue, options) * lines.share ** (1 / options.murray_exponent)
-    for _ in range(_ROUNDS):
-        smooth, kept = laid(tissue, plan, lines, pair.sheath * radius, options)
-        lines, radius = without(lines, ~kept), radius[kept]
-        fine, wide, place = refined(smooth, radius, PARTS)
-        both = paired_lines(fine, wide, pair)
-        widest = float(radius.max())
-        roots = [
-            RootSpec(
-                wish, kind, trunk_from(thinned(one, STRAIGHTER * wide), tree, widest)
-            )
-            for tree, (one, wish, kind) in enumerate(
-                zip(both, (options, vein), (VesselKind.ARTERY, VesselKind.VEIN), strict=True)
-            )
-        ]
-        # Each pervades the tissue by itself.
-        trees = grow_forest(tissue, [replace(r, territory=Surroundings()) for r in roots])
-        found = np.maximum(
-            trunk_radii(both[0], trees[:1]),
-            trunk_radii(both[1], trees[1:]) / pair.vein_over_artery,
-        )[place]
-        if (found <= radius).all():
-            break
-        radius = RADIUS_MARGIN * found
-    return trees
 
 
 def trunk_radii(lines: TrunkLines, trees: Sequence[VesselTree]) -> FloatArray:
@@ -268,9 +228,7 @@ def _whole_branches(lines: TrunkLines, gone: NDArray[np.bool_]) -> NDArray[np.bo
     return gone
 
 
-def roots_of(
-    lines: TrunkLines, radius: FloatArray, options: GrowthOptions
-) -> list[RootSpec]:
+def roots_of(lines: TrunkLines, radius: FloatArray, options: GrowthOptions) -> list[RootSpec]:
     """One root for each tree of the lines, with its territory and its share of the terminals."""
     trees = np.unique(lines.tree)
     starts = [int(np.flatnonzero((lines.tree == t) & (lines.parent < 0))[0]) for t in trees]

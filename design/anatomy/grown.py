@@ -5,14 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import ceil
 
-from design.anatomy.from_trunks import (
-    WIDER,
-    TrunkPlan,
-    grow_from_plan,
-    grow_pair_from_plan,
-)
-from design.anatomy.pairs import PairOptions
-from design.anatomy.round_trees import SPARE, SPARE_OF_PAIR, fitted_trees
+from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
+from design.anatomy.round_trees import SPARE, fitted_trees
 from design.errors import GrowthError
 from design.network import VesselKind
 from design.tissue import Tissue
@@ -48,12 +42,8 @@ class AnatomicTrees:
     notes: tuple[str, ...]
 
 
-def grow_fitted(
-    tissue: Tissue, plan: TrunkPlan, options: GrowthOptions, pair: PairOptions | None = None
-) -> tuple[VesselTree, ...]:
+def grow_fitted(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> tuple[VesselTree, ...]:
     """Grow trees from a plan's trunks, curve them and keep what fits: so many terminals in all.
-
-    With a ``pair`` artery and vein, side by side in the trunks, of so many terminals each.
 
     Raises
     ------
@@ -62,7 +52,7 @@ def grow_fitted(
     """
     more = replace(
         options,
-        terminals=ceil((SPARE if pair is None else SPARE_OF_PAIR) * options.terminals) + 8,
+        terminals=ceil(SPARE * options.terminals) + 8,
         clearance_mm=_CLEARER * options.clearance_mm,
         clearance_ratio=_CLEARER_RATIO * options.clearance_ratio,
     )
@@ -70,10 +60,7 @@ def grow_fitted(
     for attempt in range(ATTEMPTS):
         wider = WIDER * (1.0 + _MORE_ROOM * attempt)
         wide = replace(plan, wider=wider)
-        if pair is None:
-            trees, _ = grow_from_plan(tissue, wide, more)
-        else:
-            trees = grow_pair_from_plan(tissue, wide, more, pair)
+        trees, _ = grow_from_plan(tissue, wide, more)
         try:
             return fitted_trees(
                 tissue,
@@ -81,7 +68,6 @@ def grow_fitted(
                 options.clearance_mm,
                 options.clearance_ratio,
                 options.terminals,
-                each=pair is not None,
             )
         except GrowthError as failed:
             error = failed

@@ -49,7 +49,7 @@ class HeartAnatomy:
     right: Place | None = None
     left_ostium_mm: Place | None = None
     right_ostium_mm: Place | None = None
-    trunk_ends: int = 500
+    trunk_ends: int = 600
     trunk_depth_mm: float = 0.3
     balance: float = 0.25
 
@@ -98,7 +98,6 @@ def _notes(places: HeartPlaces, ostia: dict[int, np.ndarray]) -> tuple[str, ...]
     return (
         f"the heart's base was taken to lie towards {say.format(*places.base)}, its right side "
         f"towards {say.format(*places.right)}",
-        "ostia: " + ", ".join(
-            f"{name} at {say.format(*ostia[tree])} mm" for tree, name in enumerate(NAMES)
-        ),
+        "ostia: "
+        + ", ".join(f"{name} at {say.format(*ostia[tree])} mm" for tree, name in enumerate(NAMES)),
     )

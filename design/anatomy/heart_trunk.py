@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +73,7 @@ def wrapped(angle: FloatArray) -> FloatArray:
 def joined_paths(layer: Layer, weight: FloatArray, stops: list[int]) -> IntArray:
     """The cheapest path through stops in turn, no place twice."""
     path = [stops[0]]
-    for begin, end in zip(stops[:-1], stops[1:], strict=True):
+    for begin, end in pairwise(stops):
         for place in cheapest_path(layer, weight, begin, end)[1:].tolist():
             if place in path:
                 del path[path.index(place) + 1 :]

@@ -14,7 +14,6 @@ from design.anatomy.grown import AnatomicTrees, grow_fitted
 from design.anatomy.kidney_places import KidneyPlaces, find_kidney_places
 from design.anatomy.layer import Layer, join_layer
 from design.anatomy.openness import sample_surface
-from design.anatomy.pairs import PairOptions
 from design.anatomy.trunk_lines import lines_of
 from design.errors import GrowthError
 from design.network import VesselKind
@@ -50,26 +49,22 @@ class KidneyAnatomy:
         Terminals per volume of the cortex over the medulla's.
     trunk_ends : int
         How many ends the trunks have, at about.
-    veins : bool
-        Whether a vein runs beside each artery.
     """
 
     hilum_mm: Place | None = None
     cortex_mm: float | None = None
     cortex_demand: float = 4.0
     trunk_ends: int = 120
-    veins: bool = True
 
 
 def grow_kidney(
     tissue: Tissue, options: GrowthOptions, anatomy: KidneyAnatomy | None = None
 ) -> AnatomicTrees:
-    """Grow an artery, and a vein beside it, into any kidney.
+    """Grow the artery of any kidney.
 
     Hilum, capsule and cortex are found in the shape (`find_kidney_places`). Trunks enter on the
     sinus's wall, go through the medulla to the border of the cortex and on along it; the wide
-    vessels leave the cortex free. From these the tree goes on into cortex and medulla. Artery and
-    vein run side by side in the trunks.
+    vessels leave the cortex free. From these the tree goes on into cortex and medulla.
 
     Raises
     ------
@@ -89,13 +84,8 @@ def grow_kidney(
     forest = kidney_forest(layer, places, ends)
     lines = lines_of(forest, {0: places.entry}, volume)
     plan = TrunkPlan(lines, 0.3, exactly=False, keep=places.kept_in_medulla)
-    notes = _notes(places)
-    if not anatomy.veins:
-        trees = grow_fitted(tissue, plan, options)
-        return AnatomicTrees(trees, (VesselKind.ARTERY,), ("artery",), notes)
-    trees = grow_fitted(tissue, plan, options, PairOptions(gap_mm=2.0 * options.clearance_mm))
-    kinds = (VesselKind.ARTERY, VesselKind.VEIN)
-    return AnatomicTrees(trees, kinds, ("artery", "vein"), notes)
+    trees = grow_fitted(tissue, plan, options)
+    return AnatomicTrees(trees, (VesselKind.ARTERY,), ("artery",), _notes(places))
 
 
 def kidney_layer(tissue: Tissue, places: KidneyPlaces, volume: FloatArray) -> Layer:

@@ -8,7 +8,7 @@ import numpy as np
 
 from design.network import VesselKind, VesselNetwork
 from design.vasculature.growth.forest import joined_networks
-from design.vasculature.tree import VesselTree
+from design.vasculature.tree import FloatArray, VesselTree
 from design.vasculature.treemath import downward_order, tree_radii
 
 
@@ -27,7 +27,7 @@ def _of_tree(tree: VesselTree, kind: VesselKind, number: int) -> VesselNetwork:
     radius = tree_radii(tree)
     node_of = np.full(len(tree.parent), -1, dtype=np.int64)
     nodes, ends, lines, radii = [tree.proximal[0]], [], [], []
-    open_runs = {}
+    open_runs: dict[int, tuple[int, list[FloatArray], list[float]]] = {}
     for s in downward_order(tree.children).tolist():
         above = int(tree.parent[s])
         if above >= 0 and bend[above]:

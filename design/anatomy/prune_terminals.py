@@ -90,25 +90,20 @@ def without_collisions(
     return tuple(found)
 
 
-def trimmed(
-    trees: Sequence[VesselTree], terminals: int, each: bool = False
-) -> tuple[VesselTree, ...]:
-    """The trees with so many terminals together, or ``each``: the shortest side branches go first.
+def trimmed(trees: Sequence[VesselTree], terminals: int) -> tuple[VesselTree, ...]:
+    """The trees with so many terminals together: the shortest side branches go first.
 
     Each tree gives in proportion to what it has; each terminal that stays keeps its flow.
     """
     counts = np.array([int(tree.terminals[0]) for tree in trees])
     extra = int(counts.sum()) - terminals
-    fewest = counts.min() if each else counts.sum()
-    if fewest < terminals:
+    if extra < 0:
         raise GrowthError(
-            f"only {fewest} of {terminals} terminals fit beside the trunks; ask for fewer "
+            f"only {counts.sum()} of {terminals} terminals fit beside the trunks; ask for fewer "
             "terminals or a higher pressure_drop_mmhg"
         )
     goes = np.floor(extra * counts / counts.sum()).astype(np.int64)
     goes[np.argmax(counts)] += extra - int(goes.sum())
-    if each:
-        goes = counts - terminals
     found = []
     for tree, many in zip(trees, goes.tolist(), strict=True):
         gone = np.zeros(len(tree.parent), dtype=np.bool_)
@@ -139,8 +134,3 @@ def _side_tips(tree: VesselTree) -> IntArray:
 def with_flow(tree: VesselTree, terminal_flow_ul_s: float) -> VesselTree:
     """The tree with another mean flow of its terminals; radii follow from the pressure drop."""
     return replace(tree, terminal_flow_ul_s=terminal_flow_ul_s)
-
-
-def root_radius(tree: VesselTree) -> float:
-    """Radius of the root, mm."""
-    return float(tree_radii(tree)[0])

@@ -28,7 +28,7 @@ KINK = 30.0
 WIDE = 0.05
 """Part of the root's radius from which on vessels mustn't have kinks."""
 
-SPARE, SPARE_OF_PAIR = 1.08, 1.25
+SPARE = 1.08
 """Terminals to grow over those wanted: some are taken away where vessels don't fit."""
 
 ROUNDS = 10
@@ -43,7 +43,6 @@ def fitted_trees(
     clearance_mm: float,
     clearance_ratio: float,
     terminals: int,
-    each: bool = False,
 ) -> Trees:
     """Curved trees of so many terminals that fit: trunks sunk, misfits pruned, kinks rounded.
 
@@ -55,8 +54,6 @@ def fitted_trees(
         Kept in the end.
     terminals : int
         In the end, of all trees together.
-    each : bool
-        Of each tree instead.
 
     Raises
     ------
@@ -66,18 +63,17 @@ def fitted_trees(
     mm, ratio = clearance_mm, clearance_ratio
     done, least = _sunk(tissue, tuple(trees), mm, ratio), STRAIGHT
     flow = float(sum(tree.flow_ul_s[0] for tree in trees)) / terminals
-    flow /= len(trees) if each else 1
     done = tuple(with_flow(tree, flow) for tree in done)
     for _ in range(_AGAIN):
-        done, bad, _ = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
+        done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
         least = _SECOND
         if not _any(bad):
-            final = trimmed(done, terminals, each)
+            final = trimmed(done, terminals)
             bad = misfits(tissue, final, mm, ratio)
             if not _any(bad) and not kinks(final):
                 return final
             # Most spare terminals go, and what that bends or widens is mended.
-            done = _spared(done, terminals, each)
+            done = _spared(done, terminals)
             bad = misfits(tissue, done, mm, ratio)
         given = np.concatenate([tree.given for tree in done])
         # Trunks that reach out are sunk deeper next time.
@@ -89,10 +85,8 @@ def fitted_trees(
     )
 
 
-def _spared(trees: Trees, terminals: int, each: bool) -> Trees:
+def _spared(trees: Trees, terminals: int) -> Trees:
     """The trees with a fifth of the terminals that they have to spare."""
-    if each:
-        return tuple(_spared((tree,), terminals, False)[0] for tree in trees)
     spare = sum(int(tree.terminals[0]) for tree in trees) - terminals
     return trimmed(trees, terminals + spare // 5)
 
@@ -118,7 +112,7 @@ def curve_trees(
     clearance_mm: float,
     clearance_ratio: float,
     least: float = STRAIGHT,
-) -> tuple[Trees, Misfits, tuple[IntArray, ...]]:
+) -> tuple[Trees, Misfits]:
     """Round all bends and main lines; where something is in the way, less.
 
     Each curve reaches as far as its vessels allow; those of pieces that come too near to others,
@@ -129,8 +123,6 @@ def curve_trees(
     tuple of VesselTree
     pairs and pieces
         What is left that doesn't fit, as `misfits`.
-    tuple of (n,) int64
-        Segment of the tree given that each segment comes from.
     """
     reach = [np.ones(len(tree.parent)) for tree in trees]
     main = [main_children(tree) for tree in trees]
@@ -152,7 +144,7 @@ def curve_trees(
         touched[[piece for pair in bad[0] for piece in pair]] = True
         for k, (tree, (_, lines)) in enumerate(zip(trees, curved, strict=True)):
             _lower(tree, lines, touched[first[k] : first[k + 1]], reach[k])
-    return done, bad, tuple(lines.origin[1:] for _, lines in curved)
+    return done, bad
 
 
 def misfits(

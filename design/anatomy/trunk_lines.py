@@ -54,9 +54,7 @@ class TrunkLines:
         return np.bincount(below, minlength=len(self.parent))
 
 
-def lines_of(
-    forest: LayerForest, ostia: dict[int, FloatArray], volume: FloatArray
-) -> TrunkLines:
+def lines_of(forest: LayerForest, ostia: dict[int, FloatArray], volume: FloatArray) -> TrunkLines:
     """The trees' nodes in order, parents first, each tree's ostium before its first place.
 
     A place of three children or more is parted into several along its main child's edge.
@@ -77,7 +75,9 @@ def lines_of(
     enters = np.array([sorted(ostia).index(tree) for tree in trees.tolist()], dtype=np.int64)
     # Parents have shorter ways, so that they stand first.
     lines = TrunkLines(
-        np.concatenate([np.array([ostia[tree] for tree in sorted(ostia)]), forest.layer.points[order]]),
+        np.concatenate(
+            [np.array([ostia[tree] for tree in sorted(ostia)]), forest.layer.points[order]]
+        ),
         np.concatenate([np.full(first, -1), np.where(up >= 0, number[np.maximum(up, 0)], enters)]),
         np.concatenate([np.array(sorted(ostia)), trees]),
         np.zeros(first + len(order)),
@@ -131,7 +131,10 @@ def in_order(points: FloatArray, parent: IntArray, tree: IntArray) -> TrunkLines
     number[order] = np.arange(len(order))
     up = parent[order]
     return TrunkLines(
-        points[order], np.where(up >= 0, number[np.maximum(up, 0)], -1), tree[order], np.zeros(len(order))
+        points[order],
+        np.where(up >= 0, number[np.maximum(up, 0)], -1),
+        tree[order],
+        np.zeros(len(order)),
     )
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
+    from design.measures.against import compare_orders
     from design.measures.junctions import MurrayResiduals, TerminalFlow
     from design.measures.measure import MeasureOptions, NetworkMeasures, measure_network
     from design.measures.morphometry import Morphometry, OrderTable
@@ -28,6 +29,7 @@ __all__ = [
     "Supply",
     "TerminalFlow",
     "Ways",
+    "compare_orders",
     "measure_network",
     "measures_dict",
 ]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from design.files import write_text
-from design.measures import MeasureOptions, measure_network, measures_dict
+from design.measures import MeasureOptions, compare_orders, measure_network, measures_dict
 from design.tissue import SizeLimits, Tissue, load_tissue
 from design.units import LengthUnit
 from printctl.cli.measure_table import measure_lines
@@ -56,6 +56,10 @@ def measure(
         int, typer.Option("--samples", min=100, max=50_000_000, help="Points in the tissue.")
     ] = 200_000,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the points.")] = 1,
+    against: Annotated[
+        Literal["coronary"] | None,
+        typer.Option("--against", help="Compare orders with a published table of real vessels."),
+    ] = None,
     inlet_flow_ml_min: InletFlowOption = 0.25,
     viscosity_mpa_s: ViscosityOption = 1.0,
     as_json: JsonFlag = False,
@@ -76,6 +80,8 @@ def measure(
     found = measures_dict(
         measure_network(source.network, around, options, source.known.flow.get("flow_ul_s"))
     )
+    if against is not None:
+        found["against"] = compare_orders(source.network, against)
     text = json.dumps(found, indent=1, allow_nan=False) + "\n"
     if out is not None:
         write_text(out, text)

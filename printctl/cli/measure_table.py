@@ -22,7 +22,31 @@ def measure_lines(found: Numbers) -> list[str]:
     for kind, tables in found["morphometry"].items():
         for name in ("strahler", "diameter_defined"):
             lines += ["", *_orders(kind, name, tables[name])]
+    if "against" in found:
+        lines += ["", *_against(found["against"])]
     return lines
+
+
+def _against(found: Numbers) -> Iterator[str]:
+    """A published table beside the network's, a line an order."""
+    yield f"Arteries against {found['table']} ({found['source']})"
+    yield "  order  elements  diameter, mm              length, mm                length/diameter"
+    for row in found["orders"]:
+        cells = (_beside(row[key]) for key in ("diameter_mm", "length_mm", "length_over_diameter"))
+        yield f"  {row['order']:>5}{row['elements']:>10}  " + "".join(f"{one:<26}" for one in cells)
+    for name, value in found["ratios"].items():
+        yield f"  {name.replace('_', ' '):<17}  {_beside(value)}"
+    yield "  Not compared: " + "; ".join(found["left_out"])
+
+
+def _beside(value: Numbers) -> str:
+    """Ours, the published mean ± sd, and whether it is inside."""
+    if value["ours"] is None:
+        return "–"
+    mean = "–" if value["mean"] is None else f"{value['mean']:.3g}"
+    spread = "–" if value["sd"] is None else f"{value['sd']:.2g}"
+    says = {True: "inside", False: "OUTSIDE", None: ""}[value["inside"]]
+    return f"{value['ours']:.3g} ({mean} ± {spread}) {says}"
 
 
 def _row(name: str, value: float | None, unit: str = "") -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 from design.anatomy.grown import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, grow_heart
+from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.presets import PRESETS
 from design.hemodynamics import FlowConditions, balance
 from design.network import VesselKind
@@ -70,6 +71,14 @@ def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
 
 def _grown(tissue: Tissue, options: GrowthOptions, part: AnatomyPart) -> AnatomicTrees:
     at = {name: inlet.at_mm for name, inlet in part.inlets.items()}
+    if part.template == "kidney":
+        said: dict[str, Any] = {
+            "hilum_mm": at.get("hilum"),
+            "cortex_mm": part.cortex_mm,
+            "cortex_demand": part.cortex_demand,
+            "trunk_ends": part.trunk_ends,
+        }
+        return grow_kidney(tissue, options, KidneyAnatomy(**_known(said)))
     said = {
         "trunk_ends": part.trunk_ends,
         "trunk_depth_mm": part.trunk_depth_mm,
@@ -78,8 +87,12 @@ def _grown(tissue: Tissue, options: GrowthOptions, part: AnatomyPart) -> Anatomi
         "left_ostium_mm": at.get("left_coronary"),
         "right_ostium_mm": at.get("right_coronary"),
     }
-    known: dict[str, Any] = {name: value for name, value in said.items() if value is not None}
-    return grow_heart(tissue, options, HeartAnatomy(**known))
+    return grow_heart(tissue, options, HeartAnatomy(**_known(said)))
+
+
+def _known(said: dict[str, Any]) -> dict[str, Any]:
+    """What the recipe says; the rest is as by default."""
+    return {name: value for name, value in said.items() if value is not None}
 
 
 def printable_tree(context: RunContext, part: GrownNetwork, options: GrowthOptions) -> VesselTree:

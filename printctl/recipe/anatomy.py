@@ -13,7 +13,7 @@ _INLETS = {
     "kidney": ("hilum",),
 }
 _OF_HEART = ("base_direction", "right_direction")
-_OF_KIDNEY = ("cortex_mm", "veins", "cortex_demand")
+_OF_KIDNEY = ("cortex_mm", "cortex_demand")
 
 
 class InletPart(Part):
@@ -34,19 +34,17 @@ class AnatomyPart(Part):
         default=None, description="Heart: from the left ventricle to the right one."
     )
     trunk_ends: Annotated[int, Field(ge=6, le=2000)] | None = Field(
-        default=None, description="Ends of the trunks, at about; 500 in a heart, 120 in a kidney."
+        default=None, description="Ends of the trunks, at about; 600 in a heart, 120 in a kidney."
     )
     trunk_depth_mm: Length | None = Field(
         default=None, description="Heart: least depth of the trunks' axes; 0.3 by default."
     )
     cortex_mm: Length | None = Field(
-        default=None, description="Kidney: thickness of the cortex; a third of the depth by default."
+        default=None,
+        description="Kidney: thickness of the cortex; a third of the depth by default.",
     )
     cortex_demand: Annotated[float, Field(gt=0, le=1000)] | None = Field(
         default=None, description="Kidney: flow of the cortex per volume over the medulla's."
-    )
-    veins: bool | None = Field(
-        default=None, description="Kidney: a vein beside each artery; true by default."
     )
 
     @model_validator(mode="after")
