@@ -1,0 +1,150 @@
+"""Templates of organs on shapes made here: two coronaries, a kidney's artery."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from design.anatomy.grown import AnatomicTrees
+from design.anatomy.heart import HeartAnatomy, grow_heart
+from design.anatomy.kidney import KidneyAnatomy, grow_kidney
+from design.anatomy.network import curved_network
+from design.errors import GrowthError
+from design.hemodynamics import FlowConditions, solve_flow
+from design.tissue import Tissue, biventricle, tissue_from_surface
+from design.vasculature import GrowthOptions
+from design.vasculature.collisions.collide import collisions
+from tests.design.anatomy.shapes import bean
+
+HEART = GrowthOptions(terminals=160, clearance_mm=0.05, murray_exponent=2.5, pressure_drop_pa=1100)
+KIDNEY = GrowthOptions(terminals=200, clearance_mm=0.05, pressure_drop_pa=2700)
+
+
+@cache
+def heart_tissue() -> Tissue:
+    surface = biventricle(60.0)
+    return tissue_from_surface(surface.vertices, surface.faces)
+
+
+@cache
+def kidney_tissue() -> Tissue:
+    surface = bean()
+    return tissue_from_surface(surface.vertices, surface.faces)
+
+
+@cache
+def heart() -> AnatomicTrees:
+    return grow_heart(heart_tissue(), HEART, HeartAnatomy(trunk_ends=40))
+
+
+@cache
+def kidney() -> AnatomicTrees:
+    return grow_kidney(kidney_tissue(), KIDNEY, KidneyAnatomy(trunk_ends=40))
+
+
+def cases():
+    return [
+        pytest.param(heart, heart_tissue, 160, 2.5, id="heart"),
+        pytest.param(kidney, kidney_tissue, 200, 3.0, id="kidney"),
+    ]
+
+
+@pytest.mark.parametrize(("grown", "tissue", "terminals", "gamma"), cases())
+def test_terminals_are_as_many_as_asked_for_and_have_equal_flow(grown, tissue, terminals, gamma):
+    found = grown()
+    network = curved_network(found.trees, found.kinds)
+    assert len(network.outlets()) == terminals
+    tree = found.trees[0]
+    flow = sum(float(one.flow_ul_s[0]) for one in found.trees)
+    solved = solve_flow(network, FlowConditions(tree.viscosity_pa_s, inlet_flow_ul_s=flow))
+    ends = np.isin(network.vessel_nodes[:, 1], network.outlets())
+    own = solved.flow[ends]
+    assert np.ptp(own) < 1e-9 * own.mean()
+
+
+@pytest.mark.parametrize(("grown", "tissue", "terminals", "gamma"), cases())
+def test_nothing_collides_and_all_lies_in_the_tissue(grown, tissue, terminals, gamma):
+    network = curved_network(grown().trees, grown().kinds)
+    assert collisions(network, 0.05, 0.1).count == 0
+    start, end, radius, _, _ = network.pieces()
+    inlets = network.nodes[network.inlets()]
+    at_inlet = (np.abs(start[:, None] - inlets[None]).max(axis=2) < 1e-12).any(axis=1)
+    inside = tissue().grid.capsule_inside(start, end, radius)
+    assert inside[~at_inlet].all()
+
+
+@pytest.mark.parametrize(("grown", "tissue", "terminals", "gamma"), cases())
+def test_joints_keep_murrays_law_with_the_templates_exponent(grown, tissue, terminals, gamma):
+    network = curved_network(grown().trees, grown().kinds)
+    radius = network.radius[network.offset[:-1]]
+    leaving = np.bincount(network.vessel_nodes[:, 0], radius**gamma, len(network.nodes))
+    entering = np.bincount(network.vessel_nodes[:, 1], radius**gamma, len(network.nodes))
+    joints = (leaving > 0) & (entering > 0)
+    assert joints.sum() > 100
+    np.testing.assert_allclose(leaving[joints], entering[joints], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("grown", "tissue", "terminals", "gamma"), cases())
+def test_no_main_line_has_a_kink(grown, tissue, terminals, gamma):
+    network = curved_network(grown().trees, grown().kinds)
+    by_inlet = {}
+    for vessel, (line, radius) in enumerate(network.polylines()):
+        way = np.diff(line, axis=0)
+        way /= np.linalg.norm(way, axis=1)[:, None]
+        turn = np.degrees(np.arccos(np.clip((way[1:] * way[:-1]).sum(axis=1), -1, 1)))
+        assert turn.max(initial=0.0) < 30.0
+        by_inlet.setdefault(int(network.vessel_nodes[vessel, 0]), []).append(
+            (float(radius[0]), way[0], vessel)
+        )
+    for vessel, (line, _) in enumerate(network.polylines()):
+        after = by_inlet.get(int(network.vessel_nodes[vessel, 1]))
+        if after is None:
+            continue
+        last = line[-1] - line[-2]
+        cosine = max(after)[1] @ last / np.linalg.norm(last) if len(after) == 1 else None
+        widest = max(after, key=lambda one: one[0])
+        cosine = widest[1] @ last / np.linalg.norm(last)
+        assert np.degrees(np.arccos(min(1.0, float(cosine)))) < 30.0
+
+
+def test_heart_has_two_ostia_at_the_base_and_trunks_below_the_epicardium():
+    found = heart()
+    assert found.names == ("left_coronary", "right_coronary")
+    network = curved_network(found.trees, found.kinds)
+    inlets = network.nodes[network.inlets()]
+    assert len(inlets) == 2
+    # The phantom's base is at its top.
+    top = heart_tissue().bounds[1, 2]
+    assert (inlets[:, 2] > 0.85 * top).all()
+    for tree in found.trees:
+        trunk = np.flatnonzero(tree.given)
+        middle = 0.5 * (tree.proximal + tree.distal)[trunk]
+        length = np.linalg.norm((tree.distal - tree.proximal)[trunk], axis=1)
+        near = -heart_tissue().grid.distance(middle) < 1.0
+        assert length[near].sum() > 0.8 * length.sum()
+
+
+def test_kidneys_artery_enters_at_the_notch_and_its_trunk_leaves_the_cortex_free():
+    found = kidney()
+    tree = found.trees[0]
+    entry = tree.proximal[0]
+    # The bean's notch is at its -x side, in the middle.
+    assert entry[0] < 0
+    assert abs(entry[1]) < 12
+    assert abs(entry[2]) < 8
+    trunk = np.flatnonzero(tree.given & (tree.parent >= 0))
+    depth = -kidney_tissue().grid.distance(tree.distal[trunk])
+    cortex = float(found.notes[1].split()[3])
+    assert depth.min() > 0.0
+    far = np.linalg.norm(tree.distal[trunk] - entry, axis=1) > 2.0 * cortex
+    assert depth[far].min() > 0.6 * cortex
+
+
+def test_same_seed_same_bytes():
+    again = grow_kidney(kidney_tissue(), KIDNEY, KidneyAnatomy(trunk_ends=40))
+    assert again.trees[0].distal.tobytes() == kidney().trees[0].distal.tobytes()
+
+
+def test_too_few_terminals_are_refused():
+    with pytest.raises(GrowthError, match="too few"):
+        grow_heart(heart_tissue(), GrowthOptions(terminals=12))
