@@ -2,14 +2,24 @@
 
 from design.hemodynamics.zero_d.svzerod.case import SvZeroDCase
 from design.hemodynamics.zero_d.svzerod.read import read_svzerod
-from design.hemodynamics.zero_d.svzerod.results import run_svzerod, write_svzerod_csv
+from design.hemodynamics.zero_d.svzerod.results import (
+    ResultTable,
+    result_table,
+    write_svzerod_csv,
+    write_svzerod_npz,
+)
+from design.hemodynamics.zero_d.svzerod.run import SvZeroDRun, run_svzerod
 from design.hemodynamics.zero_d.svzerod.write import svzerod_input, write_svzerod
 
 __all__ = [
+    "ResultTable",
     "SvZeroDCase",
+    "SvZeroDRun",
     "read_svzerod",
+    "result_table",
     "run_svzerod",
     "svzerod_input",
     "write_svzerod",
     "write_svzerod_csv",
+    "write_svzerod_npz",
 ]
