@@ -14,7 +14,7 @@ from design.hemodynamics.three_d.ranks import rank_conditions, write_case
 from design.hemodynamics.three_d.svmultiphysics import write_svmultiphysics
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
-from printctl.cli.flow_solve import FlowOutput
+from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
 from printctl.flow import pulsatile_conditions, steady_conditions
 from printctl.flow.ranks import SlurmJob, run_on_ranks, write_slurm

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_array, csr_array
-from scipy.sparse.linalg import splu
 
 from design.errors import FlowError
+from design.hemodynamics.zero_d.svzerod.factors import Factors
 from design.hemodynamics.zero_d.svzerod.nonlinear import Added, Moment
 from design.hemodynamics.zero_d.svzerod.stamps import LumpedSystem
 from design.hemodynamics.zero_d.svzerod.tables import Sampler
@@ -54,7 +54,8 @@ class Stepper:
         self._terms = system.terms
         self._base = csc_array(self._weighted(system.e, system.f))
         self._sizes = (abs(system.e), abs(system.f)) if self._terms else None
-        self._factors: Any = None
+        self._predicted = system.e * (1.0 - self.alpha_m / self.gamma)
+        self._factors: Factors | None = None
 
     def _weighted(self, by_rate: Any, by_state: Any) -> Any:
         """Return the derivative by the rates' change, of derivatives by rates and values."""
@@ -68,29 +69,43 @@ class Stepper:
         FlowError
             For a singular system, or when Newton's method doesn't settle.
         """
-        keep = 1.0 - 1.0 / self.gamma
-        rate, value = old.rate * keep, old.value.copy()
         at = time + self.alpha_f * self.step_s
         sampled = self.sampler.at(at) if isinstance(self.sampler, Sampler) else self.sampler
         constant = self.system.constant + self.system.drive @ sampled
-        last = np.inf
+        if self._terms:
+            return self._newton(old, at, sampled, constant)
+        if self._factors is None:
+            self._factors = Factors(self._base)
+        change = self._predicted @ old.rate
+        change += self.system.f @ old.value
+        change += constant
+        return self._changed(old, -self._factors.solve(change))
+
+    def _changed(self, old: State, change: FloatArray) -> State:
+        """Return the state for a change of the predicted rates."""
+        rate = old.rate * (1.0 - 1.0 / self.gamma)
+        rate += change
+        return State(old.value + change * (self.gamma * self.step_s), rate)
+
+    def _newton(
+        self, old: State, at: float, sampled: FloatArray, constant: FloatArray
+    ) -> State:
+        change, last = np.zeros_like(old.value), np.inf
         for _ in range(self.iterations):
+            new = self._changed(old, change)
             here = Moment(
                 at, self.period,
-                old.value + self.alpha_f * (value - old.value),
-                old.rate + self.alpha_m * (rate - old.rate),
+                old.value + self.alpha_f * (new.value - old.value),
+                old.rate + self.alpha_m * (new.rate - old.rate),
                 sampled,
             )  # fmt: skip
             residual, added = self._residual(here, constant)
             left = float(np.abs(residual).max())
-            if self._terms and self._settled(residual, left, last, here, constant):
-                return State(value, rate)
+            if self._settled(residual, left, last, here, constant):
+                return new
             if self._factors is None or left > _STALE * last:
-                self._factors = self._factorise(added)
-            change = self._factors.solve(residual)
-            rate, value = rate + change, value + change * (self.gamma * self.step_s)
-            if not self._terms:
-                return State(value, rate)
+                self._factors = Factors(self._matrix(added))
+            change += self._factors.solve(residual)
             last = left
         raise FlowError(
             f"no solution within {self.iterations} iterations at time {at:g}: {last:.3g} is left; "
@@ -115,17 +130,8 @@ class Stepper:
         size = e @ np.abs(here.rates) + f @ np.abs(here.state) + np.abs(constant)
         return bool((np.abs(residual) <= _EXACT * size).all())
 
-    def _factorise(self, added: list[Added]) -> Any:
-        matrix = self._base
-        if added:
-            rows = np.concatenate([term.rows for term in self._terms])
-            columns = np.concatenate([term.columns for term in self._terms])
-            value = np.concatenate([self._weighted(a.by_rate, a.by_state) for a in added])
-            matrix = csc_array(matrix + csr_array((value, (rows, columns)), shape=matrix.shape))
-        try:
-            return splu(matrix)
-        except RuntimeError as exc:
-            raise FlowError(
-                "the equations have no single solution; give a pressure somewhere, and check for "
-                "conditions that contradict each other"
-            ) from exc
+    def _matrix(self, added: list[Added]) -> csc_array:
+        rows = np.concatenate([term.rows for term in self._terms])
+        columns = np.concatenate([term.columns for term in self._terms])
+        value = np.concatenate([self._weighted(a.by_rate, a.by_state) for a in added])
+        return csc_array(self._base + csr_array((value, (rows, columns)), self._base.shape))
