@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
@@ -51,10 +52,11 @@ class Element:
     own: tuple[str, ...] = ()
     table: str = ""
 
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of its numbers, in their order in `Block.values`."""
-        return (*self.needed, *self.optional)
+    @cached_property
+    def known(self) -> frozenset[str]:
+        """Keys that its values may have."""
+        table = (self.table, "t") if self.table else ()
+        return frozenset((*self.needed, *self.optional, *table))
 
 
 def _vessel(group: Group, to: Stamps) -> None:

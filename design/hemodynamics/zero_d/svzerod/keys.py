@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping, Set
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from design.errors import FlowError
 from design.network import FloatArray
 
 
-def check_keys(data: Any, place: str, known: Collection[str]) -> Mapping[str, Any]:
+def check_keys(data: Any, place: str, known: Set[str]) -> Mapping[str, Any]:
     """Return ``data`` as a mapping; keys that begin with ``_`` are comments.
 
     Raises
@@ -22,6 +22,8 @@ def check_keys(data: Any, place: str, known: Collection[str]) -> Mapping[str, An
     """
     if not isinstance(data, Mapping):
         raise FlowError(f"{place} is {_short(data)}; write an object with keys")
+    if data.keys() <= known:
+        return data
     for key in data:
         if key not in known and not key.startswith("_"):
             names = ", ".join(sorted(known)) or "none"
@@ -68,6 +70,8 @@ def number(data: Mapping[str, Any], key: str, place: str, default: float | None 
     if key not in data and default is not None:
         return default
     value = data.get(key)
+    if type(value) is float and math.isfinite(value):
+        return value
     if isinstance(value, list):
         raise FlowError(f"{place}: {key} changes over time, which isn't modelled; write a number")
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):

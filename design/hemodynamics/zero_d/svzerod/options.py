@@ -14,12 +14,12 @@ INERT: Final = ("density", "model_name", "viscosity")
 _FLAGS: Final = (
     "output_all_cycles", "output_derivative", "output_mean_only", "output_variable_based",
 )  # fmt: skip
-_KNOWN: Final = (
+_KNOWN: Final = frozenset((
     "number_of_cardiac_cycles", "number_of_time_pts_per_cardiac_cycle", "absolute_tolerance",
     "maximum_nonlinear_iterations", "steady_initial", "rho_infty", "use_cycle_to_cycle_error",
     "sim_cycle_to_cycle_percent_error", "cardiac_period", "output_interval", *_FLAGS, *INERT,
     "coupled_simulation",
-)  # fmt: skip
+))  # fmt: skip
 
 
 def options_of(data: Any) -> SolverOptions:

@@ -44,15 +44,18 @@ _FOREIGN: Final = {
     "dy": "printctl doesn't calibrate",
 }
 _LISTS: Final = ("vessels", "boundary_conditions", "junctions")
-_KNOWN: Final = (*_LISTS, PLACE, "initial_condition", "initial_condition_d", "description")
-_OF_VESSEL: Final = (
+_KNOWN: Final = frozenset(
+    (*_LISTS, PLACE, "initial_condition", "initial_condition_d", "description", *_FOREIGN)
+)
+_OF_VESSEL: Final = frozenset((
     "vessel_id", "vessel_name", "vessel_length", "boundary_conditions", "zero_d_element_type",
     "zero_d_element_values",
-)  # fmt: skip
-_OF_JUNCTION: Final = (
+))  # fmt: skip
+_OF_CONDITION: Final = frozenset(("bc_name", "bc_type", "bc_values"))
+_OF_JUNCTION: Final = frozenset((
     "junction_name", "junction_type", "junction_values", "inlet_vessels", "outlet_vessels",
     "inlet_blocks", "outlet_blocks",
-)  # fmt: skip
+))  # fmt: skip
 
 
 def read_svzerod(path: Path) -> SvZeroDCase:
@@ -87,7 +90,7 @@ def case_of(data: Any) -> SvZeroDCase:
         for key, why in _FOREIGN.items():
             if data.get(key):
                 raise FlowError(f"{key}: {why}; use svZeroDSolver for this file")
-    given = check_keys(data, "the file", (*_KNOWN, *_FOREIGN))
+    given = check_keys(data, "the file", _KNOWN)
     options = options_of(given.get(PLACE))
     tables = Tables(options.cardiac_period)
     blocks, wiring = _Reader(given, tables).read()
@@ -144,7 +147,7 @@ class _Reader:
         self._add(name, place, VESSELS, vessel, "zero_d_element_type", "zero_d_element_values")
 
     def _condition(self, condition: Any, place: str) -> None:
-        check_keys(condition, place, ("bc_name", "bc_type", "bc_values"))
+        check_keys(condition, place, _OF_CONDITION)
         name = text(condition, "bc_name", place)
         self._add(
             name, f"boundary condition {name}", CONDITIONS, condition, "bc_type", "bc_values"
@@ -169,10 +172,7 @@ class _Reader:
                 + ", ".join(sorted(kinds))
             )
         element = kinds[kind]
-        table = (element.table, "t") if element.table else ()
-        given = check_keys(
-            data.get(values_key, {}), f"{place}: {values_key}", (*element.parameters, *table)
-        )
+        given = check_keys(data.get(values_key, {}), f"{place}: {values_key}", element.known)
         self.wiring.add_block(name, place)
         self.found.append((name, kind, place, element, given))
 

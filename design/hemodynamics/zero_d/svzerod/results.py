@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from design.files import replacing
 from design.hemodynamics.zero_d.svzerod.case import SvZeroDCase
 from design.hemodynamics.zero_d.svzerod.run import SvZeroDRun
 from design.network import FloatArray
+
+
+COLUMNS: Final = ("flow_in", "flow_out", "pressure_in", "pressure_out")
 
 
 @dataclass(frozen=True)
@@ -24,8 +28,8 @@ class ResultTable:
         Of vessels, or of variables.
     time : (t,) float64
         Empty where the mean is asked for.
-    columns : dict of str to (m, t) float64
-        By svZeroDSolver's column names; of a mean (m, 1).
+    columns : dict of str to (t, m) float64
+        By svZeroDSolver's column names; of a mean (1, m).
     """
 
     names: tuple[str, ...]
@@ -36,22 +40,19 @@ class ResultTable:
 def result_table(case: SvZeroDCase, run: SvZeroDRun) -> ResultTable:
     """Return what the file's options ask for."""
     how = case.options
-    parts = [("", run.value), ("d_", run.rate)] if how.output_derivative else [("", run.value)]
+    parts = {"": run.value, "d_": run.rate} if how.output_derivative else {"": run.value}
     if how.output_variable_based:
-        names, columns = run.names, {"ydot" if d else "y": x.T for d, x in parts}
+        names, columns = run.names, {"ydot" if d else "y": x for d, x in parts.items()}
     else:
-        vessels = case.blocks[: case.vessels]
         names = case.names
-        at = {
-            "flow_in": [2 * v.inlets[0] for v in vessels],
-            "flow_out": [2 * v.outlets[0] for v in vessels],
-            "pressure_in": [2 * v.inlets[0] + 1 for v in vessels],
-            "pressure_out": [2 * v.outlets[0] + 1 for v in vessels],
+        columns = {
+            d + name: x[:, k * case.vessels : (k + 1) * case.vessels]
+            for d, x in parts.items()
+            for k, name in enumerate(COLUMNS)
         }
-        columns = {f"{d}{name}": x[:, places].T for d, x in parts for name, places in at.items()}
     if not how.output_mean_only:
         return ResultTable(names, run.time, columns)
-    means = {name: x.mean(axis=1, keepdims=True) for name, x in columns.items()}
+    means = {name: x.mean(axis=0, keepdims=True) for name, x in columns.items()}
     return ResultTable(names, np.zeros(0), means)
 
 
@@ -73,13 +74,14 @@ def _blocks(table: ResultTable) -> Iterator[str]:
     times = [repr(t) for t in np.round(table.time, 12).tolist()] or [""]
     values = ",".join(["%r"] * len(table.columns))
     form = "".join(f"\0,{time},{values}\n" for time in times)
-    together = np.stack(list(table.columns.values()), axis=2)
-    for name, rows in zip(table.names, together, strict=True):
+    columns = list(table.columns.values())
+    for k, name in enumerate(table.names):
+        rows = np.stack([column[:, k] for column in columns], axis=1)
         yield (form % tuple(rows.ravel().tolist())).replace("\0", name)
 
 
 def write_svzerod_npz(path: Path, table: ResultTable) -> None:
-    """Write the table as NumPy arrays: ``name`` (m,), ``time`` (t,), and each column (m, t).
+    """Write the table as NumPy arrays: ``name`` (m,), ``time`` (t,), and each column (t, m).
 
     Raises
     ------

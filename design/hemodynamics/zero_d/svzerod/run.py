@@ -26,16 +26,16 @@ _STEADY_PARTS = 10.0
 
 @dataclass(frozen=True)
 class SvZeroDRun:
-    """Stepped case.
+    """Stepped case, at the times that the file asks for.
 
     Attributes
     ----------
     names : tuple of str
-        Of the variables.
+        Of the variables kept: all, or flow in, flow out, pressure in and pressure out of each
+        vessel, one kind after the other.
     time : (t,) float64
-        Of the times that the file asks for.
-    value, rate : (t, n) float64
-        Of the variables then.
+    value, rate : (t, k) float64
+        Of the variables kept; ``rate`` is (t, 0) where it isn't asked for.
     cycles : int
         Gone through.
     change : float
@@ -105,8 +105,8 @@ class _Recorder:
     ) -> None:
         self.case, self.names, self.stepper, self.step = case, variables.names, stepper, step
         self.steps = case.options.points - 1
-        self.ends = _ends(case)
-        self.kept: list[tuple[int, State]] = []
+        self.ends, self.wanted = _ends(case), wanted_variables(case, len(variables.names))
+        self.kept: list[tuple[int, FloatArray, FloatArray]] = []
 
     def run(self, state: State) -> SvZeroDRun:
         how = self.case.options
@@ -130,22 +130,36 @@ class _Recorder:
         """Step through one cycle; also return the mean of flow and pressure at the ends."""
         every, start = self.case.options.output_interval, done * self.steps
         if not self.kept:
-            self.kept.append((start, state))
+            self._keep(start, state)
         total = state.value[self.ends].copy()
         for k in range(start, start + self.steps):
             state = self.stepper.advance(state, self.step * k)
             total += state.value[self.ends]
             if (k + 1 - self.kept[0][0]) % every == 0:
-                self.kept.append((k + 1, state))
+                self._keep(k + 1, state)
         return state, total / (self.steps + 1)
 
+    def _keep(self, number: int, state: State) -> None:
+        rated = self.wanted if self.case.options.output_derivative else self.wanted[:0]
+        self.kept.append((number, state.value[self.wanted], state.rate[rated]))
+
     def _result(self, cycles: int, begin: State, end: State) -> SvZeroDRun:
-        number = np.array([k for k, _ in self.kept])
-        time = self.step * number
-        value = np.array([state.value for _, state in self.kept])
-        rate = np.array([state.rate for _, state in self.kept])
+        number, value, rate = (np.array(part) for part in zip(*self.kept, strict=True))
+        names = tuple(self.names[k] for k in self.wanted.tolist())
         change = _change(self.names, begin.value, end.value)
-        return SvZeroDRun(self.names, time - time[0], value, rate, cycles, change)
+        return SvZeroDRun(
+            names, self.step * (number - number[0]), value, rate, cycles, change
+        )
+
+
+def wanted_variables(case: SvZeroDCase, count: int) -> IntArray:
+    """Return the variables to keep, as `SvZeroDRun` orders them."""
+    if case.options.output_variable_based:
+        return np.arange(count)
+    vessels = case.blocks[: case.vessels]
+    into = 2 * np.array([vessel.inlets[0] for vessel in vessels])
+    out = 2 * np.array([vessel.outlets[0] for vessel in vessels])
+    return np.concatenate([into, out, into + 1, out + 1])
 
 
 def _cycles(case: SvZeroDCase) -> int | None:

@@ -10,6 +10,9 @@ from design.errors import FlowError
 from design.hemodynamics.zero_d.svzerod.keys import check_keys, text
 
 
+_SIDES = frozenset(("inlet", "outlet"))
+
+
 @dataclass
 class Wiring:
     """Connections by the names of the blocks that they join, in svZeroDSolver's order.
@@ -86,7 +89,7 @@ def join_conditions(wiring: Wiring, vessels: list[Any]) -> None:
     for vessel in vessels:
         name = vessel["vessel_name"]
         place = f"vessel {name}: boundary_conditions"
-        sides = check_keys(vessel.get("boundary_conditions", {}), place, ("inlet", "outlet"))
+        sides = check_keys(vessel.get("boundary_conditions", {}), place, _SIDES)
         if "inlet" in sides:
             wiring.join(text(sides, "inlet", place), name, place)
         if "outlet" in sides:
