@@ -9,20 +9,13 @@ from typing import Any, Final
 import typer
 
 from design.errors import FlowError
-from design.hemodynamics.zero_d.svzerod import (
-    case_of,
-    result_table,
-    run_svzerod,
-    write_svzerod_csv,
-    write_svzerod_npz,
-)
+from design.hemodynamics.zero_d import svzerod
 from kernels import without_numba
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
 from printctl.errors import UsageError
 
 CASE: Final = "svzerod"
-_WRITERS: Final = {"csv": write_svzerod_csv, "npz": write_svzerod_npz}
 _FOR_CASES: Final = ("network", "out", "results", "as_json")
 _MARKS: Final = ({"boundary_conditions", "vessels"}, {"boundary_conditions", "simulation_parameters"})
 
@@ -52,16 +45,17 @@ def run_case(
         As `case_of`, `run_svzerod` and the writers.
     """
     _refuse_idle(context)
-    without_numba()
+    without_numba()  # before the package loads its solver
     try:
-        case = case_of(data)
-        stepped = run_svzerod(case)
+        case = svzerod.case_of(data)
+        stepped = svzerod.run_svzerod(case)
     except FlowError as exc:
         raise FlowError(f"{path}: {exc}") from exc
     kind = context.params["results"] or "csv"
     file = out / f"{CASE}.{kind}"
     out.mkdir(parents=True, exist_ok=True)
-    _WRITERS[kind](file, result_table(case, stepped))
+    write = svzerod.write_svzerod_npz if kind == "npz" else svzerod.write_svzerod_csv
+    write(file, svzerod.result_table(case, stepped))
     told = {
         "vessels": case.vessels,
         "cycles": stepped.cycles,
