@@ -17,7 +17,10 @@ from printctl.errors import UsageError
 
 CASE: Final = "svzerod"
 _FOR_CASES: Final = ("network", "out", "results", "as_json")
-_MARKS: Final = ({"boundary_conditions", "vessels"}, {"boundary_conditions", "simulation_parameters"})
+_MARKS: Final = (
+    {"boundary_conditions", "vessels"},
+    {"boundary_conditions", "simulation_parameters"},
+)
 
 
 def read_case(path: Path) -> dict[str, Any] | None:
@@ -32,9 +35,7 @@ def read_case(path: Path) -> dict[str, Any] | None:
     return data if known else None
 
 
-def run_case(
-    context: typer.Context, data: dict[str, Any], path: Path, out: Path
-) -> FlowOutput:
+def run_case(context: typer.Context, data: dict[str, Any], path: Path, out: Path) -> FlowOutput:
     """Step through the file's cycles and write what it asks for.
 
     Raises

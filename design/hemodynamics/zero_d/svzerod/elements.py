@@ -105,7 +105,7 @@ def _windkessel(group: Group, to: Stamps) -> None:
 
 
 def _coronary(group: Group, to: Stamps) -> None:
-    first, vein, arterial, muscle, distal, middle = group.values.T
+    first, vein, _, muscle, distal, middle = group.values.T
     if to.steady:
         to.f(0, {2: 1.0})
         to.f(1, {0: -1.0, 1: first + middle + vein})

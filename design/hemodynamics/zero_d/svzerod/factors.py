@@ -49,13 +49,13 @@ class Factors:
                 part.sort_indices()
             arrays = [x for m in (lower, upper) for x in (m.indptr, m.indices, m.data)]
             self._parts = (*arrays, self._lu.perm_r, self._lu.perm_c)
-        return solve_triangles(*self._parts, right)
+        return solve_triangles(right, *self._parts)
 
 
 @jit
 def solve_triangles(
-    lower_start: Any, lower_row: Any, lower: FloatArray, upper_start: Any, upper_row: Any,
-    upper: FloatArray, row_place: Any, column_place: Any, right: FloatArray,
+    right: FloatArray, lower_start: Any, lower_row: Any, lower: FloatArray, upper_start: Any,
+    upper_row: Any, upper: FloatArray, row_place: Any, column_place: Any,
 ) -> FloatArray:  # fmt: skip
     """Solve L U x = right, by columns, rows and columns permuted as SuperLU says.
 

@@ -87,9 +87,7 @@ class Stepper:
         rate += change
         return State(old.value + change * (self.gamma * self.step_s), rate)
 
-    def _newton(
-        self, old: State, at: float, sampled: FloatArray, constant: FloatArray
-    ) -> State:
+    def _newton(self, old: State, at: float, sampled: FloatArray, constant: FloatArray) -> State:
         change, last = np.zeros_like(old.value), np.inf
         for _ in range(self.iterations):
             new = self._changed(old, change)

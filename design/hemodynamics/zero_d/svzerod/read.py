@@ -149,16 +149,12 @@ class _Reader:
     def _condition(self, condition: Any, place: str) -> None:
         check_keys(condition, place, _OF_CONDITION)
         name = text(condition, "bc_name", place)
-        self._add(
-            name, f"boundary condition {name}", CONDITIONS, condition, "bc_type", "bc_values"
-        )
+        self._add(name, f"boundary condition {name}", CONDITIONS, condition, "bc_type", "bc_values")
 
     def _junction(self, junction: Any, place: str) -> str:
         check_keys(junction, place, _OF_JUNCTION)
         name = text(junction, "junction_name", place)
-        self._add(
-            name, f"junction {name}", JUNCTIONS, junction, "junction_type", "junction_values"
-        )
+        self._add(name, f"junction {name}", JUNCTIONS, junction, "junction_type", "junction_values")
         return name
 
     def _add(
@@ -166,7 +162,7 @@ class _Reader:
         type_key: str, values_key: str,
     ) -> None:  # fmt: skip
         kind = data.get(type_key)
-        if kind not in kinds:
+        if not isinstance(kind, str) or kind not in kinds:
             raise FlowError(
                 f"{place}: {type_key} is {kind!r}, which isn't modelled; known: "
                 + ", ".join(sorted(kinds))

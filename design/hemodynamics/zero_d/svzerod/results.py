@@ -14,7 +14,6 @@ from design.hemodynamics.zero_d.svzerod.case import SvZeroDCase
 from design.hemodynamics.zero_d.svzerod.run import SvZeroDRun
 from design.network import FloatArray
 
-
 COLUMNS: Final = ("flow_in", "flow_out", "pressure_in", "pressure_out")
 
 

@@ -15,7 +15,6 @@ from design.hemodynamics.zero_d.svzerod.system import (
     system_of,
     variables_of,
 )
-from design.hemodynamics.zero_d.svzerod.tables import Sampler
 from design.network import FloatArray, IntArray
 
 PERIODIC = 1e-6
@@ -79,9 +78,7 @@ def run_svzerod(case: SvZeroDCase) -> SvZeroDRun:
     return _Recorder(case, variables, stepper, step).run(state)
 
 
-def _steady(
-    case: SvZeroDCase, variables: Variables, sampled: FloatArray, state: State
-) -> State:
+def _steady(case: SvZeroDCase, variables: Variables, sampled: FloatArray, state: State) -> State:
     """Return the state after svZeroDSolver's 31 steps of a tenth of the period.
 
     Tables are their mean there, and outlets store nothing.
@@ -147,9 +144,7 @@ class _Recorder:
         number, value, rate = (np.array(part) for part in zip(*self.kept, strict=True))
         names = tuple(self.names[k] for k in self.wanted.tolist())
         change = _change(self.names, begin.value, end.value)
-        return SvZeroDRun(
-            names, self.step * (number - number[0]), value, rate, cycles, change
-        )
+        return SvZeroDRun(names, self.step * (number - number[0]), value, rate, cycles, change)
 
 
 def wanted_variables(case: SvZeroDCase, count: int) -> IntArray:

@@ -124,9 +124,7 @@ class Stamps:
         """Add -factor |Q| Q to an equation."""
         if on.any():
             here = self._here
-            self._terms.append(
-                Loss(here.equations[on, row], here.variables[on, flow], factor[on])
-            )
+            self._terms.append(Loss(here.equations[on, row], here.variables[on, flow], factor[on]))
 
     def stored_losses(self, row: int, flow: int, factor: FloatArray, on: NDArray[np.bool_]) -> None:
         """Add 2 factor |Q| Q̇ to an equation."""
@@ -156,9 +154,7 @@ class Stamps:
             tuple(self._terms),
         )
 
-    def _put(
-        self, to: list[Places], row: int, entries: Mapping[int, FloatArray | float]
-    ) -> None:
+    def _put(self, to: list[Places], row: int, entries: Mapping[int, FloatArray | float]) -> None:
         rows, variables = self._here.equations[:, row], self._here.variables
         for column, value in entries.items():
             to.append((rows, variables[:, column], np.broadcast_to(value, rows.shape)))

@@ -62,9 +62,7 @@ class Tables:
             np.array([k for k, slot in enumerate(self._slots) if slot[0] == grid])
             for grid in range(len(self._grids))
         ]
-        return Sampler(
-            len(self._slots), self._grids, [np.array(v) for v in self._values], numbers
-        )
+        return Sampler(len(self._slots), self._grids, [np.array(v) for v in self._values], numbers)
 
     def _agree(self, period: float, place: str) -> None:
         if self.period is None:

@@ -9,7 +9,6 @@ from typing import Any
 from design.errors import FlowError
 from design.hemodynamics.zero_d.svzerod.keys import check_keys, text
 
-
 _SIDES = frozenset(("inlet", "outlet"))
 
 
@@ -107,7 +106,9 @@ def join_junction(
         When neither pair of lists is whole, both are given, or a block isn't given.
     """
     place = f"junction {name}"
-    kinds = [k for k in ("vessels", "blocks") if f"inlet_{k}" in junction or f"outlet_{k}" in junction]
+    kinds = [
+        k for k in ("vessels", "blocks") if f"inlet_{k}" in junction or f"outlet_{k}" in junction
+    ]
     if len(kinds) != 1:
         raise FlowError(
             f"{place} needs inlet_vessels and outlet_vessels, or inlet_blocks and outlet_blocks"
