@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen, RuntimeLinker
 from numba.core.environment import lookup_environment
+from numba.core.runtime.nrt import rtsys
 
 _ENVIRONMENT: Final = "_ZN08NumbaEnv"
 """How the names of variables begin that hold a function's environment (``numba/core/base.py``)."""
@@ -48,7 +49,10 @@ class WaitingLibrary(JITCodeLibrary):
         ll_module.data_layout = self._codegen._data_layout
 
     def _finalize_final_module(self) -> None:
-        if self._object_caching_enabled and self._compiled_object or self._calls_in_circle():
+        circle = self._calls_in_circle()
+        if circle:  # What numba puts in the place of a function to come must be there before.
+            rtsys.library.get_pointer_to_function("nrt_unresolved_abort")
+        if circle or (self._object_caching_enabled and self._compiled_object):
             self._translate()
             return
         self._finalize_dynamic_globals()
