@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 _SETTINGS: Final = ("OPT", "BOUNDSCHECK", "LOOP_VECTORIZE", "SLP_VECTORIZE", "DEBUGINFO_DEFAULT")
 """Settings of numba, from its environment variables, that change machine code."""
 
+_PASSES: Final = 2
+"""Of our own choices of what LLVM does (`kernels.library`, `kernels.dispatcher`); count up there."""
+
 _EXTERNAL: Final = frozenset({"numpy", "math", "cmath", "numba", "builtins"})
 """Packages whose content is decided by their version, which every key holds."""
 
@@ -137,7 +140,7 @@ def _types() -> Any:
 @cache
 def _environment() -> str:
     numba, llvmlite = import_module("numba"), import_module("llvmlite")
-    settings = [f"{name}={getattr(numba.config, name, None)}" for name in _SETTINGS]
+    settings = [f"passes={_PASSES}", *(f"{name}={getattr(numba.config, name, None)}" for name in _SETTINGS)]
     python = (platform.python_implementation(), platform.python_version())
     versions = (numba.__version__, llvmlite.__version__, np.__version__)
     return " ".join([*python, *versions, *settings])
