@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,6 +21,29 @@ def facet_count(radius_mm: float, tolerance_mm: float) -> int:
     ratio = min(tolerance_mm / radius_mm, 1.0)
     wanted = math.pi / math.acos(1.0 - ratio)
     return max(_LEAST_FACETS, 4 * math.ceil(wanted / 4.0))
+
+
+@dataclass(frozen=True)
+class Facets:
+    """How near to its arc a facet lies: the greater of a length and a share of the radius.
+
+    Attributes
+    ----------
+    tolerance_mm : float, mm
+    ratio : float
+        Of the radius there; 0 for the length alone.
+    """
+
+    tolerance_mm: float = FACET_TOLERANCE_MM
+    ratio: float = 0.0
+
+    def at(self, radius_mm: float) -> float:
+        """Tolerance at a radius, mm."""
+        return max(self.tolerance_mm, self.ratio * radius_mm)
+
+    def count(self, radius_mm: float) -> int:
+        """Sides of the polygon of a vessel of that radius."""
+        return facet_count(radius_mm, self.at(radius_mm))
 
 
 def area_factor(facets: int) -> float:
