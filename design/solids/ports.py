@@ -74,10 +74,10 @@ def open_ends(network: VesselNetwork, body: Solid, extend_ends_mm: float) -> Int
     """
     nodes, outward, radius = _free_ends(network)
     position = network.nodes[nodes]
-    tree = build_triangle_tree(body.vertices, body.faces.astype(np.int32))
-    near = nearest_distances(tree, position) <= radius
-    reaches = (_windings(tree, position) <= 0) | near
-    leads_out = _windings(tree, position + extend_ends_mm * outward) <= 0
+    distance, within = depths(body, np.r_[position, position + extend_ends_mm * outward])
+    count = len(nodes)
+    reaches = ~within[:count] | (distance[:count] <= radius)
+    leads_out = ~within[count:]
     return nodes[reaches & leads_out]
 
 
@@ -167,6 +167,12 @@ def _free_ends(network: VesselNetwork) -> tuple[IntArray, FloatArray, FloatArray
                 outward[node] = step / np.linalg.norm(step)
                 radius[node] = radii[tip]
     return nodes, outward[nodes], radius[nodes]
+
+
+def depths(body: Solid, points: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Distance (n,) from the surface of ``body``, mm, and whether each of ``points`` lies in it."""
+    tree = build_triangle_tree(body.vertices, body.faces.astype(np.int32))
+    return nearest_distances(tree, points), _windings(tree, points) > 0
 
 
 @jit

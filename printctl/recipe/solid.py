@@ -14,7 +14,7 @@ Size = Annotated[float, Field(gt=0, le=200, allow_inf_nan=False)]
 Wall = Annotated[float, Field(gt=0, le=50, allow_inf_nan=False)]
 _MANY_VESSELS: Final = 500
 """Above it, a file with facets of 1 µm is too large for most programs that show it."""
-_MANY_VESSELS_FACETS: Final = 0.04
+_MANY_VESSELS_FACETS: Final = 0.05
 Format = Literal["stl", "3mf", "step", "ply", "obj", "vtp"]
 
 
@@ -123,7 +123,7 @@ class SolidPart(Part):
     facet_percent: Annotated[float, Field(ge=0, le=10)] | None = Field(
         default=None,
         description="Greatest distance of a facet from a vessel's wall, % of its radius, where "
-        "that is above 1 µm; by default 0, and 4 for more than 500 vessels.",
+        "that is above 1 µm; by default 0, and 5 for more than 500 vessels.",
     )
     tubes: TubePart | None = Field(
         default=None, description="Tubes in the place of the tissue; by default its lumens."

@@ -275,7 +275,7 @@ def _crowd(
     for joint in joints:
         centre = layout.walls[joint][0, :3]
         radius = float(layout.ball[joint])
-        parts.append(ball(centre, radius, layout.facets_of.at(radius) / finer))
+        parts.append(ball(centre, radius, layout.facets_of, finer))
         for (index, end), wall in zip(layout.ends[joint], layout.walls[joint], strict=True):
             if not layout.swallowed[index]:
                 ring, reach = sewing.rings[index, end], layout.reach[index, end]
