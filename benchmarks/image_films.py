@@ -13,7 +13,7 @@ from skimage.registration import phase_cross_correlation
 from benchmarks.image_timing import against, cpu_ms
 from design.vasculature.named import planar_four_vessel
 from registration.dye.marks import Marks
-from registration.dye.still import Steadier, off_vessels
+from registration.dye.stabilise import Steadier, off_vessels
 from registration.dye.view import View, find_view
 from sim.dye import Disturbance, DyeCamera, DyeFilm, dye_flow
 from sim.dye.film import _shake, film_frames

@@ -14,7 +14,7 @@ from firmware_profiles.plates import Plate
 from firmware_profiles.printers import Axes, Printer
 from firmware_profiles.rheology import flow_ul_s, held_pa, pressure_pa, wall_stress_pa
 from firmware_profiles.tools import Needle, Syringe
-from firmware_profiles.watching import WatchedGauge
+from firmware_profiles.watched_gauges import WatchedGauge
 
 __all__ = [
     "MOST_HEADS",

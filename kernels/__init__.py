@@ -1,10 +1,10 @@
 """Compiled kernels: the decorators that own numba's flags, and the store on disk."""
 
-from kernels.bare import without_numba
-from kernels.beside import helper_thread
 from kernels.compile import jit, pjit
 from kernels.folder import cache_dir
+from kernels.helper_thread import helper_thread
 from kernels.memory import freed_memory_kept, freed_memory_returned
+from kernels.without_numba import without_numba
 
 __all__ = [
     "cache_dir",

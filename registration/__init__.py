@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from registration.options import RegistrationOptions
     from registration.readers import ScanOverrides, read_scan, write_scan_tiff
     from registration.register import register_scan
-    from registration.report.alone import write_report
+    from registration.report.standalone import write_report
     from registration.result import RegistrationReport, report_dict
     from registration.scan import Scan
 

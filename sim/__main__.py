@@ -13,13 +13,13 @@ from firmware_profiles import Printer, ProfileError, load
 from sim.board.hardware import Board
 from sim.errors import ServeError, SimError
 from sim.families.registry import simulated_printer
-from sim.faults.bad_line import BadLine
+from sim.faults.cable import BadLine
+from sim.faults.clock_pace import Pace
 from sim.faults.fault_file import Fault, FaultFile, load_faults, parse_fault
-from sim.faults.pace import Pace
+from sim.serving.compile_ahead import warm_printer
 from sim.serving.job_lines import JobLines
 from sim.serving.ports import Port, PtyPort, TcpPort
 from sim.serving.serve import Server, Serving
-from sim.serving.warm import warm_printer
 
 
 def _start(text: str) -> tuple[float, float, float]:

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from design.measures.measure import MeasureOptions, NetworkMeasures, measure_network
     from design.measures.morphometry import Morphometry, OrderTable
     from design.measures.oxygen import Oxygen, OxygenModel
+    from design.measures.path_lengths import Ways
     from design.measures.supply import BEYOND_UM, Supply
     from design.measures.table import measures_dict
-    from design.measures.ways import Ways
 
 __all__ = [
     "BEYOND_UM",

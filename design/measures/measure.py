@@ -15,9 +15,9 @@ from design.measures.junctions import (
 )
 from design.measures.morphometry import Morphometry, measure_morphometry
 from design.measures.oxygen import OxygenModel
+from design.measures.path_lengths import Ways, measure_ways
 from design.measures.supply import Supply, measure_supply, sample_tissue
 from design.measures.territories import measure_territories
-from design.measures.ways import Ways, measure_ways
 from design.network import FloatArray, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.territories import SupplyBalance

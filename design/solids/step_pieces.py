@@ -11,7 +11,7 @@ from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.chains import Chain
 from design.solids.lumen import extended_ends, with_ends_drawn_out
 from design.solids.runs import split_runs
-from design.solids.smooth.crowd import CLEAR_OF_TUBES
+from design.solids.smooth.overlap_group import CLEAR_OF_TUBES
 
 _OFF_AXIS = 0.02
 """Of the radius: how far a curved vessel's axis and radius may be from its straight pieces'."""

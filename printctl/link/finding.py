@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from firmware_profiles import Printer
-from firmware_profiles.families.question import QUESTION
+from firmware_profiles.families.harmless_query import QUESTION
 from printctl.link.clock import Clock, RealClock
 from printctl.link.errors import HandshakeError, PortError, PortMissing
 from printctl.link.ports import PortInfo, list_ports

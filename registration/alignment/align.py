@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.alignment.choice import PosePoints, thin_points
-from registration.alignment.contest import residuals
+from registration.alignment.compare_poses import residuals
 from registration.alignment.doubts import LEAST_SEEN, pose_doubts
 from registration.alignment.fit import RIGID, Fit, FitFreedom, refine
 from registration.alignment.freedoms import loose_freedoms

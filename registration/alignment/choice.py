@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.alignment.contest import contest, off_where_told, residuals
+from registration.alignment.compare_poses import contest, off_where_told, residuals
 from registration.alignment.fit import Fit, FitFreedom, refine
 from registration.alignment.misfits import OFF_MM
 from registration.alignment.rivals import MIRROR, AlternativePose, describe, own_symmetries

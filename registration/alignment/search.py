@@ -8,10 +8,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.alignment.cover import cover
 from registration.alignment.fit import Fit
 from registration.alignment.multistart import descend, losses
 from registration.alignment.options import AlignmentOptions
+from registration.alignment.rotations import cover
 from registration.distance import DistanceGrid, ModelSurface
 
 FloatArray = NDArray[np.float64]

@@ -7,7 +7,7 @@ from collections.abc import Collection
 from design.hemodynamics import FlowConditions, solve_flow
 from design.hemodynamics.dye import CarryingFlow, carried_by
 from design.network import VesselNetwork
-from registration.dye.beside import Nodes, left_open, solve_beside
+from registration.dye.open_flow import Nodes, left_open, solve_beside
 
 _WATER = 1e-3
 

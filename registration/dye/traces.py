@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from design.network import VesselNetwork
 from registration.dye.film import Frame, film_frames
 from registration.dye.marks import FloatArray
+from registration.dye.stabilise import FloatImage, Steadier, enough_off, off_vessels, sample_picture
 from registration.dye.stations import DyeStations, place_stations
-from registration.dye.still import FloatImage, Steadier, enough_off, off_vessels, sample_picture
 from registration.dye.view import View
 from registration.errors import DyeError
 from registration.lens import Lens

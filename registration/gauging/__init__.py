@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from registration.gauging.back import ScannedSurface, surface_points
-    from registration.gauging.brinks import without_brinks
     from registration.gauging.changes import find_changes
     from registration.gauging.closures import Ends, find_closures
     from registration.gauging.contrast import ContrastGauge, liquid_level, withdraw_sections
     from registration.gauging.defect import Defect, DefectKind
+    from registration.gauging.design_to_scan import ScannedSurface, surface_points
     from registration.gauging.deviation import (
         TOLERANCES_UM,
         Deviation,
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
         share_within,
         summarise,
     )
+    from registration.gauging.edge_changes import without_brinks
     from registration.gauging.gel_like import without_gel_like
     from registration.gauging.junctions import find_junction_changes
     from registration.gauging.ledges import with_ledges

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from registration.geometry.designed import check_designed
     from registration.geometry.faces import Face, outer_faces
     from registration.geometry.frame import Frame, best_fit
-    from registration.geometry.lay import lay_on_datums
+    from registration.geometry.lay_frame import lay_on_datums
     from registration.geometry.measure import characteristics, cuts_of
     from registration.geometry.scene import Cut, Scene
 

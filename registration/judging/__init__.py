@@ -9,7 +9,7 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from registration.judging.guard import Decision, worst_decision
-    from registration.judging.judged import RULE, judge, judge_plain
+    from registration.judging.judge import RULE, judge, judge_plain
     from registration.judging.listing import list_findings
     from registration.judging.pose import as_if_pose_sure, pose_in_doubt
     from registration.judging.tolerance import (

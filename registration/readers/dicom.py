@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.broken import reading
+from registration.readers.broken_files import reading
 from registration.readers.dicom_geometry import (
     Stack,
     check_grey,
@@ -26,7 +26,7 @@ from registration.readers.dicom_geometry import (
     stack_frames,
 )
 from registration.readers.extras import need
-from registration.readers.found import Array, FileVolume
+from registration.readers.raw_result import Array, FileVolume
 
 MAGIC = b"DICM"
 _MOST_SLICES = 20_000

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array
 from registration.readers.limits import ANY_RATIO, check_available
+from registration.readers.raw_result import Array
 from registration.readers.space import LPS, FileSpace, file_space
 from registration.readers.storage import empty
 

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.broken import reading
+from registration.readers.broken_files import reading
 from registration.readers.extras import need
-from registration.readers.found import Array, FileVolume
 from registration.readers.limits import ANY_RATIO, bytes_of, check_available
 from registration.readers.metadata import NAMES
+from registration.readers.raw_result import Array, FileVolume
 from registration.readers.storage import empty
 
 MAGIC = b"\x89HDF\r\n\x1a\n"

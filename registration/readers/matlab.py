@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.broken import reading
-from registration.readers.found import Array, FileVolume
+from registration.readers.broken_files import reading
 from registration.readers.limits import DEFLATE_RATIO, bytes_of
 from registration.readers.metadata import NAMES
+from registration.readers.raw_result import Array, FileVolume
 
 MAGIC = b"MATLAB 5.0 MAT-file"
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.lib import format as npy
 
 from registration.errors import ScanFileError
-from registration.readers.broken import reading
-from registration.readers.found import Array, FileVolume
+from registration.readers.broken_files import reading
 from registration.readers.limits import check_available
 from registration.readers.metadata import NAMES
+from registration.readers.raw_result import Array, FileVolume
 from registration.readers.storage import empty
 from registration.readers.zipped import available_bytes, read_into
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.found import FileVolume
 from registration.readers.limits import bytes_of
+from registration.readers.raw_result import FileVolume
 from registration.readers.raw_spectra import spectra_said, volume_of_spectra
 from registration.readers.sidecar import RAW_KEYS, sidecar
 from registration.readers.storage import mapped

@@ -31,11 +31,11 @@ import numpy as np
 
 from registration.errors import ScanFileError
 from registration.readers import thorlabs_raw
-from registration.readers.broken import reading
-from registration.readers.found import FileVolume
+from registration.readers.broken_files import reading
 from registration.readers.limits import bytes_of
 from registration.readers.metadata import parse
 from registration.readers.orient import check_aspect
+from registration.readers.raw_result import FileVolume
 from registration.readers.xml import MOST_XML_BYTES, parse_xml
 from registration.readers.zipped import member_array
 

@@ -15,8 +15,7 @@ import tifffile
 
 from design.files import replacing
 from registration.errors import ScanFileError
-from registration.readers.broken import reading
-from registration.readers.found import Array, FileVolume
+from registration.readers.broken_files import reading
 from registration.readers.limits import (
     ANY_RATIO,
     DEFLATE_RATIO,
@@ -26,6 +25,7 @@ from registration.readers.limits import (
 )
 from registration.readers.metadata import SCHEMA, describe, parse
 from registration.readers.ome import of_ome_xml
+from registration.readers.raw_result import Array, FileVolume
 from registration.readers.storage import fill_volume, mapped
 from registration.readers.units import millimetres
 from registration.scan import Scan

@@ -16,11 +16,7 @@ from registration.gauging.defect import Defect, Doubt
 from registration.gauging.trace import VesselTrace
 from registration.segmentation import GelField
 from registration.segmentation.evidence import SIGMA_MM, GelEvidence, told_apart
-from registration.topology.grid import LumenGrid
-from registration.topology.shade import may_be_shade
-from registration.topology.swollen_joints import SwollenJoint, swelling
-from registration.topology.way_width import outline_width, width
-from registration.topology.ways import (
+from registration.topology.gel_paths import (
     LEAST_MM,
     OUTSIDE,
     SURE,
@@ -30,6 +26,10 @@ from registration.topology.ways import (
     designed_gel,
     find_ways,
 )
+from registration.topology.grid import LumenGrid
+from registration.topology.path_width import outline_width, width
+from registration.topology.shade import may_be_shade
+from registration.topology.swollen_joints import SwollenJoint, swelling
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -15,7 +15,7 @@ from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.segmentation.evidence import GLARE, SIGMA_MM
 from registration.segmentation.glints import Glints
-from registration.topology.ways import LeakPath, Scene, fullest
+from registration.topology.gel_paths import LeakPath, Scene, fullest
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from registration.views.file import load_views, save_views
     from registration.views.findings import FindingView
     from registration.views.stack import SectionStack
-    from registration.views.take import Views, add_scan_places, take_views
+    from registration.views.take_pictures import Views, add_scan_places, take_views
 
 __all__ = [
     "FindingView",

@@ -7,6 +7,6 @@ kernels, so that the printer link can import it at no cost.
 
 from sim.reading.line import BLANK, GcodeLine
 from sim.reading.read import read_line
-from sim.reading.sent import code_of, is_motion, read_sent
+from sim.reading.sent_line import code_of, is_motion, read_sent
 
 __all__ = ["BLANK", "GcodeLine", "code_of", "is_motion", "read_line", "read_sent"]

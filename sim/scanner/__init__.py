@@ -3,8 +3,8 @@
 from sim.scanner.defects import Defect, with_defects
 from sim.scanner.microct import MicroCtOptions, simulate_microct
 from sim.scanner.oct import OctOptions, simulate_oct
+from sim.scanner.output import ScannerOutput
 from sim.scanner.placing import Placing
-from sim.scanner.scanned import ScannerOutput
 
 __all__ = [
     "Defect",

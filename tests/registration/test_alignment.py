@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from design.solids.solid import Solid
 from registration.alignment import AlignmentOptions, align
-from registration.alignment.contest import off_where_told
+from registration.alignment.compare_poses import off_where_told
 from registration.distance import ModelSurface
 from registration.errors import AlignmentError
 from registration.uncertainty import ScanErrors

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from design.solids.solid import Solid
 from registration.alignment import Alignment, AlignmentOptions, align
-from registration.alignment.cover import cover
 from registration.alignment.freedoms import loose_freedoms
 from registration.alignment.motion import lay_words, motion_words
+from registration.alignment.rotations import cover
 from registration.distance import ModelSurface
 from registration.errors import AlignmentError
 from tests.registration.parts import corners, planar_construct, rod, solid

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from registration.segmentation import GelField, Segmentation, gel_evidence, told_apart
 from registration.segmentation.volume import Strength
 from registration.topology import leaks
-from registration.topology.ways import _scores, find_ways
+from registration.topology.gel_paths import _scores, find_ways
 from tests.registration.phantom import CHANNEL, VOXEL, WIDE, block
 from tests.registration.test_defects import findings, hole
 from tests.slower import first_of

@@ -1,6 +1,5 @@
 """Dye transport in a vessel network: front, concentration curves, and video frame-rate check."""
 
-from design.hemodynamics.dye.carried import CarryingFlow, carried_by, downstream, ends_along
 from design.hemodynamics.dye.curves import dye_curves
 from design.hemodynamics.dye.frames import FrameCheck, check_frames
 from design.hemodynamics.dye.front import (
@@ -12,6 +11,7 @@ from design.hemodynamics.dye.front import (
     front_table,
     mean_age,
 )
+from design.hemodynamics.dye.transit_times import CarryingFlow, carried_by, downstream, ends_along
 
 __all__ = [
     "CARRIED_BELOW",

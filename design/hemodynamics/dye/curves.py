@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import exp1
 
-from design.hemodynamics.dye.carried import STILL, CarryingFlow, downstream, ends_along
+from design.hemodynamics.dye.transit_times import STILL, CarryingFlow, downstream, ends_along
 from design.network import FloatArray, IntArray, VesselNetwork
 
 ComplexArray = NDArray[np.complex128]

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from design.hemodynamics.dye.carried import STILL, CarryingFlow, downstream, ends_along
 from design.hemodynamics.dye.curves import dye_curves
+from design.hemodynamics.dye.transit_times import STILL, CarryingFlow, downstream, ends_along
 from design.network import FloatArray, VesselNetwork
 
 DYE_DIFFUSIVITY: Final = 4e-4

@@ -14,10 +14,10 @@ from design.solids.chains import Chain
 from design.solids.facets import area_factor
 from design.solids.manifolds import to_manifold
 from design.solids.smooth.conflicts import overlapping_runs
-from design.solids.smooth.crowd import COARSER_BALLS, LostRingError, ball, stub, unite_parts
-from design.solids.smooth.crowd_walls import crowd_rounding
+from design.solids.smooth.group_walls import crowd_rounding
 from design.solids.smooth.layout import End, Layout, first_piece, keep_clear_of_balls, swallow
-from design.solids.smooth.round_crowd import round_seams
+from design.solids.smooth.overlap_group import COARSER_BALLS, LostRingError, ball, stub, unite_parts
+from design.solids.smooth.round_seams import round_seams
 from design.solids.smooth.star import star_mesh
 from design.solids.topology import is_closed
 from design.solids.tube import EndShape, tube_mesh

@@ -13,7 +13,7 @@ from design.solids.chains import Chain
 from design.solids.facets import facet_count
 from design.solids.runs import split_runs
 from design.solids.smooth.fillet import wall_rows
-from design.solids.smooth.reach import reaches
+from design.solids.smooth.tube_start import reaches
 
 End = tuple[int, int]
 """A run, and which of its ends: 0 the first, 1 the last."""

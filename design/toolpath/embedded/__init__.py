@@ -8,10 +8,10 @@ if TYPE_CHECKING:
     from design.toolpath.embedded.bundles import Bundles, bundled
     from design.toolpath.embedded.filament import check_thinnest, check_vessels
     from design.toolpath.embedded.heads import EmbeddedHeads
-    from design.toolpath.embedded.held import held_diameter_mm
     from design.toolpath.embedded.options import EmbeddedOptions
     from design.toolpath.embedded.plan import EmbeddedPlan, embedded_toolpath, plan_embedded
     from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
+    from design.toolpath.embedded.supported_thickness import held_diameter_mm
 
 __all__ = [
     "Bundles",

@@ -8,10 +8,10 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.network import VesselNetwork
-from design.toolpath.embedded.account import Entry, WrittenMoves, account
 from design.toolpath.embedded.bundles import Bundles
 from design.toolpath.embedded.elements import Elements, elements_of, longest_mm
 from design.toolpath.embedded.entering import TOUCH_MM
+from design.toolpath.embedded.exempt_ink import spared_of
 from design.toolpath.embedded.heads import EmbeddedHeads
 from design.toolpath.embedded.improve import order_passes
 from design.toolpath.embedded.joined import JoinedPasses, WeakJoint
@@ -25,7 +25,7 @@ from design.toolpath.embedded.recovery import add_recovery_dwells
 from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
 from design.toolpath.embedded.rules import find_rules
 from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.spared import spared_of
+from design.toolpath.embedded.shaft_contacts import Entry, WrittenMoves, account
 from design.toolpath.embedded.squares import ElementSquares, squares_of
 from design.toolpath.embedded.touches import Touches, touches
 from design.toolpath.embedded.walk import Leg

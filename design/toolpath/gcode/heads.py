@@ -20,13 +20,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from design.errors import ToolpathError
+from design.toolpath.gcode.approach import at_height, begin_of, way_in
 from design.toolpath.gcode.commands import Stops, join_stops, stops
 from design.toolpath.gcode.job import Gcode, GcodeOptions
 from design.toolpath.gcode.load import HeadLoad, IdleHead
 from design.toolpath.gcode.marks import Context, Marks, marks_of
 from design.toolpath.gcode.render import Table
 from design.toolpath.gcode.table import JobPosition, counted_from, declare_position, tabulate
-from design.toolpath.gcode.trip import at_height, begin_of, way_in
 from design.toolpath.gcode.writer import Writer
 from design.toolpath.toolpath import FloatArray, IntArray, MoveKind, Toolpath
 from firmware_profiles import Printer, Syringe

@@ -8,6 +8,7 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.toolpath.gcode.air import at_flow, valve_lines
+from design.toolpath.gcode.approach import begin_of, way_in, way_out
 from design.toolpath.gcode.commands import Stops, join_stops, stops
 from design.toolpath.gcode.dialect import dialect_of
 from design.toolpath.gcode.job import Gcode, GcodeOptions
@@ -15,7 +16,6 @@ from design.toolpath.gcode.marks import Context, Marks, marks_of
 from design.toolpath.gcode.numbers import decimals_for
 from design.toolpath.gcode.render import Table, render
 from design.toolpath.gcode.table import JobPosition, declare_position, place_text, tabulate
-from design.toolpath.gcode.trip import begin_of, way_in, way_out
 from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
 from firmware_profiles import Printer, Syringe
 

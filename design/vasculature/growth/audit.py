@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from design.tissue.depth import least_depth_along
+from design.vasculature.growth.clearances import Room, neighbours_of
 from design.vasculature.growth.fit import seven, widening
 from design.vasculature.growth.index import REACH, CellIndex
 from design.vasculature.growth.joints import limit_children, limit_smaller_child
-from design.vasculature.growth.room import Room, neighbours_of
 from kernels import jit
 
 

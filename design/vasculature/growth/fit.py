@@ -8,9 +8,9 @@ import numpy as np
 
 from design.geometry import point_segment, segment_segment
 from design.tissue.depth import depth_along
+from design.vasculature.growth.clearances import Room, TrialBifurcation, neighbours_of
 from design.vasculature.growth.index import REACH, CellIndex, cell_range
 from design.vasculature.growth.joints import joint_fits
-from design.vasculature.growth.room import Room, TrialBifurcation, neighbours_of
 from kernels import jit
 
 Seven = tuple[np.int64, np.int64, np.int64, np.int64, np.int64, np.int64, np.int64]

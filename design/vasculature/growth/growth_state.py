@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.tissue import Tissue
+from design.vasculature.growth.clearances import Room
 from design.vasculature.growth.final_tree import final_tree
 from design.vasculature.growth.index import CellIndex, empty_index
 from design.vasculature.growth.make_index import CELL, index_segments, room_of
 from design.vasculature.growth.points import GivenPoints, Sampler
-from design.vasculature.growth.room import Room
 from design.vasculature.growth.sample import Samples, depth_first
 from design.vasculature.growth.state import SEGMENT
 from design.vasculature.growth.step import CANDIDATES, PROGRESS, Scale

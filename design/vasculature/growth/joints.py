@@ -6,8 +6,8 @@ from typing import Any
 
 from design.geometry import point_segment
 from design.vasculature.growth.bifurcation import distance
+from design.vasculature.growth.clearances import Room, TrialBifurcation, kept_apart, neighbours_of
 from design.vasculature.growth.joint_limits import fork_within_limits, joint_within_limits
-from design.vasculature.growth.room import Room, TrialBifurcation, kept_apart, neighbours_of
 from kernels import jit
 
 GOES = -1.0

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from design.tissue import Tissue
+from design.vasculature.growth.clearances import MARGIN, Room
 from design.vasculature.growth.index import CellIndex, empty_index
-from design.vasculature.growth.room import MARGIN, Room
 from design.vasculature.growth.state import Segments
 from design.vasculature.growth.step import list_all, list_from
 from design.vasculature.options import GrowthOptions

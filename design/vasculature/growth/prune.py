@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from design.tissue.depth import depth_along
+from design.vasculature.growth.clearances import Room, neighbours_of
 from design.vasculature.growth.fit import seven, widening
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.growth.joint_limits import end_fits, start_fits
 from design.vasculature.growth.joints import GOES
 from design.vasculature.growth.retip import move_tip, tip_near
-from design.vasculature.growth.room import Room, neighbours_of
 from design.vasculature.growth.state import place, refresh_upwards
 from design.vasculature.options import Law
 from kernels import jit

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from design.errors import GrowthError
-from design.vasculature.growth.room import Room
+from design.vasculature.growth.clearances import Room
 from design.vasculature.growth.step import Scale
 from design.vasculature.options import GrowthOptions
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from design.geometry import point_segment
 from design.vasculature.growth.bifurcation import distance
+from design.vasculature.growth.clearances import Room, kept_apart, neighbours_of
 from design.vasculature.growth.cost import from_gamma, to_gamma
 from design.vasculature.growth.fit import in_tissue, seven, widening
 from design.vasculature.growth.index import REACH, CellIndex, insert
 from design.vasculature.growth.joint_limits import start_fits
-from design.vasculature.growth.room import Room, kept_apart, neighbours_of
 from design.vasculature.growth.state import place, refresh, refresh_upwards
 from design.vasculature.options import Law
 from kernels import jit

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from design.errors import RootError, TissueError
 from design.tissue import Tissue
-from design.vasculature.growth.room import Room
+from design.vasculature.growth.clearances import Room
 from design.vasculature.growth.state import Segments, place, refresh
 from design.vasculature.options import GrowthOptions, Law
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from design.geometry import point_segment
 from design.vasculature.growth.bifurcation import distance
+from design.vasculature.growth.clearances import Room, kept_apart
 from design.vasculature.growth.fit import in_tissue
 from design.vasculature.growth.joint_limits import angles_fit, shares_fit
-from design.vasculature.growth.room import Room, kept_apart
 from design.vasculature.growth.sample import Samples
 from design.vasculature.growth.state import place, refresh
 from design.vasculature.options import Law

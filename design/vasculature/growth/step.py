@@ -8,11 +8,11 @@ import numpy as np
 
 from design.tissue.depth import least_depth_along
 from design.tissue.grid import read
+from design.vasculature.growth.clearances import Room, neighbours_of
 from design.vasculature.growth.cost import Sprout
 from design.vasculature.growth.fit import seven, widening
 from design.vasculature.growth.index import REACH, CellIndex, insert, nearest_segments
 from design.vasculature.growth.propose import propose
-from design.vasculature.growth.room import Room, neighbours_of
 from design.vasculature.growth.sample import Samples
 from design.vasculature.growth.settling import follow_radii
 from design.vasculature.growth.state import place, refresh, refresh_upwards, spread_down

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from design.vasculature.growth.clearances import Room
 from design.vasculature.growth.fit import seven, widening
 from design.vasculature.growth.index import CellIndex
-from design.vasculature.growth.room import Room
 from design.vasculature.growth.state import SEGMENT
 from kernels import jit
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError, RootError
 from design.vasculature.growth.audit import measure_changed, measure_room
+from design.vasculature.growth.clearances import MARGIN, MARGIN_AT_MOST, MARGIN_LEFT
 from design.vasculature.growth.final_tree import final_radii, share_by_demand
 from design.vasculature.growth.growth_state import ALL_AROUND, GrowthState
 from design.vasculature.growth.make_index import just_below, room_of
@@ -14,7 +15,6 @@ from design.vasculature.growth.points import GivenPoints, in_the_way
 from design.vasculature.growth.prune import prune
 from design.vasculature.growth.refusals import no_room
 from design.vasculature.growth.retip import retip_thin
-from design.vasculature.growth.room import MARGIN, MARGIN_AT_MOST, MARGIN_LEFT
 from design.vasculature.growth.root import lengthen_stem, stem, stem_is_short
 from design.vasculature.growth.sample import Samples
 from design.vasculature.growth.start import first_pair

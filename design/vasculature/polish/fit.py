@@ -6,10 +6,10 @@ from typing import Any
 
 from design.geometry import point_segment
 from design.vasculature.growth.bifurcation import distance
+from design.vasculature.growth.clearances import Room, kept_apart, neighbours_of
 from design.vasculature.growth.fit import in_tissue, seven, widening
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.growth.joint_limits import node_within_limits
-from design.vasculature.growth.room import Room, kept_apart, neighbours_of
 from kernels import jit
 
 JOINT = 1.01

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from design.vasculature.growth.clearances import Room, TrialBifurcation, neighbours_of
 from design.vasculature.growth.cost import joined_load
 from design.vasculature.growth.index import REACH, CellIndex, insert, nearest_segments
-from design.vasculature.growth.room import Room, TrialBifurcation, neighbours_of
 from design.vasculature.options import Law
 from design.vasculature.polish.cost import fork_slopes, relengthened, walk_up
 from design.vasculature.polish.fit import far_end, length_of, near_end

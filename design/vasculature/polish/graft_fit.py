@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from design.vasculature.growth.clearances import Room, TrialBifurcation, neighbours_of
 from design.vasculature.growth.fit import seven
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.growth.joint_limits import end_fits, losing_fits, start_fits
 from design.vasculature.growth.joints import joint_fits
-from design.vasculature.growth.room import Room, TrialBifurcation, neighbours_of
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import (
     capsule_fits,

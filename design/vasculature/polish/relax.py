@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from design.vasculature.growth.clearances import Room
 from design.vasculature.growth.cost import joined_load
 from design.vasculature.growth.index import REACH, CellIndex, insert
-from design.vasculature.growth.room import Room
 from design.vasculature.growth.state import place, refresh, refresh_upwards, spread_down
 from design.vasculature.options import Law
 from design.vasculature.polish.cost import fork_slopes, relengthened, walk_up

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from design.vasculature.growth.clearances import Room
 from design.vasculature.growth.index import CellIndex
-from design.vasculature.growth.room import Room
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import far_end, node_fits, node_slack
 from design.vasculature.polish.relax import commit_node, node_value

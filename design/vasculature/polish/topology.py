@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from design.vasculature.growth.room import TrialBifurcation, neighbours_of
+from design.vasculature.growth.clearances import TrialBifurcation, neighbours_of
 from design.vasculature.growth.state import place, refresh, refresh_upwards
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import far_end, near_end

@@ -2,7 +2,7 @@
 
 from registration.report.play.file import load_played, save_played
 from registration.report.play.page import write_play_html
-from registration.report.play.played import Playback, PlayNote, PlayRows
+from registration.report.play.playback import Playback, PlayNote, PlayRows
 from registration.report.play.section import play_section
 from registration.report.play.thin import Limits, thin_playback
 

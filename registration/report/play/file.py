@@ -11,7 +11,7 @@ import numpy as np
 
 from design.files import replacing
 from registration.report.errors import ReportError
-from registration.report.play.played import Playback, PlayNote, PlayRows
+from registration.report.play.playback import Playback, PlayNote, PlayRows
 
 _COARSE = {"vessel": np.int32, "head": np.int8, "layer": np.int32, "line": np.int32}
 

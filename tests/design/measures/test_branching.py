@@ -18,7 +18,7 @@ from design.measures.morphometry import (
     measure_morphometry,
     order_table,
 )
-from design.measures.ways import measure_ways
+from design.measures.path_lengths import measure_ways
 from design.network import VesselKind, VesselNetwork
 from design.tissue import block, tissue_from_surface
 from design.vasculature import GrowthOptions, grow_tree, planar_four_vessel, tree_to_network

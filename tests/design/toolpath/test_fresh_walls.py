@@ -13,8 +13,8 @@ from manifold3d import CrossSection
 
 from design.toolpath.fresh.coarsen import without_short_moves
 from design.toolpath.fresh.contours import Contours, contours_of, sample
+from design.toolpath.fresh.largest_disc import measure_room
 from design.toolpath.fresh.paths import Paths, Role, gather
-from design.toolpath.fresh.room import measure_room
 from design.toolpath.fresh.thin import gap_paths
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from firmware_profiles.families.marlin.bit_flips import guarded
 from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER
-from firmware_profiles.families.marlin.guarding import guarded
 from printctl.link.clock import VirtualClock
 from printctl.link.states import LinkState
 from sim.board.wire import Wire

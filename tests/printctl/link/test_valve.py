@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from firmware_profiles.families.marlin.guarding import guarded
+from firmware_profiles.families.marlin.bit_flips import guarded
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.firmware import mode_lines

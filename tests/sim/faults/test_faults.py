@@ -8,7 +8,7 @@ import pytest
 from firmware_profiles import Printer, load
 from sim.errors import ServeError
 from sim.families.marlin.printer import MarlinPrinter
-from sim.faults.bad_line import BadLine
+from sim.faults.cable import BadLine
 from sim.faults.fault_file import Fault, FaultFile, PermanentFaults, load_faults
 from sim.program.gcode import checksum
 

@@ -17,7 +17,7 @@ from registration.gauging.planes import to_scan
 from registration.gauging.sections import cut_sections
 from registration.segmentation import GelField
 from registration.segmentation.evidence import GelEvidence
-from registration.topology.ways import Scene
+from registration.topology.gel_paths import Scene
 
 FloatArray = NDArray[np.float64]
 

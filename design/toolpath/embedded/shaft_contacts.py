@@ -14,9 +14,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from design.toolpath.embedded.account_kernels import Ink, InkSquares, Tips, entries
+from design.toolpath.embedded.exempt_ink import MeetingVessels
 from design.toolpath.embedded.needle import Needle
-from design.toolpath.embedded.spared import MeetingVessels
+from design.toolpath.embedded.shaft_kernels import Ink, InkSquares, Tips, entries
 from design.toolpath.toolpath import FloatArray, IntArray, MoveKind, Toolpath
 
 INK_MM: Final = 0.5

@@ -15,7 +15,7 @@ from registration.picture.colours import DIVERGING_ANCHORS, TREE_COLOURS, sample
 from registration.report.gcode.chunks import NO_WIDTH
 from registration.report.gcode.colouring import Colouring, usual_span
 from registration.report.packing import pack, pack_positions
-from registration.report.play.played import Playback
+from registration.report.play.playback import Playback
 
 INK_STEPS: Final = 1_000_000
 """Of all ink: as fine as the page tells how much lies in the bath."""

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from design.tissue import Tissue
 from design.vasculature.growth.audit import measure_room
+from design.vasculature.growth.clearances import Room
 from design.vasculature.growth.index import CellIndex, empty_index
-from design.vasculature.growth.room import Room
 from design.vasculature.growth.settling import settle_root
 from design.vasculature.growth.step import list_all
 from design.vasculature.limits import joint_limits

@@ -10,7 +10,7 @@ from design.network import FloatArray
 from design.solids.facets import area_factor
 from design.solids.smooth.fillet import wall_rows
 from design.solids.smooth.layout import Layout, first_piece
-from design.solids.smooth.round_crowd import Rounding
+from design.solids.smooth.round_seams import Rounding
 from design.solids.tube import EndShape
 
 _BEYOND_RING = 4.0

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from design.geometry.crossings import find_crossings
 from design.solids.smooth.fillet import least_step, wall_distance
-from design.solids.smooth.parted import Edges, part_faces
+from design.solids.smooth.split_edges import Edges, part_faces
 from kernels import jit, pjit
 
 FloatArray = NDArray[np.float64]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array
+from registration.readers.raw_result import Array
 
 _SIDE = 4
 _PLACES = 16

@@ -16,13 +16,13 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from design.toolpath.embedded.needle import Needle, off_shaft_slopes
-from design.toolpath.embedded.spared import (
+from design.toolpath.embedded.exempt_ink import (
     MeetingVessels,
     inside_joint,
     meetings_between,
     reach_of,
 )
+from design.toolpath.embedded.needle import Needle, off_shaft_slopes
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 

@@ -9,7 +9,7 @@ from typing import Final
 from firmware_profiles.families import link_protocol as said
 from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.marlin.doubt import Phase, QueryGoal
-from firmware_profiles.families.marlin.doubting import DoubtResolver
+from firmware_profiles.families.marlin.doubt_resolver import DoubtResolver
 from firmware_profiles.families.marlin.replies import Kind, Reply
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState
