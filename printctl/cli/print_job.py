@@ -40,11 +40,11 @@ from printctl.cli.set_up_options import (
     DishOption,
     NeedleOption,
 )
-from printctl.cli.start_of import start_of
+from printctl.cli.start_position import start_of
 from printctl.link.care import Care
 from printctl.link.families import refuse_unsent
-from printctl.link.finding import named_port, read_baud
 from printctl.link.job import load_job
+from printctl.link.port_detection import named_port, read_baud
 from printctl.link.states import PrintOutcome
 from printctl.preflight import SetUp, file_checks, refuse_failed, warnings
 from printctl.preflight.shaft_file import file_shaft

@@ -8,7 +8,6 @@ from typing import Any, Final
 
 import typer
 
-from printctl.ahead import SecondProcess
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
@@ -49,6 +48,7 @@ from printctl.cli.scan_options import (
 )
 from printctl.collection import collected_rarely
 from printctl.run_folder.artefacts import HTML, PDF
+from printctl.second_process import SecondProcess
 
 PAGES: Final = "printctl.pipeline.registration_pages"
 """What draws, in the second process; loading it takes seconds, as the search for the pose does."""

@@ -27,7 +27,7 @@ from printctl.cli.set_up_options import (
     DishOption,
     NeedleOption,
 )
-from printctl.cli.start_of import start_of
+from printctl.cli.start_position import start_of
 from printctl.preflight import file_checks, placed_failures, refuse_failed, warnings
 from printctl.preflight.shaft_file import file_shaft
 from printctl.set_up.by_name import ProfileNames, set_up

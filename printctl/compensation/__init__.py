@@ -17,7 +17,7 @@ from printctl.compensation.schema import (
     StretchPart,
     VesselPart,
 )
-from printctl.compensation.wording import changes_line
+from printctl.compensation.summary import changes_line
 
 __all__ = [
     "CompensationFile",

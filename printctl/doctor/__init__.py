@@ -1,5 +1,5 @@
 """`printctl doctor`'s checks of this computer."""
 
-from printctl.doctor.look import Examination, examine
+from printctl.doctor.collect import Examination, examine
 
 __all__ = ["Examination", "examine"]

@@ -2,7 +2,7 @@
 
 from printctl.feedback.estimate import Choices, estimate
 from printctl.feedback.evidence import NO_ORIGIN, ORIGIN, Print, keep_origin, read_print
-from printctl.feedback.whole import Mean
+from printctl.feedback.whole_part import Mean
 
 __all__ = [
     "NO_ORIGIN",

@@ -27,7 +27,7 @@ from printctl.feedback.evidence import Print
 from printctl.feedback.local import Local, NodeOffset, local_excess, node_offsets
 from printctl.feedback.readings import Reading, as_made_with, readings
 from printctl.feedback.size import Size, size_of, without_size
-from printctl.feedback.whole import (
+from printctl.feedback.whole_part import (
     BIAS_VOXELS,
     NORMAL_95,
     Mean,

@@ -10,7 +10,7 @@ from functools import cache
 from typing import Final
 
 from firmware_profiles import Printer
-from printctl.gate.known import LineOrigin, PrinterSituation
+from printctl.gate.inputs import LineOrigin, PrinterSituation
 from printctl.gate.limits import Bounds
 from printctl.gate.reasons import reason
 from printctl.gate.rules import of_the_moment, rule, rules

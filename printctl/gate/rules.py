@@ -12,9 +12,9 @@ from typing import Final
 
 from firmware_profiles.families import family_of, find_family, gate_facts
 from printctl.gate.heat import NamedTarget, set_target, wait_for
-from printctl.gate.known import LineOrigin, Phase, PrinterSituation
+from printctl.gate.inputs import LineOrigin, Phase, PrinterSituation
 from printctl.gate.motion import home, move
-from printctl.gate.parts import (
+from printctl.gate.rule_makers import (
     Judge,
     allow_query,
     allow_within,

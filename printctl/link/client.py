@@ -17,12 +17,12 @@ from typing import Any, Final, Self
 from firmware_profiles import Printer, load
 from printctl.link.care import Care, NewSyringe
 from printctl.link.connection import ANSWER_LIMIT_S, Connection
-from printctl.link.detaching import START_LIMIT_S, spawn
+from printctl.link.detached_process import START_LIMIT_S, spawn
 from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
-from printctl.link.finding import AUTO, locate
+from printctl.link.find_link import has_ended, stays_alive, what_is_known
 from printctl.link.job import load_job
 from printctl.link.marks import MarkKind
-from printctl.link.reach import has_ended, stays_alive, what_is_known
+from printctl.link.port_detection import AUTO, locate
 from printctl.link.record import LOG, LinkRecord, load_record
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat

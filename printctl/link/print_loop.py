@@ -6,7 +6,6 @@ import contextlib
 from dataclasses import replace
 
 from printctl.gate import Phase, PrinterSituation
-from printctl.link.agreeing import agree_start
 from printctl.link.channel import POLL_S
 from printctl.link.connecting import connect
 from printctl.link.errors import LinkError
@@ -16,6 +15,7 @@ from printctl.link.journalled_print import JournalledPrint
 from printctl.link.marks import MarkKind
 from printctl.link.print_parts import PrintParts
 from printctl.link.requests import Request
+from printctl.link.start_checks import agree_start
 from printctl.link.states import LinkState, PrintEnded
 
 

@@ -29,8 +29,8 @@ from printctl.link.history_entry import this_user
 from printctl.link.job import load_job
 from printctl.link.journal import Journal
 from printctl.link.locking import lock
-from printctl.link.noted import put_aside
 from printctl.link.origin import origin
+from printctl.link.print_notes import put_aside
 from printctl.link.record import JOURNAL, LOCK, LinkRecord
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat

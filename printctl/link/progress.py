@@ -8,8 +8,8 @@ from printctl.link.completed_moves import CompletedMoves
 from printctl.link.heads import head_at
 from printctl.link.job import Job
 from printctl.link.modal import Modal, ModalTrail, modal_state, relieved_mm
+from printctl.link.motor_run_on import Answers, MotorRunOn, longest_run_on
 from printctl.link.planned_moves import planned_moves
-from printctl.link.run_on import Answers, MotorRunOn, longest_run_on
 from printctl.link.stop_place import StopPlace, find_stood
 from printctl.link.wiring import Wiring
 

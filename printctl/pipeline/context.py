@@ -24,7 +24,7 @@ from design.toolpath.correction import NEUTRAL, Corrections
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, steady_flow
 from printctl.compensation import CompensationFile, corrections_of_file, load_compensation
 from printctl.flow.conditions import steady_conditions
-from printctl.pipeline.filled import Filled, filled_heads
+from printctl.pipeline.head_contents import Filled, filled_heads
 from printctl.pipeline.heads import vessel_heads
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.plates.place import WellDish

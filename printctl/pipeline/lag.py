@@ -10,7 +10,7 @@ from design.toolpath.lag import advanced
 from printctl.bead import lag_of
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.filled import Filled
+from printctl.pipeline.head_contents import Filled
 from sim.bead import nozzle_of
 
 OF_SPEED: Final = 0.5

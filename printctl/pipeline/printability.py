@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from design.toolpath.embedded import EmbeddedOptions, held_diameter_mm
 from design.toolpath.fresh import FreshOptions
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.filled import needle_options
+from printctl.pipeline.head_contents import needle_options
 from printctl.recipe.making import Fresh
 
 

@@ -13,7 +13,6 @@ from design.files import write_text
 from design.measures.morphometry import network_strahler_orders
 from design.network import VesselNetwork
 from design.solids import Solid
-from printctl.ahead import Call, SecondProcess
 from printctl.pipeline.facts import scan_origin
 from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.pipeline.page_parts import PageParts
@@ -28,6 +27,7 @@ from printctl.run_folder.registration_files import (
     write_deviation,
     write_exports,
 )
+from printctl.second_process import Call, SecondProcess
 from registration import RegistrationReport, Scan, report_dict
 from registration.judging import Tolerances, judge
 from registration.optics import relaid

@@ -15,7 +15,7 @@ from printctl.link.client import attach
 from printctl.link.record import JOURNAL, LinkRecord, load_record
 from printctl.link.states import LinkState, Status
 from printctl.print_state.actions import Possible, PrintAction, possible_actions
-from printctl.printing.journalled import JournalledFacts, journalled
+from printctl.printing.journal_facts import JournalledFacts, journalled
 from printctl.printing.print_words import made_words, print_words, state_words
 from printctl.printing.progress import Filling, Progress, predicted_s, progress
 from printctl.printing.remaining import Remaining

@@ -18,7 +18,7 @@ from printctl.link.record import JOURNAL
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
-from printctl.printing.executed import is_whole, record_for
+from printctl.printing.executed_note import is_whole, record_for
 from printctl.printing.simulated import SIMULATED
 
 

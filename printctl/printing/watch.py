@@ -12,7 +12,7 @@ from printctl.link.client import PrintClient
 from printctl.link.record import JOURNAL
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, PrintOutcome
-from printctl.printing.journalled import journalled
+from printctl.printing.journal_facts import journalled
 from printctl.printing.print_words import alarm_words
 from printctl.progress import Report, StageBars
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 from design.files import replacing
+from printctl.link.find_link import alive
 from printctl.link.history_entry import INTERRUPTED, PrintEntry
 from printctl.link.origin import version
-from printctl.link.reach import alive
 from printctl.records.cover import cover_page
 from printctl.records.errors import BundleError
 from printctl.records.evidence import Evidence, evidence

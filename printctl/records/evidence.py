@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from printctl.link.history_entry import PrintEntry
 from printctl.link.journal import read_records
-from printctl.link.noted import NOTED, noted_beside, read_notes
+from printctl.link.print_notes import NOTED, noted_beside, read_notes
 from printctl.link.record import JOURNAL
 from printctl.records.films import TIMELAPSE, film_file
 from printctl.run_folder.artefacts import HTML, JSON, PDF

@@ -6,7 +6,7 @@ The checks themselves, which look at G-code, are in `printctl.preflight`.
 from printctl.set_up.budget import Budget, budget_of
 from printctl.set_up.check import Check, placed_failures, refuse_failed, warnings
 from printctl.set_up.mounted import HeadLoading, SetUp
-from printctl.set_up.standing import (
+from printctl.set_up.placed_dish import (
     ABOVE_WALL_MM,
     WALL_CLEARANCE_MM,
     PlacedDish,

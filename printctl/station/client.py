@@ -20,17 +20,17 @@ from typing import TYPE_CHECKING, Any, Final
 from firmware_profiles import Printer, load
 from printctl.link.client import PrintClient, wait_for_first_lines
 from printctl.link.client import attach as attach_print
-from printctl.link.detaching import spawn
+from printctl.link.detached_process import spawn
 from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
 from printctl.link.families import refuse_unsent
+from printctl.link.find_link import alive, has_ended, stays_alive
 from printctl.link.journalled_print import read_journal
 from printctl.link.ports import SIMULATED
-from printctl.link.reach import alive, has_ended, stays_alive
 from printctl.link.record import JOURNAL as PRINT_JOURNAL
 from printctl.link.resuming import resumable
-from printctl.station.door_key import ask, messages, open_connection, post
 from printctl.station.order_json import order_to_json
 from printctl.station.record import JOURNAL, LOCK, LOG, journalled_down, load_station
+from printctl.station.single_request import ask, messages, open_connection, post
 from printctl.station.status import StationState, StationStatus
 
 if TYPE_CHECKING:  # its package knows meshes, and a kill shouldn't wait for their libraries

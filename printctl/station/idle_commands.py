@@ -28,7 +28,7 @@ from printctl.gate.firmware import LISTED, levelling_is_on, questions
 from printctl.link.errors import LinkError, Refused
 from printctl.link.gating import let_through
 from printctl.link.temperatures import target_command
-from printctl.station.knowledge import Knowledge
+from printctl.station.known_state import Knowledge
 from printctl.station.standby import Standby
 from printctl.station.status import Place
 

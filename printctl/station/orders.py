@@ -15,8 +15,8 @@ from printctl.link.job_start import told_start
 from printctl.link.modal import last_of
 from printctl.link.process import Order as LinkOrder
 from printctl.link.retreat import Retreat
+from printctl.station.open_connection import Socket
 from printctl.station.status import Place
-from printctl.station.wire import Socket
 from sim.reading import code_of
 
 ASIDE_MM: Final = 0.05

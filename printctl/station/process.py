@@ -18,12 +18,12 @@ from printctl.link.errors import LinkError, NoLink
 from printctl.link.families import refuse_unsent
 from printctl.link.journal import Journal
 from printctl.link.process import ignore_signals, only_one
-from printctl.station.knowledge import Knowledge
+from printctl.station.known_state import Knowledge
+from printctl.station.open_connection import Socket
 from printctl.station.record import JOURNAL, LOCK, RECORD, SOCKET, StationRecord, load_station
 from printctl.station.server import StationServer, forget, listen
 from printctl.station.station_loop import StationLoop
 from printctl.station.status import MountedParts, Place, StationState, StationStatus
-from printctl.station.wire import Socket
 
 log = logging.getLogger(__name__)
 

@@ -15,12 +15,12 @@ import uvicorn
 from printctl.errors import UsageError
 from printctl.web.core import Core
 from printctl.web.listening import bind, url
-from printctl.web.running import Running, only_server
 from printctl.web.security.gate import Gate, make_gate
-from printctl.web.security.scrubbing import Scrubbing
+from printctl.web.security.redaction import Scrubbing
+from printctl.web.server_register import Running, only_server
 from printctl.web.settings import ServeSettings
-from printctl.web.stop_door.keeping import StopDoorProcess
-from printctl.web.stop_door.order import DoorOrder
+from printctl.web.stop_process.start_message import DoorOrder
+from printctl.web.stop_process.supervisor import StopDoorProcess
 from printctl.web.workspace import Workspace
 
 _GRACE_S = 1

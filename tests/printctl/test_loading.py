@@ -69,7 +69,7 @@ def loaded_by(*modules: str) -> set[str]:
         ("printctl.station",),
         ("printctl.link.__main__",),
         ("printctl.link.client",),
-        ("printctl.web.stop_door.__main__",),
+        ("printctl.web.stop_process.__main__",),
         ("printctl.recipe",),
         ("printctl.cli.register",),
         ("printctl.web.app", "nicegui", *PAGES),

@@ -8,8 +8,8 @@ from typing import Any
 from design.hemodynamics import PulsatileConditions
 from design.lattices import build_lattice
 from printctl.flow import pulsatile_conditions
-from printctl.flow.beside import set_beside
 from printctl.flow.fidelities import Case, solve_fidelities
+from printctl.flow.lattice_comparison import set_beside
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import flow

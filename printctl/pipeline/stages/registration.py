@@ -14,10 +14,10 @@ from design.files import write_text
 from design.solids import Solid
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.measurement_record import Corrections, add_record
+from printctl.pipeline.pose_error import pose_error
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.scan import TRUTH, digest_user_files, load_scan, scan_name
 from printctl.pipeline.tracing import by_layer, made_by, read_job
-from printctl.pipeline.truth import pose_error
 from printctl.progress import Report
 from printctl.recipe.making import FileScan, Fresh, SimulatedScan
 from printctl.recipe.record import RecordPart

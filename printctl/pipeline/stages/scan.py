@@ -12,7 +12,7 @@ import numpy as np
 
 from design.files import write_text
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.filled import Filled
+from printctl.pipeline.head_contents import Filled
 from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.predicting import compensates, predicted_of_motion

@@ -7,8 +7,8 @@ from typing import Any
 from pydantic import BaseModel, Field
 
 from printctl.web.design.checking import CheckedRecipe
-from printctl.web.design.making import RunProgress
 from printctl.web.design.recipes import RecipeText
+from printctl.web.design.run_processes import RunProgress
 
 
 class Refusal(BaseModel):

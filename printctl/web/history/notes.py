@@ -8,7 +8,7 @@ from typing import Any, Final
 from nicegui import ui
 
 from printctl.records.table import local_time
-from printctl.web.history.look import card, facts
+from printctl.web.history.layout import card, facts
 
 NAMES: Final = {
     "operator": "Operator",

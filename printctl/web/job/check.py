@@ -30,7 +30,7 @@ from printctl.preflight import (
 from printctl.preflight.shaft_file import file_shaft
 from printctl.printing import with_reloads_of
 from printctl.printing.job_table import JobTable
-from printctl.web.job.question import Question
+from printctl.web.job.check_request import Question
 from printctl.web.job.tabulating import make_table
 from printctl.web.low_priority import lower_priority
 from registration.report.gcode import GcodeJob

@@ -22,7 +22,7 @@ from printctl.print_state.state import (
     truth_of,
 )
 from printctl.printing.job_table import JobTable
-from printctl.printing.journalled import JournalledFacts, journalled
+from printctl.printing.journal_facts import JournalledFacts, journalled
 from printctl.printing.progress import Filling, Progress
 from printctl.printing.remaining import Remaining
 

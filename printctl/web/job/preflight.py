@@ -17,7 +17,7 @@ from printctl.printing.job_table import JobTable
 from printctl.set_up import Check
 from printctl.web.errors import BadRequestError
 from printctl.web.hashes import file_hash
-from printctl.web.job.question import Question
+from printctl.web.job.check_request import Question
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.worker import worked
 

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Final
 
 from printctl.link.errors import LinkError, NoLink
-from printctl.link.reach import alive
+from printctl.link.find_link import alive
 from printctl.link.record import JOURNAL, load_record
 from printctl.print_state.actions import PrintAction
 from printctl.print_state.state import keep_table, kept_table, read_print
 from printctl.printing.job_table import JobTable
-from printctl.printing.journalled import journalled
+from printctl.printing.journal_facts import journalled
 from printctl.web.hashes import file_hash
 from printctl.web.job.finding import Finder
 from printctl.web.job.following import PrintFollower, PrintReport

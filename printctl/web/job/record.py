@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
 from printctl.link.history import remember_meanwhile
-from printctl.link.noted import journal_begun_by, noted_beside
+from printctl.link.print_notes import journal_begun_by, noted_beside
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import checked_name
 

@@ -13,13 +13,13 @@ from printctl.web.api.answers import API
 from printctl.web.controls import Principal
 from printctl.web.errors import NotFoundError
 from printctl.web.job import models as m
-from printctl.web.job.after import checklist
 from printctl.web.job.camera.routes import add_routes
 from printctl.web.job.following import PrintReport
 from printctl.web.job.machine import Machine
 from printctl.web.job.photos import MOST_BYTES
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
+from printctl.web.job.steps_after import checklist
 from printctl.web.live.routes import router as live_router
 
 Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]

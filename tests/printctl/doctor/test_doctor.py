@@ -44,7 +44,7 @@ def test_json_holds_all_and_says_fit():
 
 
 def test_a_data_folder_that_cannot_be_written_blocks(monkeypatch):
-    monkeypatch.setattr("printctl.doctor.look.is_writable", lambda folder: False)
+    monkeypatch.setattr("printctl.doctor.collect.is_writable", lambda folder: False)
     done = doctor()
     assert done.exit_code == 1
     assert "BLOCKS: no file can be written in" in done.output
@@ -124,14 +124,14 @@ def test_an_extra_that_is_there_is_present(monkeypatch):
 
 
 def test_two_homes_of_our_packages_block(monkeypatch):
-    monkeypatch.setattr("printctl.doctor.look.OURS", ("design", "json"))
+    monkeypatch.setattr("printctl.doctor.collect.OURS", ("design", "json"))
     done = doctor()
     assert done.exit_code == 1
     assert "come from 2 places" in done.output
 
 
 def test_kernels_that_are_not_compiled_are_told(monkeypatch, tmp_path: Path):
-    monkeypatch.setattr("printctl.doctor.look.cache_dir", lambda: tmp_path / "none")
+    monkeypatch.setattr("printctl.doctor.collect.cache_dir", lambda: tmp_path / "none")
     done = doctor()
     assert done.exit_code == 0
     assert "printctl doctor --warm" in done.output

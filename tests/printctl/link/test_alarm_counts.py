@@ -9,7 +9,7 @@ from printctl.link.history_entry import entry_of
 from printctl.link.journal import Journal
 from printctl.link.journalled_print import read_journal
 from printctl.link.states import LinkState
-from printctl.printing.journalled import journalled
+from printctl.printing.journal_facts import journalled
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.simulated import PRINTER, START, gcode, printed

@@ -7,12 +7,12 @@ from contextlib import closing
 import pytest
 
 from printctl.cli.status import status_lines
+from printctl.link.find_link import what_is_known
 from printctl.link.journal import Journal
-from printctl.link.reach import what_is_known
 from printctl.link.record import JOURNAL, RECORD, LinkRecord, save_private
 from printctl.link.states import LinkState
 from printctl.print_state.state import truth_of
-from printctl.printing.journalled import JournalledFacts
+from printctl.printing.journal_facts import JournalledFacts
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import layered
 

@@ -17,7 +17,7 @@ from printctl.link.journal import Journal
 from printctl.link.transport import open_port
 from printctl.link.wiring import Wiring
 from printctl.probing import Settings, ask_settings, compare, corrected_profile, read_settings
-from printctl.probing.ask import ask_wired
+from printctl.probing.queries import ask_wired
 from sim.families.registry import simulated_printer
 from tests.printctl.link.protocols import made_protocol
 from tests.printctl.link.sim_transport import SimTransport

@@ -13,7 +13,7 @@ from printctl.link import LinkState
 from printctl.link.client import attach as attach_print
 from printctl.link.errors import JobError, Refused
 from printctl.link.retreat import Retreat
-from printctl.printing.executed import is_whole
+from printctl.printing.executed_note import is_whole
 from printctl.printing.find import Order, find_or_start
 from printctl.station import Station, StationState
 
