@@ -134,7 +134,7 @@ def connect(record: LinkRecord) -> socket.socket | None:
 
 
 def reach(address: str) -> socket.socket | None:
-    """Connect to an address given by `printctl.link.command_socket.listen`; None when it is dead."""
+    """Connect to an address given by `command_socket.listen`; None when it is dead."""
     kind, _, rest = address.partition(":")
     if not kind:
         return None

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from tests.printctl.link.test_door_places import client, crowded_door
+from tests.printctl.link.test_socket_clients import client, crowded_door
 from tests.printctl.link.test_server import hear, say
 
 
