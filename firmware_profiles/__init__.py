@@ -12,7 +12,7 @@ from firmware_profiles.load import load, read_keys, shipped
 from firmware_profiles.materials import Bath, Ink, MeasuredLag
 from firmware_profiles.plates import Plate
 from firmware_profiles.printers import Axes, Printer
-from firmware_profiles.rheology import flow_ul_s, held_pa, pressure_pa, wall_stress_pa
+from firmware_profiles.rheology import flow_ul_s, pressure_pa, wall_stress_pa, yield_pressure_pa
 from firmware_profiles.tools import Needle, Syringe
 from firmware_profiles.watched_gauges import WatchedGauge
 
@@ -40,7 +40,6 @@ __all__ = [
     "Syringe",
     "WatchedGauge",
     "flow_ul_s",
-    "held_pa",
     "load",
     "pressure_pa",
     "profile_doubts",
@@ -48,4 +47,5 @@ __all__ = [
     "shipped",
     "steady_flow",
     "wall_stress_pa",
+    "yield_pressure_pa",
 ]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         solve_one_d,
         write_svoned,
     )
-    from design.hemodynamics.print_scale import at_same_shear, scaled_flow, scaled_network
+    from design.hemodynamics.print_scale import same_shear_conditions, scaled_flow, scaled_network
     from design.hemodynamics.probes import Probes, ProbeWaves
     from design.hemodynamics.vessel.drops import resistance_at
     from design.hemodynamics.vessel.losses import Losses, Stenosis
@@ -78,7 +78,6 @@ __all__ = [
     "Stenosis",
     "ThinWall",
     "WindkesselOutlet",
-    "at_same_shear",
     "balance",
     "band_summary",
     "end_waves",
@@ -97,6 +96,7 @@ __all__ = [
     "question_pressure",
     "read_flow_csv",
     "resistance_at",
+    "same_shear_conditions",
     "scaled_flow",
     "scaled_network",
     "solve_flow",

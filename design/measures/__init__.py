@@ -12,12 +12,13 @@ if TYPE_CHECKING:
     from design.measures.measure import MeasureOptions, NetworkMeasures, measure_network
     from design.measures.morphometry import Morphometry, OrderTable
     from design.measures.oxygen import Oxygen, OxygenModel
-    from design.measures.path_lengths import Ways
+    from design.measures.path_lengths import FlowPaths
     from design.measures.supply import BEYOND_UM, Supply
     from design.measures.table import measures_dict
 
 __all__ = [
     "BEYOND_UM",
+    "FlowPaths",
     "MeasureOptions",
     "Morphometry",
     "MurrayResiduals",
@@ -27,7 +28,6 @@ __all__ = [
     "OxygenModel",
     "Supply",
     "TerminalFlow",
-    "Ways",
     "measure_network",
     "measures_dict",
 ]

@@ -12,7 +12,7 @@ from kernels import jit
 
 
 @dataclass(frozen=True)
-class Ways:
+class FlowPaths:
     """Depth and tortuosity of a network's flow paths.
 
     Attributes
@@ -35,7 +35,7 @@ class Ways:
     vessel_tortuosity_max: float
 
 
-def measure_ways(network: VesselNetwork) -> Ways | None:
+def measure_paths(network: VesselNetwork) -> FlowPaths | None:
     """Measure the ways from inlets to outlets; None when no outlet can be reached from one."""
     length = network.lengths()
     inlets, outlets = network.inlets(), network.outlets()
@@ -48,7 +48,7 @@ def measure_ways(network: VesselNetwork) -> Ways | None:
     turns = _over_chord(way[outlets], network.nodes[outlets] - network.nodes[source[outlets]])
     first, last = network.points[network.offset[:-1]], network.points[network.offset[1:] - 1]
     own = _over_chord(length, last - first)
-    return Ways(
+    return FlowPaths(
         depth_mean=float(depth[outlets].mean()),
         depth_max=int(depth[outlets].max()),
         tortuosity_mean=float(turns.mean()),

@@ -10,13 +10,13 @@ from printctl.cli.options import read_gcode_file, three_numbers
 from printctl.errors import UsageError
 from printctl.link.errors import LinkError
 from printctl.link.job import parse_job
-from printctl.link.job_start import told_start
+from printctl.link.job_start import declared_start
 from printctl.link.start_checks import ASIDE_MM
 
 Place = tuple[float, float, float]
 
 
-def start_of(file: Path, printer: Printer, said: str | None) -> Place:
+def read_start_position(file: Path, printer: Printer, said: str | None) -> Place:
     """Return the tip's position before the first line, mm.
 
     Parameters
@@ -51,7 +51,7 @@ def _declared(file: Path, printer: Printer, given: Place | None) -> Place | None
     except LinkError:
         return None
     try:
-        return told_start(job)
+        return declared_start(job)
     except LinkError as exc:
         if given is not None:
             return None

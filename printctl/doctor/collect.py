@@ -23,7 +23,7 @@ from printctl.doctor.places import (
     is_port_free,
     is_writable,
 )
-from printctl.doctor.ports import group_of, looked_at, permission_findings
+from printctl.doctor.ports import check_ports, group_of, permission_findings
 from printctl.link.history import data_folder
 from printctl.link.ports import list_ports
 
@@ -84,7 +84,7 @@ def examine() -> Examination:
         "folders": places,
         "kernels": kernels,
         "operator's page": {f"port {PAGE_PORT}": "free" if page_free else "taken"},
-        "ports": looked_at(ports),
+        "ports": check_ports(ports),
     }
     findings = [
         *_python(),

@@ -55,7 +55,7 @@ def feeding_vessels(name: str, network: VesselNetwork, conditions: FlowCondition
         As `solve_flow`.
     """
     solution = solve_flow(network, conditions)
-    mine = exchanging(network)
+    mine = vessels_to_tissue(network)
     return TissueSupply(
         name,
         mine,
@@ -65,7 +65,7 @@ def feeding_vessels(name: str, network: VesselNetwork, conditions: FlowCondition
     )
 
 
-def exchanging(network: VesselNetwork) -> Any:
+def vessels_to_tissue(network: VesselNetwork) -> Any:
     """Vessels that feed the tissue, see `TissueSupply.vessel`."""
     joined = np.flatnonzero(network.kind == VesselKind.CONNECTION)
     if len(joined):
@@ -77,7 +77,7 @@ def exchanging(network: VesselNetwork) -> Any:
     return np.flatnonzero(radius <= _THIN * radius.min())
 
 
-def set_beside(
+def compare_with_lattice(
     folder: Path, network: VesselNetwork, lattice: VesselNetwork, conditions: FlowConditions
 ) -> tuple[dict[str, Any], list[str]]:
     """Solve both at the same inlet flow and fluid, write `TABLE` and `PICTURE`; summary, files.

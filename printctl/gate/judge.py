@@ -45,7 +45,7 @@ def judge(typed: str, door: LineOrigin, known: PrinterSituation) -> Verdict:
     return judge_line(line, door, known)
 
 
-def foreseen(typed: str, printer: Printer) -> Verdict:
+def judge_stored_line(typed: str, printer: Printer) -> Verdict:
     """Judge a line that a person keeps for later: refused is what would be at any moment.
 
     Moves, homing and heat are judged by what is known when they are sent.

@@ -23,7 +23,7 @@ _SAME: Final = 1e-4
 """Share by which a value may differ from the profile's: some programs write few digits."""
 
 
-def passes(words: str | None = None) -> Judge:
+def allow(words: str | None = None) -> Judge:
     """Let a code pass with these letters alone; with any where None is given."""
 
     def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
@@ -74,7 +74,7 @@ def only_with(values: Mapping[str, float], also: str = "", remedy: str = "") -> 
     return judge
 
 
-def as_planned(planned: Planned, words: str) -> Judge:
+def allow_planned_setting(planned: Planned, words: str) -> Judge:
     """Let a setting of a job pass that says what the profile says; it is undone at the job's end.
 
     The dry run plans with the profile's values: another would make all its times wrong.
@@ -194,7 +194,7 @@ def allow_within(words: Mapping[str, tuple[float, float]], *, needs: str = "") -
     return judge
 
 
-def refuses(why: str) -> Judge:
+def refuse_always(why: str) -> Judge:
     """Let nothing pass."""
 
     def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:

@@ -23,7 +23,7 @@ _ANSWER_LIMIT_S: Final = 5.0
 _ENDING_S: Final = 2.0
 
 
-def what_is_known(folder: Path) -> Status:
+def read_outcome(folder: Path) -> Status:
     """Return how the print in ``folder`` ended, or what its journal says if it just broke off.
 
     Raises
@@ -130,10 +130,10 @@ def alive(folder: Path, held: str = LOCK) -> bool:
 
 def connect(record: LinkRecord) -> socket.socket | None:
     """Connect to a link process; None when nobody listens there any more."""
-    return None if record.status else reach(record.address)
+    return None if record.status else open_address(record.address)
 
 
-def reach(address: str) -> socket.socket | None:
+def open_address(address: str) -> socket.socket | None:
     """Connect to an address given by `command_socket.listen`; None when it is dead."""
     kind, _, rest = address.partition(":")
     if not kind:

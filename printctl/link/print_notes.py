@@ -17,7 +17,7 @@ NOTED: Final = "record.json"
 _LARGEST: Final = 16 * 2**20
 
 
-def noted_beside(journal: Path) -> Path:
+def notes_path(journal: Path) -> Path:
     """Path of the record of a journal's print, whether it exists or not."""
     number = journal.name.removeprefix(Path(JOURNAL).stem).removesuffix(".log")
     return journal.with_name(f"record{number}.json")
@@ -25,7 +25,7 @@ def noted_beside(journal: Path) -> Path:
 
 def read_notes(journal: Path) -> dict[str, Any]:
     """What was noted of a journal's print; empty where nothing was, or it can't be read."""
-    path = noted_beside(journal)
+    path = notes_path(journal)
     try:
         if path.stat().st_size > _LARGEST:
             return {}
@@ -35,19 +35,19 @@ def read_notes(journal: Path) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def put_aside(folder: Path) -> Path:
+def archive_journal(folder: Path) -> Path:
     """Give an earlier print's journal and record a number, and the path of the new journal."""
     path = folder / JOURNAL
     if path.exists():
         count = len(list(folder.glob(f"{path.stem}.*{path.suffix}")))
         aside = folder / f"{path.stem}.{count + 1}{path.suffix}"
-        if noted_beside(path).exists():
-            noted_beside(path).replace(noted_beside(aside))
+        if notes_path(path).exists():
+            notes_path(path).replace(notes_path(aside))
         path.rename(aside)
     return path
 
 
-def journal_begun_by(folder: Path, at: float) -> Path:
+def journal_started_before(folder: Path, at: float) -> Path:
     """Journal of the folder's last print that had begun by a time, s since 1970.
 
     The present journal where none had.

@@ -13,7 +13,7 @@ from printctl.gate.firmware import (
     blind_resets,
     differences,
     questions,
-    told_settings,
+    reported_settings,
 )
 from printctl.link.errors import HandshakeError
 
@@ -61,7 +61,7 @@ def agree_settings(
         raise HandshakeError(_refusal(found, begun))
     for one in every:
         note(f"{one.what}: {one.remedy}")
-    return told_settings(answers, printer)
+    return reported_settings(answers, printer)
 
 
 def _asked(ask: Ask, printer: Printer) -> dict[str, list[str]]:

@@ -77,7 +77,7 @@ def _check_design(context: RunContext, made: CompensationFile) -> None:
 
 
 def _check_use(context: RunContext, made: CompensationFile) -> None:
-    name, now = context.recipe.toolpath.compensation, made_with(context)
+    name, now = context.recipe.toolpath.compensation, print_conditions(context)
     if made.made_with.method != now.method:
         raise UsageError(
             f"toolpath.compensation: {name} was measured on prints by {made.made_with.method}, and "
@@ -96,7 +96,7 @@ def _check_use(context: RunContext, made: CompensationFile) -> None:
             )
 
 
-def made_with(context: RunContext) -> PrintConditions:
+def print_conditions(context: RunContext) -> PrintConditions:
     """What this print is made with."""
     part = context.recipe.toolpath
     return PrintConditions(

@@ -33,7 +33,7 @@ ABOUT_HEADS: Final = {
 _TINY_MM: Final = 1e-6
 
 
-def of_each_head(
+def check_each_head(
     run: DryRun, printer: Printer, checks: Callable[[int, DryRun, Printer], Sequence[Check]]
 ) -> list[Check]:
     """Checks of each head that the file uses, as if it were the only one, under its name.

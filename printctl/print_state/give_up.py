@@ -13,7 +13,7 @@ from printctl.link.history import remember_meanwhile
 from printctl.link.job import load_job
 from printctl.link.journal import Journal
 from printctl.link.journalled_print import read_journal
-from printctl.link.process import only_one
+from printctl.link.process import hold_folder
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.states import LinkState, Status
 from printctl.print_state.actions import PrintAction, possible_actions
@@ -47,7 +47,7 @@ def give_up(folder: Path, who: str) -> Status:
     can = next(one for one in possible_actions(folder, status) if one.action is PrintAction.GIVE_UP)
     if not can.possible:
         raise Refused(f"the print in {folder} isn't given up: {can.reason}")
-    with only_one(folder):
+    with hold_folder(folder):
         status = replace(
             status,
             state=LinkState.GIVEN_UP,

@@ -41,7 +41,7 @@ def write_note(record: Path, sha256: str, printer: Printer, blocks: int) -> None
     write_text(_note(record), json.dumps(_facts(sha256, printer, blocks)) + "\n")
 
 
-def is_whole(record: Path, sha256: str, printer: Printer) -> bool:
+def is_complete_record(record: Path, sha256: str, printer: Printer) -> bool:
     """Whether a record is of this job on this printer, by this version, and whole."""
     try:
         said = json.loads(_note(record).read_text(encoding="utf-8"))

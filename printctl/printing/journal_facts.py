@@ -48,7 +48,7 @@ class JournalledFacts:
         return self.active_s + (max(now - self.since, 0.0) if self.since is not None else 0.0)
 
 
-def journalled(path: Path) -> JournalledFacts:
+def read_journal_facts(path: Path) -> JournalledFacts:
     """Read a journal; an absent one counts as empty."""
     try:
         return read_so_far(record for record in read_records(path) if record)

@@ -57,13 +57,13 @@ def _answer(channel: Channel, question: bytes) -> tuple[bytes, ...]:
     return ()
 
 
-def ask_wired(wiring: Wiring) -> Settings:
+def query_transport(wiring: Wiring) -> Settings:
     """Ask over a wire that is open already."""
     family = family_of(wiring.printer)
     return read_settings(family, _answers(wiring, family.probe.questions))
 
 
-def ask_settings(port: str, printer: Printer, baud: int | None = None) -> Settings:
+def query_settings(port: str, printer: Printer, baud: int | None = None) -> Settings:
     """Open the port, ask for the printer's settings, and close it.
 
     Parameters
@@ -94,7 +94,7 @@ def ask_settings(port: str, printer: Printer, baud: int | None = None) -> Settin
                     journal=journal,
                     printer=printer,
                 )
-                return ask_wired(wiring)
+                return query_transport(wiring)
             finally:
                 journal.close()
     finally:

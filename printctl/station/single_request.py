@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from printctl.link.errors import BY_NAME, LinkError, NoLink
-from printctl.link.find_link import alive, reach
+from printctl.link.find_link import alive, open_address
 from printctl.station.record import LOCK, LOG, StationRecord, load_station
 from printctl.station.status import NO_PRINTER
 
@@ -29,7 +29,7 @@ def open_connection(folder: Path) -> tuple[socket.socket, StationRecord] | None:
     limit = time.monotonic() + _COMES_UP_S
     while True:
         record = load_station(folder)
-        connection = reach(record.address)
+        connection = open_address(record.address)
         if connection is not None:
             return connection, record
         if not alive(folder, LOCK):
@@ -39,7 +39,9 @@ def open_connection(folder: Path) -> tuple[socket.socket, StationRecord] | None:
         time.sleep(0.02)
 
 
-def post(connection: socket.socket, record: StationRecord, do: str, /, **values: Any) -> None:
+def send_request(
+    connection: socket.socket, record: StationRecord, do: str, /, **values: Any
+) -> None:
     """Send a wish."""
     message = {"do": do, "token": record.token, **values}
     connection.sendall(json.dumps(message).encode() + b"\n")
@@ -64,7 +66,7 @@ def messages(connection: socket.socket, timeout: float | None) -> Iterator[dict[
         yield from map(json.loads, lines)
 
 
-def ask(folder: Path, do: str, patience_s: float, /, **values: Any) -> dict[str, Any]:
+def request_answer(folder: Path, do: str, patience_s: float, /, **values: Any) -> dict[str, Any]:
     """Ask, and wait for the answer.
 
     Raises
@@ -78,7 +80,7 @@ def ask(folder: Path, do: str, patience_s: float, /, **values: Any) -> dict[str,
     connection, record = opened
     with connection:
         try:
-            post(connection, record, do, **values)
+            send_request(connection, record, do, **values)
         except OSError as exc:
             raise NoLink(NO_PRINTER) from exc
         for message in messages(connection, patience_s):

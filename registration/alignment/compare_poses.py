@@ -16,7 +16,7 @@ TELLING_POINTS = 12
 """Fewer points than this don't tell two poses apart."""
 
 
-def contest(mine: FloatArray, other: FloatArray) -> float:
+def compare_poses(mine: FloatArray, other: FloatArray) -> float:
     """Ratio of RMS distance of the `other` pose to `mine`, over points where they differ.
 
     Residuals (n,) of the same points under both poses, mm. Only points count whose residuals
@@ -31,13 +31,13 @@ def contest(mine: FloatArray, other: FloatArray) -> float:
     return float(np.sqrt(squares[1] / max(squares[0], 1e-12)))
 
 
-def off_where_told(mine: FloatArray, other: FloatArray) -> float:
+def deviation_where_different(mine: FloatArray, other: FloatArray) -> float:
     """Median deviation, mm, of `mine` at the points by which the two poses are told apart.
 
     Parameters
     ----------
     mine, other : (n,) float64, mm
-        Residuals as of `contest`.
+        Residuals as of `compare_poses`.
     """
     telling = _telling(mine, other)
     return float(np.median(np.abs(mine[telling]))) if telling.any() else 0.0

@@ -11,7 +11,7 @@ FloatArray = NDArray[np.float64]
 _PHI, _PSI = np.sqrt(2.0), 1.533751168755204288118041
 
 
-def cover(count: int) -> FloatArray:
+def spread_rotations(count: int) -> FloatArray:
     """Return `count` rotation matrices, (count, 3, 3), spread evenly over SO(3).
 
     Super-Fibonacci spirals (Alexa 2022, 10.1109/CVPR52688.2022.00811, eq. 6).

@@ -16,7 +16,7 @@ from design.network import VesselNetwork
 Nodes = tuple[int, ...]
 
 
-def left_open(
+def open_vessels(
     network: VesselNetwork, inlets: Nodes, outlets: Nodes, closed: Collection[int]
 ) -> NDArray[np.bool_]:
     """Vessels (v,) that hang together with an inlet and an outlet without the closed ones."""
@@ -31,7 +31,7 @@ def left_open(
     return np.asarray(left)
 
 
-def solve_beside(
+def solve_open_flow(
     network: VesselNetwork,
     viscosity_pa_s: float,
     inlets: Nodes,

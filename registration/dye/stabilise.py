@@ -122,7 +122,7 @@ def sample_picture(frame: FloatImage, pixels: FloatArray) -> FloatImage:
     return np.asarray(found.reshape(wide * 1024, -1)[: len(pixels)])
 
 
-def off_vessels(network: VesselNetwork, view: View, shape: tuple[int, int]) -> NDArray[np.bool_]:
+def ground_pixels(network: VesselNetwork, view: View, shape: tuple[int, int]) -> NDArray[np.bool_]:
     """Pixels further than five from every vessel's projection."""
     start, end, r0, r1, _ = network.pieces()
     first, last = view.pixels(start), view.pixels(end)
@@ -140,7 +140,7 @@ def off_vessels(network: VesselNetwork, view: View, shape: tuple[int, int]) -> N
     return off > 0
 
 
-def enough_off(off: NDArray[np.bool_]) -> bool:
+def has_enough_ground(off: NDArray[np.bool_]) -> bool:
     """Whether there is ground enough off the vessels to tell shake and light by."""
     return float(_without_rim(off).mean()) >= _LEAST_OFF
 

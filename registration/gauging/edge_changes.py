@@ -10,7 +10,7 @@ from registration.gauging.defect import Defect
 from registration.gauging.trace import VesselTrace
 
 
-def without_brinks(
+def drop_edge_changes(
     changes: Sequence[Defect], others: Sequence[Defect], traces: Sequence[VesselTrace]
 ) -> list[Defect]:
     """Return the changes that lie beside none of the other defects, within two sections."""

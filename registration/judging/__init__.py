@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from registration.judging.guard import Decision, worst_decision
     from registration.judging.judge import RULE, judge, judge_plain
     from registration.judging.listing import list_findings
-    from registration.judging.pose import as_if_pose_sure, pose_in_doubt
+    from registration.judging.pose import decision_at_sure_pose, pose_in_doubt
     from registration.judging.tolerance import (
         Limit,
         Override,
@@ -29,7 +29,7 @@ __all__ = [
     "ToleranceError",
     "Tolerances",
     "VesselLimits",
-    "as_if_pose_sure",
+    "decision_at_sure_pose",
     "judge",
     "judge_plain",
     "list_findings",

@@ -7,7 +7,7 @@ from registration.optics.grid_target import GridView, find_grid
 from registration.optics.refraction import refract, refraction_bound
 from registration.optics.step import Step, measure_step
 from registration.optics.surface import SampleSurface, find_surface, fit_surface
-from registration.optics.undistort import relaid, undistort
+from registration.optics.undistort import is_resampled, undistort
 
 __all__ = [
     "Beam",
@@ -20,11 +20,11 @@ __all__ = [
     "find_surface",
     "fit_grid",
     "fit_surface",
+    "is_resampled",
     "measure_step",
     "read_calibration",
     "refract",
     "refraction_bound",
-    "relaid",
     "undistort",
     "with_step",
     "write_calibration",

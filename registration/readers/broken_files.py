@@ -11,7 +11,7 @@ from registration.errors import RegistrationError, ScanFileError
 
 
 @contextmanager
-def reading(path: Path, kind: str) -> Iterator[None]:
+def scan_file_errors(path: Path, kind: str) -> Iterator[None]:
     """Turn whatever a library trips over into a `ScanFileError` that names file and format.
 
     What the disk or the memory fails with goes through: the file isn't to blame. Libraries

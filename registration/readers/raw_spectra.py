@@ -73,7 +73,7 @@ def _profiled(spectra: Array, said: SpectraMetadata) -> Iterator[NDArray[np.floa
         yield profiles(counts - background, kernel)
 
 
-def spectra_said(said: Any, samples: int, path: Path) -> SpectraMetadata:
+def check_spectra_sidecar(said: Any, samples: int, path: Path) -> SpectraMetadata:
     """Check what a sidecar says of spectra.
 
     Raises

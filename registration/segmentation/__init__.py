@@ -1,6 +1,6 @@
 """Segmentation: from a scanned volume to the surface between gel and lumen."""
 
-from registration.segmentation.evidence import GelEvidence, gel_evidence, told_apart
+from registration.segmentation.evidence import GelEvidence, are_separable, gel_evidence
 from registration.segmentation.segment import Segmentation, SegmentationOptions, segment
 from registration.segmentation.volume import GelField, Strength
 
@@ -10,7 +10,7 @@ __all__ = [
     "Segmentation",
     "SegmentationOptions",
     "Strength",
+    "are_separable",
     "gel_evidence",
     "segment",
-    "told_apart",
 ]

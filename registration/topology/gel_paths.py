@@ -144,7 +144,7 @@ def averaged(
     return mean, scatter
 
 
-def find_ways(scene: Scene, false_alarm: float) -> list[LeakPath]:
+def find_gel_paths(scene: Scene, false_alarm: float) -> list[LeakPath]:
     """Return the ways that sound gel doesn't explain, the surest first, faint ones last."""
     grid = scene.grid
     # In a crotch voxels may be neither: they are the lumen's, not outside.
@@ -161,7 +161,7 @@ def find_ways(scene: Scene, false_alarm: float) -> list[LeakPath]:
     whole = length.ravel()[met].sum(axis=1) + grid.step_mm
     share = (gel.ravel()[met].sum(axis=1) + grid.step_mm * between) / whole
     score = _scores(whole, share)
-    least, full = _threshold(len(met), grid.step_mm, false_alarm), fullest(scene.liquid)
+    least, full = _threshold(len(met), grid.step_mm, false_alarm), mid_evidence(scene.liquid)
     faint = share >= full
     sure = np.where(faint, (score > SURE) & (share < 1 - CRACK * (1 - full)), score > least)
     chosen = np.flatnonzero(sure & (worst.ravel()[met].max(axis=1) < LEADS_THROUGH))
@@ -174,7 +174,7 @@ def find_ways(scene: Scene, false_alarm: float) -> list[LeakPath]:
     return ways
 
 
-def fullest(liquid: float) -> float:
+def mid_evidence(liquid: float) -> float:
     """Return the mean evidence halfway between gel and the axis of a way `LEAST_MM` wide.
 
     A Gaussian average on the axis of a cylinder of radius r holds 1 - exp(-r²/2σ²) of it.

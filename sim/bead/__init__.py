@@ -12,7 +12,7 @@ from sim.bead.flow import NozzleFlow, nozzle_flow
 from sim.bead.nozzle import Nozzle, nozzle_of
 from sim.bead.pieces import Pieces, cut
 from sim.bead.predict import Bead, predict_bead
-from sim.bead.voxels import laid_deposit
+from sim.bead.voxels import bead_deposit
 
 __all__ = [
     "Advance",
@@ -24,10 +24,10 @@ __all__ = [
     "Pieces",
     "Trail",
     "advance_of",
+    "bead_deposit",
     "crevice",
     "cut",
     "drag",
-    "laid_deposit",
     "nozzle_flow",
     "nozzle_of",
     "predict_bead",

@@ -26,7 +26,7 @@ _OK: Final = re.compile(rb"(?m)^ok\n")
 _BEGINS_OK: Final = re.compile(rb"(?m)^ok")
 
 
-class BadLine:
+class FaultyCable:
     """Simulated cable with errors.
 
     Parameters

@@ -11,7 +11,12 @@ from design.hemodynamics.dye.front import (
     front_table,
     mean_age,
 )
-from design.hemodynamics.dye.transit_times import CarryingFlow, carried_by, downstream, ends_along
+from design.hemodynamics.dye.transit_times import (
+    CarryingFlow,
+    downstream_order,
+    flow_ends,
+    steady_transit,
+)
 
 __all__ = [
     "CARRIED_BELOW",
@@ -20,12 +25,12 @@ __all__ = [
     "CarryingFlow",
     "DyeFront",
     "FrameCheck",
-    "carried_by",
     "check_frames",
-    "downstream",
+    "downstream_order",
     "dye_curves",
     "dye_front",
-    "ends_along",
+    "flow_ends",
     "front_table",
     "mean_age",
+    "steady_transit",
 ]

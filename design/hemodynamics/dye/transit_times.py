@@ -39,7 +39,7 @@ class CarryingFlow:
         return np.isfinite(self.transit_s)
 
 
-def carried_by(
+def steady_transit(
     network: VesselNetwork, solution: FlowSolution, inlets: tuple[int, ...]
 ) -> CarryingFlow:
     """Transits of a flow of 1 µL/s that dye enters at ``inlets``."""
@@ -48,20 +48,20 @@ def carried_by(
     transit = np.where(flow > STILL, volume / np.maximum(flow, STILL), np.inf)
     earliest: FloatArray = np.full(len(network.nodes), np.inf)
     earliest[list(inlets)] = 0.0
-    for k in downstream(network, solution):
-        first, last = ends_along(network, solution, int(k))
+    for k in downstream_order(network, solution):
+        first, last = flow_ends(network, solution, int(k))
         earliest[last] = min(earliest[last], earliest[first] + transit[k])
     return CarryingFlow(solution, volume, transit, earliest)
 
 
-def downstream(network: VesselNetwork, solution: FlowSolution) -> IntArray:
+def downstream_order(network: VesselNetwork, solution: FlowSolution) -> IntArray:
     """Vessels that flow, by falling pressure at their beginning."""
     begins = solution.pressure[network.vessel_nodes].max(axis=1)
     order = np.argsort(-begins, kind="stable")
     return np.asarray(order[np.abs(solution.flow[order]) > STILL])
 
 
-def ends_along(network: VesselNetwork, solution: FlowSolution, vessel: int) -> tuple[int, int]:
+def flow_ends(network: VesselNetwork, solution: FlowSolution, vessel: int) -> tuple[int, int]:
     """Nodes a vessel's flow runs from and to."""
     first, last = network.vessel_nodes[vessel].tolist()
     return (first, last) if solution.flow[vessel] >= 0.0 else (last, first)

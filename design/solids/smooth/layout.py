@@ -185,7 +185,7 @@ def _settle(layout: Layout, joint: int, least: dict[End, float]) -> None:
             layout.reach[end] = x
 
 
-def swallow(layout: Layout, more: Iterable[int]) -> None:
+def absorb_runs(layout: Layout, more: Iterable[int]) -> None:
     """Make ``more`` runs whole parts of a crowd."""
     for run in more:
         layout.swallowed[run] = True
@@ -214,4 +214,4 @@ def keep_clear_of_balls(layout: Layout) -> None:
                     tight.append(run)
         if not tight:
             return
-        swallow(layout, tight)
+        absorb_runs(layout, tight)

@@ -39,7 +39,7 @@ def ball(centre: FloatArray, radius: float, tolerance_mm: float = FACET_TOLERANC
     return Manifold.sphere(radius * inscribed, facets).translate(centre.tolist())
 
 
-def stub(centre: FloatArray, near: float, ring: FloatArray, reach: float) -> Manifold:
+def connecting_tube(centre: FloatArray, near: float, ring: FloatArray, reach: float) -> Manifold:
     """A tube from a junction's ``centre``, as wide as ``near``, to the first ring of a plain one.
 
     Parameters

@@ -46,7 +46,9 @@ class MeetingVessels(NamedTuple):
     length: FloatArray
 
 
-def spared_of(network: VesselNetwork, touches: Touches, lumen_mm: FloatArray) -> MeetingVessels:
+def exempt_lengths(
+    network: VesselNetwork, touches: Touches, lumen_mm: FloatArray
+) -> MeetingVessels:
     """Nodes and touches of a network, in the vessels' own lengths."""
     length = arcs_of(network)[1]
     ends: dict[int, list[tuple[int, float]]] = {}

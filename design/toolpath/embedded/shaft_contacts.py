@@ -69,7 +69,7 @@ class _Pieces(NamedTuple):
     share: FloatArray
 
 
-def account(
+def find_shaft_contacts(
     toolpath: Toolpath,
     laid: WrittenMoves,
     spared: MeetingVessels,

@@ -12,7 +12,7 @@ HELD: Final = 0.07
 """Yield stress over (density difference × g × diameter) at which a horizontal filament stays."""
 
 
-def held_diameter_mm(bath: Bath, ink: Ink) -> float:
+def supported_diameter_mm(bath: Bath, ink: Ink) -> float:
     """Thickest horizontal filament of an ink that neither sinks nor floats, mm.
 
     Infinite without a difference of densities.

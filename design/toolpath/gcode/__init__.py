@@ -6,7 +6,7 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from design.toolpath.gcode.job import Gcode, GcodeOptions
-    from design.toolpath.gcode.labels import labelled
+    from design.toolpath.gcode.labels import add_labels
     from design.toolpath.gcode.load import HeadLoad
     from design.toolpath.gcode.resolution import clear_mm, joint_mm, least_move_mm
     from design.toolpath.gcode.save import save_gcode
@@ -16,9 +16,9 @@ __all__ = [
     "Gcode",
     "GcodeOptions",
     "HeadLoad",
+    "add_labels",
     "clear_mm",
     "joint_mm",
-    "labelled",
     "least_move_mm",
     "save_gcode",
     "stream_gcode",

@@ -19,7 +19,7 @@ def begin_of(first: FloatArray, options: GcodeOptions) -> FloatArray:
     return np.append(first - 1.0 if options.start_mm is None else options.start_mm, 0.0)
 
 
-def way_in(
+def approach_commands(
     begin: FloatArray, first: FloatArray, top: float, printer: Printer, options: GcodeOptions
 ) -> Stops:
     """Straight up or down to ``top``, across, and down to ``first`` (3,): three commands."""
@@ -36,7 +36,7 @@ def way_in(
     )
 
 
-def way_out(
+def departure_commands(
     last: FloatArray, top: float, printer: Printer, syringe: Syringe, options: GcodeOptions
 ) -> Stops:
     """Relieve the plunger at ``last`` (4,) and go straight up to ``top``: two commands."""

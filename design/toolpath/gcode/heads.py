@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from design.errors import ToolpathError
-from design.toolpath.gcode.approach import at_height, begin_of, way_in
+from design.toolpath.gcode.approach import approach_commands, at_height, begin_of
 from design.toolpath.gcode.commands import Stops, join_stops, stops
 from design.toolpath.gcode.job import Gcode, GcodeOptions
 from design.toolpath.gcode.load import HeadLoad, IdleHead
@@ -152,7 +152,7 @@ class HeadsWriter(Writer):
             lines.say(*_moved(one, to_raise=True))
         lines.say(first.head.select, *_moved(first, to_raise=False))
         self._chosen = True
-        way = way_in(begin, to, self._top, first.printer, options)
+        way = approach_commands(begin, to, self._top, first.printer, options)
         if number != 0:  # the change goes down itself
             way = way.where(np.array([True, True, False]))
         blind = options.start_mm is None

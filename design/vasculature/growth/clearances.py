@@ -16,7 +16,7 @@ first factor, plus the second times the logarithm of how often the tree has yet 
 third at most."""
 
 
-class Room(NamedTuple):
+class Clearances(NamedTuple):
     """The tissue and the distances to be kept, as kernels take them.
 
     Attributes
@@ -64,7 +64,7 @@ class TrialBifurcation(NamedTuple):
 
 
 @jit
-def kept_apart(room: Room, one: float, two: float) -> float:
+def kept_apart(room: Clearances, one: float, two: float) -> float:
     """Clearance between vessels of radii ``one`` and ``two``, mm."""
     return max(room.clearance, room.ratio * min(one, two))
 

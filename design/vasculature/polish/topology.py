@@ -41,7 +41,7 @@ def cut_branch(segments: Any, c: Any, saved: Any, law: Law) -> int:
 
 
 @jit
-def uncut(segments: Any, p: Any, a: Any, c: Any, saved: Any, law: Law) -> None:
+def undo_cut(segments: Any, p: Any, a: Any, c: Any, saved: Any, law: Law) -> None:
     """Undo `cut_branch`."""
     segments[p], segments[a], segments[c] = saved[0], saved[1], saved[2]
     if segments[a].left >= 0:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.tissue import Tissue
-from design.vasculature.growth.audit import measure_room
-from design.vasculature.growth.clearances import Room
+from design.vasculature.growth.audit import measure_allowed_radii
+from design.vasculature.growth.clearances import Clearances
 from design.vasculature.growth.index import CellIndex, empty_index
 from design.vasculature.growth.settling import settle_root
 from design.vasculature.growth.step import list_all
@@ -63,7 +63,7 @@ class Bench:
     given: VesselTree
     options: PolishOptions
     law: Law
-    room: Room
+    room: Clearances
     flow_over_drop: float
     segments: NDArray[np.void]
     index: CellIndex
@@ -78,7 +78,7 @@ class Bench:
         """Lay a tree out."""
         law = law_of(tree, options.length_exponent, options.radius_exponent)
         grid = tissue.grid
-        room = Room(
+        room = Clearances(
             grid.arrays,
             options.clearance_mm,
             options.clearance_mm,
@@ -216,7 +216,7 @@ class Bench:
         settle_root(self.segments, len(self.segments), self.flow_over_drop, 1.0, self.law)
         self._list()
         count = len(self.segments)
-        return int(measure_room(self.segments, count, self.index, self.room, 0.0, True))
+        return int(measure_allowed_radii(self.segments, count, self.index, self.room, 0.0, True))
 
     def _list(self) -> None:
         """List all segments in an empty index."""
@@ -260,7 +260,7 @@ class Bench:
         return total
 
     @property
-    def _tools(self) -> tuple[NDArray[np.void], CellIndex, Room, Law, float]:
+    def _tools(self) -> tuple[NDArray[np.void], CellIndex, Clearances, Law, float]:
         return self.segments, self.index, self.room, self.law, self.flow_over_drop
 
 

@@ -18,7 +18,7 @@ _LONGEST: Final = 40
 _CODE: Final = re.compile(rb"M(\d{3})(?!\d)")
 
 
-def guarded(command: bytes) -> bytes:
+def guard_command(command: bytes) -> bytes:
     """The command, its number with a zero before where one flipped bit would make it a stop."""
     found = _CODE.match(command)
     if found is None or len(command) > _LONGEST or found[1] in _FEARED:

@@ -39,7 +39,7 @@ from registration import (
 )
 from registration.geometry import check_designed, read_datums
 from registration.judging import judge
-from registration.optics import relaid
+from registration.optics import is_resampled
 from registration.result import SIGN
 from registration.views import add_scan_places, save_views, take_views
 from registration.walls_file import read_walls
@@ -87,7 +87,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     report(0.9, "writing")
     write_text(context.folder / NUMBERS, json.dumps(summary, indent=1, allow_nan=False) + "\n")
     write_deviation(context.folder / DEVIATION, found)
-    views = take_views(scan, model, found, summary, not relaid(scan))
+    views = take_views(scan, model, found, summary, not is_resampled(scan))
     save_views(context.folder / VIEWS, views)
     names = write_exports(context.folder, scan, context.network, (found, summary))
     if isinstance(context.scan_part, SimulatedScan):

@@ -24,10 +24,10 @@ def card(title: str, wide: bool = False) -> Iterator[None]:
 def heading(words: str) -> None:
     """A heading of plain text."""
     with ui.element("h2").classes("ph-name"):
-        plain(words)
+        plain_text(words)
 
 
-def plain(words: str) -> None:
+def plain_text(words: str) -> None:
     """Text, whatever stands in it."""
     ui.label(words).style("display:inline")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from firmware_profiles import Printer, ProfileError, load
 from printctl.link.errors import LinkError
 from printctl.link.job import load_job
-from printctl.link.job_start import told_start
+from printctl.link.job_start import declared_start
 from printctl.web.job.to_start import Place
 
 
@@ -26,6 +26,6 @@ def declared_of(path: Path, printer: str) -> Place | None:
 def _declared(path: Path, printer: str, size: int, changed_ns: int) -> Place | None:
     try:
         job = load_job(path, load(Printer, printer))
-        return told_start(job)
+        return declared_start(job)
     except (LinkError, ProfileError):
         return None

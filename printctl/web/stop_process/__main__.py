@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Final
 
 from printctl.web.stop_process.connections import Wires
-from printctl.web.stop_process.event_loop import DoorServer
-from printctl.web.stop_process.start_message import DoorOrder
+from printctl.web.stop_process.event_loop import StopServer
+from printctl.web.stop_process.start_message import StartMessage
 
 _LOOK_S: Final = 1.0
 
@@ -26,7 +26,7 @@ _LOOK_S: Final = 1.0
 def main() -> None:
     """Serve until the server says so, or has gone and nothing is connected."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server's Ctrl-C; it tells us
-    order = DoorOrder.from_json(sys.stdin.readline())
+    order = StartMessage.from_json(sys.stdin.readline())
     wires = Wires(Path(order.root))
     server = _listen(order, wires)
     wires.follow()
@@ -37,14 +37,14 @@ def main() -> None:
     wires.close()
 
 
-def _listen(order: DoorOrder, wires: Wires) -> DoorServer:
+def _listen(order: StartMessage, wires: Wires) -> StopServer:
     try:
-        return DoorServer(order, order.port, wires)
+        return StopServer(order, order.port, wires)
     except OSError:
-        return DoorServer(order, 0, wires)
+        return StopServer(order, 0, wires)
 
 
-def _outlive(order: DoorOrder, wires: Wires) -> None:
+def _outlive(order: StartMessage, wires: Wires) -> None:
     """Stay while something may have to be stopped and no new server has its own door."""
     record = Path(order.root) / ".printctl" / "serve.json"
     mine = _pid(record)

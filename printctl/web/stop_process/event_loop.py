@@ -28,7 +28,7 @@ from printctl.web.stop_process.message import (
     read_request,
 )
 from printctl.web.stop_process.responses import Answering
-from printctl.web.stop_process.start_message import DoorOrder
+from printctl.web.stop_process.start_message import StartMessage
 
 _BACKLOG: Final = 1024
 _ACCEPTED_AT_ONCE: Final = 64
@@ -40,7 +40,7 @@ _MOST_HEARD: Final = 65_536
 _AGAIN: Final = (BlockingIOError, InterruptedError, ssl.SSLWantReadError, ssl.SSLWantWriteError)
 
 
-class DoorServer:
+class StopServer:
     """Listens from the start; `serve` answers until the process ends.
 
     Parameters
@@ -51,7 +51,7 @@ class DoorServer:
     wires : Wires
     """
 
-    def __init__(self, order: DoorOrder, port: int, wires: Wires) -> None:
+    def __init__(self, order: StartMessage, port: int, wires: Wires) -> None:
         family = socket.AF_INET6 if ":" in order.host else socket.AF_INET
         self._listener = socket.socket(family, socket.SOCK_STREAM)
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

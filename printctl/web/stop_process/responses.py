@@ -15,7 +15,7 @@ from typing import Any
 from printctl.web.security.cookies import cookie_of
 from printctl.web.security.sessions import GRACE_S
 from printctl.web.stop_process.message import Request, answer_head
-from printctl.web.stop_process.start_message import DoorOrder
+from printctl.web.stop_process.start_message import StartMessage
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Answering:
         Who may come.
     """
 
-    def __init__(self, order: DoorOrder) -> None:
+    def __init__(self, order: StartMessage) -> None:
         self._order, self._sessions, self._ours = order, order.sessions, order.ours
 
     def answer(self, request: Request, connected: int) -> Answer:

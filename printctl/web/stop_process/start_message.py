@@ -11,7 +11,7 @@ from printctl.web.security.sessions import Sessions
 
 
 @dataclass(frozen=True)
-class DoorOrder:
+class StartMessage:
     """Where it listens, and who may come.
 
     Attributes
@@ -57,7 +57,7 @@ class DoorOrder:
         return json.dumps(asdict(self))
 
     @classmethod
-    def from_json(cls, line: str) -> DoorOrder:
+    def from_json(cls, line: str) -> StartMessage:
         """Read `to_json`."""
         said = json.loads(line)
         return cls(**{**said, "names": tuple(said["names"])})

@@ -15,7 +15,7 @@ from typing import Final
 
 import printctl
 from printctl.errors import PrintctlError
-from printctl.web.stop_process.start_message import DoorOrder
+from printctl.web.stop_process.start_message import StartMessage
 
 _LOOK_S: Final = 0.1
 _AGAIN_S: Final = 1.0
@@ -25,12 +25,12 @@ _END_S: Final = 1.0
 log = logging.getLogger("printctl.web")
 
 
-class NoStopDoorError(PrintctlError):
+class NoStopProcessError(PrintctlError):
     """The stop process doesn't start."""
 
 
 @dataclass
-class StopDoorProcess:
+class StopProcess:
     """The door's process, as the server holds it.
 
     Attributes
@@ -38,7 +38,7 @@ class StopDoorProcess:
     order : DoorOrder
     """
 
-    order: DoorOrder
+    order: StartMessage
     _process: subprocess.Popen[str] | None = None
     _over: threading.Event = field(default_factory=threading.Event)
 
@@ -90,7 +90,7 @@ class StopDoorProcess:
             process.stdin.flush()
         line = process.stdout.readline()
         if not line:
-            raise NoStopDoorError(
+            raise NoStopProcessError(
                 f"the stop door didn't start (it ended with {process.wait()}); the page isn't "
                 "served without, for its red button would depend on the server alone"
             )
@@ -102,5 +102,5 @@ class StopDoorProcess:
                 log.error("the stop door ended; starting it again")
                 try:
                     self._start()
-                except NoStopDoorError:
+                except NoStopProcessError:
                     self._over.wait(_AGAIN_S)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from design.files import replacing
+from design.files import atomic_replacement
 from registration.report.errors import ReportError
 from registration.report.play.playback import Playback, PlayNote, PlayRows
 
@@ -34,7 +34,7 @@ def save_played(path: Path, played: Playback) -> None:
         "warnings": [asdict(one) for one in played.warnings],
         "notes": played.notes,
     }
-    with replacing(path) as draft:
+    with atomic_replacement(path) as draft:
         np.savez_compressed(
             draft,
             layer_z_mm=played.layer_z_mm,

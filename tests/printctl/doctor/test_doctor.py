@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from printctl.cli.main import app
 from printctl.doctor import places
 from printctl.doctor.extras import extras
-from printctl.doctor.ports import looked_at, permission_findings, udev_rule
+from printctl.doctor.ports import check_ports, permission_findings, udev_rule
 from printctl.link.ports import PortInfo
 
 USB = PortInfo("/dev/ttyACM0", "Marlin", "2a03:0042", "x")
@@ -103,11 +103,11 @@ def test_the_device_is_not_given_away_with_the_group_root(monkeypatch):
 
 
 def test_ports_are_listed_with_id_and_permission():
-    assert looked_at([USB, BUILT_IN], lambda device: True) == {
+    assert check_ports([USB, BUILT_IN], lambda device: True) == {
         "/dev/ttyACM0": "2a03:0042, readable and writable",
         "/dev/ttyS0": "no USB id, readable and writable",
     }
-    assert looked_at([USB], nobody_may)["/dev/ttyACM0"].endswith("no permission")
+    assert check_ports([USB], nobody_may)["/dev/ttyACM0"].endswith("no permission")
     assert permission_findings([USB], lambda device: "dialout", lambda device: True) == []
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortLost
 from sim.board.printer import SimulatedPrinter
-from sim.faults.cable import BadLine
+from sim.faults.cable import FaultyCable
 from sim.faults.clock_pace import Pace
 from sim.faults.fault_file import PermanentFaults
 
@@ -44,7 +44,7 @@ class SimulatedTransport:
     ) -> None:
         self.name = "simulated"
         self.printer, self.clock = printer, clock
-        self.line = printer.bad_line = BadLine(troubles, rng)
+        self.line = printer.bad_line = FaultyCable(troubles, rng)
         if troubles is not None:
             printer.pace = Pace(troubles.speed)
         self._writes_left, self._last_part = 0, 1.0

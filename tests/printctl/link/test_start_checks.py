@@ -6,7 +6,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from firmware_profiles.families.klipper.protocol import KlipperProtocol
-from printctl.gate.firmware import differences, told_settings
+from printctl.gate.firmware import differences, reported_settings
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import HandshakeError
@@ -162,7 +162,9 @@ def test_the_board_s_own_switch_off_stays_while_a_heater_is_on(tmp_path):
 def test_klipper_s_own_switch_off_is_set_back_by_its_name():
     told = {"SET_IDLE_TIMEOUT": ["// idle_timeout: Timeout set to 1800.00 s"]}
     klipper = load(Printer, "klipper_bioprinter")
-    assert told_settings(told, klipper) == {"SET_IDLE_TIMEOUT": "SET_IDLE_TIMEOUT TIMEOUT=1800.00"}
+    assert reported_settings(told, klipper) == {
+        "SET_IDLE_TIMEOUT": "SET_IDLE_TIMEOUT TIMEOUT=1800.00"
+    }
 
 
 def test_the_recorded_firmware_s_answers_are_read():
@@ -179,7 +181,7 @@ def test_the_recorded_firmware_s_answers_are_read():
     }  # fmt: skip
     printer = load(Printer, "marlin_avr")
     assert differences(told, printer) == []
-    assert told_settings(told, printer) == {
+    assert reported_settings(told, printer) == {
         "M204": "M204 P3000.00 R3000.00 T3000.00",
         "M205": "M205 B20000.00 S0.00 T0.00",
         "M302": "M302 S170 P0",

@@ -10,7 +10,7 @@ import pytest
 
 from design.vasculature.named import planar_four_vessel
 from registration.dye import DyeOptions, DyeReport, dye_dict, dye_verdict, place_rows
-from registration.dye.predict import carried_beside, carrying_flow
+from registration.dye.predict import carrying_flow, solve_without_closed
 from registration.report.dye_page import write_dye_html
 from sim.dye import Occlusion, dye_flow
 from tests.registration.dye.films import PLANAR_FLOW, planar_report
@@ -26,7 +26,7 @@ def closed(tmp_path_factory: pytest.TempPathFactory) -> DyeReport:
 
 
 def test_flow_beside_a_closed_vessel_is_the_simulators() -> None:
-    flow = carried_beside(NETWORK, None, (7,))
+    flow = solve_without_closed(NETWORK, None, (7,))
     assert flow is not None
     # The simulator cuts vessel 7 in two pieces, both at rest.
     known = np.delete(dye_flow(NETWORK, 1.0, [Occlusion(7)]).flow_ul_s, 8)
@@ -36,17 +36,17 @@ def test_flow_beside_a_closed_vessel_is_the_simulators() -> None:
 
 
 def test_what_a_closed_vessel_cuts_off_stands_still() -> None:
-    flow = carried_beside(NETWORK, None, (4,))
+    flow = solve_without_closed(NETWORK, None, (4,))
     assert flow is not None
     assert set(np.flatnonzero(~flow.moves())) == {4, 8, 12}
-    assert carried_beside(NETWORK, None, (0,)) is None
-    whole, same = carrying_flow(NETWORK, None), carried_beside(NETWORK, None, ())
+    assert solve_without_closed(NETWORK, None, (0,)) is None
+    whole, same = carrying_flow(NETWORK, None), solve_without_closed(NETWORK, None, ())
     assert same is not None
     assert same.solution.flow == pytest.approx(whole.solution.flow, rel=1e-12)
 
 
 def test_dye_let_in_at_the_outlet_finds_its_way_beside_a_closed_vessel() -> None:
-    flow = carried_beside(NETWORK, 3, (7,))
+    flow = solve_without_closed(NETWORK, 3, (7,))
     assert flow is not None
     assert flow.solution.flow[13] == pytest.approx(-1.0)
     assert flow.solution.flow[7] == 0.0

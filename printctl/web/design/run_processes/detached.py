@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from printctl.pipeline.lock import run_is_going_on
+from printctl.pipeline.lock import is_run_active
 from printctl.web.design.run_processes.progress import RunProgress, broken_off, read_progress
 
 PROGRESS, LOG = "progress.jsonl", "run.log"
@@ -69,7 +69,7 @@ class DetachedProcesses:
 
     def going_on(self, name: str, folder: Path) -> bool:
         """Whether a process, also one from a terminal, works in a folder."""
-        return self.progress(name, folder).going_on or (folder.is_dir() and run_is_going_on(folder))
+        return self.progress(name, folder).going_on or (folder.is_dir() and is_run_active(folder))
 
     def cancel(self, name: str, folder: Path) -> bool:
         """End the command in a folder and all that it started; False when none is going on."""
@@ -90,7 +90,7 @@ def _leaving(run: RunProgress) -> RunProgress:
 def _lives(run: RunProgress, folder: Path) -> bool:
     if not run.pid or not _exists(run.pid):
         return False
-    return run_is_going_on(folder) or time.time() - run.begun < _STARTS_S
+    return is_run_active(folder) or time.time() - run.begun < _STARTS_S
 
 
 def _dead(run: RunProgress, folder: Path) -> RunProgress:

@@ -10,7 +10,7 @@ from typing import Final
 
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK, OXYGEN, SOLID
 from printctl.web.errors import ConflictError
-from printctl.web.worker import worked
+from printctl.web.worker import run_worker
 
 LUMENS: Final = "lumens.json"
 _OF_NETWORK: Final = (NETWORK, "flow.csv", "tissue.stl", LUMENS, OXYGEN, "registration.json")
@@ -72,7 +72,7 @@ def _kept(run: Path, kept: Path, sort: str, names: tuple[str, ...]) -> Path:
 
 
 def _make(sort: str, run: Path, page: Path) -> None:
-    worked(
+    run_worker(
         "printctl.web.design.run_views.make",
         sort,
         str(run),

@@ -20,7 +20,7 @@ VIEWS: Final = {
 }
 
 
-class LookTab:
+class ViewTab:
     """Shows one run."""
 
     def __init__(self, service: DesignService) -> None:

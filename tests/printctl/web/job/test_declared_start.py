@@ -8,7 +8,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from printctl.link.errors import LinkError
-from printctl.link.job_start import told_start
+from printctl.link.job_start import declared_start
 from printctl.web.job.declared_start import declared_of
 from tests.printctl.link.jobs import load_job
 
@@ -40,6 +40,6 @@ def test_the_start_is_that_of_the_whole_job(
     assert declared_of(path, name) == found
     try:
         job = load_job(path, load(Printer, name))
-        assert told_start(job) == found
+        assert declared_start(job) == found
     except LinkError:
         assert found is None
