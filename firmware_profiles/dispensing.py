@@ -44,7 +44,7 @@ def steady_flow(head: Pneumatic, ink: Ink, needle: Needle) -> SteadyFlow:
     if flow <= 0:
         raise ProfileError(
             f"{head.pressure_kpa:g} kPa (dispenser: pressure_kpa) don't move {ink.name} through "
-            f"{needle.name}: its yield stress holds {yield_pressure_pa(ink, needle) * 1e-3:.4g} kPa; "
-            "raise the pressure, or take a wider or shorter needle"
+            f"{needle.name}: its yield stress holds "
+            f"{yield_pressure_pa(ink, needle) * 1e-3:.4g} kPa; raise the pressure, or take a wider or shorter needle"
         )
     return SteadyFlow(flow, False)

@@ -25,7 +25,7 @@ _END_S: Final = 1.0
 log = logging.getLogger("printctl.web")
 
 
-class NoStopProcessError(PrintctlError):
+class NoStopDoorError(PrintctlError):
     """The stop process doesn't start."""
 
 
@@ -90,7 +90,7 @@ class StopProcess:
             process.stdin.flush()
         line = process.stdout.readline()
         if not line:
-            raise NoStopProcessError(
+            raise NoStopDoorError(
                 f"the stop door didn't start (it ended with {process.wait()}); the page isn't "
                 "served without, for its red button would depend on the server alone"
             )
@@ -102,5 +102,5 @@ class StopProcess:
                 log.error("the stop door ended; starting it again")
                 try:
                     self._start()
-                except NoStopProcessError:
+                except NoStopDoorError:
                     self._over.wait(_AGAIN_S)
