@@ -45,6 +45,7 @@ def steady_flow(head: Pneumatic, ink: Ink, needle: Needle) -> SteadyFlow:
         raise ProfileError(
             f"{head.pressure_kpa:g} kPa (dispenser: pressure_kpa) don't move {ink.name} through "
             f"{needle.name}: its yield stress holds "
-            f"{yield_pressure_pa(ink, needle) * 1e-3:.4g} kPa; raise the pressure, or take a wider or shorter needle"
+            f"{yield_pressure_pa(ink, needle) * 1e-3:.4g} kPa; "
+            "raise the pressure, or take a wider or shorter needle"
         )
     return SteadyFlow(flow, False)
