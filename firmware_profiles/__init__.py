@@ -1,4 +1,8 @@
-"""Profiles of printers, needles, syringes, inks, baths, dishes and plates, with sources."""
+"""Profiles of printers, needles, syringes, inks, baths, dishes and plates, with sources.
+
+Goes in: a profile's name or a file. Comes out: a frozen model of it, checked. Begin with
+`load.py`.
+"""
 
 from firmware_profiles.cross_checks import ProfileDoubt, profile_doubts
 from firmware_profiles.dishes import Dish

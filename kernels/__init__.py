@@ -1,4 +1,8 @@
-"""Compiled kernels: the decorators that own numba's flags, and the store on disk."""
+"""Compile numerical kernels with numba, and store their machine code on disk.
+
+Goes in: a Python function of arrays and numbers. Comes out: its machine code, kept on disk. Begin
+with `compile.py`.
+"""
 
 from kernels.compile import jit, pjit
 from kernels.folder import cache_dir

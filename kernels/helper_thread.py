@@ -1,4 +1,4 @@
-"""Helper thread beside the caller, where two threads may run parallel kernels at once."""
+"""Helper thread beside the caller, where numba lets two threads run parallel kernels at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Second process that runs work in parallel with this one."""
+"""Second process that calls functions in parallel with this one."""
 
 from __future__ import annotations
 

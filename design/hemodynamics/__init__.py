@@ -1,6 +1,9 @@
 """Flow solvers for vessel networks: lumped (0D, steady and pulsatile) and 1D pulse waves.
 
 Names are loaded when first asked for: a steady flow needs neither 1D waves nor pulses.
+
+Goes in: a network and boundary conditions. Comes out: pressure, flow and wall shear of each
+vessel. Begin with `zero_d/steady.py`.
 """
 
 from typing import TYPE_CHECKING

@@ -1,6 +1,9 @@
 """Geometric measures of a vessel network and of its supply of the tissue.
 
 Names are loaded when first asked for.
+
+Goes in: a network, on request its tissue and flow. Comes out: measures of each vessel and of all.
+Begin with `measure.py`.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Networks as NumPy's `.npz`: the arrays themselves, fast and to the bit."""
+"""Read and write networks as NumPy `.npz`, exact to the last bit."""
 
 from __future__ import annotations
 

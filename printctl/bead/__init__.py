@@ -1,4 +1,8 @@
-"""Predicted ink of a print job: tables, pictures and voxels from `sim.bead`."""
+"""Predicted ink of a print job: tables, pictures and voxels from `sim.bead`.
+
+Goes in: a simulated G-code file and an ink. Comes out: predicted ink as tables, pictures, voxels.
+Begin with `predict.py`.
+"""
 
 from printctl.bead.bundles import merge_bundles
 from printctl.bead.filaments import written_filaments

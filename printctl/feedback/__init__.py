@@ -1,4 +1,7 @@
-"""Compensation workflow: derive a correction file from registered prints for the next print."""
+"""Compensation workflow: derive a correction file from registered prints for the next print.
+
+Goes in: folders of registered prints. Comes out: a compensation. Begin with `estimate.py`.
+"""
 
 from printctl.feedback.estimate import Choices, estimate
 from printctl.feedback.evidence import NO_ORIGIN, ORIGIN, Print, keep_origin, read_print

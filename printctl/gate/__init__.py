@@ -2,6 +2,8 @@
 
 Pure: it opens nothing and sends nothing. `judge` answers allowed, with the text that is sent, or
 refused, with the reason.
+
+Goes in: a line, its origin, the printer's state. Comes out: a verdict. Begin with `judge.py`.
 """
 
 from printctl.gate.heat import check_heat

@@ -1,4 +1,4 @@
-"""Contents of a printer's heads, as a recipe names them."""
+"""Load the syringe, ink and needle of each head that a recipe names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Preflight checks of a print before the first byte is sent."""
+"""Preflight checks of a print before the first byte is sent.
+
+Goes in: a G-code file and a `SetUp`. Comes out: checks, each passed or failed with its numbers.
+Begin with `set_up.py`.
+"""
 
 from typing import TYPE_CHECKING
 

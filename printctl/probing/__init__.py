@@ -1,4 +1,8 @@
-"""Query a printer's settings and compare them with its profile."""
+"""Query a printer's settings and compare them with its profile.
+
+Goes in: a port and a profile. Comes out: a row for each setting that differs. Begin with
+`compare.py`.
+"""
 
 from printctl.probing.compare import Row, compare, corrected_profile
 from printctl.probing.queries import query_settings

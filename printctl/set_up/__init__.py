@@ -1,6 +1,8 @@
 """Print set-up (mounted profiles) and check results, as plain values without kernels.
 
 The checks themselves, which look at G-code, are in `printctl.preflight`.
+
+Goes in: names of profiles. Comes out: a `SetUp`. Begin with `mounted.py`.
 """
 
 from printctl.set_up.budget import Budget, budget_of

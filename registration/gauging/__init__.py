@@ -1,6 +1,9 @@
 """Gauging of an aligned scan: surface deviation, vessel dimensions, defects.
 
 Names are loaded when first asked for.
+
+Goes in: an aligned scan and the design's network. Comes out: sections, diameters and defects.
+Begin with `trace.py`.
 """
 
 from typing import TYPE_CHECKING

@@ -1,6 +1,9 @@
 """Reference frame of a report, and geometric characteristics in it (ISO 5459, ISO 1101).
 
 Names are loaded when first asked for: a recipe needs the datums' names alone.
+
+Goes in: scanned faces and sections. Comes out: a frame, and zones of vessels and faces. Begin with
+`measure.py`.
 """
 
 from typing import TYPE_CHECKING

@@ -1,6 +1,9 @@
 """Judge a registration's sections, vessels and whole print against tolerances.
 
 Names are loaded when first asked for: a recipe needs the tolerances alone.
+
+Goes in: a registration's numbers and tolerances. Comes out: decisions and findings. Begin with
+`judge.py`.
 """
 
 from typing import TYPE_CHECKING

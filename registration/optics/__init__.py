@@ -1,4 +1,8 @@
-"""Optics of an OCT device: refraction, fan and bow distortion, and their calibration."""
+"""Optics of an OCT device: refraction, fan and bow distortion, and their calibration.
+
+Goes in: scans of a dot grid and a step. Comes out: a calibration file, and corrected scans. Begin
+with `beam.py`.
+"""
 
 from registration.optics.beam import Beam, OctCalibration
 from registration.optics.file import read_calibration, write_calibration

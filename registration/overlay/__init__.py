@@ -1,4 +1,8 @@
-"""Overlay of a scan on the G-code, layer by layer: where gel was written and where it stands."""
+"""Overlay of a scan on the G-code, layer by layer: where gel was written and where it stands.
+
+Goes in: a scan, its pose and a G-code job. Comes out: the numbers of each layer. Begin with
+`measure.py`.
+"""
 
 from registration.overlay.cut import Cutter, ScanCut
 from registration.overlay.lines import LayerLines, layers_of

@@ -1,4 +1,4 @@
-"""Extra section that other packages add to the report's page."""
+"""Extra section of the report's page, supplied by another package."""
 
 from __future__ import annotations
 

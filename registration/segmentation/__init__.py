@@ -1,4 +1,7 @@
-"""Segmentation: from a scanned volume to the surface between gel and lumen."""
+"""Segmentation: from a scanned volume to the surface between gel and lumen.
+
+Goes in: a `Scan`. Comes out: a surface mesh, and a field of gel. Begin with `segment.py`.
+"""
 
 from registration.segmentation.evidence import GelEvidence, are_separable, gel_evidence
 from registration.segmentation.segment import Segmentation, SegmentationOptions, segment

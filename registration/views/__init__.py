@@ -1,6 +1,9 @@
 """Raw pictures from a scan for the report: B-scans and sections with designed and found contours.
 
 Names are loaded when first asked for.
+
+Goes in: a scan and its judged registration. Comes out: pictures with contours. Begin with
+`take_pictures.py`.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,8 @@
-"""Independent check of the needle's shaft against written ink, for embedded jobs."""
+"""Independent check of the needle's shaft against written ink, for embedded jobs.
+
+Goes in: an embedded job, its network, its needles. Comes out: violations by line and vessel. Begin
+with `check.py`.
+"""
 
 from sim.clearance.check import check_clearance
 from sim.clearance.contact import ShaftContact

@@ -1,4 +1,4 @@
-"""Simulated clock of a board relative to its host's: slowed or frozen by a fault plan."""
+"""Simulated clock of a board, which a fault plan may slow or freeze."""
 
 from __future__ import annotations
 

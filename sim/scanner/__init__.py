@@ -1,4 +1,7 @@
-"""Simulated scanners: volumes of the simulated deposit."""
+"""Simulated scanners: volumes of the simulated deposit.
+
+Goes in: deposited ink. Comes out: a volume, its units and the truth. Begin with `oct.py`.
+"""
 
 from sim.scanner.defects import Defect, with_defects
 from sim.scanner.microct import MicroCtOptions, simulate_microct

@@ -1,4 +1,8 @@
-"""Dye transport in a vessel network: front, concentration curves, and video frame-rate check."""
+"""Dye transport in a vessel network: front, concentration curves, and video frame-rate check.
+
+Goes in: a network and its steady flow. Comes out: arrival times and concentration curves. Begin
+with `front.py`.
+"""
 
 from design.hemodynamics.dye.curves import dye_curves
 from design.hemodynamics.dye.frames import FrameCheck, check_frames

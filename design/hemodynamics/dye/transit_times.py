@@ -1,4 +1,4 @@
-"""Transit times of the steady flow that carries dye, and its downstream vessel order."""
+"""Transit times of dye through each vessel in steady flow, and downstream order of vessels."""
 
 from __future__ import annotations
 

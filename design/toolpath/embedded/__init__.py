@@ -1,4 +1,7 @@
-"""Embedded writing: filaments along the vessels' centrelines inside a bath."""
+"""Embedded writing: filaments along the vessels' centrelines inside a bath.
+
+Goes in: a network and a needle. Comes out: a `Toolpath` and a report. Begin with `plan.py`.
+"""
 
 from typing import TYPE_CHECKING
 

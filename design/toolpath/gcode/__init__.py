@@ -1,4 +1,8 @@
-"""G-code writers, one per firmware, behind one interface."""
+"""G-code writers, one per firmware, behind one interface.
+
+Goes in: a toolpath, a printer, a syringe. Comes out: G-code with the map of its lines. Begin with
+`write.py`.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,7 @@
-"""Ink properties from a calibration print's widths, measured in a picture or typed in."""
+"""Ink properties from a calibration print's widths, measured in a picture or typed in.
+
+Goes in: a pattern and its measured widths. Comes out: properties of the ink. Begin with `fit.py`.
+"""
 
 from printctl.calibration.widths.factors import GivenValues
 from printctl.calibration.widths.fit import fit_replies, fit_widths

@@ -107,7 +107,7 @@ def fit_joint(written: WrittenPattern, replies: Replies) -> Answer:
 
 
 def fit_bridge(written: WrittenPattern, replies: Replies) -> Answer:
-    """Longest span that held."""
+    """Estimate the longest unsupported bridge from measured spans."""
     return _yes_no(
         written,
         replies,

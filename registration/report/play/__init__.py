@@ -1,4 +1,7 @@
-"""Playback of a predicted print by a time slider, as a page of its own or in the report."""
+"""Playback of a predicted print by a time slider, as a page of its own or in the report.
+
+Goes in: predicted ink in order of time. Comes out: a page with a slider. Begin with `playback.py`.
+"""
 
 from registration.report.play.file import load_played, save_played
 from registration.report.play.page import write_play_html
