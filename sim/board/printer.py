@@ -1,4 +1,4 @@
-"""Interface of a simulated printer: bytes in, bytes out, in virtual time, no I/O.
+"""Base class of simulated printers: bytes in, bytes out, in virtual time, no I/O.
 
 Modelled of any board, whatever its firmware:
 

@@ -55,7 +55,7 @@ class RecipeAnswer(BaseModel):
 
 
 def problems(checked: CheckedRecipe) -> list[ProblemAnswer]:
-    """As the API tells them."""
+    """Serialise validation problems for the REST API."""
     return [ProblemAnswer(path=list(p.path), message=p.message) for p in checked.problems]
 
 
