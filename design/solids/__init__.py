@@ -1,4 +1,8 @@
-"""Printable solids of a network and a body, and their files."""
+"""Printable solids of a network and a body, and their files.
+
+Goes in: a network and a body. Comes out: closed triangle surfaces and their files. Begin with
+`lumen.py`.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -106,7 +106,7 @@ def _made(
             node = int(run.node[-end])
             ends.append("flat" if (index, end) in joined or node in extended else "round")
         shapes.append((ends[0], ends[1]))
-        layout.runs[index] = with_ends_drawn_out(run, extended)
+        layout.runs[index] = extend_ends(run, extended)
     vertices, faces = sew_parts(layout, shapes)
     mend = not _united(layout)
     return solid_from_mesh(vertices + middle, faces, "the lumens' union", mend=mend)
@@ -156,7 +156,7 @@ def extended_ends(
     }
 
 
-def with_ends_drawn_out(run: Chain, extended: dict[int, float]) -> Chain:
+def extend_ends(run: Chain, extended: dict[int, float]) -> Chain:
     """The same run, longer at the nodes ``extended`` by the lengths given there, mm."""
     points, radius, node = run.points, run.radius, run.node
     for at in (0, -1):

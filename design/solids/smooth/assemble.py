@@ -14,10 +14,16 @@ from design.solids.chains import Chain
 from design.solids.facets import area_factor
 from design.solids.manifolds import to_manifold
 from design.solids.smooth.conflicts import overlapping_runs
-from design.solids.smooth.crowd import COARSER_BALLS, LostRingError, ball, stub, unite_parts
-from design.solids.smooth.crowd_walls import crowd_rounding
-from design.solids.smooth.layout import End, Layout, first_piece, keep_clear_of_balls, swallow
-from design.solids.smooth.round_crowd import round_seams
+from design.solids.smooth.group_walls import crowd_rounding
+from design.solids.smooth.layout import End, Layout, absorb_runs, first_piece, keep_clear_of_balls
+from design.solids.smooth.overlap_group import (
+    COARSER_BALLS,
+    LostRingError,
+    ball,
+    connecting_tube,
+    unite_parts,
+)
+from design.solids.smooth.round_seams import round_seams
 from design.solids.smooth.star import star_mesh
 from design.solids.topology import is_closed
 from design.solids.tube import EndShape, tube_mesh
@@ -100,14 +106,14 @@ def sew_parts(
     faces : (m, 3) int64
     """
     overlaps = overlapping_runs(layout)
-    swallow(layout, np.unique(overlaps).tolist())
+    absorb_runs(layout, np.unique(overlaps).tolist())
     for _ in range(_TRIES):
         vertices, faces, torn = _sewn(layout, shapes, overlaps)
         if not torn and is_closed(faces):
             return vertices, faces
         # Vessels lie in one another's end planes there: take in those around as well.
-        swallow(layout, torn or range(len(layout.runs)))
-    swallow(layout, range(len(layout.runs)))
+        absorb_runs(layout, torn or range(len(layout.runs)))
+    absorb_runs(layout, range(len(layout.runs)))
     return _sewn(layout, shapes, overlaps)[:2]
 
 
@@ -280,7 +286,7 @@ def _crowd(
             if not layout.swallowed[index]:
                 ring, reach = sewing.rings[index, end], layout.reach[index, end]
                 near = wall[7] / (wall[7] + wall[8] * reach)
-                parts.append(stub(centre, float(near), sewing.place(ring), reach))
+                parts.append(connecting_tube(centre, float(near), sewing.place(ring), reach))
                 rings.append(ring)
     thin = _thinnest(layout, joints, runs)
     places = [sewing.place(ring) for ring in rings]

@@ -13,7 +13,7 @@ from design.solids.chains import Chain
 from design.solids.facets import Facets
 from design.solids.runs import split_runs
 from design.solids.smooth.fillet import wall_rows
-from design.solids.smooth.reach import reaches
+from design.solids.smooth.tube_start import reaches
 
 End = tuple[int, int]
 """A run, and which of its ends: 0 the first, 1 the last."""
@@ -190,7 +190,7 @@ def _settle(layout: Layout, joint: int, least: dict[End, float]) -> None:
             layout.reach[end] = x
 
 
-def swallow(layout: Layout, more: Iterable[int]) -> None:
+def absorb_runs(layout: Layout, more: Iterable[int]) -> None:
     """Make ``more`` runs whole parts of a crowd."""
     for run in more:
         layout.swallowed[run] = True
@@ -219,4 +219,4 @@ def keep_clear_of_balls(layout: Layout) -> None:
                     tight.append(run)
         if not tight:
             return
-        swallow(layout, tight)
+        absorb_runs(layout, tight)

@@ -8,7 +8,7 @@ import pytest
 from design.solids import Solid, find_crossings, lumen_solid, network_genus, surface_genus
 from design.solids.facets import Facets
 from design.solids.smooth.layout import lay_out
-from design.solids.smooth.parted import Edges, part_faces
+from design.solids.smooth.split_edges import Edges, part_faces
 from design.solids.topology import edge_faults
 from tests.design.solids.networks import channels, ladder, lattice
 

@@ -12,8 +12,8 @@ from design.solids.facets import Facets
 from design.solids.smooth.assemble import sew_parts
 from design.solids.smooth.fillet import errors, rounded_distance, shoot, wall_rows
 from design.solids.smooth.layout import lay_out
-from design.solids.smooth.reach import reaches
 from design.solids.smooth.sphere import insert, start
+from design.solids.smooth.tube_start import reaches
 from design.solids.topology import edge_faults, is_closed
 from design.solids.tube import EndShape
 from tests.design.solids.networks import channels, ladder, lattice, vessel
