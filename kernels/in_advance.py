@@ -43,9 +43,7 @@ def missing(rows: Sequence[NeededKernel]) -> list[NeededKernel]:
     entries = Counter(one.kernel for one in rows if one.entry)
     short = set()
     for kernel, count in listed.items():
-        young = [
-            one for one in kept.get(_file_stem(kernel), ()) if one.changed >= _changed(kernel)
-        ]
+        young = [one for one in kept.get(_file_stem(kernel), ()) if one.changed >= _changed(kernel)]
         if len(young) < count or sum(one.entry for one in young) < entries[kernel]:
             short.add(kernel)
     return [one for one in rows if one.kernel in short]

@@ -35,7 +35,7 @@ _SETTINGS: Final = ("OPT", "BOUNDSCHECK", "LOOP_VECTORIZE", "SLP_VECTORIZE", "DE
 """Settings of numba, from its environment variables, that change machine code."""
 
 _PASSES: Final = 2
-"""Of our own choices of what LLVM does (`kernels.library`, `kernels.dispatcher`); count up there."""
+"""Number of the way in which `kernels.library` and `kernels.dispatcher` compile."""
 
 _EXTERNAL: Final = frozenset({"numpy", "math", "cmath", "numba", "builtins"})
 """Packages whose content is decided by their version, which every key holds."""
@@ -78,7 +78,7 @@ def content_parts(kernel: Dispatcher, memo: Memo) -> list[str]:
 
 
 def is_kernel(value: Any) -> bool:
-    """Whether a value is numba's dispatcher, or stands for one (`kernels.bare`)."""
+    """Whether a value is numba's dispatcher, or stands for one (`kernels.without_numba`)."""
     return hasattr(value, "py_func") and hasattr(value, "targetoptions")
 
 
@@ -140,7 +140,10 @@ def _types() -> Any:
 @cache
 def _environment() -> str:
     numba, llvmlite = import_module("numba"), import_module("llvmlite")
-    settings = [f"passes={_PASSES}", *(f"{name}={getattr(numba.config, name, None)}" for name in _SETTINGS)]
+    settings = [
+        f"passes={_PASSES}",
+        *(f"{name}={getattr(numba.config, name, None)}" for name in _SETTINGS),
+    ]
     python = (platform.python_implementation(), platform.python_version())
     versions = (numba.__version__, llvmlite.__version__, np.__version__)
     return " ".join([*python, *versions, *settings])

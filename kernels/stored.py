@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numba.cpython.hashing  # noqa: F401 - adds symbols of kernels that hash
 from numba.core import types
@@ -23,9 +23,6 @@ from numba.core.serialize import dumps
 from kernels.files import read_whole, write_whole
 from kernels.folder import ALL, FOR_KERNELS, cache_dir
 from kernels.key import Memo, UnkeepableError, kernel_key, signature_text
-
-if TYPE_CHECKING:
-    from kernels.dispatcher import KernelDispatcher
 
 _MEMO: Memo = {}
 
@@ -42,7 +39,7 @@ class KernelStore(NullCache):
     written costs time at the next start and nothing else; ``printctl doctor`` tells it.
     """
 
-    def __init__(self, kernel: KernelDispatcher) -> None:
+    def __init__(self, kernel: Any) -> None:  # `kernels.dispatcher` imports this
         self._kernel = kernel
 
     @property
@@ -89,9 +86,7 @@ class KernelStore(NullCache):
             return False
         return True
 
-    def _path(
-        self, sig: Sequence[types.Type], codegen: Any, for_kernels: bool
-    ) -> Path | None:
+    def _path(self, sig: Sequence[types.Type], codegen: Any, for_kernels: bool) -> Path | None:
         """File for argument types ``sig``; None where such a kernel isn't kept."""
         function = self._kernel.py_func
         try:
