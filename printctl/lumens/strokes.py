@@ -16,7 +16,6 @@ from sim.program.modal import MOVE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 LEAST_MM: Final = 1e-6
 """A shorter way is none."""

@@ -31,9 +31,7 @@ from registration.topology.ways import (
     find_ways,
 )
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _FULL = np.ones((3, 3, 3), dtype=np.bool_)
 

@@ -24,7 +24,6 @@ from sim.program.modal import SET_POSITION, TOOL
 from sim.reading.named_commands import NamedCommand
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _COUNTS: Final = re.compile(rb"E[-+.\d]")
 
