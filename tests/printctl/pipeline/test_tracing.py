@@ -37,8 +37,8 @@ def job(of_vessels: bool = False) -> Job:
             source.append(layer)
     first = 10 * np.arange(10) + 1
     return Job(
-        written(np.array(start), np.array(end), np.array(line)), np.array(source), of_vessels, first,
-        first + 9,
+        written(np.array(start), np.array(end), np.array(line)),
+        np.array(source), of_vessels, first, first + 9,
     )  # fmt: skip
 
 
