@@ -27,7 +27,7 @@ from firmware_profiles.families.ack_protocol import AckProtocol, Sort
 from firmware_profiles.families.common_words import COMMON
 from firmware_profiles.families.dialect import Dialect, same_dialect
 from firmware_profiles.families.family import Family
-from firmware_profiles.families.gate_facts import Ask, GateFacts
+from firmware_profiles.families.gate_facts import AllowQuery, GateFacts
 from firmware_profiles.families.grammar import Grammar, codes
 from firmware_profiles.families.job_facts import IdleTimeout
 from firmware_profiles.families.link_facts import LinkFacts
@@ -58,7 +58,7 @@ FAMILY = Family(
         lower_case=False,
     ),
     dialect=same_dialect(Dialect("M85 S{seconds}", clean=("M220 S100", "M221 S100"))),
-    gate=GateFacts(console={"M777": Ask()}),
+    gate=GateFacts(console={"M777": AllowQuery()}),
     probe=ProbeFacts((b"M115",)),
     timeout=IdleTimeout("M85", "", "M85 S600"),
 )

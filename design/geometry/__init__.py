@@ -1,17 +1,25 @@
-"""Exact distances and intersections of points, segments and triangles."""
+"""Exact distances and intersections of points, segments and triangles.
 
-from design.geometry.bvh import (
-    TriangleTree,
-    boxes_of,
-    build_triangle_tree,
-    gather_within,
-    nearest_distance,
-    nearest_distances,
-)
-from design.geometry.hierarchy import build_hierarchy
-from design.geometry.segments import point_segment, segment_segment
-from design.geometry.surface import Surface
-from design.geometry.triangles import point_triangle_squared
+Names are loaded when first asked for: a process that only names a surface needs no kernels.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from design.geometry.bvh import (
+        TriangleTree,
+        boxes_of,
+        build_triangle_tree,
+        gather_within,
+        nearest_distance,
+        nearest_distances,
+    )
+    from design.geometry.hierarchy import build_hierarchy
+    from design.geometry.segments import point_segment, segment_segment
+    from design.geometry.surface import Surface
+    from design.geometry.triangles import point_triangle_squared
 
 __all__ = [
     "Surface",
@@ -26,3 +34,9 @@ __all__ = [
     "point_triangle_squared",
     "segment_segment",
 ]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

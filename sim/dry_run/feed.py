@@ -162,8 +162,7 @@ def _feed(
         The host's turnaround; two bytes, which the board's transmitter takes at once; the end of a
         second line that is withheld.
     plan_s : (3,) float64, s
-        For a block, its corner, and each trapezoid. ``costs`` as in
-        `sim.motion.planner.command_time`.
+        For a block, its corner, and each trapezoid; ``costs`` as for `planner.command_time`.
     """
     now, arrival, answered, answer = 0.0, 0.0, -host_s[0], 0.0
     begin, finish = np.inf, 0.0

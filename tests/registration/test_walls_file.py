@@ -81,7 +81,7 @@ def bright_ball(wall_mm: float) -> Segmentation:
 
 
 def radii(ball: Segmentation) -> np.ndarray:
-    return np.linalg.norm(ball.vertices - MIDDLE, axis=1)
+    return np.linalg.norm(ball.surface.vertices - MIDDLE, axis=1)
 
 
 def test_a_bright_ball_in_gel_is_wider_by_it() -> None:

@@ -141,7 +141,7 @@ def test_kill_halts_each_family(firmware, tmp_path):
     if firmware == "klipper":  # it is asked why
         assert events == [Halting("// Klipper state: Shutdown")]
         events = protocol.tick(protocol.deadline)
-    assert type(events[0]).__name__ == "Halted"
+    assert type(events[0]).__name__ == "FirmwareHalted"
 
 
 @pytest.mark.parametrize("firmware", ["reprapfirmware", "klipper"])

@@ -7,10 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from printctl.pipeline.tracing import Job, by_layer, made_by
 from printctl.pipeline.tracing import _spans as spans
 from sim.deposit.strands import FloatArray, IntArray, Strands
+
+NO_FACES = np.empty((0, 3), dtype=np.int64)
 
 NETWORK = VesselNetwork.from_segments(
     np.array([[0.0, 0, 0.5], [10, 0, 0.5]]),
@@ -82,7 +85,7 @@ def test_deviation_goes_to_the_layer_it_lies_in() -> None:
     report = SimpleNamespace(
         transform_scan_to_part=np.eye(4),
         scaled_scan_to_part=np.eye(4),
-        vertices=vertices,
+        surface=Surface(vertices, NO_FACES),
         seen=np.array([True, True, True, False]),
         scaled_deviation_um=np.array([10.0, -30.0, 7.0, 1e6]),
     )
@@ -106,7 +109,9 @@ def test_layers_of_different_heights_take_what_lies_in_them() -> None:
     report = SimpleNamespace(
         transform_scan_to_part=np.eye(4),
         scaled_scan_to_part=np.eye(4),
-        vertices=np.array([[0, 0, z] for z in (0.05, 0.15, 0.21, 0.23, 0.25, 0.4)]),
+        surface=Surface(
+            np.array([[0, 0, z] for z in (0.05, 0.15, 0.21, 0.23, 0.25, 0.4)]), NO_FACES
+        ),
         seen=np.ones(6, dtype=bool),
         scaled_deviation_um=np.array([1.0, 2.0, 3.0, 4.0, 5.0, 7.0]),
     )
