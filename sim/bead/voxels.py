@@ -9,7 +9,7 @@ from sim.deposit.lay import Deposit, deposit_of_areas
 from sim.deposit.strands import Strands
 
 
-def laid_deposit(bead: Bead, voxel_mm: float, swell: float = 1.0) -> Deposit:
+def bead_deposit(bead: Bead, voxel_mm: float, swell: float = 1.0) -> Deposit:
     """Lay a predicted bead into voxels, oozed threads included; drops aren't.
 
     Parameters
