@@ -104,7 +104,7 @@ def test_between_plane_walls_the_fillet_is_the_balls_arc() -> None:
     )  # fmt: skip
     angle = np.linspace(0.1, 1.4, 7)
     arc = rho - rho * np.stack([np.cos(angle), np.sin(angle), 0 * angle - 2.0], axis=1)
-    found = [rounded_distance(walls, rho, *point) for point in arc]
+    found = np.array([rounded_distance(walls, rho, *point) for point in arc])
     assert found == pytest.approx(0.0, abs=2e-5)
 
 
