@@ -89,7 +89,7 @@ def forget(address: str) -> None:
 class SocketServer(ABC):
     """Serves clients in a thread of its own, from `start` to `finish`.
 
-    A kind of socket server says what may be wished (`wishes`), what a client is told (`told`) and what
+    A subclass says what may be requested (`wishes`), what a client is told (`told`) and what
     `kill` is.
 
     Attributes
