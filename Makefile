@@ -138,11 +138,11 @@ $(VENV)/.ready-release: $(VENV)/.ready
 	$(INSTALL) ".[release]"
 	touch $@
 
-# What tests, guide and release need, by one run of pip instead of four.
+# What tests, guide and release need, at once and by uv where there is one.
 ci-environment:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
 	$(PYTHON) -m venv $(VENV)
-	$(INSTALL) ".[test,docs,release]"
+	$(BIN)/python .ci/install.py $(BIN)/python --editable ".[test,docs,release]"
 	touch $(VENV)/.ready
 	touch $(VENV)/.ready-test $(VENV)/.ready-docs $(VENV)/.ready-release
 
