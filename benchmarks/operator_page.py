@@ -21,7 +21,7 @@ from benchmarks.machine import ROOT
 _START_S = 120.0
 _ANSWER_S = 300.0
 """For an answer: a first check may have to compile kernels."""
-_DOOR = b"printctl.web.stop_door"
+_DOOR = b"printctl.web.stop_process"
 
 
 class PageServer:

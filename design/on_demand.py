@@ -30,7 +30,7 @@ def on_demand(package: str) -> Callable[[str], Any]:
 
     def found(name: str) -> Any:
         if not homes:
-            homes.update(handed_on(package))
+            homes.update(exported_names(package))
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         value = getattr(import_module(homes[name]), name)
@@ -40,7 +40,7 @@ def on_demand(package: str) -> Callable[[str], Any]:
     return found
 
 
-def handed_on(package: str) -> dict[str, str]:
+def exported_names(package: str) -> dict[str, str]:
     """Name and module of all that a package hands on on demand."""
     tree = ast.parse(Path(str(sys.modules[package].__file__)).read_text(encoding="utf-8"))
     return dict(_names(tree))

@@ -109,7 +109,7 @@ def level_result(data: Readings, width_mm: float, depth_mm: float) -> Result:
     return Result(lines, tuple(notes))
 
 
-def touched_by_two(data: Readings) -> tuple[tuple[str, str], list[np.ndarray]]:
+def split_touches(data: Readings) -> tuple[tuple[str, str], list[np.ndarray]]:
     """Names of the two needles, and where each touched, (n, 3) mm.
 
     Raises
@@ -135,7 +135,7 @@ def offset_result(data: Readings) -> Result:
     ------
     UsageError
     """
-    (one, other), (first, second) = touched_by_two(data)
+    (one, other), (first, second) = split_touches(data)
     found = fit_offset(first, second, max(data.last_digit.values()))
     lines = {f"{other} less {one}, {axis}": e for axis, e in zip("xyz", found, strict=True)}
     return Result(lines, (f"add it to place_mm when {other} prints what {one} was set up for",))

@@ -10,7 +10,7 @@ from functools import cache
 from typing import Final
 
 from firmware_profiles import Printer
-from printctl.gate.known import LineOrigin, PrinterSituation
+from printctl.gate.inputs import LineOrigin, PrinterSituation
 from printctl.gate.limits import Bounds
 from printctl.gate.reasons import reason
 from printctl.gate.rules import of_the_moment, rule, rules
@@ -45,7 +45,7 @@ def judge(typed: str, door: LineOrigin, known: PrinterSituation) -> Verdict:
     return judge_line(line, door, known)
 
 
-def foreseen(typed: str, printer: Printer) -> Verdict:
+def judge_stored_line(typed: str, printer: Printer) -> Verdict:
     """Judge a line that a person keeps for later: refused is what would be at any moment.
 
     Moves, homing and heat are judged by what is known when they are sent.

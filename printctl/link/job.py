@@ -18,7 +18,7 @@ from printctl.link.errors import JobError
 from printctl.link.marks import MarkReader, Marks
 from sim.errors import GcodeError
 from sim.reading.file import GcodeFile, kinds_of, read_file
-from sim.reading.others import Others, other_lines
+from sim.reading.other_lines import Others, other_lines
 from sim.reading.user_file import read_gcode_path
 
 _MOVES: Final = (b"G0 ", b"G1 ")

@@ -1,4 +1,8 @@
-"""Check lumens in G-code before printing: predicted opening of each vessel."""
+"""Check lumens in G-code before printing: predicted opening of each vessel.
+
+Goes in: G-code and a network or a part. Comes out: a report of each lumen's opening. Begin with
+`check.py`.
+"""
 
 from printctl.lumens.check import LumenCheck, check_model, check_network
 from printctl.lumens.filament_check import FilamentCheck, check_filaments

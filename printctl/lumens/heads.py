@@ -13,7 +13,7 @@ from printctl.lumens.strokes import IntArray, Strokes
 from sim.dry_run.run import DryRun
 
 
-def of_heads(run: DryRun, printer: Printer) -> list[DryRun]:
+def split_by_head(run: DryRun, printer: Printer) -> list[DryRun]:
     """The run as each head sees it: its rows, its blocks, its own tip's places."""
     return [
         replace(run.of_head(number), executed=run.executed.of_head(number, head.offset_mm.mm))

@@ -15,9 +15,9 @@ from printctl.lumens.line_widths import (
     LayerHeightComments,
     check_level,
     check_width,
+    comment_heights,
     dose_per_mm,
     dots,
-    said_heights,
     slabs,
 )
 from printctl.lumens.strokes import Strokes, origin, plunger_strokes
@@ -120,7 +120,7 @@ def read_lines(
     if len(strokes.line) == 0:
         raise UsageError("no move of the G-code pushes ink while it goes sideways; is E in it?")
     window = flow_window(program.plunger, strokes, 1.0 if ul_per_e is None else ul_per_e)
-    said = said_heights(gcode)
+    said = comment_heights(gcode)
     lines = layered(strokes.moved(origin(program, gcode)), layer_mm, window, [bead], said=said)
     if line_mm is not None:
         width, thick = np.full(len(lines), line_mm), (lines.high - lines.low)[lines.layer]

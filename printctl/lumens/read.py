@@ -11,8 +11,8 @@ from firmware_profiles import Printer
 from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
 from printctl.lumens.filaments import Filaments, filaments
-from printctl.lumens.heads import of_heads, stack_heads, stacked_filaments
-from printctl.lumens.line_widths import check_width, said_heights
+from printctl.lumens.heads import split_by_head, stack_heads, stacked_filaments
+from printctl.lumens.line_widths import check_width, comment_heights
 from printctl.lumens.lines import (
     ROUNDED,
     WINDOWLESS_MM,
@@ -31,7 +31,7 @@ from printctl.lumens.strokes import (
 )
 from sim.dry_run.run import DryRun, dry_run
 from sim.heads.valve import read_with_valve
-from sim.reading.comments import plain_lines, said_start
+from sim.reading.comments import declared_start, plain_lines
 
 SMOOTHING_MM: Final = 1.0
 """Ink and syringe give way, so that single steps of the plunger are smoothed over this way."""
@@ -102,7 +102,7 @@ def read_layers(gcode: bytes, writing: Writing) -> tuple[WrittenLines, WrittenLi
     if not len(ideal.line):
         raise UsageError(_NEVER)
     stepped = run_strokes(run, printer, 0.0, writing.flow_ul_s)
-    said = said_heights(gcode)
+    said = comment_heights(gcode)
     both = (
         layered(ideal, writing.layer_mm, WINDOWLESS_MM, writing.beads, said=said),
         layered(stepped, writing.layer_mm, WINDOWLESS_MM, writing.beads, said=said),
@@ -115,7 +115,7 @@ def _layers_of_heads(gcode: bytes, writing: Writing) -> tuple[WrittenLines, Writ
     """Lines of all heads at their own tips' places."""
     printer, each = writing.printer, []
     run = _run(gcode, writing)
-    views = of_heads(run, printer)
+    views = split_by_head(run, printer)
     for view, ul_per_e in zip(views, _per_e(writing), strict=True):
         each.append(plunger_strokes(view.program, ul_per_e))
     strokes, head = stack_heads(each)
@@ -126,7 +126,7 @@ def _layers_of_heads(gcode: bytes, writing: Writing) -> tuple[WrittenLines, Writ
         flow_window(view.program.plunger, one, per_e)
         for view, one, per_e in zip(views, each, _per_e(writing), strict=True)
     )
-    lines = layered(strokes, writing.layer_mm, window, beads, head, said_heights(gcode))
+    lines = layered(strokes, writing.layer_mm, window, beads, head, comment_heights(gcode))
     if writing.line_mm is not None:
         lines = replace(lines, width=np.full(len(lines), writing.line_mm))
     check_width(lines.width, lines.line)
@@ -178,7 +178,7 @@ def read_filaments(gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments
 def _filaments_of_heads(gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments]:
     """Filaments of all heads at their own tips' places."""
     run, ideal, after = _run(gcode, writing), [], []
-    views = of_heads(run, writing.printer)
+    views = split_by_head(run, writing.printer)
     for number, (view, per_mm) in enumerate(zip(views, _per_e(writing), strict=True)):
         strokes = plunger_strokes(view.program, per_mm, level=False)
         if not len(strokes.line):
@@ -222,7 +222,7 @@ def _strokes(gcode: bytes, writing: Writing, *, level: bool) -> tuple[Strokes, D
 
 
 def _start(text: bytes, writing: Writing) -> Place:
-    return writing.start_mm or said_start(text, writing.printer) or (0.0, 0.0, 0.0)
+    return writing.start_mm or declared_start(text, writing.printer) or (0.0, 0.0, 0.0)
 
 
 def _run(gcode: bytes, writing: Writing) -> DryRun:

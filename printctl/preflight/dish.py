@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from firmware_profiles import Bath, Needle
 from printctl.preflight.wall_gaps import PlaceNames, hub_check, wall_check
 from printctl.set_up.check import Check
-from printctl.set_up.standing import PlacedDish
+from printctl.set_up.placed_dish import PlacedDish
 from sim.dry_run.run import DryRun
 from sim.program.modal import MOVE
 

@@ -13,7 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from firmware_profiles import Ink, Needle, Printer, Syringe, held_pa, pressure_pa, wall_stress_pa
+from firmware_profiles import (
+    Ink,
+    Needle,
+    Printer,
+    Syringe,
+    pressure_pa,
+    wall_stress_pa,
+    yield_pressure_pa,
+)
 from printctl.preflight.pneumatic_checks import air_checks, speed_checks
 from printctl.preflight.profile_checks import profile_checks
 from printctl.set_up.check import Check
@@ -121,7 +129,7 @@ def force_checks(
 
 def _held(ink: Ink, needle: Needle) -> list[Check]:
     """A yield stress holds pressure in the needle: the plunger's relief must be told of it."""
-    held = held_pa(ink, needle)
+    held = yield_pressure_pa(ink, needle)
     if held == 0 or ink.retract_ul > 0:
         return []
     return [

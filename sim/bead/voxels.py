@@ -8,7 +8,7 @@ from sim.bead.predict import Bead
 from sim.deposit.lay import Deposit, deposit_of_areas
 
 
-def laid_deposit(bead: Bead, voxel_mm: float, swell: float = 1.0) -> Deposit:
+def bead_deposit(bead: Bead, voxel_mm: float, swell: float = 1.0) -> Deposit:
     """Lay a predicted bead into voxels, oozed threads included; drops aren't.
 
     Parameters

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.clearance.contact import ShaftContact, pairs_of
-from sim.clearance.joints import OwnOverlap
+from sim.clearance.joints import DesignedOverlap
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -53,7 +53,7 @@ class Clearance:
     place_mm: FloatArray
     crossings: tuple[ShaftContact, ...]
     grazes: tuple[ShaftContact, ...]
-    overlaps: tuple[OwnOverlap, ...]
+    overlaps: tuple[DesignedOverlap, ...]
     written: int
     clearance_mm: float
 

@@ -133,12 +133,12 @@ def flow_in_3d(scratch: Path) -> None:
 
 def mend(scratch: Path) -> None:
     """What takes crossings away from unions: two tetrahedra pushed into one another."""
-    from design.solids.mend import without_crossings
+    from design.solids.mend import mend_surface
 
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
     vertices = np.concatenate([corners, corners + [0.25, 0.125, 0.0625]])
-    without_crossings(vertices, np.concatenate([faces, faces + 4]), 1e-3)
+    mend_surface(vertices, np.concatenate([faces, faces + 4]), 1e-3)
 
 
 def register(scratch: Path) -> None:

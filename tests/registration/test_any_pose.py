@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from design.solids.solid import Solid
 from registration.alignment import Alignment, AlignmentOptions, align
-from registration.alignment.cover import cover
 from registration.alignment.freedoms import loose_freedoms
-from registration.alignment.motion import lay_words, motion_words
+from registration.alignment.motion import motion_words, orientation_words
+from registration.alignment.rotations import spread_rotations
 from registration.distance import ModelSurface
 from registration.errors import AlignmentError
 from tests.registration.parts import corners, planar_construct, rod, solid
@@ -150,7 +150,7 @@ def test_depth_of_a_part_on_its_side_is_its_own_axis(construct: Solid) -> None:
 
 
 def test_cover_leaves_no_orientation_farther_than_a_descent_reaches() -> None:
-    turns = Rotation.from_matrix(cover(1500)).as_quat()
+    turns = Rotation.from_matrix(spread_rotations(1500)).as_quat()
     other = Rotation.random(300, random_state=0).as_quat()
     apart = 2 * np.arccos(np.clip(np.abs(other @ turns.T), 0, 1)).min(axis=1)
     assert np.rad2deg(apart).max() < 20
@@ -162,7 +162,9 @@ def test_motions_and_lays_in_words() -> None:
     moved = replace_shift(np.eye(4), [0, 1.5, 0])
     assert motion_words(moved, np.zeros(3)) == "a shift of 1.50 mm along y"
     assert motion_words(np.diag([-1.0, 1, 1, 1]), np.zeros(3)) == "mirrored along x"
-    assert lay_words(np.array([0, 0, 1.0])).startswith("turned over (light entered at its low z")
+    assert orientation_words(np.array([0, 0, 1.0])).startswith(
+        "turned over (light entered at its low z"
+    )
 
 
 def replace_shift(motion: FloatArray, shift: list[float]) -> FloatArray:

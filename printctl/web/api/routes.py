@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 from printctl.web.api.answers import API, REFUSALS, our_version
 from printctl.web.controls import Principal
 from printctl.web.core import Core
-from printctl.web.stop_door.wires import UNHEARD, Wires
+from printctl.web.stop_process.connections import UNHEARD, Wires
 
 BEAT_S: Final = 3.0
 """So often a listener hears that the server lives, even without news."""

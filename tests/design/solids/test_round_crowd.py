@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from design.solids import Solid, find_crossings, lumen_solid, network_genus, surface_genus
+from design.solids.facets import Facets
 from design.solids.smooth.layout import lay_out
-from design.solids.smooth.parted import Edges, part_faces
+from design.solids.smooth.split_edges import Edges, part_faces
 from design.solids.topology import edge_faults
 from tests.design.solids.networks import channels, ladder, lattice
 
@@ -38,7 +39,7 @@ def _sharp_share(solid: Solid, middle: np.ndarray, reach: float) -> float:
 
 @pytest.mark.slow
 def test_seams_of_a_crowd_are_gone_with_a_fillet() -> None:
-    layout = lay_out(CROWD, 0.001, 0.5, None)
+    layout = lay_out(CROWD, Facets(0.001), 0.5, None)
     assert sum(layout.swallowed) == 1
     middle = TURN @ np.array([3.15, 0, 0])
     sharp, round_ = lumen_solid(CROWD), lumen_solid(CROWD, fillet_ratio=0.5)

@@ -12,8 +12,8 @@ import pytest
 
 from printctl.errors import UsageError
 from printctl.web.core import Core
-from printctl.web.design.making import RunProgress, read_progress
-from printctl.web.design.making.detached import LOG, PROGRESS
+from printctl.web.design.run_processes import RunProgress, read_progress
+from printctl.web.design.run_processes.detached import LOG, PROGRESS
 from printctl.web.design.service import DesignService
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.settings import ServeSettings
