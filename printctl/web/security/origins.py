@@ -50,7 +50,7 @@ class ServerNames:
         return origin.lower() == f"{self.scheme}://{host_header}".lower()
 
     def is_origin_at(self, origin: str, host: str, port: int) -> bool:
-        """Whether ``origin`` is the page at ``port`` of the same host (for the stop door)."""
+        """Whether ``origin`` is the page at ``port`` of the same host (for the stop process)."""
         parts = urlsplit(origin)
         try:
             found = parts.port or (443 if self.scheme == "https" else 80)
