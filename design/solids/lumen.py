@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from design.errors import SolidError
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.chains import Chain
-from design.solids.facets import FACET_TOLERANCE_MM
+from design.solids.facets import FACET_TOLERANCE_MM, Facets
 from design.solids.runs import free_ends
 from design.solids.smooth.assemble import sew_parts
 from design.solids.smooth.layout import Layout, lay_out
@@ -26,6 +26,7 @@ def lumen_solid(
     extend_ends_mm: float | FloatArray = 0.0,
     extend_nodes: IntArray | None = None,
     tolerance_mm: float = FACET_TOLERANCE_MM,
+    facet_ratio: float = 0.0,
     fillet_ratio: float = 0.0,
     fillet_mm: float | None = None,
 ) -> Solid:
@@ -45,6 +46,9 @@ def lumen_solid(
         The free ends that are extended (see `open_ends`); all of them by default.
     tolerance_mm : float, mm
         Greatest distance between facet and arc.
+    facet_ratio : float
+        That distance over the vessel's radius, where it is more than ``tolerance_mm``: large trees
+        have vessels of many sizes, and triangles that nobody can open.
     fillet_ratio : float
         Radius of the fillet at a junction over that of its thinnest vessel: radii within a tree
         differ twentyfold, and so must its fillets. 0, the default, leaves seams sharp; 0.5 is
@@ -71,9 +75,9 @@ def lumen_solid(
     middle = np.round(0.5 * (network.points.min(axis=0) + network.points.max(axis=0)))
     moved, sharp = network.moved(-middle), set[int]()
     for _ in range(_TRIES):
-        layout = lay_out(moved, tolerance_mm, fillet_ratio, fillet_mm)
+        layout = lay_out(moved, Facets(tolerance_mm, facet_ratio), fillet_ratio, fillet_mm)
         layout.sharp |= sharp
-        solid = _made(layout, extended, tolerance_mm, middle)
+        solid = _made(layout, extended, middle)
         if not _united(layout):
             return solid
         solid, crossing = mended_solid(solid, tolerance_mm)
@@ -91,7 +95,6 @@ def lumen_solid(
 def _made(
     layout: Layout,
     extended: dict[int, float],
-    tolerance_mm: float,
     middle: FloatArray,
 ) -> Solid:
     """All parts sewn and rounded; where some were united, crossings may still be in it."""
@@ -104,7 +107,7 @@ def _made(
             ends.append("flat" if (index, end) in joined or node in extended else "round")
         shapes.append((ends[0], ends[1]))
         layout.runs[index] = extend_ends(run, extended)
-    vertices, faces = sew_parts(layout, shapes, tolerance_mm)
+    vertices, faces = sew_parts(layout, shapes)
     mend = not _united(layout)
     return solid_from_mesh(vertices + middle, faces, "the lumens' union", mend=mend)
 

@@ -122,6 +122,7 @@ def test_values_are_those_of_numba_and_the_second_run_loads_none_of_it(
     assert _run(folder, bare=True) == (compiled[1], False)
 
 
+@pytest.mark.slow
 def test_a_changed_kernel_below_and_changed_fields_give_new_values(
     compiled: tuple[Path, str], folder: Path
 ) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from design.network import FloatArray, VesselNetwork
 from design.solids.chains import Chain
-from design.solids.facets import facet_count
+from design.solids.facets import Facets
 from design.solids.runs import split_runs
 from design.solids.smooth.fillet import wall_rows
 from design.solids.smooth.tube_start import reaches
@@ -47,6 +47,8 @@ class Layout:
     fillet_ratio : float
     fillet_mm : float, mm, or None
         What was asked for; the length counts where it is given.
+    facets_of : Facets
+        How near to its arc a facet lies.
     reach : dict of (run, end) to float, mm
         Where the plain tube begins, from the junction at that end.
     swallowed : list of bool
@@ -65,6 +67,7 @@ class Layout:
     fillet: list[float]
     fillet_ratio: float = 0.0
     fillet_mm: float | None = None
+    facets_of: Facets = field(default_factory=Facets)
     reach: dict[End, float] = field(default_factory=dict)
     swallowed: list[bool] = field(default_factory=list)
     forced: set[int] = field(default_factory=set)
@@ -80,11 +83,11 @@ class Layout:
 
 
 def lay_out(
-    network: VesselNetwork, tolerance_mm: float, fillet_ratio: float, fillet_mm: float | None
+    network: VesselNetwork, facets_of: Facets, fillet_ratio: float, fillet_mm: float | None
 ) -> Layout:
     """Part a network into runs and junctions, and give each its fillet and reach."""
-    runs, balls = split_runs(network, tolerance_mm)
-    facets = [facet_count(float(run.radius.max()), tolerance_mm) for run in runs]
+    runs, balls = split_runs(network, facets_of.tolerance_mm)
+    facets = [facets_of.count(float(run.radius.max())) for run in runs]
     meeting: dict[bytes, list[End]] = defaultdict(list)
     for index, run in enumerate(runs):
         for end in (0, 1):
@@ -95,7 +98,9 @@ def lay_out(
         fillet_mm if fillet_mm is not None else fillet_ratio * float(rows[:, 7].min())
         for rows in walls
     ]
-    layout = Layout(runs, facets, balls.radius, ends, walls, wanted, fillet_ratio, fillet_mm)
+    layout = Layout(
+        runs, facets, balls.radius, ends, walls, wanted, fillet_ratio, fillet_mm, facets_of
+    )
     _give_room(layout)
     return layout
 

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from design.errors import SolidError
-from design.solids.facets import FACET_TOLERANCE_MM, facet_count, inscribed_factor
+from design.solids.facets import Facets, facet_count, inscribed_factor
 from design.solids.manifolds import to_manifold, unite
 
 FloatArray = NDArray[np.float64]
@@ -32,9 +32,11 @@ class LostRingError(SolidError):
     """A ring at which a group should open isn't on its surface; caught where groups are made."""
 
 
-def ball(centre: FloatArray, radius: float, tolerance_mm: float = FACET_TOLERANCE_MM) -> Manifold:
-    """A ball that fills the outer corner between tubes of ``radius``."""
-    inscribed = inscribed_factor(facet_count(radius, tolerance_mm)) * CLEAR_OF_TUBES
+def ball(centre: FloatArray, radius: float, facets_of: Facets, finer: float = 1.0) -> Manifold:
+    """A ball that fills the outer corner between tubes of ``radius``; ``finer`` than by default."""
+    tolerance_mm = facets_of.at(radius) / finer
+    sides = facets_of.count(radius) if finer == 1.0 else facet_count(radius, tolerance_mm)
+    inscribed = inscribed_factor(sides) * CLEAR_OF_TUBES
     facets = facet_count(radius, COARSER_BALLS * tolerance_mm)
     return Manifold.sphere(radius * inscribed, facets).translate(centre.tolist())
 

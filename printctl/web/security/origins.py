@@ -2,7 +2,8 @@
 
 A page of another origin may make a browser send requests here, and its name may be made to point
 here (DNS rebinding): the ``Host`` header must be an address or a name of this machine, and the
-``Origin`` of what changes something must be the page's own. Standard library only.
+``Origin`` of what changes something must be the page's own. Standard library only: Starlette's
+TrustedHostMiddleware takes a list of names, not any address.
 """
 
 from __future__ import annotations

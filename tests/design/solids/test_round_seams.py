@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from design.solids import Solid, find_crossings, lumen_solid, network_genus, surface_genus
+from design.solids.facets import Facets
 from design.solids.smooth.layout import lay_out
 from design.solids.smooth.split_edges import Edges, part_faces
 from design.solids.topology import edge_faults
@@ -38,7 +39,7 @@ def _sharp_share(solid: Solid, middle: np.ndarray, reach: float) -> float:
 
 @pytest.mark.slow
 def test_seams_of_a_crowd_are_gone_with_a_fillet() -> None:
-    layout = lay_out(CROWD, 0.001, 0.5, None)
+    layout = lay_out(CROWD, Facets(0.001), 0.5, None)
     assert sum(layout.swallowed) == 1
     middle = TURN @ np.array([3.15, 0, 0])
     sharp, round_ = lumen_solid(CROWD), lumen_solid(CROWD, fillet_ratio=0.5)
@@ -80,6 +81,7 @@ def test_vessels_with_no_room_between_them_arent_bridged() -> None:
     assert solid.vertices[gap & (np.abs(solid.vertices[:, 2]) < 0.1), 1].max(initial=0.0) < 3.0
 
 
+@pytest.mark.slow
 def test_the_same_crowd_gives_the_same_bytes() -> None:
     one, two = (lumen_solid(CROWD, fillet_ratio=0.5, tolerance_mm=0.004) for _ in range(2))
     assert one.vertices.tobytes() == two.vertices.tobytes()
