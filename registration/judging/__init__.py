@@ -3,7 +3,7 @@
 Names are loaded when first asked for: a recipe needs the tolerances alone.
 
 Goes in: a registration's numbers and tolerances. Comes out: decisions and findings. Begin with
-`judge.py`.
+`judge_registration.py`.
 """
 
 from typing import TYPE_CHECKING

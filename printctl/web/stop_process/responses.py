@@ -42,7 +42,7 @@ class Answering:
 
     Parameters
     ----------
-    order : DoorOrder
+    order : StartMessage
         Who may come.
     """
 

@@ -35,7 +35,7 @@ class StopProcess:
 
     Attributes
     ----------
-    order : DoorOrder
+    order : StartMessage
     """
 
     order: StartMessage
