@@ -17,6 +17,7 @@ from registration.distance import ModelSurface
 from registration.errors import AlignmentError
 from tests.registration.parts import corners, planar_construct, rod, solid
 from tests.registration.test_alignment import surface_points
+from tests.slower import first_of
 
 FloatArray = NDArray[np.float64]
 SIZE = np.array([16.0, 8.0, 3.0])
@@ -58,7 +59,11 @@ def tilted(rotation: FloatArray, seed: int) -> FloatArray:
     ("rotation", "lay"),
     [
         (TURNED_OVER, "turned over"),
-        (Rotation.from_euler("y", 90, degrees=True).as_matrix(), "on its side"),
+        pytest.param(
+            Rotation.from_euler("y", 90, degrees=True).as_matrix(),
+            "on its side",
+            marks=pytest.mark.slow,
+        ),
         (Rotation.from_euler("xz", [-90, 40], degrees=True).as_matrix(), "on its side"),
         (Rotation.from_rotvec([1.1, 0.7, -0.9]).as_matrix(), ""),
     ],
@@ -76,7 +81,7 @@ def test_a_mirrored_part_is_refused_however_it_lies(construct: Solid) -> None:
         aligned(construct, points, tilted(TURNED_OVER, 2))
 
 
-@pytest.mark.parametrize("share", [0.5, 0.36])
+@pytest.mark.parametrize("share", first_of([0.5, 0.36]))
 def test_a_part_of_the_part_lands(construct: Solid, share: float) -> None:
     points = surface_points(construct, 40_000, 3)
     points = points[points[:, 0] < share * SIZE[0]]
@@ -113,7 +118,7 @@ def test_one_mark_tells_where_it_is_seen_and_is_asked_for_where_it_is_not() -> N
     assert any("x 1." in doubt and "wasn't seen" in doubt for doubt in found.doubts), found.doubts
 
 
-@pytest.mark.parametrize("off_mm", [0.18, 0.24, 0.29])
+@pytest.mark.parametrize("off_mm", first_of([0.18, 0.24, 0.29]))
 def test_a_face_that_is_off_never_leaves_a_pose_sure(construct: Solid, off_mm: float) -> None:
     points = surface_points(construct, 20_000, 7)
     points[points[:, 2] < 0.05, 2] -= off_mm

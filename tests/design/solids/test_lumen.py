@@ -184,6 +184,7 @@ def test_vessels_that_only_touch_stay_closed() -> None:
     _assert_solid(lumen_solid(touching))
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_random_tangles_stay_closed(seed: int) -> None:

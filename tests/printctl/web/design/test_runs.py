@@ -84,6 +84,7 @@ def test_a_page_that_cannot_be_made_says_why_in_one_line(
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.slow
 def test_another_server_finds_a_run_and_cancels_it(
     service: DesignService, workspace: Workspace
 ) -> None:

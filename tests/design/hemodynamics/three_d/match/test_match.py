@@ -36,6 +36,7 @@ def _fork() -> VesselNetwork:
     return network_of(nodes, [(0, 1), (1, 2), (1, 3)], [0.5, 0.4, 0.4])
 
 
+@pytest.mark.slow
 def test_a_fork_gets_the_split_it_was_designed_for() -> None:
     network = _fork()
     done = match_split(network, FAST, options=COARSE)

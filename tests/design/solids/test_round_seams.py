@@ -81,6 +81,7 @@ def test_vessels_with_no_room_between_them_arent_bridged() -> None:
     assert solid.vertices[gap & (np.abs(solid.vertices[:, 2]) < 0.1), 1].max(initial=0.0) < 3.0
 
 
+@pytest.mark.slow
 def test_the_same_crowd_gives_the_same_bytes() -> None:
     one, two = (lumen_solid(CROWD, fillet_ratio=0.5, tolerance_mm=0.004) for _ in range(2))
     assert one.vertices.tobytes() == two.vertices.tobytes()
