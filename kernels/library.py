@@ -13,10 +13,13 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+import numba
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen, RuntimeLinker
 from numba.core.environment import lookup_environment
 from numba.core.runtime.nrt import rtsys
 
+_KNOWN: Final = ("0.68.",)
+"""Versions of numba whose parts, which it calls private, were tried; any other works as it is."""
 _ENVIRONMENT: Final = "_ZN08NumbaEnv"
 """How the names of variables begin that hold a function's environment (``numba/core/base.py``)."""
 
@@ -92,6 +95,7 @@ def _set_environment_if_translated(codegen: Any, name: str, environment: Any) ->
 
 
 def use_waiting_libraries() -> None:
-    """Have numba make such libraries in this process."""
-    JITCPUCodegen._library_class = WaitingLibrary
-    JITCPUCodegen.set_env = _set_environment_if_translated
+    """Have numba make such libraries in this process, where it is a version that is known to."""
+    if numba.__version__.startswith(_KNOWN):
+        JITCPUCodegen._library_class = WaitingLibrary
+        JITCPUCodegen.set_env = _set_environment_if_translated
