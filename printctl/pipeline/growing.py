@@ -80,7 +80,7 @@ def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> ClosedLoops:
     return replace(closed, network=narrowed)
 
 
-def said_of(closed: ClosedLoops) -> dict[str, int]:
+def loops_report(closed: ClosedLoops) -> dict[str, int]:
     """What the report says of how the loops were closed."""
     return {
         "connections": closed.connections,

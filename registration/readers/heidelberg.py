@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array, FileVolume
 from registration.readers.limits import check_available
+from registration.readers.raw_result import Array, FileVolume
 from registration.readers.space import FileSpace
 from registration.readers.storage import fill_volume
 

@@ -1,4 +1,4 @@
-"""Motion of all needle tips, with the ink that each writes, leaves or approaches."""
+"""Motion of all needle tips, with the ink that each writes or passes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Prusa-Firmware, a fork of Marlin: firmware family package."""
+"""Prusa-Firmware, a fork of Marlin: firmware family package.
+
+Its `FAMILY` stands in `facts`. Begin with `facts.py`.
+"""
 
 from firmware_profiles.families.prusa.facts import FAMILY
 

@@ -1,6 +1,7 @@
 """svZeroDSolver's files: read, run and write its input; write its output columns.
 
-Names are loaded when first asked for: reading a file needs no network.
+Goes in: a network, or an svZeroDSolver file. Comes out: such a file, or its results. Begin with
+`read.py`. Names are loaded when first asked for: reading a file needs no network.
 """
 
 from typing import TYPE_CHECKING
