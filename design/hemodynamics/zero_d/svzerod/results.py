@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from design.files import replacing
+from design.files import atomic_replacement
 from design.hemodynamics.zero_d.svzerod.case import SvZeroDCase
 from design.hemodynamics.zero_d.svzerod.run import SvZeroDRun
 from design.network import FloatArray
@@ -63,7 +63,7 @@ def write_svzerod_csv(path: Path, table: ResultTable) -> None:
     OSError
         When the file can't be written.
     """
-    with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as out:
+    with atomic_replacement(path) as draft, draft.open("w", encoding="utf-8", newline="") as out:
         out.write(",".join(["name", "time", *table.columns]) + "\n")
         out.writelines(_blocks(table))
 
@@ -87,5 +87,5 @@ def write_svzerod_npz(path: Path, table: ResultTable) -> None:
     OSError
         When the file can't be written.
     """
-    with replacing(path) as draft:
+    with atomic_replacement(path) as draft:
         np.savez(draft, name=np.array(table.names), time=table.time, **table.columns)  # type: ignore[arg-type]
