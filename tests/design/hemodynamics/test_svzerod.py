@@ -126,6 +126,7 @@ def _changed(path: tuple[Any, ...], value: Any) -> dict[str, Any]:
     return data
 
 
+JUNCTION = {"junction_name": "J", "junction_type": "NORMAL_JUNCTION", "inlet_vessels": [0]}
 PARAMETERS = ("simulation_parameters",)
 IN, OUT, VESSEL = ("boundary_conditions", 0), ("boundary_conditions", 1), ("vessels", 0)
 
@@ -161,6 +162,9 @@ IN, OUT, VESSEL = ("boundary_conditions", 0), ("boundary_conditions", 1), ("vess
         ((*PARAMETERS, "cardiac_period"), 1.2, "IN: Q has a period of 1 .* has 1.2"),
         (("initial_condition",), {"pressure:IN": 1.0}, "'pressure:IN', which is no variable"),
         (("junctions",), [{"junction_name": "J", "junction_type": "T"}], "junction J: .* is 'T'"),
+        (("junctions",), [{**JUNCTION, "outlet_vessels": [[0]]}], r"names '\[0\]', which isn't"),
+        (("junctions",), [{**JUNCTION, "outlet_vessels": [7]}], "names 'vessel 7', which isn't"),
+        ((*IN, "bc_values", "Q", 5), 1e307, "isn't finite"),
         (("boundary_conditions",), 3, "boundary_conditions is 3; write a list"),
     ],
 )

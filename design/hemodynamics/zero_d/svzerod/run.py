@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from design.errors import FlowError
 from design.hemodynamics.zero_d.svzerod.case import SvZeroDCase
 from design.hemodynamics.zero_d.svzerod.march import State, Stepper
 from design.hemodynamics.zero_d.svzerod.system import (
@@ -60,8 +61,13 @@ def run_svzerod(case: SvZeroDCase) -> SvZeroDRun:
     Raises
     ------
     FlowError
-        As `Stepper.advance`, and for an initial value of no variable.
+        As `Stepper.advance`, for an initial value of no variable, and when numbers overflow.
     """
+    with np.errstate(over="ignore", invalid="ignore"):  # told at the end
+        return _run(case)
+
+
+def _run(case: SvZeroDCase) -> SvZeroDRun:
     variables, sampler = variables_of(case), case.tables.sampler()
     state = State(*start_of(case, variables.names))
     sampled = sampler.at(0.0)
@@ -142,6 +148,8 @@ class _Recorder:
 
     def _result(self, cycles: int, begin: State, end: State) -> SvZeroDRun:
         number, value, rate = (np.array(part) for part in zip(*self.kept, strict=True))
+        if not (np.isfinite(value).all() and np.isfinite(rate).all()):
+            raise FlowError("the solution isn't finite; check values for their size and sign")
         names = tuple(self.names[k] for k in self.wanted.tolist())
         change = _change(self.names, begin.value, end.value)
         return SvZeroDRun(names, self.step * (number - number[0]), value, rate, cycles, change)

@@ -119,6 +119,15 @@ def join_junction(
         if not isinstance(listed, list) or not listed:
             raise FlowError(f"{place}: {key} isn't a list of blocks")
         for block in listed:
-            other = vessels.get(block, f"vessel {block}") if kinds[0] == "vessels" else str(block)
-            pair = (other, name) if side == "inlet" else (name, other)
-            wiring.join(*pair, f"{place}: {key}")
+            wiring.join(*_pair(name, side, _other(block, vessels, kinds[0])), f"{place}: {key}")
+
+
+def _other(block: Any, vessels: Mapping[int, str], by: str) -> str:
+    """Return the name of a block that a junction lists."""
+    if by == "vessels" and isinstance(block, int) and not isinstance(block, bool):
+        return vessels.get(block, f"vessel {block}")
+    return block if by == "blocks" and isinstance(block, str) else f"{block!r}"
+
+
+def _pair(junction: str, side: str, other: str) -> tuple[str, str]:
+    return (other, junction) if side == "inlet" else (junction, other)
