@@ -2,6 +2,8 @@
 
 A process that only reads a recipe or keeps a printer's port needs a room's plain values, and not
 the kernels and mesh libraries beside them, which take seconds to load.
+
+lazy_loader would want the names of 24 packages a second time; it saves 1 ms a package.
 """
 
 from __future__ import annotations

@@ -6,9 +6,9 @@ with `compile.py`.
 
 from kernels.compile import jit, pjit
 from kernels.folder import cache_dir
-from kernels.helper_thread import helper_thread
+from kernels.helper import helper_thread
 from kernels.memory import freed_memory_returned, keep_freed_memory
-from kernels.without_numba import without_numba
+from kernels.no_numba import without_numba
 
 __all__ = [
     "cache_dir",

@@ -75,7 +75,7 @@ def content_parts(kernel: Dispatcher, memo: Memo) -> list[str]:
 
 
 def is_kernel(value: Any) -> bool:
-    """Whether a value is numba's dispatcher, or stands for one (`kernels.without_numba`)."""
+    """Whether a value is numba's dispatcher, or stands for one (`kernels.no_numba`)."""
     return hasattr(value, "py_func") and hasattr(value, "targetoptions")
 
 

@@ -8,9 +8,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from design.geometry.bvh import TriangleTree, box_squared
-from design.geometry.hierarchy import DEPTH
-from design.geometry.triangles import point_triangle_squared
+from design.geometry.bvh import TriangleTree, nearest_triangle
 from kernels import jit, pjit
 
 FloatArray = NDArray[np.float64]
@@ -36,34 +34,6 @@ def nearest_feet(tree: TriangleTree, points: FloatArray) -> NearestPoints:
     face, weight = np.empty(len(points), np.int64), np.empty((len(points), 3))
     _feet(tree, np.ascontiguousarray(points, dtype=np.float64), face, weight)
     return NearestPoints(face, weight)
-
-
-@jit
-def _nearest(tree: Any, x: float, y: float, z: float) -> int:
-    """Number of the nearest triangle in the tree's order."""
-    best, found = np.inf, 0
-    stack = np.empty(DEPTH, np.int32)
-    stack[0] = 0
-    top = 1
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        if box_squared(tree, node, x, y, z) >= best:
-            continue
-        other = tree.right[node]
-        if other < 0:
-            for k in range(tree.first[node], tree.first[node] + tree.size[node]):
-                away = point_triangle_squared(x, y, z, tree.triangles[k])
-                if away < best:
-                    best, found = away, k
-            continue
-        near, far = node + 1, other
-        if box_squared(tree, far, x, y, z) < box_squared(tree, near, x, y, z):
-            near, far = far, near
-        stack[top] = far
-        stack[top + 1] = near
-        top += 2
-    return found
 
 
 @jit
@@ -105,6 +75,6 @@ def _weights(p: Any, tri: Any, weight: Any) -> None:
 @pjit
 def _feet(tree: Any, points: Any, face: Any, weight: Any) -> None:
     for n in prange(len(points)):
-        k = _nearest(tree, points[n, 0], points[n, 1], points[n, 2])
+        k = max(0, nearest_triangle(tree, points[n, 0], points[n, 1], points[n, 2], np.inf)[1])
         face[n] = tree.face[k]
         _weights(points[n], tree.triangles[k], weight[n])

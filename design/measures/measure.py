@@ -76,7 +76,7 @@ class NetworkMeasures:
         By all lumens; None when they leave no tissue.
     printable : Supply or None
         By the printable ones; None when it wasn't asked for, or none is.
-    ways : Ways or None
+    ways : FlowPaths or None
     morphometry : tuple of Morphometry
         One for each kind of vessel that has no loops.
     murray : MurrayResiduals or None

@@ -17,7 +17,7 @@ from design.solids.solid import Solid
 from design.solids.tube import EndShape
 
 _TRIES = 3
-"""Of leaving crowds sharp that can't be rounded without crossing themselves."""
+"""Of leaving groups sharp that can't be rounded without crossing themselves."""
 
 
 def lumen_solid(
@@ -53,7 +53,7 @@ def lumen_solid(
         Radius of the fillet at a junction over that of its thinnest vessel: radii within a tree
         differ twentyfold, and so must its fillets. 0, the default, leaves seams sharp; 0.5 is
         round. Where neighbouring junctions leave no room it is reduced, by steps to a tenth and
-        then to none; within a crowd around each place that has none.
+        then to none; within a group around each place that has none.
     fillet_mm : float, mm, optional
         The same radius at all junctions, in the place of ``fillet_ratio``.
 
@@ -84,7 +84,7 @@ def lumen_solid(
         crowded = [joint for joint in range(len(layout.ends)) if layout.crowded(joint)]
         if len(crossing) == 0 or not crowded or not (fillet_ratio > 0.0 or fillet_mm):
             return solid
-        # Crowds that cross themselves once they are rounded to float32 stay sharp.
+        # Groups that cross themselves once they are rounded to float32 stay sharp.
         places = solid.vertices[solid.faces[crossing, 0]] - middle
         centres = np.array([layout.walls[joint][0, :3] for joint in crowded])
         near = cKDTree(centres).query(places)[1]

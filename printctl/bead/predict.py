@@ -195,7 +195,7 @@ def _asked(run: DryRun, motion: ExecutedMotion, bead: Bead, area_mm2: float) -> 
     Over a window of `SMOOTHING_MM` at least, as the bead itself has it: short lines round E.
     """
     program = run.program
-    before = np.vstack([program.start[None, :3], program.target[:-1, :3]])
+    before = program.before[:, :3]
     way = np.linalg.norm(program.target[:, :3] - before, axis=1)
     push = np.diff(program.plunger, prepend=0.0) * area_mm2
     those = np.flatnonzero((way > 1e-9) & (push > 0))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,7 +56,7 @@ def weighing_result(found: Weighing, printer: Printer, syringe: Syringe) -> Resu
     }
     if found.lost_ul is not None:
         lines["missing from each dose"] = found.lost_ul
-    nominal = math.pi / 4 * syringe.inner_mm**2
+    nominal = syringe.area_mm2
     agrees = found.ul_per_mm.holds(nominal)
     notes = (
         f"one dose scatters by {found.scatter_ul:.3g} µL",

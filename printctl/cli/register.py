@@ -104,7 +104,7 @@ def register(
         drawn = second.call(PAGES, "network_drawing", design.vessels)
         # Loaded only now, beside what the second process loads.
         from printctl.cli.datum_options import datums_of
-        from printctl.cli.record_option import read_record
+        from printctl.cli.part_file import read_record
         from printctl.cli.register_work import (
             Measuring,
             judge_registration,

@@ -194,15 +194,6 @@ def allow_within(words: Mapping[str, tuple[float, float]], *, needs: str = "") -
     return judge
 
 
-def refuse_always(why: str) -> Judge:
-    """Let nothing pass."""
-
-    def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
-        raise NotAllowed(why)
-
-    return judge
-
-
 def _only(line: GcodeLine, letters: str) -> None:
     beyond = sorted(set(line.words) - set(letters))
     if beyond:

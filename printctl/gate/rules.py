@@ -1,6 +1,6 @@
 """Allow-list of the G-code gate: codes permitted by origin (console or job file) and firmware.
 
-A code that isn't here passes no door. Sources of what a code does: Marlin bugfix-2.1.x
+A code that isn't here is refused. Sources of what a code does: Marlin bugfix-2.1.x
 ``src/gcode``; RepRapFirmware 3.5 ``GCodes2.cpp``; Klipper ``gcode_move.py``, ``toolhead.py``,
 ``idle_timeout.py``; Prusa-Firmware ``Marlin_main.cpp``; https://smoothieware.org/supported-g-codes.
 """
@@ -219,22 +219,22 @@ def of_the_moment(judge: Judge | None) -> bool:
 
 
 @cache
-def rules(family: str, door: LineOrigin) -> Rules:
-    """Rules of a door, by code.
+def rules(family: str, origin: LineOrigin) -> Rules:
+    """Rules for lines of an origin, by code.
 
     Parameters
     ----------
     family : str
         The profile's ``firmware``.
-    door : LineOrigin
+    origin : LineOrigin
     """
     facts = find_family(family).gate
-    common, own = (_JOB, facts.job) if door is LineOrigin.JOB else (_CONSOLE, facts.console)
+    common, own = (_JOB, facts.job) if origin is LineOrigin.JOB else (_CONSOLE, facts.console)
     return {**common, **{code: _judge(one) for code, one in own.items()}}
 
 
-def rule(line: GcodeLine, family: str, door: LineOrigin) -> Judge | None:
-    """Rule of a line; None where no door lets its code pass."""
+def rule(line: GcodeLine, family: str, origin: LineOrigin) -> Judge | None:
+    """Rule of a line; None where its code is refused."""
     if line.code[:1] == "T" and line.code[1:].isdigit():
-        return _head if door is LineOrigin.JOB else None
-    return rules(family, door).get(line.code)
+        return _head if origin is LineOrigin.JOB else None
+    return rules(family, origin).get(line.code)

@@ -3,7 +3,7 @@
 A client sends objects with ``do`` (and ``token`` where the socket is TCP). ``status`` and
 ``subscribe`` are answered by ``{"event": "status", ...}``, what can't be done by
 ``{"event": "refused", "message": ..., "error": ...}``, a wish with ``answer`` set that can, by
-``heard``. ``kill`` and ``detach`` every door knows; further wishes are a kind's own.
+``heard``. ``kill`` and ``detach`` every command socket knows; further wishes are a kind's own.
 
 One thread serves all clients and never waits for any: sockets are non-blocking, and a client that
 doesn't read what it is sent is dropped. ``kill`` is handed to a thread that was started in
@@ -89,7 +89,7 @@ def forget(address: str) -> None:
 class SocketServer(ABC):
     """Serves clients in a thread of its own, from `start` to `finish`.
 
-    A kind of door says what may be wished (`wishes`), what a client is told (`told`) and what
+    A subclass says what may be requested (`wishes`), what a client is told (`told`) and what
     `kill` is.
 
     Attributes

@@ -175,6 +175,6 @@ class PrintRequests:
             self._watch.pause_after(MarkKind(wanted["after"]))
 
     def take_new_syringe(self) -> tuple[NewSyringe | None, bool]:
-        """Return what was said of the syringe, once: the door's thread may say more at any time."""
+        """Return the new syringe once: the socket's thread may set another at any time."""
         said, self._new_syringe = self._new_syringe, _NOTHING_SAID
         return said

@@ -1,6 +1,6 @@
 """Command socket server of one print's link process.
 
-Besides what every door knows (`printctl.link.command_socket`) a client may wish ``stop``,
+Besides what every command socket knows (`printctl.link.command_socket`) a client may wish ``stop``,
 ``pause`` (with ``after``: layer, vessel or nothing), ``reload`` (with ``head``, of several),
 ``resume`` (with ``change``, the fields of `NewSyringe`, or ``unchanged``), ``alive``, and
 ``command`` (with ``text``), which is answered by

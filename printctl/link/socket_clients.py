@@ -11,7 +11,7 @@ from typing import Final
 
 MOST_GUESTS: Final = 200
 RETRY_S: Final = 0.25
-"""So long a door that can't accept waits before it tries again."""
+"""So long a socket that can't accept waits before it tries again."""
 NO_HANDLE: Final = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 
@@ -24,7 +24,7 @@ class ClientPlace:
     socket : socket
     heard, unsent : bytes
     known : bool
-        Whether it has asked for something that this door understands.
+        Whether it has asked for something that this socket understands.
     subscribed : bool
     """
 
@@ -37,7 +37,7 @@ class ClientPlace:
 
 @dataclass
 class ClientPlaces:
-    """The clients of a door, the oldest first."""
+    """The clients of a socket, the oldest first."""
 
     _by_socket: dict[socket.socket, ClientPlace] = field(default_factory=dict)
 
@@ -78,7 +78,7 @@ class ClientPlaces:
 
 
 class Reserve:
-    """A file handle kept back, so that a door without handles can let one client in."""
+    """A file handle kept back, so that a socket without handles can let one client in."""
 
     def __init__(self) -> None:
         self._handle = -1

@@ -10,8 +10,8 @@ import numpy as np
 from firmware_profiles import Printer
 from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
-from printctl.lumens.filaments import Filaments, filaments
-from printctl.lumens.heads import split_by_head, stack_heads, stacked_filaments
+from printctl.lumens.filaments import filaments
+from printctl.lumens.heads import split_by_head, stack_heads
 from printctl.lumens.line_widths import check_width, comment_heights
 from printctl.lumens.lines import (
     ROUNDED,
@@ -24,11 +24,11 @@ from printctl.lumens.lines import (
 )
 from printctl.lumens.strokes import (
     FloatArray,
-    Strokes,
     plunger_strokes,
     run_strokes,
     valve_strokes,
 )
+from sim.deposit.strands import Strands
 from sim.dry_run.run import DryRun, dry_run
 from sim.heads.valve import read_with_valve
 from sim.reading.comments import declared_start, plain_lines
@@ -151,7 +151,7 @@ _NEVER: Final = (
 )
 
 
-def read_filaments(gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments]:
+def read_filaments(gcode: bytes, writing: Writing) -> tuple[Strands, Strands]:
     """Filaments written into a bath, as the file says and as the dry run's motors do it.
 
     After motor steps places are whole steps of x, y and z, and the plunger's whole steps are
@@ -175,7 +175,7 @@ def read_filaments(gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments
     return filaments(ideal, window), filaments(stepped, SMOOTHING_MM)
 
 
-def _filaments_of_heads(gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments]:
+def _filaments_of_heads(gcode: bytes, writing: Writing) -> tuple[Strands, Strands]:
     """Filaments of all heads at their own tips' places."""
     run, ideal, after = _run(gcode, writing), [], []
     views = split_by_head(run, writing.printer)
@@ -189,7 +189,7 @@ def _filaments_of_heads(gcode: bytes, writing: Writing) -> tuple[Filaments, Fila
         after.append(filaments(stepped, SMOOTHING_MM))
     if not ideal:
         raise UsageError("no move of the G-code pushes ink on its way; is E in it?")
-    return stacked_filaments(ideal), stacked_filaments(after)
+    return Strands.joined(ideal), Strands.joined(after)
 
 
 def writes_at(gcode: bytes, writing: Writing) -> tuple[FloatArray, FloatArray]:
@@ -200,10 +200,10 @@ def writes_at(gcode: bytes, writing: Writing) -> tuple[FloatArray, FloatArray]:
         strokes = plunger_strokes(program, 1.0, level=False)
     else:
         strokes = valve_strokes(program, valve, 1.0, level=False)
-    return strokes.begin, strokes.end
+    return strokes.start, strokes.end
 
 
-def _strokes(gcode: bytes, writing: Writing, *, level: bool) -> tuple[Strokes, DryRun]:
+def _strokes(gcode: bytes, writing: Writing, *, level: bool) -> tuple[Strands, DryRun]:
     """What the file says, and its dry run."""
     text, printer = plain_lines(gcode), writing.printer
     start = _start(text, writing)

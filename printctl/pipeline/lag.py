@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from design.toolpath import Toolpath
@@ -37,7 +36,7 @@ def ahead_of_lag(context: RunContext, toolpath: Toolpath) -> Toolpath:
             f"toolpath.compensate_lag: the firmware of {printer.name} holds an advance of "
             f"{printer.advance_s:g} s (advance_s), and both would compensate; leave one out"
         )
-    area = math.pi / 4 * load.syringe.inner_mm**2 * load.ink.flow_factor
+    area = load.syringe.area_mm2 * load.ink.flow_factor
     rate = OF_SPEED * printer.max_speed_mm_s.e * area
     return compensate_lag(toolpath, measured_lag_s(load), rate).toolpath
 

@@ -85,7 +85,7 @@ class _Lines(PlaceNames):
 def tips_of(run: DryRun) -> FloatArray:
     """Tip before and after each row, (n, 2, 3)."""
     ends = run.program.target[:, :3]
-    begins = np.vstack([run.program.start[None, :3], ends[:-1]])[: len(ends)]
+    begins = run.program.before[:, :3]
     return np.stack([begins, ends], axis=1)
 
 

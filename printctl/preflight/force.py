@@ -8,7 +8,6 @@ too stiff; so only measured inks refuse a print.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +54,7 @@ def hardest_push(run: DryRun, ink: Ink, needle: Needle, syringe: Syringe) -> Pus
     The flow is the plunger's. Where the ink's lag was measured with this needle and syringe, a push
     from rest while the needle stands gives Q (1 - e^(-t/τ)): too short to press harder.
     """
-    area = math.pi / 4 * syringe.inner_mm**2
+    area = syringe.area_mm2
     speed = np.where(run.doses, run.speed_mm_s[:, 3], 0.0)
     if ink.lag is not None and (ink.lag.needle, ink.lag.syringe) == (needle.name, syringe.name):
         stands = (run.speed_mm_s[:, :3] == 0).all(axis=1) & (speed > 0)

@@ -21,7 +21,6 @@ from printctl.set_up.placed_dish import WALL_CLEARANCE_MM, PlacedDish
 from sim.dry_run.run import DryRun
 from sim.program.modal import DWELL, MOVE, SYNC
 
-FloatArray = NDArray[np.float64]
 ABOUT_HEADS: Final = {
     "no_such_head": "heads chosen that aren't there",
     "head_not_chosen": "plunger moves before a head is chosen",

@@ -1,6 +1,6 @@
 """Manual commands to an idle printer, judged before they are executed.
 
-Each wish takes the values that came through the door and gives what is answered. What it refuses
+Each wish takes the values that came over the socket and gives what is answered. What it refuses
 moves nothing.
 """
 

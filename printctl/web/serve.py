@@ -93,7 +93,7 @@ def check(settings: ServeSettings) -> None:
 def stop_start_message(
     settings: ServeSettings, workspace: Workspace, gate: Gate, port: int
 ) -> StartMessage:
-    """What the stop door is told."""
+    """What the stop process is told."""
     return StartMessage(
         root=str(workspace.root),
         host=settings.host,

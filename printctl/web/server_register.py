@@ -32,7 +32,7 @@ class Running:
     token : str
         For scripts: ``Authorization: Bearer TOKEN``.
     stop : str
-        Address of the stop door; empty when there is none.
+        Address of the stop process; empty when there is none.
     started : float, s
         Unix time.
     """

@@ -3,7 +3,7 @@
 Names are loaded when first asked for: a recipe needs the tolerances alone.
 
 Goes in: a registration's numbers and tolerances. Comes out: decisions and findings. Begin with
-`judge.py`.
+`judge_registration.py`.
 """
 
 from typing import TYPE_CHECKING
@@ -12,7 +12,7 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from registration.judging.guard import Decision, worst_decision
-    from registration.judging.judge import RULE, judge, judge_plain
+    from registration.judging.judge_registration import RULE, judge, judge_plain
     from registration.judging.listing import list_findings
     from registration.judging.pose import decision_at_sure_pose, pose_in_doubt
     from registration.judging.tolerance import (

@@ -31,9 +31,7 @@ from registration.topology.path_width import outline_width, width
 from registration.topology.shade import may_be_shade
 from registration.topology.swollen_joints import SwollenJoint, swelling
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _FULL = np.ones((3, 3, 3), dtype=np.bool_)
 

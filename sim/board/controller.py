@@ -70,7 +70,7 @@ class Controller(ABC):
         Set by a fault; whoever owns the port closes it.
     back_after_s : float or None
         After how long it is plugged in again; None for never.
-    bad_line : BadLine
+    bad_line : FaultyCable
         The cable, for whoever owns the port.
     pace : Pace
         The board's clock against the host's, for whoever owns the port.

@@ -35,7 +35,7 @@ class Clearance:
     crossings, grazes : tuple of ShaftContact
         The deepest first, one for each move and vessel: where the needle is in the ink, and where
         it keeps less than the clearance.
-    overlaps : tuple of OwnOverlap
+    overlaps : tuple of DesignedOverlap
         Of the network itself, the deepest first: the shaft passes there as through a joint.
     written : int
         Filament pieces that were looked at.

@@ -79,7 +79,7 @@ def loaded_by(*modules: str) -> set[str]:
         "station's client",
         "link",
         "link's client",
-        "stop door",
+        "stop process",
         "recipe",
         "help of register",
         "server",

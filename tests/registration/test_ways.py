@@ -127,7 +127,7 @@ def test_a_wide_way_is_gauged_about_its_middle(monkeypatch: pytest.MonkeyPatch) 
     aside = np.array([0.12, 0.0, 0.0])
     monkeypatch.setattr(
         leaks,
-        "find_ways",
+        "find_gel_paths",
         lambda *given: [replace(way, path=way.path + aside) for way in find_gel_paths(*given)],
     )
     way = hole((5.0, 1.2, 1.3), (5.0, 3.2, 1.3), 0.18)

@@ -241,8 +241,6 @@ def _solution(
         area=lines.waves[2, :count],
         pressure_low=least[0],
         pressure_high=most[0],
-        area_low=least[2],
-        area_high=most[2],
         rest_area=grid.area[middle],
         probes=probes,
         change=change,

@@ -39,7 +39,7 @@ _LEAST_EDGE = 0.05
 _MOST_POINTS = 6000
 
 _TRIES = 3
-"""Of taking more vessels into a crowd, before all are."""
+"""Of taking more vessels into a group, before all are."""
 
 _SLIVER = 1e-4
 """Of the thinnest radius: what facets that nearly coincide leave between them, and what would
@@ -122,7 +122,7 @@ def _sewn(
     shapes: list[tuple[EndShape, EndShape]],
     overlaps: NDArray[np.int64],
 ) -> tuple[FloatArray, FaceArray, list[int]]:
-    """As `sew_parts`, and the runs around crowds that couldn't be parted from the rest."""
+    """As `sew_parts`, and the runs around groups that couldn't be parted from the rest."""
     keep_clear_of_balls(layout)
     sewing = Sewing()
     torn: list[int] = []
@@ -268,7 +268,7 @@ def _crowd(
     shapes: list[tuple[EndShape, EndShape]],
     sewing: Sewing,
 ) -> None:
-    """Sew in the union of what is in a crowd."""
+    """Sew in the union of what is in a group."""
     wanted = layout.fillet_ratio > 0.0 or bool(layout.fillet_mm)
     rounds = wanted and not layout.sharp.intersection(joints)
     # Facets of a ball that is to be rounded must lie as near to it as a tube's.

@@ -14,7 +14,7 @@ from design.solids.smooth.round_seams import Rounding
 from design.solids.tube import EndShape
 
 _BEYOND_RING = 4.0
-"""Radii of the plain tube beyond a crowd's ring that the ball can touch."""
+"""Radii of the plain tube beyond a group's ring that the ball can touch."""
 
 
 def crowd_rounding(
@@ -24,7 +24,7 @@ def crowd_rounding(
     shapes: list[tuple[EndShape, EndShape]],
     tolerance_mm: float,
 ) -> Rounding:
-    """Walls and fixed ends of a crowd of ``joints`` and swallowed ``runs``."""
+    """Walls and fixed ends of a group of ``joints`` and absorbed ``runs``."""
     pieces: list[tuple[FloatArray, FloatArray, float, float, float]] = []
     ends: list[FloatArray] = []
     for run in runs:

@@ -22,7 +22,7 @@ _TUBE_LEFT = 0.1
 """Radii of plain tube that must stay between two junctions."""
 
 _BALL_REACH = 1.05
-"""Radii of a junction's ball from it to a crowd's ring, which the ball mustn't pass through."""
+"""Radii of a junction's ball from it to a group's ring, which the ball mustn't pass through."""
 
 _FILLETS = (1.0, 0.5, 0.25, 0.1)
 """Shares of the wanted fillet that are tried where there is little room."""
@@ -52,11 +52,11 @@ class Layout:
     reach : dict of (run, end) to float, mm
         Where the plain tube begins, from the junction at that end.
     swallowed : list of bool
-        Runs without room for a plain tube: whole parts of a crowd.
+        Runs without room for a plain tube: whole parts of a group.
     forced : set of int
-        Junctions that make a crowd of their own, having failed alone.
+        Junctions that make a group of their own, having failed alone.
     sharp : set of int
-        Junctions whose crowds aren't rounded, having failed to be.
+        Junctions whose groups aren't rounded, having failed to be.
     """
 
     runs: list[Chain]
@@ -78,7 +78,7 @@ class Layout:
         return {end: joint for joint, ends in enumerate(self.ends) for end in ends}
 
     def crowded(self, joint: int) -> bool:
-        """Whether a junction is to be made in a crowd."""
+        """Whether a junction is to be made in a group."""
         return joint in self.forced or any(self.swallowed[run] for run, _ in self.ends[joint])
 
 
@@ -191,7 +191,7 @@ def _settle(layout: Layout, joint: int, least: dict[End, float]) -> None:
 
 
 def absorb_runs(layout: Layout, more: Iterable[int]) -> None:
-    """Make ``more`` runs whole parts of a crowd."""
+    """Make ``more`` runs whole parts of a group."""
     for run in more:
         layout.swallowed[run] = True
         for end in (0, 1):
@@ -199,7 +199,7 @@ def absorb_runs(layout: Layout, more: Iterable[int]) -> None:
 
 
 def keep_clear_of_balls(layout: Layout) -> None:
-    """Move the rings of crowds out of the balls in their junctions; swallow runs without room."""
+    """Move the rings of groups out of the balls in their junctions; absorb runs without room."""
     joints = range(len(layout.ends))
     while True:
         tight = []

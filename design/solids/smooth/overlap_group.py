@@ -29,7 +29,7 @@ _SAME_PLACE = 1e-9
 
 
 class LostRingError(SolidError):
-    """A ring at which a crowd should open isn't on its surface; caught where crowds are made."""
+    """A ring at which a group should open isn't on its surface; caught where groups are made."""
 
 
 def ball(centre: FloatArray, radius: float, facets_of: Facets, finer: float = 1.0) -> Manifold:
@@ -118,7 +118,7 @@ def unite_parts(
         size = float(np.linalg.norm(ring[0] - middle))
         gap, index = tree.query(ring)
         if gap.max() > _SAME_PLACE * max(size, 1.0) or len(np.unique(index)) < len(ring):
-            raise LostRingError("a vessel's end isn't on the union of a crowd of junctions")
+            raise LostRingError("a vessel's end isn't on the union of a group of junctions")
         own = np.zeros(len(vertices), dtype=bool)
         own[index] = True
         at_middle, centre = tree.query(middle)

@@ -11,7 +11,7 @@ from printctl.calibration.widths.picture_widths import (
     measure_picture,
 )
 from printctl.calibration.widths.result import Answer, Change, Replies, Widths
-from printctl.calibration.widths.typed_widths import typed_replies, typed_widths
+from printctl.calibration.widths.typed_sheet import typed_replies, typed_widths
 
 __all__ = [
     "Answer",

@@ -119,7 +119,8 @@ def add_traces(summary: dict[str, Any], context: RunContext, found: Registration
         context.place_mm,
     )
     # What was written, back in the design's size, where the scan's deviations and defects are.
-    job = replace(job, start=stretch.back(job.start), end=stretch.back(job.end))
+    moves = replace(job.moves, start=stretch.back(job.moves.start), end=stretch.back(job.moves.end))
+    job = replace(job, moves=moves)
     if isinstance(part, Fresh):
         line_mm = part.line_um * 1e-3
         summary["by_layer"] = by_layer(found, job)

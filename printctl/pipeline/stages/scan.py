@@ -156,7 +156,7 @@ def predicted_ink(
 
 def area_mm2(filled: Filled) -> float:
     """What comes out for a way of the plunger: the writer pushes more where less comes out."""
-    return math.pi / 4 * filled.syringe.inner_mm**2 * filled.ink.flow_factor
+    return filled.syringe.area_mm2 * filled.ink.flow_factor
 
 
 def inks_of(

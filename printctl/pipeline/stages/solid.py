@@ -13,11 +13,7 @@ from printctl.pipeline.solid_files import checkable, write_solids
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe.growth import NamedNetwork
-from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID, SURFACE
-
-SOLID_3MF = "solid.3mf"
-NAMES = (LUMEN, SOLID, SOLID_3MF)
-"""Files by default."""
+from printctl.run_folder.artefacts import NETWORK, SOLID, SURFACE
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:

@@ -19,7 +19,7 @@ BEAT_S: Final = 3.0
 """So often a listener hears that the server lives, even without news."""
 
 _PATIENCE_S: Final = 2.5
-"""As the stop door waits for the word that a printer has halted."""
+"""As the stop process waits for the word that a printer has halted."""
 
 
 class Health(BaseModel):

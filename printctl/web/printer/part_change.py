@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from typing import Final
 
@@ -54,7 +53,7 @@ class Changing:
                 f"{filled_ul:g} µL in {syringe.name}: give above 0 and at most "
                 f"{syringe.volume_ul:g} µL (volume_ul)"
             )
-        area = math.pi / 4 * syringe.inner_mm**2
+        area = syringe.area_mm2
         status = station.mount(
             syringe=self._store.given(Syringe, name),
             ink=self._store.given(Ink, ink) if ink else "",

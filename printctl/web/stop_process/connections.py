@@ -3,7 +3,7 @@
 A link process and a station write where they listen into a JSON file of their folder (``address``,
 ``token``), and take JSON lines; of these only ``kill``, ``subscribe`` and ``detach`` (which asks
 for nothing) are sent from here.
-Standard library only: the stop door must be up at once and have nothing in it that can fail.
+Standard library only: the stop process must be up at once and have nothing in it that can fail.
 """
 
 from __future__ import annotations
@@ -166,7 +166,9 @@ class Wires:
         record = self._records[path]
         wire = _dial(record.address)
         if wire is not None:
-            with contextlib.suppress(OSError):  # said, so that the door keeps it before strangers
+            with contextlib.suppress(
+                OSError
+            ):  # said, so that the stop process keeps it before strangers
                 wire.sendall(_message("detach", record.token))
             self._open[path] = (wire, record.token)
         return wire is not None

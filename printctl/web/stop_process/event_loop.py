@@ -45,7 +45,7 @@ class StopServer:
 
     Parameters
     ----------
-    order : DoorOrder
+    order : StartMessage
     port : int
         0 for any.
     wires : Wires

@@ -11,7 +11,7 @@ _REASONS: Final = {200: "OK", 204: "No Content", 400: "Bad Request", 413: "Conte
 
 
 class BadMessageError(Exception):
-    """What was sent isn't a request that the door reads."""
+    """What was sent isn't a request that the stop process reads."""
 
     def __init__(self, status: int, message: str) -> None:
         super().__init__(message)

@@ -42,7 +42,7 @@ class Answering:
 
     Parameters
     ----------
-    order : DoorOrder
+    order : StartMessage
         Who may come.
     """
 
@@ -50,7 +50,7 @@ class Answering:
         self._order, self._sessions, self._ours = order, order.sessions, order.ours
 
     def answer(self, request: Request, connected: int) -> Answer:
-        """Answer a request; ``connected`` is told to who asks whether the door is there."""
+        """Answer a request; ``connected`` is told to who asks whether the stop process is there."""
         if request.method == "OPTIONS":
             more = {"Access-Control-Allow-Headers": "authorization", "Content-Length": "0"}
             return Answer(answer_head(204, {**self._who_may_read(request), **more}))

@@ -19,7 +19,7 @@ from printctl.web.stop_process.start_message import StartMessage
 
 _LOOK_S: Final = 0.1
 _AGAIN_S: Final = 1.0
-"""Between two tries to start a door that doesn't start."""
+"""Between two tries to start a stop process that doesn't start."""
 _END_S: Final = 1.0
 
 log = logging.getLogger("printctl.web")
@@ -31,11 +31,11 @@ class NoStopDoorError(PrintctlError):
 
 @dataclass
 class StopProcess:
-    """The door's process, as the server holds it.
+    """The stop process, as the server holds it.
 
     Attributes
     ----------
-    order : DoorOrder
+    order : StartMessage
     """
 
     order: StartMessage
@@ -55,7 +55,7 @@ class StopProcess:
         NoStopDoorError
         """
         self._start()
-        threading.Thread(target=self._look_after, name="stop door", daemon=True).start()
+        threading.Thread(target=self._look_after, name="stop process", daemon=True).start()
 
     def end(self) -> None:
         """End it, with the server."""
@@ -91,7 +91,7 @@ class StopProcess:
         line = process.stdout.readline()
         if not line:
             raise NoStopDoorError(
-                f"the stop door didn't start (it ended with {process.wait()}); the page isn't "
+                f"the stop process didn't start (it ended with {process.wait()}); the page isn't "
                 "served without, for its red button would depend on the server alone"
             )
         self.order = replace(self.order, port=int(json.loads(line)["port"]))
@@ -99,7 +99,7 @@ class StopProcess:
     def _look_after(self) -> None:
         while not self._over.wait(_LOOK_S):
             if self._process is not None and self._process.poll() is not None:
-                log.error("the stop door ended; starting it again")
+                log.error("the stop process ended; starting it again")
                 try:
                     self._start()
                 except NoStopDoorError:

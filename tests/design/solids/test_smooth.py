@@ -10,7 +10,7 @@ from design.errors import SolidError
 from design.solids import Solid, block_solid, lumen_solid, network_genus, surface_genus
 from design.solids.facets import Facets
 from design.solids.smooth.assemble import sew_parts
-from design.solids.smooth.fillet import errors, rounded_distance, shoot, wall_rows
+from design.solids.smooth.fillet import rounded_distance, shoot, wall_rows
 from design.solids.smooth.layout import lay_out
 from design.solids.smooth.sphere import insert, start
 from design.solids.smooth.tube_start import reaches
@@ -104,8 +104,7 @@ def test_between_plane_walls_the_fillet_is_the_balls_arc() -> None:
     )  # fmt: skip
     angle = np.linspace(0.1, 1.4, 7)
     arc = rho - rho * np.stack([np.cos(angle), np.sin(angle), 0 * angle - 2.0], axis=1)
-    found = np.empty(len(arc))
-    errors(walls, rho, arc, found)
+    found = np.array([rounded_distance(walls, rho, *point) for point in arc])
     assert found == pytest.approx(0.0, abs=2e-5)
 
 
@@ -177,8 +176,7 @@ def test_vertices_of_a_rounded_fork_lie_on_its_rounded_surface() -> None:
     solid = lumen_solid(FORK, fillet_mm=0.2)
     layout = lay_out(FORK, Facets(0.001), 0.0, 0.2)
     near = np.linalg.norm(solid.vertices - [5, 0, 0], axis=1) < 0.8
-    found = np.empty(int(near.sum()))
-    errors(layout.walls[0], 0.2, solid.vertices[near], found)
+    found = [rounded_distance(layout.walls[0], 0.2, *point) for point in solid.vertices[near]]
     # Polygons of the circle's area stand a little over it.
     assert np.abs(found).max() < 2.5e-3
 

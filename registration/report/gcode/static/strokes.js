@@ -1,7 +1,7 @@
-// Pointer, wheel and keys on the stage.
-const STEP = 1.25;
+// Pointer and wheel on a canvas view move its camera.
 
-export function startHands(view) {
+// `taken` says whether the wheel is the view's; `point` gets where a pointer is that drags nothing.
+export function startStrokes(view, { taken = () => true, point = () => {} } = {}) {
   const stage = view.holder;
   const held = new Map();
   const place = (event) => {
@@ -16,36 +16,23 @@ export function startHands(view) {
   for (const name of ["pointerup", "pointercancel"]) {
     stage.addEventListener(name, (event) => held.delete(event.pointerId));
   }
-  stage.addEventListener("pointerleave", () => view.point(null, null));
+  stage.addEventListener("pointerleave", () => point(null, null));
   stage.addEventListener("pointermove", (event) => {
-    const [u, v] = place(event);
+    const now = place(event);
     const before = held.get(event.pointerId);
-    if (!before) { view.point(u, v); return; }
-    drag(view, held, event, before, [u, v]);
-    held.set(event.pointerId, [u, v]);
+    if (!before) { point(...now); return; }
+    drag(view, held, event, before, now);
+    held.set(event.pointerId, now);
   });
   stage.addEventListener("wheel", (event) => {
+    if (!taken()) return;
     event.preventDefault();
     zoom(view, Math.exp(-event.deltaY * (event.deltaMode ? 0.05 : 0.0015)), place(event));
   }, { passive: false });
   stage.addEventListener("dblclick", () => fit(view));
-  document.addEventListener("keydown", (event) => {
-    // A field that is being typed in, and a slider in hand, keep their keys.
-    if (event.target.matches?.("input:not([type=checkbox]), select")) return;
-    const step = event.shiftKey ? 10 : 1;
-    const act = {
-      ArrowUp: () => view.show(view.layer + step), ArrowDown: () => view.show(view.layer - step),
-      ArrowRight: () => view.to(view.move + step), ArrowLeft: () => view.to(view.move - step),
-      Home: () => view.show(0), End: () => view.show(view.count - 1), 0: () => fit(view),
-      "+": () => zoom(view, STEP), "=": () => zoom(view, STEP), "-": () => zoom(view, 1 / STEP),
-    }[event.key];
-    if (!act || event.ctrlKey || event.metaKey) return;
-    event.preventDefault();
-    act();
-  });
 }
 
-export function drag(view, held, event, before, now) {
+function drag(view, held, event, before, now) {
   const [du, dv] = [now[0] - before[0], now[1] - before[1]];
   view.fitted = false;
   if (held.size === 2) {
@@ -62,6 +49,12 @@ export function drag(view, held, event, before, now) {
 function turns(view, event) {
   if (!view.passes) return false;
   return event.buttons === 2 || event.altKey || (view.turnsByDrag && !event.shiftKey);
+}
+
+export function pan(view, du, dv) {
+  view.fitted = false;
+  view.camera.pan(du, dv);
+  view.draw();
 }
 
 export function zoom(view, factor, [u, v] = view.camera.size.map((x) => x / 2)) {

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from kernels import jit
-from kernels.without_numba import BareKernel
+from kernels.no_numba import BareKernel
 from tests.slower import first_of
 
 pytestmark = pytest.mark.skipif(
@@ -153,7 +153,7 @@ def test_another_kernels_file_is_not_run(compiled: tuple[Path, str], folder: Pat
 def test_numbas_own_settings_leave_the_kernels_to_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from kernels import without_numba as bare
+    from kernels import no_numba as bare
 
     monkeypatch.setattr(bare, "_ASKED", {"bare"})
     monkeypatch.chdir(tmp_path)
