@@ -1,4 +1,4 @@
-"""STEP files of networks: cylinders, cones and balls, exact, for CAD and machine shops.
+"""Write STEP files of lumens, or a body without them: exact cylinders, cones and balls.
 
 Needs the extra ``step`` (netgen-mesher, LGPL-2.1, which brings Open CASCADE). Its union of round
 bodies is a thousand times slower than one of triangles, and loses a part now and then where faces

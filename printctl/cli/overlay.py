@@ -1,4 +1,4 @@
-"""`printctl overlay`: compare a scan with the G-code, layer by layer."""
+"""`printctl overlay`: gaps and misplaced gel in a scan, layer by layer against the G-code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Store voxels in memory, or as a view of a file if too large."""
+"""Arrays for scan voxels: a view of the scan file, memory, or a temporary file if too large."""
 
 from __future__ import annotations
 

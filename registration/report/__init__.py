@@ -1,4 +1,4 @@
-"""Report of a registration: one offline HTML file with tables, drawings and a 3D deviation map.
+"""Offline HTML and PDF reports of registrations, with pages for dye, plates, G-code and networks.
 
 Names are loaded when first asked for: what packs or words a report needs no plotting library.
 

@@ -1,4 +1,4 @@
-"""Smooth wall shape through a triangulated lumen surface."""
+"""Smooth wall through a triangulated lumen surface, for remeshing and curved elements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""G-code writers, one per firmware, behind one interface.
+"""Write a toolpath as G-code in the dialect of the printer's firmware.
 
 Goes in: a toolpath, a printer, a syringe. Comes out: G-code with the map of its lines. Begin with
 `write.py`.

@@ -1,4 +1,4 @@
-"""Sessions: signed browser cookies, verified without a stored list.
+"""Browser sessions as signed cookies of id and time; only logged-out ids are stored.
 
 Standard library only: the stop process reads them, too.
 """

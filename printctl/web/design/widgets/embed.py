@@ -1,4 +1,4 @@
-"""Embed one of the product's HTML pages in a frame, following the light or dark theme."""
+"""Show product HTML pages in frames that follow the theme and turn together side by side."""
 
 from __future__ import annotations
 
