@@ -111,7 +111,8 @@ def _at_a_face(rng: Rng) -> Case:
     shift = np.array([one.points[:, 0].max(), 0, 0])
     if rng.random() < 0.5:
         shift += [0, *rng.uniform(0.3, 3, 2).round(1)]
-    return _case("touching in a face", [one, two.moved(shift)])
+    pair = (one, two.moved(shift))
+    return Case("touching in a face", joined(*pair), (pair,))
 
 
 def _overlapping(rng: Rng) -> Case:
@@ -219,9 +220,13 @@ def _many(rng: Rng) -> Case:
     found = []
     for n in range(count):
         size = float(rng.uniform(2.0, 4.8))
-        one = ball(size / 2, 8) if rng.random() < 0.5 else box((size,) * 3)
+        one = ball(size / 2, 8) if rng.random() < 0.5 else _centred(size)
         found.append(one.moved(5.0 * np.array([n % 4, n // 4 % 4, n // 16])))
     return _case(f"{count} parts", found)
+
+
+def _centred(size: float) -> Solid:
+    return box((size,) * 3).moved((-size / 2,) * 3)
 
 
 def _voxels(rng: Rng) -> Case:

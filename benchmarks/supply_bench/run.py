@@ -22,7 +22,7 @@ from benchmarks.supply_bench.cases import KINDS, SEEDS, Case, make, true_volume
 from benchmarks.supply_bench.judge import inside, verdict
 from benchmarks.supply_bench.solids import Solid
 
-TIMEOUT_S = 600
+TIMEOUT_S = 120
 _DROP_PA, _VISCOSITY_PA_S = 5332.9, 4e-3
 _WRONG = ("silent", "refused", "crashed", "outside", "uneven")
 

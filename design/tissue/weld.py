@@ -17,14 +17,33 @@ _EDGE_SHARE = 0.25
 
 
 def drop_duplicates(faces: FaceArray) -> tuple[FaceArray, int]:
-    """Keep one of each set of faces with the same corners, unless that opens edges."""
-    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    """Keep one of each set of faces with the same corners, unless that opens edges.
+
+    Where as many look one way as the other, two solids meet: the wall between them goes, if that
+    opens no edge.
+    """
+    key = np.sort(faces, axis=1)
+    _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
     if len(first) == len(faces):
         return faces, 0
+    group = group.ravel()
+    open_now = edges_of(faces).open
+    looks = np.bincount(group, weights=_way_round(faces, key), minlength=len(first))
+    for kept in (np.sort(first[looks != 0]), np.sort(first)):
+        fewer = faces[kept]
+        if len(fewer) and edges_of(fewer).open <= open_now and edges_of(fewer).turned == 0:
+            return fewer, len(faces) - len(fewer)
     fewer = faces[np.sort(first)]
-    if edges_of(fewer).open > edges_of(faces).open:
+    if edges_of(fewer).open > open_now:
         return faces, 0
     return fewer, len(faces) - len(fewer)
+
+
+def _way_round(faces: FaceArray, key: FaceArray) -> NDArray[np.int64]:
+    """+1 for faces whose corners ascend when gone round, -1 for the others."""
+    at = (faces == key[:, :1]).argmax(axis=1)
+    after = faces[np.arange(len(faces)), (at + 1) % 3]
+    return np.where(after == key[:, 1], 1, -1)
 
 
 def weld_rims(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceArray, int, float]:

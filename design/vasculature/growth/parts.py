@@ -12,9 +12,9 @@ from design.errors import DesignError, GrowthError, TissueError
 from design.geometry import build_triangle_tree, nearest_distance
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Part, Tissue, part_demands, part_numbers, part_tissue, parts_of
-from design.vasculature.growth.forest import RootSpec, forest_to_network, grow_forest
-from design.vasculature.growth.grow import grow_tree
+from design.vasculature.growth.forest import forest_to_network
 from design.vasculature.growth.supply import PartSupply, check_supply, no_inlet, supply_notes
+from design.vasculature.growth.whole import grow_whole
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 
@@ -80,9 +80,9 @@ def grow_parts(tissue: Tissue, options: GrowthOptions, inlets: Sequence[Inlet] =
     if left:
         raise TissueError(no_inlet(parts, left))
     if len(parts) == 1 and len(roots[0]) == 1:
-        trees = [grow_tree(tissue, roots[0][0])]
+        trees = list(grow_whole(tissue, roots[0], options.terminals, more_inlets=not inlets))
     else:
-        trees = _grown(tissue, parts, demand, roots, options)
+        trees = _grown(tissue, parts, demand, roots, options, bool(inlets))
     supply = check_supply(tissue, *terminals_of(trees))
     notes = [note for tree in trees for note in tree.notes]
     return GrownParts(tuple(trees), supply, (*notes, *supply_notes(supply)))
@@ -138,6 +138,7 @@ def _grown(
     demand: FloatArray,
     roots: list[list[GrowthOptions]],
     options: GrowthOptions,
+    inlets_given: bool,
 ) -> list[VesselTree]:
     """Grow the trees of each part that asks for any."""
     if options.stages or options.terminal_points_mm is not None:
@@ -157,23 +158,10 @@ def _grown(
         flow = options.perfusion_ml_min_per_ml * tissue.volume_mm3 * demand[n] / own.volume_mm3
         wish = [replace(root, perfusion_ml_min_per_ml=flow) for root in roots[n]]
         try:
-            trees += _grow_one(own, _shared(wish, int(count[n])))
+            trees += grow_whole(own, wish, int(count[n]), more_inlets=not inlets_given)
         except DesignError as error:
             raise TissueError(f"{part} can't be supplied: {error}") from error
     return trees
-
-
-def _shared(wish: list[GrowthOptions], count: int) -> list[GrowthOptions]:
-    """The options of a part's trees with its terminals shared evenly among them."""
-    few, more = divmod(count, len(wish))
-    return [replace(one, terminals=few + (k < more)) for k, one in enumerate(wish)]
-
-
-def _grow_one(own: Tissue, wish: list[GrowthOptions]) -> Sequence[VesselTree]:
-    """The trees of one part."""
-    if len(wish) == 1:
-        return [grow_tree(own, wish[0])]
-    return grow_forest(own, [RootSpec(one, VesselKind.ARTERY) for one in wish])
 
 
 def share_terminals(

@@ -37,10 +37,16 @@ class Unreached:
     volume_mm3 : float
     middle_mm : (float, float, float)
         The point of it that is farthest from any terminal.
+    points : (n, 3) float64, mm
+        That fill it evenly.
+    share : float
+        Of the tissue's demand.
     """
 
     volume_mm3: float
     middle_mm: tuple[float, float, float]
+    points: FloatArray
+    share: float
 
     def __str__(self) -> str:
         """Size and place, for messages."""
@@ -81,5 +87,6 @@ def unreached(tissue: Tissue, ends: FloatArray) -> tuple[Unreached, ...]:
     for n in np.flatnonzero(np.bincount(group, weights=asks) >= LEAST_TERMINALS):
         own = np.flatnonzero(group == n)
         x, y, z = points[own[np.argmax(away[own])]].tolist()
-        found.append(Unreached(tissue.volume_mm3 * len(own) / count, (x, y, z)))
+        volume, share = tissue.volume_mm3 * len(own) / count, float(asks[own].sum() / len(ends))
+        found.append(Unreached(volume, (x, y, z), points[own], share))
     return tuple(sorted(found, key=lambda one: -one.volume_mm3))
