@@ -14,7 +14,7 @@ from design.network import VesselKind, VesselNetwork
 from design.tissue import Part, Tissue, part_demands, part_numbers, part_tissue, parts_of
 from design.vasculature.growth.forest import forest_to_network
 from design.vasculature.growth.supply import PartSupply, check_supply, no_inlet, supply_notes
-from design.vasculature.growth.whole import grow_whole
+from design.vasculature.growth.whole import grow_whole, share_terminals
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 
@@ -162,27 +162,3 @@ def _grown(
         except DesignError as error:
             raise TissueError(f"{part} can't be supplied: {error}") from error
     return trees
-
-
-def share_terminals(
-    demand: FloatArray, least: NDArray[np.int64], terminals: int
-) -> NDArray[np.int64]:
-    """Share terminals by demand (largest remainders), each part at least its ``least``.
-
-    Raises
-    ------
-    GrowthError
-        When there are fewer than all the least together.
-    """
-    if terminals < least.sum():
-        raise GrowthError(
-            f"{terminals} terminals are fewer than the {int(least.sum())} inlets of the tissue's "
-            f"parts; ask for {int(least.sum())} or more"
-        )
-    exact = demand * terminals
-    count = np.maximum(np.floor(exact).astype(np.int64), least)
-    while count.sum() < terminals:
-        count[np.argmax(np.where(demand > 0, exact - count, -np.inf))] += 1
-    while count.sum() > terminals:
-        count[np.argmin(np.where(count > least, exact - count, np.inf))] -= 1
-    return count

@@ -37,16 +37,13 @@ class Unreached:
     volume_mm3 : float
     middle_mm : (float, float, float)
         The point of it that is farthest from any terminal.
-    points : (n, 3) float64, mm
-        That fill it evenly.
-    share : float
-        Of the tissue's demand.
+    members : (n,) int64
+        Its points among the probes.
     """
 
     volume_mm3: float
     middle_mm: tuple[float, float, float]
-    points: FloatArray
-    share: float
+    members: NDArray[np.int64]
 
     def __str__(self) -> str:
         """Size and place, for messages."""
@@ -54,7 +51,35 @@ class Unreached:
         return f"the {self.volume_mm3:.3g} mm³ around ({x:.4g}, {y:.4g}, {z:.4g}) mm"
 
 
-def unreached(tissue: Tissue, ends: FloatArray) -> tuple[Unreached, ...]:
+@dataclass(frozen=True)
+class Probes:
+    """Points that fill a tissue evenly.
+
+    Attributes
+    ----------
+    points : (n, 3) float64, mm
+    asks : (n,) float64
+        Share of the tissue's demand; their sum is 1.
+    reach_mm : float
+        Distance within which two points count as neighbours.
+    """
+
+    points: FloatArray
+    asks: FloatArray
+    reach_mm: float
+
+
+def probes_for(tissue: Tissue, terminals: int) -> Probes:
+    """Points that suit so many terminals; same arguments, same points."""
+    count = int(np.clip(_PER_TERMINAL * terminals, _AT_LEAST, _AT_MOST))
+    points, weight = demand_points(tissue, count, _SEED)
+    reach = 2.5 * float(np.cbrt(tissue.volume_mm3 / count))
+    return Probes(points, weight / weight.sum(), reach)
+
+
+def unreached(
+    tissue: Tissue, ends: FloatArray, probes: Probes | None = None
+) -> tuple[Unreached, ...]:
     """Connected places far from all terminals that ask for several terminals, largest first.
 
     A tree covers what its vessels fit into; a lobe behind a neck narrower than they are is left
@@ -65,28 +90,26 @@ def unreached(tissue: Tissue, ends: FloatArray) -> tuple[Unreached, ...]:
     tissue : Tissue
     ends : (n, 3) float64, mm
         Where the terminals end.
+    probes : Probes, optional
     """
     if len(ends) < 2 * LEAST_TERMINALS:
         return ()
-    count = int(np.clip(_PER_TERMINAL * len(ends), _AT_LEAST, _AT_MOST))
-    points, weight = demand_points(tissue, count, _SEED)
-    asks = weight / weight.sum() * len(ends)
-    away, _ = KDTree(ends).query(points)
+    probes = probes or probes_for(tissue, len(ends))
+    asks = probes.asks * len(ends)
+    away, _ = KDTree(ends).query(probes.points)
     order = np.argsort(away)
-    below = np.cumsum(asks[order]) / len(ends)
+    below = np.cumsum(probes.asks[order])
     typical = float(away[order][np.searchsorted(below, TYPICAL / 100.0)])
-    far = away > FAR * typical
+    far = np.flatnonzero(away > FAR * typical)
     if asks[far].sum() < LEAST_TERMINALS:
         return ()
-    points, away, asks = points[far], away[far], asks[far]
-    reach = 2.5 * float(np.cbrt(tissue.volume_mm3 / count))
-    pairs = KDTree(points).query_pairs(reach, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)
+    pairs = KDTree(probes.points[far]).query_pairs(probes.reach_mm, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(far),) * 2)
     group = connected_components(graph, directed=False)[1]
     found = []
-    for n in np.flatnonzero(np.bincount(group, weights=asks) >= LEAST_TERMINALS):
-        own = np.flatnonzero(group == n)
-        x, y, z = points[own[np.argmax(away[own])]].tolist()
-        volume, share = tissue.volume_mm3 * len(own) / count, float(asks[own].sum() / len(ends))
-        found.append(Unreached(volume, (x, y, z), points[own], share))
+    for n in np.flatnonzero(np.bincount(group, weights=asks[far]) >= LEAST_TERMINALS):
+        own = far[group == n]
+        x, y, z = probes.points[own[np.argmax(away[own])]].tolist()
+        volume = tissue.volume_mm3 * len(own) / len(away)
+        found.append(Unreached(volume, (x, y, z), own))
     return tuple(sorted(found, key=lambda one: -one.volume_mm3))
