@@ -12,7 +12,7 @@ from design.vasculature.growth.parts import (
     terminals_of,
 )
 from design.vasculature.growth.printable import PrintableTree, grow_printable
-from design.vasculature.growth.supply import PartSupply, check_supply, supply_notes
+from design.vasculature.growth.supply import PartSupply, check_parts, check_supply
 from design.vasculature.growth.territories import SupplyBalance, supply_balance
 from design.vasculature.loops.loop_options import LoopOptions
 from design.vasculature.loops.loops import ClosedLoops, close_loops
@@ -46,6 +46,7 @@ __all__ = [
     "SupplyBalance",
     "VesselTree",
     "check_network",
+    "check_parts",
     "check_supply",
     "close_loops",
     "collisions",
@@ -59,7 +60,6 @@ __all__ = [
     "planar_four_vessel",
     "scaled_to_smallest_radius",
     "supply_balance",
-    "supply_notes",
     "terminals_of",
     "tree_from_topology",
     "tree_radii",

@@ -12,8 +12,10 @@ from design.errors import DesignError, GrowthError, TissueError
 from design.geometry import build_triangle_tree, nearest_distance
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Part, Tissue, part_demands, part_numbers, part_tissue, parts_of
+from design.vasculature.convert import tree_to_network
 from design.vasculature.growth.forest import forest_to_network
-from design.vasculature.growth.supply import PartSupply, check_supply, no_inlet, supply_notes
+from design.vasculature.growth.supply import PartSupply, check_supply, no_inlet, no_way
+from design.vasculature.growth.unreached import unreached
 from design.vasculature.growth.whole import grow_whole, share_terminals
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
@@ -83,9 +85,13 @@ def grow_parts(tissue: Tissue, options: GrowthOptions, inlets: Sequence[Inlet] =
         trees = list(grow_whole(tissue, roots[0], options.terminals, more_inlets=not inlets))
     else:
         trees = _grown(tissue, parts, demand, roots, options, bool(inlets))
-    supply = check_supply(tissue, *terminals_of(trees))
+    ends, flow = terminals_of(trees)
+    missed = () if inlets else unreached(tissue, ends)
+    if missed:
+        raise TissueError(no_way(missed))
+    supply, told = check_supply(tissue, ends, flow)
     notes = [note for tree in trees for note in tree.notes]
-    return GrownParts(tuple(trees), supply, (*notes, *supply_notes(supply)))
+    return GrownParts(tuple(trees), supply, (*notes, *told))
 
 
 def terminals_of(trees: Sequence[VesselTree]) -> tuple[FloatArray, FloatArray]:
@@ -100,6 +106,8 @@ def terminals_of(trees: Sequence[VesselTree]) -> tuple[FloatArray, FloatArray]:
 
 def parts_to_network(grown: GrownParts) -> VesselNetwork:
     """All trees as one network of arteries, a tree's number in `tree`."""
+    if len(grown.trees) == 1:
+        return tree_to_network(grown.trees[0], VesselKind.ARTERY)
     return forest_to_network(grown.trees, [VesselKind.ARTERY] * len(grown.trees))
 
 

@@ -42,8 +42,10 @@ class PartSupply:
     flow_share: float
 
 
-def check_supply(tissue: Tissue, ends: FloatArray, flow: FloatArray) -> tuple[PartSupply, ...]:
-    """Supply of each part, the largest first.
+def check_supply(
+    tissue: Tissue, ends: FloatArray, flow: FloatArray
+) -> tuple[tuple[PartSupply, ...], tuple[str, ...]]:
+    """Supply of each part, the largest first, and notes on what is uneven or not reached.
 
     Parameters
     ----------
@@ -56,25 +58,37 @@ def check_supply(tissue: Tissue, ends: FloatArray, flow: FloatArray) -> tuple[Pa
     Raises
     ------
     TissueError
-        Where a part in which perfusion is wanted has no terminal, or no terminal is near a large
-        place of the tissue; by size and place.
+        As `check_parts`.
+    """
+    parts, demand, number = check_parts(tissue, ends)
+    within = number >= 0
+    count = np.bincount(number[within], minlength=len(parts))
+    got = np.bincount(number[within], weights=flow[within], minlength=len(parts)) / flow.sum()
+    supply = tuple(
+        PartSupply(part.volume_mm3, _place(part), float(demand[n]), int(count[n]), float(got[n]))
+        for n, part in enumerate(parts)
+    )
+    missed = unreached(tissue, ends)
+    return supply, (*supply_notes(supply), *((no_way(missed),) if missed else ()))
+
+
+def check_parts(
+    tissue: Tissue, ends: FloatArray
+) -> tuple[tuple[Part, ...], FloatArray, NDArray[np.int64]]:
+    """Parts of a tissue, their shares of the demand, and in which each of ``ends`` (n, 3) lies.
+
+    Raises
+    ------
+    TissueError
+        Where a part in which perfusion is wanted has none of them; by size and place.
     """
     parts = parts_of(tissue)
     demand = part_demands(tissue, parts)
     number = part_numbers(tissue, parts, ends)
-    count = np.bincount(number[number >= 0], minlength=len(parts))
-    left = np.flatnonzero((count == 0) & (demand > 0)).tolist()
-    if left:
+    left = np.setdiff1d(np.flatnonzero(demand > 0), number).tolist()
+    if left and len(parts) > 1:
         raise TissueError(no_inlet(parts, left))
-    missed = unreached(tissue, ends)
-    if missed:
-        raise TissueError(no_way(missed))
-    got = np.bincount(number[number >= 0], weights=flow[number >= 0], minlength=len(parts))
-    got = got / flow.sum()
-    return tuple(
-        PartSupply(part.volume_mm3, _place(part), float(demand[n]), int(count[n]), float(got[n]))
-        for n, part in enumerate(parts)
-    )
+    return parts, demand, number
 
 
 def supply_notes(supply: Sequence[PartSupply], most: int = 4) -> tuple[str, ...]:

@@ -80,7 +80,7 @@ def _reaching(
     if len(trees) == 1:
         return trees
     note = (
-        f"Vessels from one inlet don't reach all of the tissue, so {len(trees) - 1} more inlets "
+        f"Vessels from one inlet don't reach all of the tissue, so {len(trees) - 1} more "
         "were added, at "
         + ", ".join("({:.4g}, {:.4g}, {:.4g}) mm".format(*tree.proximal[0]) for tree in trees[1:])
     )
@@ -95,7 +95,7 @@ def _from_plots(
     terminals: int,
 ) -> tuple[VesselTree, ...]:
     """A tree from each root in its own territory, of the terminals that this asks for."""
-    share = np.bincount(owner, weights=probes.asks, minlength=len(wish))
+    share = np.bincount(owner, weights=probes.asks, minlength=len(wish)).astype(np.float64)
     count = share_terminals(share, np.full(len(wish), _LEAST), terminals)
     nearest = KDTree(probes.points)
     plots = [
