@@ -49,7 +49,7 @@ def test_a_cavity_is_no_part_and_what_lies_in_it_is_one():
     outer, inner = parts_of(tissue)
     assert outer.volume_mm3 + inner.volume_mm3 == pytest.approx(tissue.volume_mm3)
     at = np.array([[9.0, 0, 0], [7.0, 0, 0], [4.5, 0, 0], [0, 0, 0.0]])
-    assert part_numbers(tissue, (outer, inner), at).tolist() == [0, -1, 1, 1]
+    assert part_numbers(tissue, (outer, inner), at).tolist() == [0, -1, 1, -1]
 
 
 def test_a_part_that_no_vessel_ends_in_is_refused_by_size_and_place():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from manifold3d import Manifold
@@ -55,8 +57,6 @@ def test_each_part_gets_vessels_and_flow_by_its_volume(two):
 
 
 def test_demand_of_a_part_sets_its_share(two):
-    from dataclasses import replace
-
     deep = replace(two, demand=depth_demand(two, [0.0, 3.0, 3.5], [0.0, 0.0, 1.0]))
     demand = part_demands(deep, parts_of(deep))
     assert demand.tolist() == [1.0, 0.0]
