@@ -20,23 +20,24 @@ def drop_duplicates(faces: FaceArray) -> tuple[FaceArray, int]:
     """Keep one of each set of faces with the same corners, unless that opens edges.
 
     Where as many look one way as the other, two solids meet: the wall between them goes, if that
-    opens no edge.
+    leaves fewer edges open.
     """
     key = np.sort(faces, axis=1)
     _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
     if len(first) == len(faces):
         return faces, 0
     group = group.ravel()
-    open_now = edges_of(faces).open
     looks = np.bincount(group, weights=_way_round(faces, key), minlength=len(first))
-    for kept in (np.sort(first[looks != 0]), np.sort(first)):
-        fewer = faces[kept]
-        if len(fewer) and edges_of(fewer).open <= open_now and edges_of(fewer).turned == 0:
-            return fewer, len(faces) - len(fewer)
-    fewer = faces[np.sort(first)]
-    if edges_of(fewer).open > open_now:
+    once, no_walls = faces[np.sort(first)], faces[np.sort(first[looks != 0])]
+    fewer = min((once, no_walls), key=_faults)
+    if edges_of(fewer).open > edges_of(faces).open:
         return faces, 0
     return fewer, len(faces) - len(fewer)
+
+
+def _faults(faces: FaceArray) -> tuple[bool, int, int]:
+    edges = edges_of(faces)
+    return len(faces) == 0, edges.open, edges.turned
 
 
 def _way_round(faces: FaceArray, key: FaceArray) -> NDArray[np.int64]:
