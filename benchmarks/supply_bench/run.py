@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +82,7 @@ def _ends(net: Any) -> Any:
     return place[net.outlets()]
 
 
-def supply_row(kinds: list[str], seeds: range) -> dict[str, Any]:
+def supply_row(kinds: Sequence[str] = tuple(KINDS), seeds: range = range(SEEDS)) -> dict[str, Any]:
     """The row of the whole battery."""
     results: list[dict[str, Any]] = []
     for kind in kinds:
@@ -122,8 +122,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="*", default=list(KINDS), help="kinds")
     parser.add_argument("--seeds", type=int, default=SEEDS, help="of each kind")
+    parser.add_argument("--first", type=int, default=0, help="seed: others make other tissues")
     asked = parser.parse_args()
-    print(json.dumps(supply_row(asked.only, range(asked.seeds)), indent=1, ensure_ascii=False))
+    print(json.dumps(supply_row(asked.only, range(asked.first, asked.first + asked.seeds)), indent=1, ensure_ascii=False))
 
 
 if __name__ == "__main__":

@@ -121,8 +121,9 @@ def no_inlet(parts: Sequence[Part], left: Sequence[int], most: int = 3) -> str:
     more = f" and {len(left) - most} more" if len(left) > most else ""
     return (
         f"the tissue has {len(parts)} separate parts, and vessels that enter one can't reach "
-        f"another: no vessel ends in {said}{more}. Write inlets: each_part under vasculature, "
-        "give each part an inlet, or take the part out of the mesh"
+        f"another: no vessel ends in {said}{more}. With grow: tree write inlets: each_part "
+        "under vasculature, or give each part an inlet; else make a recipe of its own for each "
+        "part, or take the part out of the mesh"
     )
 
 
