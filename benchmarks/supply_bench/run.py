@@ -124,7 +124,13 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=SEEDS, help="of each kind")
     parser.add_argument("--first", type=int, default=0, help="seed: others make other tissues")
     asked = parser.parse_args()
-    print(json.dumps(supply_row(asked.only, range(asked.first, asked.first + asked.seeds)), indent=1, ensure_ascii=False))
+    print(
+        json.dumps(
+            supply_row(asked.only, range(asked.first, asked.first + asked.seeds)),
+            indent=1,
+            ensure_ascii=False,
+        )
+    )
 
 
 if __name__ == "__main__":
