@@ -1,4 +1,4 @@
-"""Switching commands allowed in a profile: set an output, move nothing."""
+"""Parse the switching commands that a profile may name: set an output, move nothing."""
 
 from __future__ import annotations
 

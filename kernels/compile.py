@@ -6,7 +6,7 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any, TypeVar
 
-from kernels.bare import BareKernel, bare_wanted
+from kernels.no_numba import BareKernel, bare_wanted
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -5,6 +5,12 @@ from __future__ import annotations
 import os
 from functools import cache
 from pathlib import Path
+from typing import Final
+
+ALL: Final = ".nbc"
+"""How the names of all files of the store end."""
+FOR_KERNELS: Final = f".inner{ALL}"
+"""How those end of kernels that only other kernels call; they hold no machine code."""
 
 
 def cache_dir() -> Path:

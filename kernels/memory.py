@@ -15,7 +15,7 @@ _USUAL: Final = ((_MMAP_MAX, 1 << 16), (_MMAP_THRESHOLD, 32 << 20), (_TRIM_THRES
 
 
 @contextmanager
-def freed_memory_kept() -> Iterator[None]:
+def keep_freed_memory() -> Iterator[None]:
     """Have large arrays take the place of freed ones; give free memory back at the end.
 
     Glibc maps every array above 32 MB anew and unmaps it when it is freed, and the kernel clears

@@ -252,7 +252,7 @@ def _linked(rng: Rng) -> Case:
     swap = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     for n in range(int(rng.integers(1, 4))):
         turned = torus(8.0, thick).turned(swap) if n % 2 == 0 else torus(8.0, thick)
-        rings.append(turned.moved((8.0 * (n + 1), 0, 0)))
+        rings.append(turned.moved((10.0 * (n + 1), 0, 0)))
     return _case(f"{len(rings)} linked rings", rings)
 
 

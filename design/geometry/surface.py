@@ -1,4 +1,4 @@
-"""Triangle surface: the value that meshes travel in."""
+"""Triangle surface: vertices and faces, the mesh value that packages exchange."""
 
 from __future__ import annotations
 

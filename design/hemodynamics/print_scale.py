@@ -33,7 +33,7 @@ def scaled_network(network: VesselNetwork, factor: float) -> VesselNetwork:
     )
 
 
-def at_same_shear(conditions: FlowConditions, factor: float) -> FlowConditions:
+def same_shear_conditions(conditions: FlowConditions, factor: float) -> FlowConditions:
     """Conditions under which the scaled network's wall shear is the design's."""
     if factor == 1:
         return conditions

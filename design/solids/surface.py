@@ -1,4 +1,4 @@
-"""Closed surfaces as they come: checked, and made solids for sections alone."""
+"""Make a solid of a surface from a file, for level sections only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Tissues: a closed shape and its signed distance, from files, surfaces or parameters."""
+"""Tissues: a closed shape and its signed distance, from files, surfaces or parameters.
+
+Goes in: a mesh, an image, points or parameters. Comes out: a `Tissue`. Begin with `tissue.py`.
+"""
 
 from design.geometry.surface import Surface
 from design.tissue.arrays import GridArrays

@@ -1,4 +1,4 @@
-"""Blend local implicit functions into one: the partition of unity's inner loop."""
+"""Kernel: blend local implicit functions into one field by a partition of unity."""
 
 from __future__ import annotations
 

@@ -106,10 +106,10 @@ def check_closed(points: FloatArray, faces: FaceArray) -> None:
 
 def _places(points: FloatArray, edges: Edges, chosen: NDArray[np.bool_]) -> str:
     middles = points[edges.ends[chosen]].mean(axis=1)
-    return say_places(middles)
+    return format_points(middles)
 
 
-def say_places(points: FloatArray, most: int = 3) -> str:
+def format_points(points: FloatArray, most: int = 3) -> str:
     """A few of ``points`` (n, 3), for messages; in the points' own unit."""
     shown = ", ".join(f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in points[:most])
     return f"near {shown}" + (f" and {len(points) - most} more" if len(points) > most else "")

@@ -23,8 +23,8 @@ from design.tissue.closed import (
     check_closed,
     edges_of,
     enclosed_volume,
+    format_points,
     merge_vertices,
-    say_places,
 )
 from design.tissue.crossing_faces import crossing_faces
 from design.tissue.holes import fill_holes
@@ -118,7 +118,7 @@ def _close(work: _Work, unit: str) -> None:
         work.did(
             len(sheets),
             f"sheet(s) of {area:.3g} {unit}² in all left out, which enclose nothing, "
-            f"{say_places(np.array(sheets))}",
+            f"{format_points(np.array(sheets))}",
         )
     work.faces, turned = agree(work.points, work.faces)
     work.did(turned, "face(s) turned to agree with their neighbours")
@@ -127,7 +127,7 @@ def _close(work: _Work, unit: str) -> None:
         centres = np.array([hole.centre for hole in holes])
         widest = max(hole.width for hole in holes)
         work.did(
-            len(holes), f"hole(s) filled, up to {widest:.3g} {unit} wide, {say_places(centres)}"
+            len(holes), f"hole(s) filled, up to {widest:.3g} {unit} wide, {format_points(centres)}"
         )
 
 
@@ -143,8 +143,8 @@ def _untangle(work: _Work, unit: str) -> None:
         if attempt == _ROUNDS - 1 or len(crossing) > _PATCH_SHARE * len(work.faces):
             raise TissueError(
                 f"mesh passes through itself: {len(crossing)} of {len(work.faces)} faces meet "
-                f"others of their own shell ({say_places(middles)}); too many to replace safely; "
-                "mend it there and try again"
+                f"others of their own shell ({format_points(middles)}); too many to replace "
+                "safely; mend it there and try again"
             )
         places.append(middles)
         around = np.isin(work.faces, np.unique(work.faces[crossing])).any(axis=1)
@@ -158,7 +158,7 @@ def _untangle(work: _Work, unit: str) -> None:
         work.did(
             replaced,
             f"faces replaced where the surface passed through itself, "
-            f"{say_places(np.concatenate(places))}",
+            f"{format_points(np.concatenate(places))}",
         )
 
 

@@ -1,4 +1,8 @@
-"""Toolpaths: the needle's planned moves, their planning, and their G-code."""
+"""Toolpaths: the needle's planned moves, their planning, and their G-code.
+
+Goes in: a network or solid, and options. Comes out: a `Toolpath`, then G-code text. Begin with
+`toolpath.py`.
+"""
 
 from design.toolpath.moves import MoveBuilder
 from design.toolpath.toolpath import MoveKind, Toolpath, join_toolpaths

@@ -54,7 +54,7 @@ class AdvancedToolpath:
     stood_ul: float
 
 
-def advanced(toolpath: Toolpath, lag_s: float, rate_ul_s: float) -> AdvancedToolpath:
+def compensate_lag(toolpath: Toolpath, lag_s: float, rate_ul_s: float) -> AdvancedToolpath:
     """Compensate a lag along all strokes (runs of writing moves of one head).
 
     Parameters

@@ -47,7 +47,7 @@ def place_in_well(
     )
 
 
-def led_to(toolpath: Toolpath, from_mm: FloatArray, trip: Trip) -> tuple[Toolpath, int]:
+def with_approach(toolpath: Toolpath, from_mm: FloatArray, trip: Trip) -> tuple[Toolpath, int]:
     """The toolpath with the way to it in front, and of how many moves that is.
 
     Relieve, straight up, across, straight down, and push out again what was relieved; at the top

@@ -1,4 +1,8 @@
-"""Vessel trees, grown by constrained constructive optimisation; named example networks."""
+"""Vessel trees, grown by constrained constructive optimisation; named example networks.
+
+Goes in: a tissue and options. Comes out: a `VesselTree` or a `VesselNetwork`. Begin with
+`tree.py`.
+"""
 
 from design.vasculature.collisions.collide import Collisions, check_network, collisions
 from design.vasculature.convert import tree_to_network

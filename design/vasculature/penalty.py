@@ -1,4 +1,4 @@
-"""Cost factor of a branch point's position, read from a grid."""
+"""Cost factor that a grid assigns to a branch point's position."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from printctl.bead.vessels import VesselDiameters
 IntArray = NDArray[np.int64]
 
 
-def of_bundles(found: VesselDiameters, owner: IntArray) -> VesselDiameters:
+def merge_bundles(found: VesselDiameters, owner: IntArray) -> VesselDiameters:
     """Strands as the vessels that they make up: areas add, the worst strand speaks for all.
 
     Parameters

@@ -25,7 +25,7 @@ _WAY_MM: Final = 1e-9
 _ROUNDED_MM: Final = 1e-4
 
 
-def played(
+def make_playback(
     all_heads: Sequence[InkPrediction],
     facts: Sequence[Mapping[str, Any]],
     vessels: Mapping[int, VesselDiameters],

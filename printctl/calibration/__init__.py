@@ -1,4 +1,8 @@
-"""Calibration: machine and ink constants fitted to measurements, each with its uncertainty."""
+"""Calibration: machine and ink constants fitted to measurements, each with its uncertainty.
+
+Goes in: readings as CSV. Comes out: constants with intervals, test prints, corrected profiles.
+Begin with `results.py`.
+"""
 
 from typing import TYPE_CHECKING
 

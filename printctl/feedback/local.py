@@ -17,7 +17,7 @@ from scipy.special import fdtrc, stdtrit
 from design.network import VesselNetwork
 from printctl.feedback.readings import LEAST_SECTIONS, Reading
 from printctl.feedback.size import OFFSET_VOXELS, projector_across
-from printctl.feedback.whole import NORMAL_95, VESSEL_VOXELS, Radial
+from printctl.feedback.whole_part import NORMAL_95, VESSEL_VOXELS, Radial
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

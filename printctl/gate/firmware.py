@@ -86,7 +86,7 @@ def levelling_is_on(lines: Sequence[str], printer: Printer) -> bool:
     return bool(_levelling(_settings(lines).get("M420"), printer))
 
 
-def told_settings(answers: Answers, printer: Printer) -> dict[str, str]:
+def reported_settings(answers: Answers, printer: Printer) -> dict[str, str]:
     """Settings that a job may change, as the commands that set them back, by code.
 
     The junction deviation is left out: no job sets it, and its last digits aren't told.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_profiles.families.gate_facts import CheckNamedHeater
-from printctl.gate.known import PrinterSituation
+from printctl.gate.inputs import PrinterSituation
 from printctl.gate.verdict import AllowedLine, LineAction, NotAllowed
 from sim.reading import GcodeLine
 

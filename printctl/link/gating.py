@@ -49,7 +49,7 @@ class Manual:
     refused: Callable[[str], None] | None = None
 
 
-def let_through(verdict: Verdict) -> AllowedLine:
+def allowed_command(verdict: Verdict) -> AllowedLine:
     """Return what was allowed.
 
     Raises

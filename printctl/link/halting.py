@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 from firmware_profiles import Printer
 from printctl.link.families import link_facts
-from printctl.link.run_on import MotorRunOn, unknown_run_on
+from printctl.link.motor_run_on import MotorRunOn, unknown_run_on
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,8 @@
-"""Oxygen calculations of recipes and commands, and their output files."""
+"""Oxygen calculations of recipes and commands, and their output files.
+
+Goes in: a recipe's section, a network and its flow. Comes out: tables, a field, a picture. Begin
+with `outputs.py`.
+"""
 
 from printctl.oxygen.outputs import CAPTION, FIELD, SLICE, TABLE, hypoxia, solve_and_write
 

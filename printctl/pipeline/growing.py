@@ -48,7 +48,7 @@ def grown_parts(context: RunContext, part: GrownNetwork) -> GrownParts:
     return GrownParts((tree,), supply, (*tree.notes, *notes))
 
 
-def supply_told(supply: Sequence[PartSupply]) -> dict[str, Any]:
+def supply_report(supply: Sequence[PartSupply]) -> dict[str, Any]:
     """What the report says of a tissue of several parts; nothing of one part."""
     if len(supply) < 2:
         return {}
@@ -109,7 +109,7 @@ def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> ClosedLoops:
     return replace(closed, network=narrowed)
 
 
-def said_of(closed: ClosedLoops) -> dict[str, int]:
+def loops_report(closed: ClosedLoops) -> dict[str, int]:
     """What the report says of how the loops were closed."""
     return {
         "connections": closed.connections,

@@ -79,7 +79,7 @@ def ink_use(
     reloads : int
         Planned changes of syringe; there are at least as many as the ink asks for.
     """
-    area = math.pi / 4 * syringe.inner_mm**2
+    area = syringe.area_mm2
     pushed, reach = run.plunger_max_mm * area, math.inf
     if printer.plunger_travel_mm is not None:
         reach = printer.plunger_travel_mm * area

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from firmware_profiles import Printer, Syringe
@@ -15,7 +13,7 @@ from sim.dry_run.run import DryRun
 
 def syringe_check(run: DryRun, syringe: Syringe) -> Check:
     """Ink pushed at the farthest point, with what stays in the needle, against the filling."""
-    area = math.pi / 4 * syringe.inner_mm**2
+    area = syringe.area_mm2
     needed = run.plunger_max_mm * area + syringe.dead_volume_ul
     over = np.flatnonzero(run.program.plunger * area + syringe.dead_volume_ul > syringe.volume_ul)
     line = f"line {int(run.program.line[over[0]])}, " if len(over) else ""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Dish, Needle
 from printctl.set_up.check import Check
-from printctl.set_up.standing import HUB_MM, WALL_CLEARANCE_MM, PlacedDish
+from printctl.set_up.placed_dish import HUB_MM, WALL_CLEARANCE_MM, PlacedDish
 
 FloatArray = NDArray[np.float64]
 

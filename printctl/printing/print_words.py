@@ -20,7 +20,7 @@ def alarm_words(count: int, last: str) -> str:
     return f"{count} alarms, the last: {last}"
 
 
-def made_words(status: Status, done: Progress | None) -> str:
+def progress_words(status: Status, done: Progress | None) -> str:
     """Return how much is made: a share of the time where that is known, else lines at least.
 
     Lines are no share: a header's cost nothing, and what the printer holds isn't made yet.

@@ -1,4 +1,8 @@
-"""Design searches: vary a recipe and rank the candidates."""
+"""Design searches: vary a recipe and rank the candidates.
+
+Goes in: a search file. Comes out: ranked candidates, a page, the best as a recipe. Begin with
+`run.py`.
+"""
 
 from printctl.search.evaluate import Task, evaluate
 from printctl.search.load import load_search

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from firmware_profiles import Bath, Ink, Needle, Printer, Syringe
-from printctl.set_up.standing import PlacedDish
+from printctl.set_up.placed_dish import PlacedDish
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from printctl.link.errors import PortLost
 from printctl.link.transport import Transport
+from printctl.station.open_connection import Socket
 from printctl.station.status import Place
-from printctl.station.wire import Socket
 
 
 class StationPort:

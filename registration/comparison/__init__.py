@@ -1,4 +1,8 @@
-"""Compare several prints of one design: repeatability, spread and drift."""
+"""Compare several prints of one design: repeatability, spread and drift.
+
+Goes in: several registrations. Comes out: spread, drift, capability, findings. Begin with
+`compare.py`.
+"""
 
 from registration.comparison.compare import Comparison, Print, compare
 from registration.comparison.errors import ComparisonError, GaugeStudyError

@@ -80,7 +80,7 @@ def components(values: FloatArray, prints: Sequence[int]) -> Components:
         mean=mean_interval(seen),
         observed_sd=observed,
         scan_sd=scan,
-        print_sd=own_sd(observed, scan, _mean_scans(known)),
+        print_sd=prints_sd(observed, scan, _mean_scans(known)),
         print_means=tuple(means.tolist()),
     )
 
@@ -98,7 +98,7 @@ def _mean_scans(groups: list[FloatArray]) -> float:
     return len(groups) / max(sum(1 / len(group) for group in groups), 1e-9)
 
 
-def own_sd(observed: Interval, scan: Interval, scans: float) -> Interval:
+def prints_sd(observed: Interval, scan: Interval, scans: float) -> Interval:
     """The prints' own standard deviation; never below zero.
 
     Parameters

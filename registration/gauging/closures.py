@@ -14,8 +14,6 @@ from registration.gauging.trace import VesselTrace
 from registration.segmentation import GelField
 from registration.uncertainty import ScanErrors
 
-FloatArray = NDArray[np.float64]
-
 MISSING_SHARE = 0.9
 """A vessel closed over this much of what was seen of it, clear of junctions, is missing."""
 

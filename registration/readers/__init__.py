@@ -1,4 +1,8 @@
-"""Scan file readers, selected by file content, whatever the name."""
+"""Scan file readers, selected by file content, whatever the name.
+
+Goes in: a file or folder, and what the user states of it. Comes out: a `Scan`. Begin with
+`read.py`.
+"""
 
 from typing import TYPE_CHECKING
 

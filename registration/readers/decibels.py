@@ -11,7 +11,7 @@ import numpy as np
 
 from registration.counts import CountLine
 from registration.errors import ScanFileError
-from registration.readers.found import Array
+from registration.readers.raw_result import Array
 from registration.readers.storage import empty
 
 COUNT_KEYS = ("db_range", "count_range", "counts_per_db", "db_at_zero")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array
+from registration.readers.raw_result import Array
 
 ORDER = "zyx"
 

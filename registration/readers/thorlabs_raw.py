@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array
 from registration.readers.fourier import Floats, Spectrometer, profiles
+from registration.readers.raw_result import Array
 from registration.readers.storage import fill_volume
 from registration.readers.zipped import member_array
 

@@ -12,7 +12,6 @@ from kernels import jit, pjit
 from registration.scan import Scan
 from registration.segmentation.volume import Volume
 
-FloatArray = NDArray[np.float64]
 FloatVolume = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 Weights = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]

@@ -41,7 +41,7 @@ EVEN_MM = 0.5
 """The incoming light is taken as even over about this distance."""
 
 
-def light_left(
+def remaining_light(
     signal: FloatVolume, step_mm: float, floor: float, pixel_mm: FloatArray, depth_down: bool
 ) -> tuple[FloatVolume, float]:
     """Light at every voxel of an OCT volume whose noise floor has been taken off.

@@ -17,8 +17,8 @@ from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.segmentation import GelField
 from registration.topology.euler import betti_numbers, without_specks
+from registration.topology.gel_paths import OUTSIDE, LeakPath
 from registration.topology.grid import LumenGrid, lay_grid
-from registration.topology.ways import OUTSIDE, LeakPath
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -76,7 +76,7 @@ def _factors(program: Program, gcode: bytes, printer: Printer) -> FloatArray:
 
 def _plunger_per_mm(program: Program, *, across: bool) -> FloatArray:
     """Travel of the plunger over way of the tip, where a row pushes on its way, else 0."""
-    begin = np.vstack([program.start[None, :3], program.target[:-1, :3]])[: len(program)]
+    begin = program.before[:, :3]
     way = program.target[:, :3] - begin
     length = np.linalg.norm(way, axis=1)
     counts = (program.pushed > 0) & (length > 1e-6)

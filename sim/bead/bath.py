@@ -22,12 +22,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles import Bath, Ink, Needle
 from sim.bead.predict import Bead
-
-FloatArray = NDArray[np.float64]
 
 GRAVITY: Final = 9.81
 """m/s²."""

@@ -71,7 +71,7 @@ def arc_of(
     return begin[None] if count < 0 else points[:count]
 
 
-def rename_place(board: Controller) -> None:
+def set_position(board: Controller) -> None:
     """G92: give the position other numbers; nothing moves and nothing is said."""
     motion = board.machine.motion
     before = float(motion.modal["position"][0, 3])

@@ -1,1 +1,5 @@
-"""Simulators and readers of firmware families, one package each."""
+"""Simulators and readers of firmware families, one package each.
+
+Goes in: a printer's profile. Comes out: its simulated printer, or its reader. Begin with
+`registry.py`.
+"""

@@ -16,7 +16,6 @@ from sim.lumens.ray_kernels import stadium_span
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 ShortArray = NDArray[np.int32]
-ByteArray = NDArray[np.uint8]
 
 TISSUE = -1
 """Group of a run outside every designed lumen."""

@@ -183,6 +183,11 @@ class Program:
         return len(self.line)
 
     @property
+    def before(self) -> FloatArray:
+        """Where each row begins: the target of the row before, (n, 4), mm."""
+        return np.vstack([self.start[None, :], self.target])[: len(self)]
+
+    @property
     def pushed(self) -> FloatArray:
         """How far each row drives its head's plunger, (n,), mm; below 0 where it draws back."""
         # Neither a change of head nor a new count moves a plunger; both may round.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.errors import ScannerError
-from sim.scanner.scanned import check_range
+from sim.scanner.output import check_range
 
 FloatArray = NDArray[np.float64]
 

@@ -1,4 +1,8 @@
-"""1D flow: waves of area and flow along compliant vessels."""
+"""1D flow: waves of area and flow along compliant vessels.
+
+Goes in: a network and pulsatile conditions. Comes out: one periodic cycle of flow and pressure.
+Begin with `solve.py`.
+"""
 
 from design.hemodynamics.one_d.options import OneDOptions
 from design.hemodynamics.one_d.solution import OneDSolution

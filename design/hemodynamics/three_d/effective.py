@@ -83,7 +83,7 @@ class Gap:
     pressure: float
 
 
-def effective(
+def effective_network(
     network: VesselNetwork, conditions: FlowConditions, solution: ThreeDSolution
 ) -> Effective:
     """Resistances and radii of a network such that 0D gives what was found in 3D.
@@ -127,7 +127,7 @@ def effective(
     )
 
 
-def gap(network: VesselNetwork, conditions: FlowConditions, found: Effective) -> Gap:
+def flow_error(network: VesselNetwork, conditions: FlowConditions, found: Effective) -> Gap:
     """How far 0D of ``network`` (the nominal one, or `Effective.network`) is from 3D.
 
     Raises

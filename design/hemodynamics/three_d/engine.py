@@ -47,7 +47,7 @@ def load_engine() -> Any:
 
 
 @contextmanager
-def working(threads: int = THREADS) -> Iterator[Any]:
+def engine_threads(threads: int = THREADS) -> Iterator[Any]:
     """The engine, with so many threads."""
     ngsolve = load_engine()
     ngsolve.SetNumThreads(threads)

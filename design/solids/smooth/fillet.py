@@ -250,10 +250,3 @@ def shoot(walls: FloatArray, rho: float, directions: FloatArray, away: FloatArra
                 low, f_low = t, f
                 f_high *= 0.5
         away[m] = t
-
-
-@jit
-def errors(walls: FloatArray, rho: float, points: FloatArray, found: FloatArray) -> None:
-    """Rounded distance at each of ``points`` (m, 3), into ``found`` (m,), mm."""
-    for m in range(len(points)):
-        found[m] = rounded_distance(walls, rho, points[m, 0], points[m, 1], points[m, 2])

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from design.solids.smooth.fillet import rounded_distance
-from design.solids.smooth.star_looks import at_ring, owner
 from design.solids.smooth.star_net import CAP, SEAM, Junction, Net, gap, unit
+from design.solids.smooth.star_rays import at_ring, owner
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @jit

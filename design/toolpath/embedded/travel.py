@@ -26,7 +26,7 @@ OTHER_HEAD_MM = 1000.0
 Flags = NDArray[np.bool_]
 
 
-def with_shorter_ways(
+def shorten_travels(
     passes: list[Pass], elements: Elements, rules: Rules, head: IntArray
 ) -> list[Pass]:
     """The passes in an order, and each in the direction, that makes the ways between them short."""

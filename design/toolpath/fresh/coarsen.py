@@ -34,7 +34,7 @@ _MOST_SIDES, _TURNS = 16, 6
 ROUNDS = 12
 
 
-def without_short_moves(
+def remove_short_moves(
     paths: Paths, least_mm: float, width_mm: float, *, beside_ink: bool = False
 ) -> Paths:
     """Take moves shorter than ``least_mm`` out of the walls, where `TOLERANCE` lets that be.

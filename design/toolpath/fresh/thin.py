@@ -13,8 +13,8 @@ import shapely
 from numpy.typing import NDArray
 
 from design.toolpath.fresh.contours import Contours, Samples, sample
+from design.toolpath.fresh.largest_disc import measure_room
 from design.toolpath.fresh.paths import Paths, Role, gather, join
-from design.toolpath.fresh.room import measure_room
 from design.toolpath.toolpath import FloatArray, IntArray
 
 BoolArray = NDArray[np.bool_]

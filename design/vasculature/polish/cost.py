@@ -24,7 +24,6 @@ from math import pi
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.vasculature.growth.cost import joined_load, to_gamma, to_lambda, to_u
 from design.vasculature.growth.state import SEGMENT, Segments, refresh_all, spread_down
@@ -32,8 +31,6 @@ from design.vasculature.options import Law
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
 
 
 def law_of(tree: VesselTree, length_exponent: float = 1.0, radius_exponent: float = 2.0) -> Law:

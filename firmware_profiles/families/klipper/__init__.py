@@ -1,4 +1,7 @@
-"""Klipper: firmware family package."""
+"""Klipper: firmware family package.
+
+Its `FAMILY` stands in `facts`. Begin with `facts.py`.
+"""
 
 from firmware_profiles.families.klipper.facts import FAMILY
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
-from firmware_profiles.families import question
+from firmware_profiles.families import harmless_query
 from firmware_profiles.families.marlin.replies import (
     ORDER_ERROR,
     Kind,
@@ -16,7 +16,7 @@ from firmware_profiles.families.marlin.replies import (
     unknown_command,
 )
 
-QUESTION: Final = question.QUESTION
+QUESTION: Final = harmless_query.QUESTION
 RENUMBER: Final = b"\n" + frame(0, b"M110 N0")
 
 

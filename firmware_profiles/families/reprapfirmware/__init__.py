@@ -1,4 +1,7 @@
-"""RepRapFirmware: firmware family package."""
+"""RepRapFirmware: firmware family package.
+
+Its `FAMILY` stands in `facts`. Begin with `facts.py`.
+"""
 
 from firmware_profiles.families.reprapfirmware.facts import FAMILY
 

@@ -22,7 +22,7 @@ from design.vasculature import (
     planar_four_vessel,
 )
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.growing import closed_loop, grown_parts, said_of, supply_told
+from printctl.pipeline.growing import closed_loop, grown_parts, loops_report, supply_report
 from printctl.pipeline.growth_source import read_given
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
@@ -74,26 +74,26 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
             network, clearance = planar_four_vessel(), 0.0
         case GivenNetwork():
             network, notes = read_given(context.recipe_folder / part.network, part.unit)
-            notes += parts_told(network)
+            notes += parts_note(network)
             clearance = part.clearance_mm
             if part.overlaps == "tell":
-                notes += overlaps_told(network, clearance)
+                notes += overlap_note(network, clearance)
                 return network, {"notes": list(notes)}
         case LatticeNetwork():
             network, clearance = build_lattice(context.tissue, part.options()), 0.0
             check_parts(context.tissue, network.nodes)
         case GrownNetwork():
             grown = grown_parts(context, part)
-            told = {"notes": list(grown.notes), **supply_told(grown.supply)}
+            told = {"notes": list(grown.notes), **supply_report(grown.supply)}
             return parts_to_network(grown), told
         case ClosedLoop():
             closed = closed_loop(context.tissue, part, context.recipe.seed)
-            return closed.network, {"loops": said_of(closed)}
+            return closed.network, {"loops": loops_report(closed)}
     check_network(network, clearance)
     return network, {"notes": list(notes)} if notes else {}
 
 
-def overlaps_told(network: VesselNetwork, clearance_mm: float) -> tuple[str, ...]:
+def overlap_note(network: VesselNetwork, clearance_mm: float) -> tuple[str, ...]:
     """A sentence on vessels nearer than the clearance where they don't meet; none without any."""
     found = collisions(network, clearance_mm)
     if not found.count:
@@ -108,7 +108,7 @@ def overlaps_told(network: VesselNetwork, clearance_mm: float) -> tuple[str, ...
     )
 
 
-def parts_told(network: VesselNetwork) -> tuple[str, ...]:
+def parts_note(network: VesselNetwork) -> tuple[str, ...]:
     """A sentence on parts that share no node, and how near their nodes come; none of one part."""
     ends = network.vessel_nodes
     used = np.unique(ends)

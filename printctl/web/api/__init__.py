@@ -1,1 +1,4 @@
-"""General routes of the REST API: health, event stream, control lock, stop."""
+"""General routes of the REST API: health, event stream, control lock, stop.
+
+Goes in: HTTP requests. Comes out: JSON, and errors in one shape. Begin with `routes.py`.
+"""

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Final
 
 from printctl.web.core import Core
-from printctl.web.design.look import (
+from printctl.web.design.recipes import Recipes
+from printctl.web.design.run_processes import Runs
+from printctl.web.design.run_views import (
     Comparison,
     Figure,
     compare_runs,
@@ -14,8 +16,6 @@ from printctl.web.design.look import (
     key_figures,
     network_page,
 )
-from printctl.web.design.making import Runs
-from printctl.web.design.recipes import Recipes
 from printctl.web.errors import NotFoundError
 
 ARTEFACTS: Final[dict[str, str]] = {

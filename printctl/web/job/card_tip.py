@@ -7,8 +7,8 @@ from collections.abc import Callable
 from nicegui import ui
 
 from printctl.web.controls import Principal
+from printctl.web.job.layout import live, quiet_button, run_or_explain
 from printctl.web.job.machine import AGREES_MM, Machine
-from printctl.web.job.parts import live, quiet_button, run_or_explain
 from printctl.web.job.service import JobService
 from printctl.web.job.to_start import Place
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from nicegui import ui
 
 from printctl.web.controls import Principal
-from printctl.web.printer.parts import button, dialog, live, note, quiet_button
+from printctl.web.printer.layout import button, dialog, live, note, quiet_button
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.run_or_notify import run_or_notify
 

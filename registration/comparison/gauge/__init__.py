@@ -1,4 +1,8 @@
-"""Gauge repeatability and reproducibility of registrations (GRR)."""
+"""Gauge repeatability and reproducibility of registrations (GRR).
+
+Goes in: registrations by operator, part and repeat. Comes out: variance components. Begin with
+`study.py`.
+"""
 
 from registration.comparison.gauge.findings import (
     claim_sentence,

@@ -11,7 +11,7 @@ from reportlab.platypus import Flowable, Spacer, TableStyle
 from reportlab.platypus import Table as Grid
 
 from registration.report.key_figures import KeyFigure
-from registration.report.pdf.look import (
+from registration.report.pdf.styles import (
     BAD,
     BULLET,
     GOOD,

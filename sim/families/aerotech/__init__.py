@@ -1,1 +1,4 @@
-"""Reader of Aerotech controllers' program files."""
+"""Reader of Aerotech controllers' program files.
+
+Goes in: a program file. Comes out: the same in G-code words. Begin with `reading.py`.
+"""

@@ -1,4 +1,8 @@
-"""svZeroDSolver's files: read, run and write its input; write its output columns."""
+"""svZeroDSolver's files: read, run and write its input; write its output columns.
+
+Goes in: a network, or an svZeroDSolver file. Comes out: such a file, or its results. Begin with
+`read.py`.
+"""
 
 from design.hemodynamics.zero_d.svzerod.case import SvZeroDCase
 from design.hemodynamics.zero_d.svzerod.read import read_svzerod

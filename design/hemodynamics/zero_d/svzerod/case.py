@@ -20,11 +20,8 @@ class SvZeroDCase:
     options : MarchOptions
         Steps of a cycle, cycles, and the solver's spectral radius; its cycles are all gone
         through.
-    all_cycles : bool
-        Whether it writes every cycle, not the last alone.
     """
 
     names: tuple[str, ...]
     circuit: Circuit
     options: MarchOptions
-    all_cycles: bool

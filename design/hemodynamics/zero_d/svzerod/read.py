@@ -86,7 +86,7 @@ def case_of(data: dict[str, Any]) -> SvZeroDCase:
     )
     names = tuple(_name(vessel) for vessel in vessels)
     circuit = more.circuit(ports, values)
-    return SvZeroDCase(names, circuit, options, bool(parameters.get("output_all_cycles", False)))
+    return SvZeroDCase(names, circuit, options)
 
 
 def _name(vessel: dict[str, Any]) -> str:
