@@ -153,8 +153,8 @@ def _pieces(body: Manifold) -> list[str]:
     shares = ", ".join(f"{100 * volume / sum(solid):.3g} %" for volume in solid[:4])
     more = ", …" if len(solid) > 4 else ""
     return [
-        f"the zones cut the tissue into {len(solid)} pieces ({shares}{more} of it); vessels grow "
-        "in the root's piece alone"
+        f"the zones cut the tissue into {len(solid)} pieces ({shares}{more} of it); each wants "
+        "vessels of its own (inlets: each_part)"
     ]
 
 

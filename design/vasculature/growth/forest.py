@@ -60,7 +60,9 @@ class _Stem:
 
 
 def grow_forest(
-    tissue: Tissue, roots: Sequence[RootSpec | GrowthOptions]
+    tissue: Tissue,
+    roots: Sequence[RootSpec | GrowthOptions],
+    plots: Sequence[Surroundings] | None = None,
 ) -> tuple[VesselTree, ...]:
     """Grow trees in turn, each clear of the others.
 
@@ -74,6 +76,8 @@ def grow_forest(
     tissue : Tissue
     roots : sequence of RootSpec or GrowthOptions
         Bare options make a tree that has the whole tissue to itself.
+    plots : sequence of Surroundings, optional
+        The territory of each tree, in place of those that follow from the numbers of terminals.
 
     Returns
     -------
@@ -92,7 +96,7 @@ def grow_forest(
     for number, wish in enumerate(options):
         options[number] = _with_root(tissue, wish, stems)
         stems.append(_stem(tissue, options[number]))
-    plots = _territories(tissue, roots, options, stems)
+    plots = plots or _territories(tissue, roots, options, stems)
     error: DesignError = GrowthError("not tried")
     for attempt in range(ATTEMPTS):
         growths = [

@@ -12,17 +12,17 @@ from scipy.spatial import cKDTree
 
 from design.hemodynamics import scaled_network
 from design.lattices import build_lattice
-from design.network import VesselKind, VesselNetwork
+from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
-from design.tissue import check_supplied
 from design.vasculature import (
     check_network,
+    check_parts,
     collisions,
+    parts_to_network,
     planar_four_vessel,
-    tree_to_network,
 )
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.growing import closed_loop, grown_tree, loops_report
+from printctl.pipeline.growing import closed_loop, grown_parts, loops_report, supply_report
 from printctl.pipeline.growth_source import read_given
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
@@ -81,10 +81,11 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
                 return network, {"notes": list(notes)}
         case LatticeNetwork():
             network, clearance = build_lattice(context.tissue, part.options()), 0.0
-            check_supplied(context.tissue, network.nodes)
+            check_parts(context.tissue, network.nodes)
         case GrownNetwork():
-            tree = grown_tree(context, part)
-            return tree_to_network(tree, VesselKind.ARTERY), {"notes": list(tree.notes)}
+            grown = grown_parts(context, part)
+            told = {"notes": list(grown.notes), **supply_report(grown.supply)}
+            return parts_to_network(grown), told
         case ClosedLoop():
             closed = closed_loop(context.tissue, part, context.recipe.seed)
             return closed.network, {"loops": loops_report(closed)}
