@@ -1,4 +1,4 @@
-"""Detect changes by other clients during a print: compare position, modes and heaters."""
+"""Poll a printer during a print for changes by other clients: position, modes, heater targets."""
 
 from __future__ import annotations
 

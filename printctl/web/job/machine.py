@@ -1,4 +1,4 @@
-"""Printer interface of the Job page: mounted parts, tip position, print start."""
+"""Printer interface of the Job page: mounted items, tip, start; check a job's set-up by them."""
 
 from __future__ import annotations
 
