@@ -1,4 +1,4 @@
-"""Poll a printer during a print for changes by other clients: position, modes, heater targets."""
+"""Poll the printer for other clients' changes: end on a shifted position, restore heaters."""
 
 from __future__ import annotations
 
