@@ -1,4 +1,4 @@
-"""`printctl calibrate board` and `camera`: a board to print, a camera's scale and distortion."""
+"""`printctl calibrate board`, `camera`: draw a board; fit camera scale and distortion to photos."""
 
 from __future__ import annotations
 

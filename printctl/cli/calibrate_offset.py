@@ -1,4 +1,4 @@
-"""`printctl calibrate offset`: offset of one needle's tip from another's."""
+"""`printctl calibrate offset`: fit the offset between two needle tips to touch-off readings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl flow` on an input file of svZeroDSolver."""
+"""`printctl flow` on an svZeroDSolver input file: run its cycles, write the last one as CSV."""
 
 from __future__ import annotations
 

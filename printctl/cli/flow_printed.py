@@ -1,4 +1,4 @@
-"""`printctl flow RUN --as-printed`: flow in the designed and in the printed lumens."""
+"""`printctl flow RUN --as-printed`: solve the flow in a run's designed and printed lumens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl flow` in 3D by other programs: MPI solver here or on a cluster, svMultiPhysics."""
+"""Extra 3D solvers of `printctl flow`: run by MPI, write SLURM and svMultiPhysics files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl history`: list past prints with user, printer, time and outcome."""
+"""`printctl history`: list, filter and export past prints; rebuild the list from journals."""
 
 from __future__ import annotations
 

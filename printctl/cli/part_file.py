@@ -1,4 +1,4 @@
-"""Read a YAML file that holds one part of a recipe."""
+"""Read and validate a YAML file with one section of a recipe, such as a measurement record."""
 
 from __future__ import annotations
 

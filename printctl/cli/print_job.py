@@ -1,4 +1,4 @@
-"""`printctl print`: send a G-code file to a printer."""
+"""`printctl print`: check a G-code file, print it, follow the print to its end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl run`: run a whole recipe."""
+"""`printctl run`: run a recipe from tissue design through print and scan to the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl simulate`: simulate a G-code file and check it, without a printer."""
+"""`printctl simulate`: dry-run and check a G-code file; optionally predict the ink in the bath."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tolerances given on the command line: a file, single limits, or both."""
+"""Read a print's acceptance limits from command-line options: a tolerance file or single limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl toolpath`: write the G-code of a recipe."""
+"""`printctl toolpath`: write a recipe's dry-run G-code, and a map of lines to vessels or layers."""
 
 from __future__ import annotations
 

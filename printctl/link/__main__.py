@@ -1,4 +1,4 @@
-"""Entry point of the link process (``python -m printctl.link``)."""
+"""Entry point of the process that prints one job (``python -m printctl.link``)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Local command socket: JSON lines, owner-only access, never blocked by a client.
+"""Serve JSON commands on a local socket: owner-only access, never blocked by a client.
 
 A client sends objects with ``do`` (and ``token`` where the socket is TCP). ``status`` and
 ``subscribe`` are answered by ``{"event": "status", ...}``, what can't be done by

@@ -1,4 +1,4 @@
-"""Detached processes, which outlive the process that started them."""
+"""Start a process detached from its parent, so that it outlives the parent."""
 
 from __future__ import annotations
 

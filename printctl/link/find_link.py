@@ -1,4 +1,4 @@
-"""Find the link process of a folder: running or not, its address, its last record."""
+"""Find a print's process by its folder: connect to it if alive, else read the print's outcome."""
 
 from __future__ import annotations
 

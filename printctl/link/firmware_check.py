@@ -1,4 +1,4 @@
-"""Check a firmware before any motion: name, steps per mm, heads and settings."""
+"""Check firmware, steps per mm, heads; set modes a job relies on; restore settings afterwards."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Restore firmware settings and coordinates that another program changed during a print."""
+"""Restore modes, settings, heater targets and feed rate after another program's commands."""
 
 from __future__ import annotations
 

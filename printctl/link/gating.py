@@ -1,4 +1,4 @@
-"""Manual commands typed during a print, judged by the gate when they are sent."""
+"""Judge manual commands typed during a print against the safety rules, just before sending."""
 
 from __future__ import annotations
 

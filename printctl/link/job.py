@@ -1,4 +1,4 @@
-"""Job of a print: the file's command lines as they are sent, checked before the first byte.
+"""Read a G-code file into the command lines to be sent, all checked before the first byte.
 
 What is sent is rendered from what was understood (`sim.reading`): capitals, one blank between
 words, without the file's line numbers, checksums and comments. A file gives the same lines each

@@ -1,4 +1,4 @@
-"""Tip position that a job's first lines declare to the firmware (G92)."""
+"""Read the tip position that a job's first lines declare to the firmware (G92)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Commanded needle and plunger position after a given number of a job's lines."""
+"""Commanded needle and plunger position after a given number of job lines; compare with M114."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Operator's notes of a print, beside its journal.
+"""Find, read and archive the operator's notes stored beside a print's journal.
 
 A folder's last print has ``journal.log`` and ``record.json``; of those before, both were put aside
 by one number: ``journal.2.log`` and ``record.2.json``.

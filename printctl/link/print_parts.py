@@ -1,4 +1,4 @@
-"""Assemble the components of one print."""
+"""Create and connect the objects that carry out one print: channel, checks, pauses, stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The link process: it alone owns the port and the journal of one print.
+"""Run one print in a separate process, the only owner of the printer's port and the journal.
 
 It is started detached (a session of its own), ignores Ctrl-C and hang-ups, and goes on when the
 program that started it dies. It ends by itself when the print is over and the end is recorded in

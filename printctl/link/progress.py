@@ -1,4 +1,4 @@
-"""Progress of a running job: acknowledged lines, and the layer or vessel they have reached."""
+"""Progress of a running job: lines taken, refused and surely executed; commanded position there."""
 
 from __future__ import annotations
 

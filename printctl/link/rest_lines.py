@@ -1,4 +1,4 @@
-"""Remaining lines of a job, with coordinates relative to the touch-off point."""
+"""G-code of a job from a given line on, its coordinates counted from the touch-off point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find the job line being executed when the printer discarded its planned moves.
+"""Find the job line under way at a stop, from the position that the printer reported then.
 
 Pure: the place that M114 told is looked for on the moves that may have been under way.
 """

@@ -1,4 +1,4 @@
-"""Run a page's long computations in a separate process, without kernels in the server."""
+"""Run a `printctl` module as a separate process with a time limit; return its output."""
 
 from __future__ import annotations
 

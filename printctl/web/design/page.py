@@ -1,4 +1,4 @@
-"""Design page of the web interface: layout and route."""
+"""Lay out the Design page at /design: recipe toolbar; tabs to edit, run, view and compare."""
 
 from __future__ import annotations
 

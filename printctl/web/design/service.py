@@ -1,4 +1,4 @@
-"""Design page's service: recipes and runs, independent of the web framework."""
+"""Service behind the Design page and its REST routes: recipes, runs, figures, files, comparison."""
 
 from __future__ import annotations
 

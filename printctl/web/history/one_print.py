@@ -1,4 +1,4 @@
-"""Detail view of one past print on the History page: facts, events, notes, scan verdict."""
+"""Detail view of a past print on the History page: facts, timeline, notes, photos, verdict."""
 
 from __future__ import annotations
 

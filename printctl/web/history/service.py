@@ -1,4 +1,4 @@
-"""Print history service for page and REST API; thread-safe, blocking."""
+"""Service behind the History page: find past prints, give reports and bundles, verify, repeat."""
 
 from __future__ import annotations
 

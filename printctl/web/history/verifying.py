@@ -1,4 +1,4 @@
-"""Verify card of the History page: check an uploaded record bundle, without unpacking it."""
+"""Verify card of the History page: check an uploaded bundle's contents and signature."""
 
 from __future__ import annotations
 

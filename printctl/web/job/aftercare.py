@@ -1,4 +1,4 @@
-"""Records after a print: steps, notes, photos, warming, flushing."""
+"""Steps, notes and photos recorded after a print; slow bath warming; safe flushing pressure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tip card of the Job page: offset from the job's start, and a button to move there."""
+"""Tip line of the Job page: tip position against the job's start, with a button to move there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check a job in a separate process for the server (`python -m printctl.web.job.check`).
+"""Dry-run and check a job, and write its progress table (`python -m printctl.web.job.check`).
 
 A line of JSON comes in (`Question`), one goes out: what `check_job` gives, or ``{"error": ...}``.
 The job's table (`printctl.printing.job_table`) is written beside the answer's file.

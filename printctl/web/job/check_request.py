@@ -1,4 +1,4 @@
-"""Request message to the process that checks jobs."""
+"""Request to the process that checks a job, as JSON: G-code file, print set-up, table path."""
 
 from __future__ import annotations
 

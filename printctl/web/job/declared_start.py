@@ -1,4 +1,4 @@
-"""Start position declared in a job's first lines."""
+"""Read the start position that a job's first lines declare (G92), cached per file and printer."""
 
 from __future__ import annotations
 

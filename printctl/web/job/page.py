@@ -1,4 +1,4 @@
-"""Job page of the web interface: layout and route."""
+"""Lay out the Job page at /job: job list, print state, live 3D view, preflight, start, after."""
 
 from __future__ import annotations
 

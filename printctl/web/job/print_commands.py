@@ -1,4 +1,4 @@
-"""Commands to a running print (pause, resume, cancel and others), safe to repeat."""
+"""Commands to a running or interrupted print: pause, resume, new syringe, cancel, recover."""
 
 from __future__ import annotations
 

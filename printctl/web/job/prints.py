@@ -1,4 +1,4 @@
-"""Find and follow all prints of a workspace, and read their results at the end."""
+"""Follow all running prints of a workspace; report the outcome of ended or interrupted ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""REST routes of jobs, and of their prints."""
+"""REST routes for jobs and prints: upload, preflight, start, control, record, recovery, notes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Job page's service: jobs, checks, the running print and its record."""
+"""Service behind the Job page: jobs, set-ups, checks, start, the running print and its record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Store of jobs' print set-ups, kept between visits."""
+"""Store each job's print set-up as last filled in; else derive it from recipe and G-code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Build the print order of a job from its set-up and the printer's state."""
+"""Build a job's print order; refuse a start without operator, ticked checklist, confirmation."""
 
 from __future__ import annotations
 

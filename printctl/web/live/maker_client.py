@@ -1,4 +1,4 @@
-"""Client of the process that makes live-view scenes."""
+"""Start the process that makes live-view scenes, and ask it for a job's scene file."""
 
 from __future__ import annotations
 

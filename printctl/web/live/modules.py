@@ -1,4 +1,4 @@
-"""Static scripts and styles of the live view, with shared modules.
+"""Load the live view's scripts and styles for serving, with modules shared with the report.
 
 A page of the server may have an import map of its own, so the modules that the report shares name
 each other here by where they lie instead of by bare names.

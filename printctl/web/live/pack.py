@@ -1,4 +1,4 @@
-"""Binary format of a live view scene, version 1, little-endian.
+"""Pack a live-view scene into its binary file format, version 1, little-endian.
 
 | bytes | what |
 |---|---|

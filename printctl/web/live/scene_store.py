@@ -1,4 +1,4 @@
-"""Store of live-view scenes, one per job."""
+"""Cache path of a job's live-view scene, named by a hash of file, set-up and format version."""
 
 from __future__ import annotations
 

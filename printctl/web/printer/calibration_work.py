@@ -1,4 +1,4 @@
-"""Write calibration test prints and fit their measurements, in the caller's thread."""
+"""Write a calibration test print, fit its readings, write the result into a profile copy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Homing dialog of the Printer page, which has the needle removed first."""
+"""Homing dialog of the Printer page: confirm that the needle is taken off, then home axes."""
 
 from __future__ import annotations
 

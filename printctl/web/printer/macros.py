@@ -1,4 +1,4 @@
-"""Macros: named lists of G-code commands, stored in the workspace per printer profile."""
+"""Store, check and run macros: named lists of G-code commands, per printer profile."""
 
 from __future__ import annotations
 

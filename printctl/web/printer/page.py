@@ -1,4 +1,4 @@
-"""Printer page of the web interface: layout and route."""
+"""Lay out the Printer page at /printer: cards for connection, jog, plunger, heat, console etc."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Syringe or needle change: what to declare to the printer, and how much ink may be purged."""
+"""Declare a new syringe or needle to the station; purge bubbles in small, limited steps."""
 
 from __future__ import annotations
 

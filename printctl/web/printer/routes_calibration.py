@@ -1,4 +1,4 @@
-"""REST routes of calibrations."""
+"""REST routes for calibrations: list, write a test, fit readings, save a measured profile."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Printer page's service: connection, manual control, console and calibration."""
+"""Service behind the Printer page: connection, status, manual control, console, calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Touch-off guide: three readings of a surface, which must agree."""
+"""Touch-off guide: height of dish floor or bath surface from three tip readings that agree."""
 
 from __future__ import annotations
 

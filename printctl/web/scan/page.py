@@ -1,4 +1,4 @@
-"""Scan page of the web interface: layout and route."""
+"""Lay out the Scan page at /scan: choose or upload a scan, register it with a run, show results."""
 
 from __future__ import annotations
 

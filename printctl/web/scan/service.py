@@ -1,4 +1,4 @@
-"""Scan page's service: scans and registrations, independent of the web framework."""
+"""Service behind the Scan page: scans, slices, registration processes and their results."""
 
 from __future__ import annotations
 

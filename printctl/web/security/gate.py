@@ -1,4 +1,4 @@
-"""Access settings shared by the guard, the log-in and the stop process."""
+"""Access settings of the server: token, password, sessions, own host names, attempt limits."""
 
 from __future__ import annotations
 

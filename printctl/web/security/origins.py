@@ -1,4 +1,4 @@
-"""Hosts and origins accepted by the web server.
+"""Check Host and Origin headers of requests against this machine's names and addresses.
 
 A page of another origin may make a browser send requests here, and its name may be made to point
 here (DNS rebinding): the ``Host`` header must be an address or a name of this machine, and the

@@ -1,4 +1,4 @@
-"""Redact secrets in log messages."""
+"""Remove tokens, passwords and cookies from log messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts of a request that the access guard decides by."""
+"""Read method, path, headers, cookies and client from a request, for the access guard."""
 
 from __future__ import annotations
 

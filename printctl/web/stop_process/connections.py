@@ -1,4 +1,4 @@
-"""Stop process's open connections to the running prints and the station of a workspace.
+"""Connect to a workspace's running prints and its station; send all of them a kill.
 
 A link process and a station write where they listen into a JSON file of their folder (``address``,
 ``token``), and take JSON lines; of these only ``kill``, ``subscribe`` and ``detach`` (which asks

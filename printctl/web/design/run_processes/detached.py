@@ -1,4 +1,4 @@
-"""Detached process of one of our commands, found again by a restarted server.
+"""Start `printctl` commands as detached processes, one per folder; follow and cancel them.
 
 It writes its progress into its folder (`printctl.progress_file`) and holds the folder's lock.
 """

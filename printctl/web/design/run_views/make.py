@@ -1,4 +1,4 @@
-"""Write a run's view pages in a separate process (`python -m printctl.web.design.run_views.make`).
+"""Write a run's HTML view: network or layers (`python -m printctl.web.design.run_views.make`).
 
 What can't be made is said in the last line of standard error, with exit code 1.
 """

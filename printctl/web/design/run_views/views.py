@@ -1,4 +1,4 @@
-"""Cached view pages of a run's network and layers."""
+"""HTML views of a run's network and G-code layers, made on demand and cached until files change."""
 
 from __future__ import annotations
 

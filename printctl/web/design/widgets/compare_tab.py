@@ -1,4 +1,4 @@
-"""Compare tab of the Design page: two runs beside each other."""
+"""Compare tab of the Design page: tables of differences and 3D networks of two runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recipe being edited in the browser: text and data kept in step, validated on each change."""
+"""Recipe open in the browser: text and data kept in step, checked and saved on each change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Convert between the text of an input field and a recipe's value."""
+"""Convert between input text and a recipe value; labels, hints and placeholders of inputs."""
 
 from __future__ import annotations
 

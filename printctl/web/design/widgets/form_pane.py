@@ -1,4 +1,4 @@
-"""Recipe form: its sections, each built when it is first opened."""
+"""Recipe form on the Design page: inputs for all fields in folding sections, errors beside them."""
 
 from __future__ import annotations
 
