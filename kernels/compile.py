@@ -1,4 +1,4 @@
-"""The decorators under which every numerical kernel of the product is compiled."""
+"""Decorators that compile every numerical kernel, single-threaded or parallel."""
 
 from __future__ import annotations
 

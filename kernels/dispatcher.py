@@ -1,4 +1,4 @@
-"""Numba's dispatcher of a kernel, which tells calls by kernels from calls by Python.
+"""Compile a numba kernel in the form its caller needs: with or without the Python wrapper.
 
 Numba gives each kernel two more functions that take and return Python's and C's values. They cost
 a fifth of the compiling time, and a kernel that only kernels call needs neither; none here is

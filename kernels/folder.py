@@ -1,4 +1,4 @@
-"""Folder of compiled kernels."""
+"""Path of the folder of compiled kernels, and the kernel's name from a file's name."""
 
 from __future__ import annotations
 

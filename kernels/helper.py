@@ -1,4 +1,4 @@
-"""Helper thread beside the caller, where numba lets two threads run parallel kernels at once."""
+"""Executor with a helper thread if numba's threading layer allows it, else in the same thread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compile kernels before they are called, on all cores.
+"""Compile kernels into the store in several processes, before they are first called.
 
 Numba compiles on one core, and only when a kernel is called. What a kind of work needs is known
 (`kernels.needed`), so several processes compile it into the store, and the work only loads it.

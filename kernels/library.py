@@ -1,4 +1,4 @@
-"""LLVM libraries of numba that become machine code only where Python calls them.
+"""Delay numba's machine code generation until a compiled function's address is needed.
 
 Numba makes a library for each kernel and for each of its own functions that a kernel uses, and
 turns each into machine code at once. A kernel takes in the LLVM code of what it calls, and has it

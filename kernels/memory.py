@@ -1,4 +1,4 @@
-"""Reuse freed memory for large arrays that are allocated one after another."""
+"""Tune glibc's memory allocation: reuse freed memory of large arrays, or return it at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Second process that calls functions in parallel with this one."""
+"""Call functions in a second Python process while this one goes on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Predicted ink of a print job: tables, pictures and voxels from `sim.bead`.
+"""Predict the ink that a G-code job deposits; write tables, plots, voxels and a playback page.
 
 Goes in: a simulated G-code file and an ink. Comes out: predicted ink as tables, pictures, voxels.
 Begin with `predict.py`.

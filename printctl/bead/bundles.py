@@ -1,4 +1,4 @@
-"""Predicted diameters of vessels that are printed as several strands."""
+"""Merge the predicted diameters of a vessel's several strands into one diameter per vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Convert predicted ink to the filaments that `printctl.lumens` measures."""
+"""Convert predicted embedded beads to round filaments for `printctl.lumens` to measure."""
 
 from __future__ import annotations
 

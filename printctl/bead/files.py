@@ -1,4 +1,4 @@
-"""Write all files of an ink prediction to one folder."""
+"""Write an ink prediction to a folder: CSV tables, playback page, time plots, optional voxels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Playback of a predicted print: the ink of all heads in order of time."""
+"""Build the playback data of a predicted print: all heads' deposited ink in order of time."""
 
 from __future__ import annotations
 

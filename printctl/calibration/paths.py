@@ -1,4 +1,4 @@
-"""Toolpaths of calibration tests, from the tip's present position.
+"""Toolpaths of the weighing, backlash and lag calibration tests, from the tip's position.
 
 The G-code writer of every print turns them into the firmware's words.
 """

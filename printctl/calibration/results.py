@@ -1,4 +1,4 @@
-"""Calibration results: named values with intervals, and notes."""
+"""Fit calibration readings (weighing, dial, touches); report values with intervals, and notes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compensation file: corrections to print geometry, derived from earlier prints.
+"""Read, check and write the compensation file: geometry corrections derived from earlier prints.
 
 Goes in: a YAML file. Comes out: checked corrections, and the same back. Begin with `schema.py`.
 """

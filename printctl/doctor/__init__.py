@@ -1,4 +1,4 @@
-"""`printctl doctor`'s checks of this computer.
+"""Check this computer for `printctl doctor`: installation, folders, serial ports; with remedies.
 
 Goes in: this computer. Comes out: findings, each with its remedy. Begin with `collect.py`.
 """

@@ -1,4 +1,4 @@
-"""Collect system facts and findings of `printctl doctor`."""
+"""Examine this computer for `printctl doctor`: run all checks, collect facts and problems."""
 
 from __future__ import annotations
 

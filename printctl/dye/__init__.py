@@ -1,4 +1,4 @@
-"""Predict the dye front through a network, and write its files.
+"""Load lumens for a dye front prediction, and write its table, curves and picture.
 
 Goes in: a network or a run. Comes out: arrival of dye, as files. Begin with `outputs.py`.
 """

@@ -1,4 +1,4 @@
-"""Compensation of the whole part: scale along each axis, radial offset of lumens."""
+"""Pool values over several prints, and fit the diameter excess common to all lumens."""
 
 from __future__ import annotations
 

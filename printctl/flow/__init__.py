@@ -1,4 +1,4 @@
-"""Flow calculations of recipes and commands, and their output files.
+"""Solve a network's 0D, 1D and 3D flow as a recipe asks, as designed or printed; write the files.
 
 Goes in: a recipe's flow section and a network. Comes out: solutions, tables and pictures. Begin
 with `conditions.py`.

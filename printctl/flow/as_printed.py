@@ -1,4 +1,4 @@
-"""Network with the lumens measured on a registered print, closed vessels marked."""
+"""Build a network from designed axes and the lumen sections measured on a registered print."""
 
 from __future__ import annotations
 

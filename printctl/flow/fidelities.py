@@ -1,4 +1,4 @@
-"""Solve 3D flow and compare fidelities, as set in `flow.three_d` and `flow.compare`."""
+"""Solve 3D flow and compare 0D, 1D and 3D results, as a recipe's flow section asks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""G-code gate: judges every line of a person or a file before it goes to a printer.
+"""G-code safety gate: allow or refuse each line, typed or from a file, before it is sent.
 
 Pure: it opens nothing and sends nothing. `judge` answers allowed, with the text that is sent, or
 refused, with the reason.

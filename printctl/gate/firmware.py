@@ -1,4 +1,4 @@
-"""Compare the firmware's current state with the assumed one: factors, limits, flags, speeds.
+"""Compare settings reported by the firmware with those a job assumes, and list the differences.
 
 What somebody set at the panel, by another program or in an earlier job goes on silently: a feed of
 220 %, soft endstops that are off, a dry run in which nothing moves. What is asked, and what is

@@ -1,4 +1,4 @@
-"""Heater targets in a G-code line: which heater, and whether the mounted materials bear it."""
+"""Allow or refuse a G-code line that sets a heater, by the mounted materials' limits."""
 
 from __future__ import annotations
 

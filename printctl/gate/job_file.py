@@ -1,4 +1,4 @@
-"""Gate a G-code job file: list refused lines and settings to restore."""
+"""List the lines of a G-code job that the gate refuses, and the firmware settings it changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Judge manual moves: limits of travel, speed and plunger."""
+"""Allow or refuse a typed G-code move, plunger push or homing, by travel and speed limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Constructors of gate rules: the parameters with which a G-code is allowed."""
+"""Build gate rules: functions that allow a G-code only with given parameters and ranges."""
 
 from __future__ import annotations
 

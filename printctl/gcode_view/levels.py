@@ -1,4 +1,4 @@
-"""Split a G-code job into layers where it writes level, else into passes."""
+"""Group a G-code job's writing moves into layers by height or slicer comments, else by stroke."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a G-code file, of printctl or of any slicer, for display."""
+"""Parse a G-code file of any slicer into moves with layer, width and ink volume, for display."""
 
 from __future__ import annotations
 

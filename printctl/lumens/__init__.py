@@ -1,4 +1,4 @@
-"""Check lumens in G-code before printing: predicted opening of each vessel.
+"""Check vessels in G-code before printing: lumen openings, leaks and merging filaments.
 
 Goes in: G-code and a network or a part. Comes out: a report of each lumen's opening. Begin with
 `check.py`.

@@ -1,4 +1,4 @@
-"""Strands that a G-code file writes into a bath, round, of diameter by extruded ink."""
+"""Convert embedded writing moves to round filaments, their diameter from extruded ink."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Combine the ink of several heads, each at its own tip's position."""
+"""Split a dry run by print head, and join all heads' written strokes into one list."""
 
 from __future__ import annotations
 

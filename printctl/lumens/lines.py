@@ -1,4 +1,4 @@
-"""Printed lines of a G-code file, each a stadium in plan view."""
+"""Read layered G-code as printed lines with width and height, each a stadium in plan view."""
 
 from __future__ import annotations
 

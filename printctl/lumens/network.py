@@ -1,4 +1,4 @@
-"""Stations along a network's vessels, at which lumens are measured."""
+"""Place measuring sections along a network's vessels, for the lumen check."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writing moves of a G-code file (by plunger or valve), as commanded or as executed."""
+"""Extract the writing moves of a G-code file (plunger or valve), as commanded or as executed."""
 
 from __future__ import annotations
 

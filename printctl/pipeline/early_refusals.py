@@ -1,4 +1,4 @@
-"""Early refusals: designs that needle or printer can't reach, before paths are planned."""
+"""Refuse designs deeper than the needle or beyond the printer's travel, before path planning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Apply lag compensation of the plunger where a recipe asks for it."""
+"""Compensate a recipe's toolpath for the ink's measured pressure lag, and size the relief."""
 
 from __future__ import annotations
 

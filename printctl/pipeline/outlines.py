@@ -1,4 +1,4 @@
-"""Outlines of a run's part, layer by layer, for comparison with its layers in pictures."""
+"""Outlines of a run's designed part at each layer, to draw over the layers of its G-code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pose error of a registration, against the simulated scanner's true pose."""
+"""Compute a registration's pose error against the simulated scanner's true pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Priming set by a recipe: purge, wipe and prime line."""
+"""Plan the priming moves that a recipe sets: purge, wipe and prime line."""
 
 from __future__ import annotations
 

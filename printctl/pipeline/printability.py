@@ -1,4 +1,4 @@
-"""Printability limits by needle, bath and method: sizes of lumens and walls."""
+"""Compute the smallest and widest printable lumen and the thinnest wall, by method and needle."""
 
 from __future__ import annotations
 

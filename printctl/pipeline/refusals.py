@@ -1,4 +1,4 @@
-"""Refuse recipes whose network doesn't suit needle, syringe, dish or printer.
+"""Refuse a recipe before anything is built, if its profiles or given network can't be printed.
 
 They come before anything is built, and before the libraries that build it are loaded. What passes
 here is asked again of the design and of the G-code, which know more.

@@ -1,4 +1,4 @@
-"""Output files of `printctl register`: results, page, exports for other programs."""
+"""Judge a registered scan and write the output of `printctl register`: results, page, exports."""
 
 from __future__ import annotations
 

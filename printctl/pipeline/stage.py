@@ -1,4 +1,4 @@
-"""Pipeline stage: run in order, skipped if its results are up to date."""
+"""Run pipeline stages in order, skipping each whose results are up to date."""
 
 from __future__ import annotations
 

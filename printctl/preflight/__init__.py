@@ -1,4 +1,4 @@
-"""Preflight checks of a print before the first byte is sent.
+"""Check a G-code job against printer, needle, ink, dish and bath before it is printed.
 
 Goes in: a G-code file and a `SetUp`. Comes out: checks, each passed or failed with its numbers.
 Begin with `set_up.py`.

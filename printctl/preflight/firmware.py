@@ -1,4 +1,4 @@
-"""Checks of the firmware's idle timeout and of its cold extrusion lock.
+"""Check a job's idle timeout, and that the firmware knows the stop and monitoring commands.
 
 A killed host can switch nothing off. Some families kill themselves, or switch heaters and motors
 off, after a time without motion that a job can set (`Family.timeout`); others have nothing of it.

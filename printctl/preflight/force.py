@@ -1,4 +1,4 @@
-"""Checks of pressure, plunger force and shear on the cells.
+"""Predict a job's hardest push; check pressure, plunger force and shear stress on the cells.
 
 No machine of ours reports force or pressure, so this is a prediction: the steady flow of the ink
 through the needle (`firmware_profiles.rheology`), on the plunger the syringe's friction besides

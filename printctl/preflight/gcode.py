@@ -1,4 +1,4 @@
-"""Checks of the G-code: travel, speed, plunger, interpretation by the firmware."""
+"""Run the checks that need only G-code and printer: travel, speed, plunger, firmware limits."""
 
 from __future__ import annotations
 

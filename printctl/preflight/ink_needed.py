@@ -1,4 +1,4 @@
-"""Ink needs of a print: written, left in the syringe and needle, loaded."""
+"""Compute a print's ink: written, left in syringe and needle, and to be loaded."""
 
 from __future__ import annotations
 

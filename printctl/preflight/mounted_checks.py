@@ -1,4 +1,4 @@
-"""Checks of profiles against each other and the part's size, without G-code."""
+"""Check needle length, ink and bath chemistry, and filament support, without G-code."""
 
 from __future__ import annotations
 

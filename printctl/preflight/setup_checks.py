@@ -1,4 +1,4 @@
-"""Checks of plunger travel and volume of the syringe."""
+"""Check that a job's ink fits the syringe's filling, and tell the firmware's push limit."""
 
 from __future__ import annotations
 

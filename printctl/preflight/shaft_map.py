@@ -1,4 +1,4 @@
-"""Read an embedded job's map: network, vessels' positions, needles."""
+"""Read, or make, the map arrays of an embedded job that its needle shaft check needs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distances of needle and hub to a dish's wall, over all moves of a job."""
+"""Compute and check the distance of needle and hub to a dish's wall over all moves of a job."""
 
 from __future__ import annotations
 

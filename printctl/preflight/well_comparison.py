@@ -1,4 +1,4 @@
-"""Check that a well's moves in a plate job equal those of its own job."""
+"""Check that a well's moves in a plate job equal those of the same part printed alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Note beside a simulated printer's record: which job it belongs to, and that it is complete.
+"""Write and verify the note that a simulated print's motion record is complete, with its job.
 
 By it a run takes over what was printed from the operator's page, instead of printing it again.
 """

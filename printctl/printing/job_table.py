@@ -1,4 +1,4 @@
-"""Progress of a job by command: time, layer, vessel and ink after each.
+"""Table of a job's time, layer, vessel and ink after each command, to look up progress.
 
 Made once per job from the dry run; an update of the progress then only reads one row.
 """

@@ -1,4 +1,4 @@
-"""Details of a print from its journal: active time without pauses, syringe changes."""
+"""Read from a print's journal its active time without pauses and its syringe changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Line map of the rest of a recovered print, from the map of its job."""
+"""Write the line map of a recovered print's remaining job, from the original job's map."""
 
 from __future__ import annotations
 

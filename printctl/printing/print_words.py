@@ -1,4 +1,4 @@
-"""Word a print's time, layer, vessel and ink for page and command line."""
+"""Format a print's state, time, layer, vessel and ink as text for page and command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Send queries to a printer through the link's channel.
+"""Open a printer's port, ask the firmware for its settings, and close it.
 
 The port is opened as a link process opens it, alone: while a print holds it, it is in use. Nothing
 is sent but the handshake and questions. On boards that reset when the port opens, it resets them.

@@ -1,4 +1,4 @@
-"""Recipe: schema and reading.
+"""Schema of a run's YAML recipe, and its reading and checking.
 
 Names are loaded when first asked for: most commands need one part of the schema, not all.
 

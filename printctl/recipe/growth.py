@@ -1,4 +1,4 @@
-"""Recipe section on the network: named, from a file, or grown."""
+"""Recipe section on the vessel network: shipped, from a file, grown, or a lattice."""
 
 from __future__ import annotations
 

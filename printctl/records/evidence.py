@@ -1,4 +1,4 @@
-"""Collect the remaining files of a print: G-code, run, report and notes, verified by hash.
+"""Collect a print's existing files (G-code, run, report, notes, photos), checked by hash or time.
 
 Files beside a print may be of a later one: the G-code counts only with the hash that the journal
 has, a run only if it wrote that G-code, a report only if it was written after the print began.

@@ -1,4 +1,4 @@
-"""Design searches: vary a recipe and rank the candidates.
+"""Design search: vary a recipe's keys, grow and measure the candidates, and rank them.
 
 Goes in: a search file. Comes out: ranked candidates, a page, the best as a recipe. Begin with
 `run.py`.

@@ -1,4 +1,4 @@
-"""Print set-up (mounted profiles) and check results, as plain values without kernels.
+"""Print set-up data: mounted printer, needle, syringe, ink, dish, bath; and check results.
 
 The checks themselves, which look at G-code, are in `printctl.preflight`.
 

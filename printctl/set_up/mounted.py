@@ -1,4 +1,4 @@
-"""Mounted needles and filled syringes of a print."""
+"""Data types of a print's set-up: printer, needle, syringe, ink, dish, bath; heads' contents."""
 
 from __future__ import annotations
 

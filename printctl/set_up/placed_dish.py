@@ -1,4 +1,4 @@
-"""Dish at its position on the printer, and the clearance of needle and hub to its wall."""
+"""Dish at its position on the printer; distance of needle and hub to its wall in one move."""
 
 from __future__ import annotations
 

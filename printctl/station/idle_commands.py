@@ -1,4 +1,4 @@
-"""Manual commands to an idle printer, judged before they are executed.
+"""Execute manual commands on an idle printer (jog, home, heat, plunger) within the limits.
 
 Each wish takes the values that came over the socket and gives what is answered. What it refuses
 moves nothing.

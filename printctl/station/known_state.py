@@ -1,4 +1,4 @@
-"""Printer state known from the user or past commands, not the firmware."""
+"""Track printer state that firmware can't tell: mounted parts, homed axes, plunger travel used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Current owner of the station's printer link: a print or the standby."""
+"""Track the current user of the station's printer link: a print or the idle standby."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Receive print orders at the station's socket, and check that each may begin."""
+"""Read print orders sent to the station's socket, and check that each may begin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plunger travel used by a print, since the last syringe change."""
+"""Count the plunger travel that a print has used since the last syringe change."""
 
 from __future__ import annotations
 

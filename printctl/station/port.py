@@ -1,4 +1,4 @@
-"""Station's port: open or closed, and a simulated printer's last tip position."""
+"""Open and close the station's printer port; keep a simulated printer's last tip position."""
 
 from __future__ import annotations
 

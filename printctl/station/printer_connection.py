@@ -1,4 +1,4 @@
-"""Connection of a station to its printer: established, lost, re-established."""
+"""Connect a station to its printer, notice the printer's loss, and reconnect."""
 
 from __future__ import annotations
 

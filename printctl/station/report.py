@@ -1,4 +1,4 @@
-"""Station status: sent to its clients and written to its journal."""
+"""Keep a station's status, send it to clients, and write it to the journal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Main loop of a station: standby, requests, prints."""
+"""Main loop of a station's process: attend to the idle printer, serve requests, run prints."""
 
 from __future__ import annotations
 

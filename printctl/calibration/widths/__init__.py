@@ -1,4 +1,4 @@
-"""Ink properties from a calibration print's widths, measured in a picture or typed in.
+"""Fit ink properties to a calibration print's widths, gaps and bridges, typed or from a picture.
 
 Goes in: a pattern and its measured widths. Comes out: properties of the ink. Begin with `fit.py`.
 """

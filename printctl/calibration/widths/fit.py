@@ -1,4 +1,4 @@
-"""Fit the constants of each kind of calibration pattern."""
+"""Choose and run the fit for a calibration pattern: lines, spiral, comb, joints or bridges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measure a calibration pattern's widths and gaps in its picture."""
+"""Measure line widths and gaps of a printed calibration pattern in a picture of it."""
 
 from __future__ import annotations
 

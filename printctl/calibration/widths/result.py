@@ -1,4 +1,4 @@
-"""Result of a calibration pattern: fitted values, table, doubts and changes to the ink profile."""
+"""Data types of a calibration fit: measured widths and answers; values and profile changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read the sheet of widths and gaps that a person measured on a calibration pattern."""
+"""Read the CSV sheet of widths, gaps or bridge results typed in for a calibration pattern."""
 
 from __future__ import annotations
 

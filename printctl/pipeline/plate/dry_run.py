@@ -1,4 +1,4 @@
-"""Simulate the G-code of a plate: all checks of a single part's job, and of each well."""
+"""Simulate a plate's G-code, and check it as a single part's job and well by well."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Combine the toolpaths of all wells into the job of a plate."""
+"""Join the toolpaths of all wells into one plate job; write its G-code and line map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Map of a plate job's lines to wells, strands and design parts."""
+"""Arrays for a plate job's line map: the well of each G-code line, and all wells' vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stage 3b: 3D flow, and comparison of fidelities, if the recipe asks for it."""
+"""Stage 3b: 3D flow, and comparison of 0D, 1D and 3D flow, if the recipe asks for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stage 7: check in the G-code that each vessel is open and leak-free.
+"""Stage 6b: check in the G-code that each vessel is open and leak-free.
 
 A compensated print is held against the network as it is to be written, since that is what its lines
 should leave open; the scan will be held against the design.

@@ -1,4 +1,4 @@
-"""Stage 7: print, through a link process."""
+"""Stage 7: print the job through a separate link process, and follow it to its end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stage 8: read the scan, or simulate one of the simulated print."""
+"""Stage 8: read the user's scan, or simulate a scan of the simulated print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stage 2: the vessel network: a named one, one from a file, or a grown one."""
+"""Stage 2: load a shipped or given vessel network, or grow one, and write it."""
 
 from __future__ import annotations
 
