@@ -1,4 +1,4 @@
-"""Circuit of R-L branches and grounded capacitors, prepared for time stepping."""
+"""Convert a circuit to R-L branches and grounded capacitors, for time stepping."""
 
 from __future__ import annotations
 
