@@ -1,4 +1,4 @@
-"""Convert an svZeroDSolver input file to a circuit."""
+"""Data class of a case read from an svZeroDSolver file: vessel names, circuit, time steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read svZeroDSolver's JSON input.
+"""Read svZeroDSolver's JSON input as a circuit for the pulsatile 0D solver.
 
 Vessels are R, then C to ground, then L (its `BloodVessel`); junctions join them without loss;
 boundary conditions are FLOW, PRESSURE, RESISTANCE and RCR. Format: the project's documentation

@@ -1,4 +1,4 @@
-"""Run an svZeroDSolver case and write the columns that svZeroDSolver writes."""
+"""Solve an svZeroDSolver case here, and write a CSV with svZeroDSolver's output columns."""
 
 from __future__ import annotations
 
