@@ -1,4 +1,4 @@
-"""Separate parts of a tissue, and which of them given points lie in."""
+"""Find a tissue's separate parts; assign points to them; refuse parts without a terminal."""
 
 from __future__ import annotations
 
