@@ -1,4 +1,4 @@
-"""The design package: tissue, vasculature, network, hemodynamics, solids, toolpath.
+"""Public names of the design side: tissue, vessel growth, flow, solids, toolpath, G-code.
 
 `import design` gives what scripts and notebooks use, and docs/python.md shows. These names stay as
 they are from one minor version to the next; what isn't named here may move. Each is loaded when

@@ -1,4 +1,4 @@
-"""Exact distances and intersections of points, segments and triangles.
+"""Distances, nearest points and intersections of points, segments and triangle surfaces.
 
 Names are loaded when first asked for: a process that only names a surface needs no kernels.
 

@@ -1,4 +1,4 @@
-"""A bounding volume hierarchy over triangles: nearest distance and what lies within a radius."""
+"""Build a bounding volume hierarchy of triangles; find distances, and triangles in a radius."""
 
 from __future__ import annotations
 

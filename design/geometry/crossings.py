@@ -1,4 +1,4 @@
-"""Find the self-intersecting triangles of a surface.
+"""Find all pairs of triangles of a surface that intersect each other, exactly.
 
 Every two triangles whose boxes meet are tried, neighbours too. The signs of tetrahedra decide,
 each with a bound of its rounding (Shewchuk 1997, doi 10.1007/PL00009321, his first filter); the

@@ -1,4 +1,4 @@
-"""Nearest point on a triangle surface."""
+"""Find the nearest point of a triangle surface to each given point."""
 
 from __future__ import annotations
 

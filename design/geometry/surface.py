@@ -1,4 +1,4 @@
-"""Triangle surface: vertices and faces, the mesh value that packages exchange."""
+"""Data class of a triangle surface: vertices and faces, enclosed volume and bounds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow solvers for vessel networks: lumped (0D, steady and pulsatile) and 1D pulse waves.
+"""Flow in vessel networks by 0D, 1D and 3D solvers; fluids, waveforms, dye, oxygen.
 
 Names are loaded when first asked for: a steady flow needs neither 1D waves nor pulses.
 

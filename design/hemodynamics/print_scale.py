@@ -1,4 +1,4 @@
-"""Flow and pressure of a design that is printed at another scale.
+"""Scale a network and its flow conditions to a print of another size, at equal wall shear.
 
 In a network scaled by s with the same fluid, Poiseuille's law Δp = 8 μ L Q / (π r⁴) and the wall
 shear τ = 4 μ Q / (π r³) give two ways to keep something:

@@ -1,4 +1,4 @@
-"""Geometric measures of a vessel network and of its supply of the tissue.
+"""Measure a vessel network (morphometry, paths, junctions) and its supply of the tissue.
 
 Names are loaded when first asked for.
 

@@ -1,4 +1,4 @@
-"""Compute all geometric measures of a network in a tissue."""
+"""Compute all measures of a network in its tissue: shape, junctions, paths, supply, oxygen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Path depth and tortuosity of a network from inlets to outlets, and lengths of its loops."""
+"""Measure depth and tortuosity of paths from inlets to outlets, and lengths of loops."""
 
 from __future__ import annotations
 

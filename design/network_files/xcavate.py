@@ -1,4 +1,4 @@
-"""Read a network from X-CAVATE's text: vessels as lists of points, in cm."""
+"""Read vessels from X-CAVATE's text (points in cm), and join them to a network."""
 
 from __future__ import annotations
 

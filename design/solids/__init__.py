@@ -1,4 +1,4 @@
-"""Printable solids of a network and a body, and their files.
+"""Printable solids (lumens, tubes, bodies, fittings) from networks: build, check, read, write.
 
 Goes in: a network and a body. Comes out: closed triangle surfaces and their files. Begin with
 `lumen.py`.

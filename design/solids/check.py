@@ -1,4 +1,4 @@
-"""Validate a written mesh file by reading it back."""
+"""Read a written mesh file back and check its surface: closed, oriented, without crossings."""
 
 from __future__ import annotations
 

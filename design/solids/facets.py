@@ -1,4 +1,4 @@
-"""Polygonal tube cross-sections with the hydraulic conductance of the circles they replace."""
+"""Choose polygonal cross-sections for round tubes: number of sides, equal area, domed caps."""
 
 from __future__ import annotations
 

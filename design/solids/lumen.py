@@ -1,4 +1,4 @@
-"""Lumen solid: the open space of all vessels of a network."""
+"""Build the lumen solid of a network: the union of all vessels, junctions rounded."""
 
 from __future__ import annotations
 

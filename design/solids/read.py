@@ -1,4 +1,4 @@
-"""Read a solid from a mesh file."""
+"""Read a closed solid from a mesh file (STL, 3MF, PLY, OBJ, OFF), in mm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Make a solid of a surface from a file, for level sections only."""
+"""Make a solid of a closed surface from a file, unrepaired, only to be cut into sections."""
 
 from __future__ import annotations
 

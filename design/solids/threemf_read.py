@@ -1,4 +1,4 @@
-"""Read a 3MF file that holds one plain mesh: many times faster than by an XML parser.
+"""Read a 3MF file that holds one plain mesh, without a (slow) XML parser.
 
 Any other content (several objects, components, transforms, attributes in another order) is left to
 `design.solids.read`, which takes trimesh for it.

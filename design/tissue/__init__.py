@@ -1,4 +1,4 @@
-"""Tissues: a closed shape and its signed distance, from files, surfaces or parameters.
+"""Make tissues (closed shape, signed distance, demand) from meshes, images, points, parameters.
 
 Goes in: a mesh, an image, points or parameters. Comes out: a `Tissue`. Begin with `tissue.py`.
 """

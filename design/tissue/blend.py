@@ -1,4 +1,4 @@
-"""Kernel: blend local implicit functions into one field by a partition of unity."""
+"""Blend local surface fits around points into one implicit field on a lattice (compiled)."""
 
 from __future__ import annotations
 

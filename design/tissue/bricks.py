@@ -1,4 +1,4 @@
-"""Fill the bricks of a signed distance grid with exact samples."""
+"""Compute exact signed distances for the fine bricks of a tissue's grid."""
 
 from __future__ import annotations
 

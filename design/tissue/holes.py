@@ -1,4 +1,4 @@
-"""Fill the small holes of a surface."""
+"""Fill the small holes of a triangle surface, each with the patch of least area."""
 
 from __future__ import annotations
 

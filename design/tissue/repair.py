@@ -1,4 +1,4 @@
-"""Repair a tissue's surface where that is safe, and report the repairs.
+"""Repair a tissue's triangle surface as far as is safe, and report the repairs.
 
 A closed, consistently oriented surface whose faces don't pass through one another is handed on
 untouched. Otherwise, in turn: duplicate faces are dropped, vertices next to one another merged

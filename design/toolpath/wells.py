@@ -1,4 +1,4 @@
-"""Place several parts in the wells of a plate, with travels raised over the wells' rims."""
+"""Move a part's toolpath to its well of a plate, with a raised travel from the last part."""
 
 from __future__ import annotations
 

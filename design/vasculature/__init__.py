@@ -1,4 +1,4 @@
-"""Vessel trees, grown by constrained constructive optimisation; named example networks.
+"""Grow vessel trees in a tissue, join them to loops, find collisions; an example network.
 
 Goes in: a tissue and options. Comes out: a `VesselTree` or a `VesselNetwork`. Begin with
 `tree.py`.

@@ -1,4 +1,4 @@
-"""Cost factor that a grid assigns to a branch point's position."""
+"""Cost factor of a branch point by its depth in the tissue, sampled on a grid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dye transport in a vessel network: front, concentration curves, and video frame-rate check.
+"""Predict dye arrival times and concentrations in a network; check a video's frame interval.
 
 Goes in: a network and its steady flow. Comes out: arrival times and concentration curves. Begin
 with `front.py`.

@@ -1,4 +1,4 @@
-"""Arrival times of the dye front in each vessel: its tip and its mean; effect of diffusion.
+"""Compute arrival times of a dye front in each vessel; class each by diffusion's effect.
 
 The tip runs on the axis at twice the mean speed, so that it is through a vessel in T/2; the mean
 takes T. Both add up along a way, since flows mix at nodes and some of what comes goes on along the

@@ -1,4 +1,4 @@
-"""Transit times of dye through each vessel in steady flow, and downstream order of vessels."""
+"""Compute each vessel's transit time in steady flow; sort vessels in downstream order."""
 
 from __future__ import annotations
 

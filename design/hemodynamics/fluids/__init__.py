@@ -1,4 +1,4 @@
-"""Viscosity of a fluid: Newtonian, by shear rate, or by the vessel's diameter.
+"""Fluid viscosity models: Newtonian, shear-rate dependent, or blood by vessel diameter.
 
 Names are loaded when first asked for: a Newtonian fluid needs no splines.
 

@@ -1,4 +1,4 @@
-"""Periodic solution of 1D flow: one cycle, sampled evenly."""
+"""Data class of one periodic cycle of 1D flow, with velocity, wall shear, Reynolds number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Initial state of the 1D flow solver: the lumped (0D) model's periodic state at cycle start."""
+"""Compute the 1D solver's initial state from the periodic 0D solution of the same network."""
 
 from __future__ import annotations
 

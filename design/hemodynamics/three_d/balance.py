@@ -1,4 +1,4 @@
-"""Pressure and power at the ports of a 3D lumen mesh."""
+"""Compute mean port pressures and the power balance of a 3D flow solution."""
 
 from __future__ import annotations
 

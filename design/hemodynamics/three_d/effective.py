@@ -1,4 +1,4 @@
-"""Effective vessel resistances found by 3D flow, returned to the lumped (0D) model.
+"""Derive vessel resistances and radii from a 3D solution, so that 0D gives the same flows.
 
 Along a vessel, clear of the junctions, a lumen resists as Poiseuille says of its own section. At
 the junctions it doesn't: fillets and overlapping lumens widen them, turning and developing flow

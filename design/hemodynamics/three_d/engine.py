@@ -1,4 +1,4 @@
-"""Finite-element engine of 3D flow, imported only when needed."""
+"""Import the finite-element library NGSolve on demand, with a given number of threads."""
 
 from __future__ import annotations
 

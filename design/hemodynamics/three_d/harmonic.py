@@ -1,4 +1,4 @@
-"""Pulsatile Stokes flow in 3D, solved harmonic by harmonic.
+"""Solve pulsatile Stokes flow in a 3D lumen, harmonic by harmonic.
 
 Without convection the problem is linear, so that u(t) = Re Σ u_k exp(i ω_k t) with i ω_k ϱ in
 place of the derivative in time: the periodic state itself, without time steps and their error. It

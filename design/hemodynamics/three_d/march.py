@@ -1,4 +1,4 @@
-"""Pulsatile 3D flow in a lumen, time-stepped until periodic.
+"""Solve pulsatile 3D flow in a lumen by time steps until the cycle repeats.
 
 Second-order backward differences, (3 u' - 4 u + u⁻)/(2 Δt), with convection implicit: Newton from
 the extrapolation 3 (u - u⁻) + u⁼ takes a step or two, each by Krylov steps with one factor of the

@@ -1,4 +1,4 @@
-"""Mesh a network's lumens with curved tetrahedra."""
+"""Mesh a network's lumens with curved tetrahedra, a port at each free end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Residence time (age) of fluid in a lumen, from the 3D flow.
+"""Compute the residence time (age) of fluid throughout a lumen from a steady 3D flow.
 
 Age a obeys ∇·(u a) - D Δa = 1: it grows by a second each second, is carried, and spreads by
 diffusion. Fluid comes in with age 0; nothing spreads through walls and ports. The weak form

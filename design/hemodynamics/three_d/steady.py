@@ -1,4 +1,4 @@
-"""Solve steady 3D flow in a lumen."""
+"""Solve steady Navier–Stokes or Stokes flow in a 3D lumen mesh."""
 
 from __future__ import annotations
 

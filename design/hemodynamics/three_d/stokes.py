@@ -1,4 +1,4 @@
-"""Taylor–Hood elements of a lumen: spaces, matrices, factors and the ports' vectors.
+"""Assemble and factorise the 3D Stokes equations in Taylor–Hood elements; convection terms.
 
 Velocities of degree k and pressures of degree k - 1, continuous, on curved tetrahedra (Taylor &
 Hood 1973, doi 10.1016/0045-7930(73)90027-3). The weak form is

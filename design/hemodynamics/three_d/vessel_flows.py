@@ -1,4 +1,4 @@
-"""Flow in each vessel of a 3D solution, corrected to conserve mass at the nodes.
+"""Compute the flow in each vessel from a 3D solution, with mass conserved at the nodes.
 
 Amid a vessel that is shorter than the junctions at its ends a section cuts a fork, and what passes
 through it isn't the vessel's flow. Ports and sections clear of junctions are exact; what flows in

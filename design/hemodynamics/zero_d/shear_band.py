@@ -1,4 +1,4 @@
-"""Compare each vessel's wall shear with the range that the cells want."""
+"""Classify each vessel's wall shear as below, inside or above a wanted range."""
 
 from __future__ import annotations
 

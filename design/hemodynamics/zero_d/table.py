@@ -1,4 +1,4 @@
-"""Write a flow solution as a CSV table, one row per vessel."""
+"""Make the per-vessel table of a steady 0D flow solution; write and read it as CSV."""
 
 from __future__ import annotations
 

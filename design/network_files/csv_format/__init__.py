@@ -1,4 +1,4 @@
-"""`network.csv` format: one straight vessel piece per row, full precision.
+"""Read and write `network.csv`: one straight vessel piece per row, full precision.
 
 Goes in: a network. Comes out: `network.csv`, and the same network read back. Begin with `read.py`.
 """

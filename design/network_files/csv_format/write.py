@@ -1,4 +1,4 @@
-"""Write `network.csv`."""
+"""Write a vessel network to a `network.csv` file, in mm."""
 
 from __future__ import annotations
 

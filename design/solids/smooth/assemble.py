@@ -1,4 +1,4 @@
-"""Sew tubes, single junctions and groups of overlapping junctions to one closed surface."""
+"""Sew meshes of tubes, single junctions and overlapping junctions to one closed surface."""
 
 from __future__ import annotations
 

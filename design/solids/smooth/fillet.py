@@ -1,4 +1,4 @@
-"""Distance fields of vessels at a junction, and the rolling-ball fillet between them.
+"""Compute distances from a junction's vessel walls, rounded by a rolling-ball fillet.
 
 Rounding is a morphological closing: of the space outside all vessels, whatever a ball of the
 fillet's radius ρ can't reach is filled. Where two vessels go on in one line the ball reaches the

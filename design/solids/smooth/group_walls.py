@@ -1,4 +1,4 @@
-"""Distance fields of a group of overlapping vessels, and the vertices that must stay fixed."""
+"""Collect the walls and fixed end rings of a group of overlapping vessels, to be rounded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Split junction triangles that deviate from the surface (compiled)."""
+"""Add ray directions to a junction's triangulation at triangles off the wall (compiled)."""
 
 from __future__ import annotations
 

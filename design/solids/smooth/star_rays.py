@@ -1,4 +1,4 @@
-"""Cast rays from a junction's centre through its vessels (compiled)."""
+"""Trace rays from a junction's centre: vessel left last, wall clear of fillets (compiled)."""
 
 from __future__ import annotations
 

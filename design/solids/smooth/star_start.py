@@ -1,4 +1,4 @@
-"""Initial triangulation of directions around a vessel junction (compiled)."""
+"""Start a junction's triangulation: directions of tube rings, axes and wall seams (compiled)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distance from a junction beyond which each vessel is a plain tube."""
+"""Compute the distance from a junction at which each vessel becomes a plain tube."""
 
 from __future__ import annotations
 

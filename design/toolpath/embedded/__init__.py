@@ -1,4 +1,4 @@
-"""Embedded writing: filaments along the vessels' centrelines inside a bath.
+"""Plan embedded writing: ink filaments along the vessels' centrelines inside a bath.
 
 Goes in: a network and a needle. Comes out: a `Toolpath` and a report. Begin with `plan.py`.
 """

@@ -1,4 +1,4 @@
-"""Choose where to cut a vessel when all unwritten stretches obstruct each other."""
+"""Choose the part of a vessel to write next if all unwritten stretches block each other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ink near joints, exempt from the shaft check, by distance along vessels."""
+"""Test if ink counts as part of a vessel joint, and so is spared by the needle shaft check."""
 
 from __future__ import annotations
 

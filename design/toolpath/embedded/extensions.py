@@ -1,4 +1,4 @@
-"""Extensions of the needle's passes beyond their ends, and what the shaft would hit there."""
+"""Find ink that the needle's shaft would hit if a writing stroke were extended past its end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Improve the order of embedded writing passes in rounds, adding rules for open joints."""
+"""Find the order of writing strokes with fewest shaft conflicts and open joints, in rounds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Close the joints of embedded writing passes: extend each end into the ink that it meets.
+"""Close the joints of writing strokes: extend each stroke's ends into the ink they meet.
 
 A pass that begins or ends where ink lies goes on straight by the overlap. Where the shaft would
 pass through other ink there, or later ones through the overlap, the earlier of the two goes on

@@ -1,4 +1,4 @@
-"""Plan embedded writing of a network: divide, order, close joints, write."""
+"""Plan embedded writing of a network: order its vessels, close joints, return the toolpath."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Schedule the passes of embedded writing: few, short travels, no ink in the shaft's way.
+"""Order vessel elements into few writing strokes, short travels, no ink in the shaft's way.
 
 What is written never bars anything else, it only sets free; so a stretch that can be written from
 end to end may be written at once, and one that can't had better wait. Where all wait for each

@@ -1,4 +1,4 @@
-"""Find where the needle's shaft nears ink along a planned path.
+"""Find written ink that the needle's shaft enters or nears along a planned toolpath.
 
 The plan orders elements by what the shaft meets at a few places of each. What is then written is
 looked at as a whole here: all moves, travels, lifts and descents too, and all places between, by

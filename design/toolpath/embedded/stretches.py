@@ -1,4 +1,4 @@
-"""Unwritten stretches of vessels, and whether each can be written in one stroke."""
+"""Track unwritten stretches of vessels, and test if each can be written in one stroke."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Thickest filament that a yield-stress bath supports."""
+"""Compute the thickest filament of an ink that a yield-stress bath supports."""
 
 from __future__ import annotations
 

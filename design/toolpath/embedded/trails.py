@@ -1,4 +1,4 @@
-"""Continue embedded writing passes through nodes: pair the vessel stretches that meet there."""
+"""Extend a writing stroke through nodes by the straightest unwritten vessel stretches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write a vessel's elements in sequence until ordering rules or ink bar it."""
+"""Mark vessel elements as written in a row until a precedence rule, or written ink, stops it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Remove short moves from wall paths without approaching a contour.
+"""Remove moves too short for the firmware from wall paths, without narrowing lumens.
 
 Firmware merges moves shorter than its least, and cuts the corner into the lumen where it likes.
 Here a short move goes by its two neighbours being drawn out until they meet, where the path bends

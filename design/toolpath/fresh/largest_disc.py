@@ -1,4 +1,4 @@
-"""Largest disc that touches a contour without crossing any.
+"""Find the largest disc that fits inside the contours at each point of a contour.
 
 The disc of radius r that touches the contour at p, its centre p + r n on the inward normal n,
 touches a point q of another edge when |q - p|² = 2 r n·(q - p); r is least over all q (the

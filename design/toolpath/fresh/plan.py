@@ -1,4 +1,4 @@
-"""Slice a solid into FRESH layers: sections, walls, infill, order, travels."""
+"""Slice a solid into FRESH layers: from sections, walls and infill to a toolpath and report."""
 
 from __future__ import annotations
 

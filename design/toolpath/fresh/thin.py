@@ -1,4 +1,4 @@
-"""Wall paths in thin places, where the material has no room for two full-width lines.
+"""Lay narrower wall lines in material too thin for two lines of full width.
 
 Two walls of width w stand side by side where the material is 2 w thick. Where it is thinner their
 centrelines come nearer to each other than w and would put the same ink down twice. There both

@@ -1,4 +1,4 @@
-"""Travel to a toolpath's first point, and away from its last."""
+"""Make the commands that travel to a toolpath's first point, and away from its last."""
 
 from __future__ import annotations
 

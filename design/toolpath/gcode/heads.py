@@ -1,4 +1,4 @@
-"""G-code of a job for several heads: tip offsets, and changes of head.
+"""Write a job's G-code for a printer with several heads: tip offsets, changes of head.
 
 The toolpath says which head makes each move; its places are the tip's. What is written is the
 carriage's place, the tip's less the head's offset (`firmware_profiles.Head.offset_mm`): the header

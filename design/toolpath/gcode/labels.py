@@ -1,4 +1,4 @@
-"""Add comments to G-code where a labelled move begins."""
+"""Insert a comment into G-code before the first line of each labelled move."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Resolution of a printer's moves, for which a toolpath is planned."""
+"""Derive planning limits from a printer: shortest move, lumen clearance, infill joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find collisions: pairs of a network's pieces closer than the required clearance."""
+"""Find pairs of a network's pieces closer than the clearance; refuse a network with any."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Path length along the vessels between two pieces of a network."""
+"""Compute the shortest way along the vessels between pairs of a network's pieces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Audit a grown tree: allowed radius of every segment, and segments that exceed theirs."""
+"""Compute the allowed radius of every segment of a grown tree; count segments too wide."""
 
 from __future__ import annotations
 

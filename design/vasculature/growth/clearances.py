@@ -1,4 +1,4 @@
-"""Required clearances of a growing tree, and the geometry of a trial bifurcation."""
+"""Data classes: clearances that a growing tree must keep, and a trial bifurcation."""
 
 from __future__ import annotations
 

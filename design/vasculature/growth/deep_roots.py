@@ -1,4 +1,4 @@
-"""Points on a tissue's surface with enough depth below for a wide root vessel."""
+"""Find surface points with the deepest tissue below, as roots of wide trees."""
 
 from __future__ import annotations
 

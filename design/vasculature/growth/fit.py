@@ -1,4 +1,4 @@
-"""Check that a bifurcation fits: in the tissue, between neighbours, as a joint."""
+"""Check that a trial bifurcation fits: in the tissue, between neighbours, as a joint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several trees in one tissue that don't touch: artery, vein and lymph, or competing inlets."""
+"""Grow several trees in one tissue without contact: artery, vein and lymph, or several inlets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""State of one growing tree: its arrays, lists, and candidate terminals."""
+"""Arrays of one tree during growth: segments, spatial index, points for new terminals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Build a growing tree's segment index, and its clearances from the options."""
+"""Build a growing tree's segment index; make its clearances from the options."""
 
 from __future__ import annotations
 

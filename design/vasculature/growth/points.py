@@ -1,4 +1,4 @@
-"""Candidate positions of new terminals: sampled by demand, or given by the user."""
+"""Draw candidate positions of new terminals by demand, or take those given by the user."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Propose where a new terminal joins the tree: the cheapest feasible branch point."""
+"""Find the cheapest feasible branch point that joins a new terminal to the tree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Error messages for tree growth that runs out of room."""
+"""Compose the error message for tree growth that runs out of room."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stem of a tree: the root's entry into the tissue, and its length."""
+"""Place a tree's stem (the root's entry into the tissue), and lengthen one too short."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Start a tree: its stem and its first two terminals."""
+"""Start a tree: connect its stem to the first two terminals that fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One growth step: propose where a new terminal joins the tree, and commit it."""
+"""Grow a tree terminal by terminal: take the best branch point, add it, update radii."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Surroundings of a growing tree: vessels of other trees, and its own tissue territory."""
+"""Vessels of other trees that a growing tree keeps clear of, and its share of the tissue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Growth loop of one tree: add terminals, audit radii and repair."""
+"""Grow one tree to its goal: add terminals, check allowed radii, repair; in a loop."""
 
 from __future__ import annotations
 

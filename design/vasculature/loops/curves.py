@@ -1,4 +1,4 @@
-"""Choose the cheapest feasible Bézier curve between two terminals (compiled)."""
+"""Choose the cheapest Bézier curve between two terminals that clears all else (compiled)."""
 
 from __future__ import annotations
 

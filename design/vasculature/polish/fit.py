@@ -1,4 +1,4 @@
-"""Check a moved branch point: tissue, neighbours and the joints around it."""
+"""Check that a moved branch point fits: in the tissue, between neighbours, at its joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Topology optimisation of a tree: cut a branch and graft it where total cost is lower.
+"""Cut each branch off a tree and graft it onto another segment if total cost falls.
 
 The move is the subtree transfer of Guy et al. 2019 (doi 10.1109/TBME.2019.2942313) and Jessen et
 al. 2024 (arXiv 2410.06002), with the exact cost of the whole tree: cutting leaves a straight

@@ -1,4 +1,4 @@
-"""Check whether a branch fits at its new parent, and whether the vessels left behind do."""
+"""Check that a branch fits at its new parent, and that the vessels left behind still fit."""
 
 from __future__ import annotations
 

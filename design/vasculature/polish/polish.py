@@ -1,4 +1,4 @@
-"""Polish a grown tree: relax all its branch points, then graft branches where they cost less."""
+"""Lower a grown tree's cost: relax all its branch points, then graft branches elsewhere."""
 
 from __future__ import annotations
 

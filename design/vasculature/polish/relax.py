@@ -1,4 +1,4 @@
-"""Move branch points towards lower cost, in sweeps over the whole tree."""
+"""Move branch points of a tree towards lower cost, in sweeps over the whole tree."""
 
 from __future__ import annotations
 

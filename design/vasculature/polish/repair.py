@@ -1,4 +1,4 @@
-"""Push branch points aside until slightly too wide vessels fit again."""
+"""Move branch points of a polished tree until vessels slightly too wide fit again."""
 
 from __future__ import annotations
 

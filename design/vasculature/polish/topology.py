@@ -1,4 +1,4 @@
-"""Cut a branch off a tree and graft it elsewhere, with undo."""
+"""Elementary edits of a tree: cut a branch off, attach it to another segment, undo either."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Working arrays of one tree while it is polished, and the loop over its kernels."""
+"""Run the polishing of one tree on its arrays: relax, graft and repair until it fits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Iterate mesh, 3D flow and vessel radii until the flow divides as wanted.
+"""Repeat meshing, 3D flow and radius correction until vessel flows meet their targets.
 
 The reduced model gets every vessel's resistance in 3D in each round (`effective_network`), then
 finds the radii at which it has the wanted flows; with these the lumen is meshed and solved again

@@ -1,4 +1,4 @@
-"""Case files for the 3D flow solver on MPI ranks: mesh, ports, fluid and options."""
+"""Write the case folder of the MPI flow solver: mesh, port conditions, fluid, options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The linear system Σ y (p_i - p_j) + y_ground p_i = s of a graph, real or complex.
+"""Solve Σ y (p_i - p_j) + y_ground p_i = s for node pressures of a graph, real or complex.
 
 A graph's `Structure` (what can be folded away, in which order) is found once; its numbers are
 factorised for each set of admittances, and solved for any s. Steady flow has the vessels'

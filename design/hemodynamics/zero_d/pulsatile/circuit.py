@@ -1,4 +1,4 @@
-"""Electrical-analogue circuit of vessels and outlets: the input of all pulsatile 0D solvers."""
+"""Data class of the electrical-analogue circuit of vessels and outlets, for 0D solvers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Periodic state of a circuit in the frequency domain, one linear solve per harmonic.
+"""Solve for a circuit's periodic state by frequency, one linear solve per harmonic.
 
 The circuit is linear, so each harmonic of what drives it is answered by itself. Solving for the
 answer gives the periodic state with no transient to wait for: a Windkessel whose time constant is

@@ -1,4 +1,4 @@
-"""Table of a pulsatile 0D solution, one row per vessel."""
+"""Make a table of each vessel's pressures, flows and wall shear from a pulsatile 0D solution."""
 
 from __future__ import annotations
 

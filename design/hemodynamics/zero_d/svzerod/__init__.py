@@ -1,4 +1,4 @@
-"""svZeroDSolver's files: read, run and write its input; write its output columns.
+"""svZeroDSolver's files: read and run its input here; write its input and its output columns.
 
 Goes in: a network, or an svZeroDSolver file. Comes out: such a file, or its results. Begin with
 `read.py`. Names are loaded when first asked for: reading a file needs no network.

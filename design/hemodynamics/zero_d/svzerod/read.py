@@ -1,4 +1,4 @@
-"""Read svZeroDSolver's JSON input.
+"""Read svZeroDSolver's JSON input as a circuit for the pulsatile 0D solver.
 
 Format: the project's documentation and test cases (github.com/SimVascular/svZeroDSolver). Every
 key is either followed or refused by name and place. Chambers, valves, closed loops and blocks
