@@ -1,4 +1,4 @@
-"""Work of a registration: segment, align, measure."""
+"""Register a scan to its design: segment, fit the pose, measure deviations, vessels and defects."""
 
 from __future__ import annotations
 

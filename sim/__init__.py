@@ -1,4 +1,4 @@
-"""The sim package: simulated printer and scanner, print simulation, G-code reader.
+"""Simulated printer, scanner and dye video; dry run, ink deposit, needle check, G-code reader.
 
 Import from the modules: `sim.program.gcode.read_gcode`, `sim.dry_run.run.dry_run`,
 `sim.families.registry.simulated_printer`, `sim.motion.executed.ExecutedMotion`;

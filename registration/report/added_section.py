@@ -1,4 +1,4 @@
-"""Extra section of the report's page, supplied by another package."""
+"""Data class of an extra section for the report page: template values, scripts, style sheet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of findings: the raw B-scan through each, with designed and found contours."""
+"""Figures of each defect found: raw B-scan and section, with designed and found contours."""
 
 from __future__ import annotations
 

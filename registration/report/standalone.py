@@ -1,4 +1,4 @@
-"""Write the report of a registration made outside a pipeline run."""
+"""Write the HTML report of one registration made outside a pipeline run."""
 
 from __future__ import annotations
 

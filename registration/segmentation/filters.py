@@ -1,4 +1,4 @@
-"""Kernels on whole scan volumes: binning, smoothing, local levels."""
+"""Kernels on scan volumes: bin, smooth, interpolate coarse fields, normalise between levels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reject gel paths that a bubble's or particle's shadow explains.
+"""Test for leak paths that may be only the shadow of a bubble or particle in OCT.
 
 Air in water sends back some thirty decibels more than gel's walls do (Fresnel: 2 % at an index of
 1 against 1.33, 0.001 % at 1.34 against 1.33), and little light passes it. Gel below it looks like

@@ -1,4 +1,4 @@
-"""Save and load a registration's pictures in a run folder."""
+"""Save and load a registration's report pictures as one ``.npz`` file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Make a judged registration's report pictures from its scan."""
+"""Take report pictures of vessel sections and defects from the raw scan; give defect voxels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write scan files: Thorlabs ``.oct``, OME-Zarr, and (with its reader) TIFF.
+"""Write a scan to a file: Thorlabs ``.oct``, OME-Zarr or TIFF.
 
 Goes in: a `Scan`. Comes out: a file. Begin with `write.py`.
 """

@@ -1,4 +1,4 @@
-"""Pressure advance of the firmware: how far it moves the plunger ahead of E.
+"""Compute the plunger's lead over E by the firmware's pressure advance, per executed move.
 
 With advance K the plunger stands at E + K dE/dt while a move pushes ink along a way. Known by
 Marlin as M900 K, by RepRapFirmware as M572 S, by Klipper as SET_PRESSURE_ADVANCE ADVANCE=; it may

@@ -1,4 +1,4 @@
-"""Effect of the bath on a filament: swelling, settling, tail behind the needle.
+"""Predict a filament's fate in the bath: swelling, settling, open crevice behind the needle.
 
 Settling. A horizontal cylinder of diameter D in a Bingham fluid carries F/L = 11.94 τ_y D before it
 moves: 4√2 + 2π, the slip-line limit of a rough cylinder (Randolph & Houlsby, Géotechnique 34 (1984)

@@ -1,4 +1,4 @@
-"""Pressure model between plunger and bath: compliance, needle, ink yield pressure.
+"""Constants of ink flow from plunger to needle tip: lag, needle resistance, yield pressure.
 
 Syringe, plunger and ink give way by C µL/Pa; the needle resists. With P the pressure behind it,
 

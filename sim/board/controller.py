@@ -1,4 +1,4 @@
-"""Controller board of a simulated printer: its parts, its reset and its kill."""
+"""Controller board of a simulated printer: assembles its parts; reset and emergency stop."""
 
 from __future__ import annotations
 

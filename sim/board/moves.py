@@ -1,4 +1,4 @@
-"""Straight moves and arcs (G0 to G3) of a simulated board, and its G92."""
+"""Execute G0 to G3 (straight moves, arcs) and G92 on a simulated board."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results of the shaft clearance check, by job line and by vessel."""
+"""Turn the shaft search's raw hits into a result: contacts by G-code line, head and vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints of a network: nodes, and places where vessel filaments overlap."""
+"""Find a network's joints for the shaft check: nodes, and overlaps of vessel filaments."""
 
 from __future__ import annotations
 

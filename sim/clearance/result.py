@@ -1,4 +1,4 @@
-"""Result of the shaft check for a whole job."""
+"""Result of the shaft check for a whole job: nearest approach of each move, JSON summary."""
 
 from __future__ import annotations
 

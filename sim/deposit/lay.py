@@ -1,4 +1,4 @@
-"""Ink deposit of the simulated printer, computed from its executed motion.
+"""Compute the ink deposit in voxels from the simulated printer's executed motion.
 
 Modelled
 --------

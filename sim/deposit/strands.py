@@ -1,4 +1,4 @@
-"""Written ink as straight strands: of a file, of the motors or of a bead's prediction."""
+"""Data class of written ink as straight strands: ends, dose, cross-section, stroke."""
 
 from __future__ import annotations
 

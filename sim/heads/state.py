@@ -1,4 +1,4 @@
-"""Heads in a G-code file: the one in use, the raised ones, and each tip's position.
+"""Follow print heads through a G-code file: raised ones, tip positions, doubtful head changes.
 
 A firmware that is told by T which head to use can still do something else than the file's author
 meant: T that it doesn't know leaves the old head in use, an offset of its own moves what the file

@@ -1,4 +1,4 @@
-"""G-code parsing shared by all parts: lines are interpreted, then rendered canonically.
+"""Parse G-code lines by the firmware family's grammar, and render them in one unambiguous form.
 
 `read_line` reads one line as the printer's firmware family reads it, or refuses it with the reason.
 `read_sent` reads back what it rendered, without asking for a printer. Pure Python, without compiled

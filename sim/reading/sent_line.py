@@ -1,4 +1,4 @@
-"""Parse lines already rendered by `read_line`, unambiguous to every firmware."""
+"""Parse G-code lines in the form sent to the printer, already rendered by `read_line`."""
 
 from __future__ import annotations
 

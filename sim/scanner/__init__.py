@@ -1,4 +1,4 @@
-"""Simulated scanners: volumes of the simulated deposit.
+"""Simulated OCT and micro-CT scans of an ink deposit, with random pose and planted defects.
 
 Goes in: deposited ink. Comes out: a volume, its units and the truth. Begin with `oct.py`.
 """

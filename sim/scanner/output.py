@@ -1,4 +1,4 @@
-"""Output of a simulated scanner: volume, units and truth."""
+"""Data class of a simulated scan: volume, units and true pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random pose of the part under the simulated scanner."""
+"""Draw a random pose and shrinkage of the part, and its field of view, for a simulated scan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Report of a comparison of several prints: page, figures and tables.
+"""HTML report comparing several prints of one design: page, figures and tables.
 
 Goes in: a comparison. Comes out: HTML. Begin with `page.py`.
 """

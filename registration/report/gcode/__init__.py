@@ -1,4 +1,4 @@
-"""Display of G-code: a page of all layers, and a picture of one.
+"""Show a G-code job: an offline HTML page of all layers, and a picture (PNG, SVG) of one.
 
 Goes in: a G-code job's moves. Comes out: HTML, or a picture. Begin with `page.py`.
 """

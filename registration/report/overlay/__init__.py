@@ -1,4 +1,4 @@
-"""Pictures and page of a scan overlaid on the G-code.
+"""Pictures of a scan's layers overlaid on the G-code, and their HTML page.
 
 Goes in: an overlay's numbers and pixels. Comes out: HTML, and a picture of each layer. Begin with
 `page.py`.

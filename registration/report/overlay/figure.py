@@ -1,4 +1,4 @@
-"""Picture of one layer: scan, printed lines over it, and the resulting differences."""
+"""Draw one layer as PNG: the scan under the G-code lines, and the gaps and blobs found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Registration report as PDF, laid out by reportlab (extra ``pdf``) without a browser.
+"""Registration and print comparison reports as PDF, laid out by reportlab (extra ``pdf``).
 
 Goes in: what the HTML report shows. Comes out: PDF bytes. Begin with `report.py`.
 """

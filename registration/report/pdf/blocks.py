@@ -1,4 +1,4 @@
-"""PDF header (title, verdict, key figures) and side-by-side blocks."""
+"""Lay out blocks of the PDF: title, verdict box, grid of key figures, two columns."""
 
 from __future__ import annotations
 

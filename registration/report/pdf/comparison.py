@@ -1,4 +1,4 @@
-"""PDF report of a comparison of several prints: order of contents."""
+"""Compose the PDF that compares several prints: verdict, key figures, tables and drawings."""
 
 from __future__ import annotations
 

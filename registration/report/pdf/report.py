@@ -1,4 +1,4 @@
-"""PDF of the registration report: order of contents."""
+"""Compose the registration report's PDF: verdict, figures and tables by section, provenance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""PDF tables: automatic column widths, repeated headings."""
+"""Lay out report tables for the PDF: column widths, wide tables split, headings on each page."""
 
 from __future__ import annotations
 

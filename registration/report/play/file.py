@@ -1,4 +1,4 @@
-"""Save and load the playback data of a predicted print."""
+"""Save and load the playback data of a predicted print as ``.npz``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Still frame of a predicted print, for paper and for pages without JavaScript."""
+"""Draw a predicted print as one PNG (finished, or a middle layer), for paper or no JavaScript."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Data of the print playback: predicted ink per interval of time."""
+"""Data classes of the print playback: predicted moves and ink over time, dry-run warnings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Playback of a predicted print as a part of the report page."""
+"""Build the report page's section that plays back a predicted print."""
 
 from __future__ import annotations
 

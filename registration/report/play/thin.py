@@ -1,4 +1,4 @@
-"""Thin the playback data of a predicted print within display accuracy."""
+"""Reduce a predicted print's playback data by joining moves within display accuracy."""
 
 from __future__ import annotations
 

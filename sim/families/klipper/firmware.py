@@ -1,4 +1,4 @@
-"""Simulated Klipper firmware; follows the behaviour of the firmware's source.
+"""Klipper's part of a simulated board: commands and replies, after the firmware's source.
 
 Modelled, after its source (`klippy/gcode.py`, 2025): line numbers are skipped and checksums taken
 off unchecked, so a garbled line is done as it came; an ``ok`` to each line; ``// Unknown

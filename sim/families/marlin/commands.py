@@ -1,4 +1,4 @@
-"""Marlin's commands other than moves and head changes: one function per code.
+"""Table of Marlin's command handlers by code, and the small ones themselves (M75, M85, M302…).
 
 Wordings and line ends are those of the recorded build (`tests/sim/data/marlin`).
 """

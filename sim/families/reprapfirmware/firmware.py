@@ -1,4 +1,4 @@
-"""Simulated RepRapFirmware; follows the behaviour of the firmware's source.
+"""RepRapFirmware's part of a simulated board: Marlin's, with its own commands and replies.
 
 Modelled, after its source (`StringParser.cpp`, 3.x): a line with N and a checksum of one to three
 digits (XOR) or five (CRC-16) is checked; a bad one is dropped without a word; numbers aren't
