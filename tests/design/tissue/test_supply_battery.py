@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.supply_bench.cases import make
+from benchmarks.supply_bench.cases import make, true_volume
+from benchmarks.supply_bench.judge import welded_volumes
 from benchmarks.supply_bench.run import grown, judged, write_stl
 
 KINDS = ("point", "edge", "face", "shells", "flat", "sheets", "joints", "inverted", "voxels")
@@ -26,3 +27,10 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, obj
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_part_is_supplied(results: dict[str, dict[str, object]], kind: str) -> None:
     assert results[f"{kind}-0"]["result"] == "supplied", results[f"{kind}-0"]
+
+
+@pytest.mark.parametrize("kind", ["apart", "many", "sizes", "linked"])
+def test_the_judges_parts_are_those_of_the_file(kind: str) -> None:
+    case = make(kind, 1)
+    true = sorted((true_volume(part) for part in case.parts), reverse=True)
+    assert welded_volumes(case.mesh) == pytest.approx(true, rel=1e-4)
