@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numba.core import types
 
-from kernels import jit
 from kernels.folder import FOR_KERNELS
+from kernels.with_numba import compiled
 
 
 @pytest.fixture(autouse=True)
@@ -39,24 +39,24 @@ def test_what_only_kernels_call_has_no_entry_until_python_calls_it(store: Path) 
         _half(-1.0)
 
 
-@jit
+@compiled
 def _half(x: float) -> float:
     if x < 0:
         raise ValueError("below zero")
     return x / 2
 
 
-@jit
+@compiled
 def _quarter(x: float) -> float:
     return _half(_half(x))
 
 
-@jit
+@compiled
 def _twice(x: np.ndarray) -> np.ndarray:
     return np.sort(x)[::-1] * 2
 
 
-@jit
+@compiled
 def _four_times(x: np.ndarray) -> np.ndarray:
     return _twice(_twice(x))
 
