@@ -1,4 +1,4 @@
-"""Statistics over several prints: diameter error, scale, offset, deviation; pooled repeatability."""
+"""Statistics over several prints: diameter error, scale, offset, deviation, repeatability."""
 
 from __future__ import annotations
 

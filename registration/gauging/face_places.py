@@ -1,4 +1,4 @@
-"""Find connected places of the scanned outer faces off the design: chips, pits, cavities, excess."""
+"""Find connected places of scanned outer faces off the design: chips, pits, cavities, excess."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Aerotech's family record: known codes and dialect; runs program files, takes no streamed lines."""
+"""Aerotech's family record: known codes, dialect; runs program files, takes no streamed lines."""
 
 from __future__ import annotations
 
