@@ -1,4 +1,4 @@
-"""Profiles of printers, needles, syringes, inks, baths, dishes and plates, with sources.
+"""Checked YAML profiles of printers, tools, inks, baths, dishes; firmware rules and protocols.
 
 Goes in: a profile's name or a file. Comes out: a frozen model of it, checked. Begin with
 `load.py`.

@@ -1,4 +1,4 @@
-"""Cross-checks between the keys of a profile.
+"""Check a profile's values against each other (speeds, plunger and syringe, safety); list doubts.
 
 Nothing here knows a real machine; `printctl profiles probe` asks one.
 """

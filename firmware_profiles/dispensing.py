@@ -1,4 +1,4 @@
-"""Flow rate of a pneumatic head at its set pressure."""
+"""Flow rate of ink from a pneumatic head: as weighed at this pressure, else by its rheology."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ink rheology in a needle: pressure from flow, and flow from pressure.
+"""Pressure from flow, and flow from pressure, of a Herschel–Bulkley ink in a needle.
 
 Laminar, steady, no slip at the wall, entry losses left out. The ink is a Herschel–Bulkley fluid,
 τ = τ_y + K γ̇ⁿ; without a yield stress a power law, at n = 1 besides Newtonian. With the wall's

@@ -1,4 +1,4 @@
-"""Profiles of needle and syringe."""
+"""Needle and syringe profiles: diameters, lengths, volume, pressure limit, friction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gauges watched during a print (force, pressure), and the limits that end it."""
+"""Profile entry for a gauge polled in a print: query, reply pattern, limit that ends the print."""
 
 from __future__ import annotations
 

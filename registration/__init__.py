@@ -1,4 +1,4 @@
-"""Registration of a scan: read, segment, align with the design, measure, report.
+"""Measure a print (scan, dye video, picture) against its design: align, gauge, judge, report.
 
 `import registration` gives what scripts and notebooks use, and docs/python.md shows. These names
 stay as they are from one minor version to the next; what isn't named here may move. Each is loaded

@@ -1,4 +1,4 @@
-"""Reference frame of the part: best fit, or chosen datums."""
+"""Find the part's reference frame in a scan: best fit, or laid on chosen datums."""
 
 from __future__ import annotations
 

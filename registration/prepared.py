@@ -1,4 +1,4 @@
-"""Scan and design prepared for alignment and gauging."""
+"""Segment a scan, prepare the model's surface and check that the two fit, for alignment."""
 
 from __future__ import annotations
 

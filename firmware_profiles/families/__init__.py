@@ -1,4 +1,4 @@
-"""Marlin, Klipper and other firmware: properties and serial protocol of each.
+"""Firmware families (Marlin, Klipper…): G-code dialect, known commands, serial protocol of each.
 
 Goes in: a printer's profile. Comes out: its `Family`, with dialect, grammar and protocol. Begin
 with `family.py`.

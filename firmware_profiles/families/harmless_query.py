@@ -1,4 +1,4 @@
-"""Harmless query that firmware of every family answers without moving."""
+"""Bytes of one harmless query that firmware of every family answers without moving."""
 
 from typing import Final
 

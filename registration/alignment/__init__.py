@@ -1,4 +1,4 @@
-"""Alignment of a scan's surface points with a model.
+"""Align a scan's surface points with the model: pose, intervals, alternative poses, doubts.
 
 Goes in: surface points and a model. Comes out: a pose with intervals and doubts. Begin with
 `align.py`.

@@ -1,4 +1,4 @@
-"""Align a scanned part: search, exact refinement, and certainty of the pose."""
+"""Align scanned surface points to a model: search, exact fit, uncertainty of the pose, doubts."""
 
 from __future__ import annotations
 

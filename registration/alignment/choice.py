@@ -1,4 +1,4 @@
-"""Choose the best-fitting pose of a scan among all candidates, and keep its rivals."""
+"""Find, refine and compare candidate poses of a scan, mirrored ones too; return best and rivals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Choose between two poses, compared where they differ."""
+"""Ratio of the RMS misfits of two poses, over the scanned points that tell them apart."""
 
 from __future__ import annotations
 

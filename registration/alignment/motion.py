@@ -1,4 +1,4 @@
-"""Words for a part's orientation, and for rotations that map the part onto itself."""
+"""Describe in words a part's motion between two poses, and its orientation to the light."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rival poses of a scan: alternatives to the chosen one, and what tells them apart."""
+"""Find poses by the design's own symmetry; describe an alternative pose and its differing place."""
 
 from __future__ import annotations
 

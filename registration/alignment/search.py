@@ -1,4 +1,4 @@
-"""Candidate poses over all orientations, for whole and for partial views."""
+"""Search candidate poses over all orientations, for scans of a whole part or of a piece."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Overall statistics of several prints: mean error, spread, share of scan noise."""
+"""Statistics over several prints: diameter error, scale, offset, deviation, repeatability."""
 
 from __future__ import annotations
 

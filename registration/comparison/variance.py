@@ -1,4 +1,4 @@
-"""Variance from print to print, and from scan to scan of one print.
+"""Split a quantity's variance into print to print and scan to scan, with intervals.
 
 One-way random model, y = μ + print + scan, by unweighted means of the prints, which is exact
 where every print has as many scans as the others and near enough where not (Thomas & Hultquist

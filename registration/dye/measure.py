@@ -1,4 +1,4 @@
-"""Measure a dye video against the 0D flow solution, from file to verdict."""
+"""Measure a dye video against the 0D flow: arrivals along the vessels, patency of each vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Patency of each vessel: open, blocked and where, not reached, not seen."""
+"""Judge each vessel's patency from dye arrivals: open, blocked, not reached, not seen, no flow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Predict the flow that carries dye through a design, with or without its closed vessels."""
+"""Solve the 0D flow of 1 µL/s that carries dye through a design, with or without closed vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Correct camera shake and light drift of a dye video, measured outside the vessels."""
+"""Measure camera shift and light change of each dye video frame, from pixels off the vessels."""
 
 from __future__ import annotations
 

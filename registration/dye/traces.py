@@ -1,4 +1,4 @@
-"""Dye concentration over time at each station of a dye video."""
+"""Read a dye video into dye over time at each station, camera shake and light drift taken out."""
 
 from __future__ import annotations
 

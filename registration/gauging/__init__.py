@@ -1,4 +1,4 @@
-"""Gauging of an aligned scan: surface deviation, vessel dimensions, defects.
+"""Measure an aligned scan: surface deviation, vessel sections, defects, flow as printed.
 
 Names are loaded when first asked for.
 

@@ -1,4 +1,4 @@
-"""Find gel in lumens: occlusions and missing vessels."""
+"""Find vessels closed by gel: occlusions with their ends, and missing vessels."""
 
 from __future__ import annotations
 

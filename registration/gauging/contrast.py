@@ -1,4 +1,4 @@
-"""Likelihood test that a section's centre is lumen, gel, or neither for sure.
+"""Test section centres for gel or liquid; mark sections that are neither for sure as not seen.
 
 The mean evidence within 0.7 radii of the axis is held against both gel (1) and liquid. A section
 is called open only where gel is rejected, closed only where liquid is; else it isn't seen.

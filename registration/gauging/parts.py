@@ -1,4 +1,4 @@
-"""Rest of a vessel network after removing closed vessels and dead ends."""
+"""Cut a vessel network down to vessels that join inlet and outlet, without dead ends."""
 
 from __future__ import annotations
 

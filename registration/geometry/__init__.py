@@ -1,4 +1,4 @@
-"""Reference frame of a report, and geometric characteristics in it (ISO 5459, ISO 1101).
+"""Part frame on datums (ISO 5459), and geometric characteristics measured in it (ISO 1101).
 
 Names are loaded when first asked for: a recipe needs the datums' names alone.
 

@@ -1,4 +1,4 @@
-"""Outer faces of a design, and the scanned surface on each."""
+"""Find a design's outer faces and the scanned points that belong to each."""
 
 from __future__ import annotations
 

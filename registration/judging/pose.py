@@ -1,4 +1,4 @@
-"""Decisions under an uncertain pose: a fail is never proven."""
+"""Turn judged fails into undecided if the part's pose is ambiguous."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Optics of an OCT device: refraction, fan and bow distortion, and their calibration.
+"""Calibrate an OCT device, and correct its scans for fan, bow, depth scale and refraction.
 
 Goes in: scans of a dot grid and a step. Comes out: a calibration file, and corrected scans. Begin
 with `beam.py`.

@@ -1,4 +1,4 @@
-"""Scan overlay results of all layers, as JSON and CSV."""
+"""Convert a scan overlay's results by layer to JSON values and CSV."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of networks, with vessels coloured by a quantity; drawn without a browser.
+"""Draw PNG pictures of a vessel network, coloured by a quantity, without a browser.
 
 Names are loaded when first asked for.
 

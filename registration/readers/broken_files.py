@@ -1,4 +1,4 @@
-"""Convert libraries' exceptions on broken bytes to one error with a remedy."""
+"""Turn file libraries' exceptions on broken scan files into one error with a remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grey values that encode dB: the mapping from counts."""
+"""Convert a volume of grey values that encode dB to dB, by the window or slope stated of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read HDF5 (and MATLAB 7.3, which is HDF5), by h5py (extra ``scans``)."""
+"""Read a scan volume from HDF5 or a MATLAB 7.3 file, by h5py (extra ``scans``)."""
 
 from __future__ import annotations
 

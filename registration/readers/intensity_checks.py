@@ -1,4 +1,4 @@
-"""Check OCT intensity for saturated grey values and for dB mistaken as linear.
+"""Check OCT intensity for saturation, and by its speckle for dB taken as linear or the reverse.
 
 Speckle tells the two scales apart: its spread in a small place grows with the place's brightness
 where intensity is linear (equal to it for one look) and stays the same in dB (5.57 dB for one

@@ -1,4 +1,4 @@
-"""Read MATLAB ``.mat`` files of level 5; level 7.3 is HDF5.
+"""Read a scan volume from a MATLAB ``.mat`` file of level 5; level 7.3 is HDF5.
 
 Read by our own few lines, after MathWorks' public "MAT-File Format": SciPy's reader can crash the
 interpreter on broken bytes. A file is a header of 128 bytes and elements of ``uint32 type, uint32

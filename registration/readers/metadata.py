@@ -1,4 +1,4 @@
-"""Metadata required of a scan, gathered from file, sidecar and user."""
+"""Merge a scan's metadata from file, sidecar and user, check it, and build the scan."""
 
 from __future__ import annotations
 

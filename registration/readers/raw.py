@@ -1,4 +1,4 @@
-"""Read a raw binary volume whose layout is given by a sidecar file."""
+"""Read a raw binary volume, or raw OCT spectra, with the layout given by a sidecar file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Raw result of a scan file reader, before validation."""
+"""Record of a volume and the metadata in its file, as a reader returns them, unchecked."""
 
 from __future__ import annotations
 

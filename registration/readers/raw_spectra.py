@@ -1,4 +1,4 @@
-"""Read raw OCT spectra whose layout is given by a sidecar file; compute the volume."""
+"""Compute an OCT volume from raw spectra, by wavelengths and background given in a sidecar file."""
 
 from __future__ import annotations
 

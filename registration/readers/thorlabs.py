@@ -1,4 +1,4 @@
-r"""Read Thorlabs ``.oct``: a zip archive of ``Header.xml`` and raw arrays.
+r"""Read processed intensity, or else raw spectra, from a Thorlabs ``.oct`` zip archive.
 
 What is known of the format, and from where:
 

@@ -1,4 +1,4 @@
-"""Read TIFF stacks: our own, OME-TIFF, ImageJ's, and plain ones.
+"""Read TIFF stacks (our own, OME-TIFF, ImageJ's, plain), and write scans as TIFF.
 
 Ours carry the scan's metadata as JSON in the first ImageDescription.
 """

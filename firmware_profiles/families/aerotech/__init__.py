@@ -1,4 +1,4 @@
-"""Aerotech controllers: firmware family package.
+"""Aerotech motion controllers: known commands and G-code dialect; no serial link.
 
 Its `FAMILY` stands in `facts`. Begin with `facts.py`.
 """

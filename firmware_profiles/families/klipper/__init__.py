@@ -1,4 +1,4 @@
-"""Klipper: firmware family package.
+"""Klipper firmware: known commands, G-code dialect, safety rules and link protocol.
 
 Its `FAMILY` stands in `facts`. Begin with `facts.py`.
 """

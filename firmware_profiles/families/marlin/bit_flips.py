@@ -1,4 +1,4 @@
-"""Rewrite commands that one flipped bit would turn into one of Marlin's stop codes.
+"""Zero-pad M codes (M0113) that one flipped bit would turn into a Marlin stop or renumbering.
 
 Marlin's emergency parser reads the raw bytes, before any checksum: ``M113`` with one bit flipped is
 ``M112``, a halt, and ``M400`` is ``M410``, which throws away what the planner holds. And a line in

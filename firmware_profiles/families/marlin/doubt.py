@@ -1,4 +1,4 @@
-"""Doubt about the last line that Marlin accepted: phases, time limits and evidence."""
+"""Collect replies while the last line accepted by Marlin is unsure; check if its answers agree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Resolve doubt about the last accepted line: drain replies, query Marlin, resynchronise."""
+"""Find the last line that Marlin accepted after a doubtful reply: wait, query, go on or resend."""
 
 from __future__ import annotations
 

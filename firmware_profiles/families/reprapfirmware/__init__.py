@@ -1,4 +1,4 @@
-"""RepRapFirmware: firmware family package.
+"""RepRapFirmware (Duet): known commands, G-code dialect, safety rules and link protocol.
 
 Its `FAMILY` stands in `facts`. Begin with `facts.py`.
 """

@@ -1,4 +1,4 @@
-"""Smoothieware: firmware family package.
+"""Smoothieware: known commands, G-code dialect, safety rules and link protocol.
 
 Its `FAMILY` stands in `facts`. Begin with `facts.py`.
 """
