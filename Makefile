@@ -2,8 +2,9 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-INSTALL := $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check --constraint constraints.txt --editable
-PAGES := $(BIN)/python -m pytest -m "browser and not slow" --override-ini cache_dir=.pytest_cache/pages
+INSTALL := $(BIN)/python .ci/install.py $(BIN)/python --editable
+# Only files that name the browser: to collect all others takes each worker a quarter of a minute.
+PAGES = $(BIN)/python -m pytest -m "browser and not slow" --override-ini cache_dir=.pytest_cache/pages $$(grep -rlw browser tests --include='test_*.py')
 # Without kept bytecode each process compiles all that it imports: three CPU seconds for SciPy and numba.
 unexport PYTHONDONTWRITEBYTECODE
 .PHONY: serve demo test pytest kernels ci-environment test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-search bench-operator bench-firmware docs gallery dist test-dist audit clean
@@ -113,16 +114,17 @@ bench-operator: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.operator_kills $(BENCH)
 	@$(BIN)/python -m benchmarks.operator_first_print
 
-$(VENV)/.ready: pyproject.toml constraints.txt
+$(VENV)/.ready-pip: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
 	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+$(VENV)/.ready: $(VENV)/.ready-pip
 	$(INSTALL) .
 	touch $@
 
 # Kernels are compiled when they are first needed: the page is seen sooner.
-$(VENV)/.ready-web: pyproject.toml constraints.txt
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
-	$(PYTHON) -m venv $(VENV)
+$(VENV)/.ready-web: $(VENV)/.ready-pip
 	$(INSTALL) ".[web]"
 	touch $@
 
@@ -138,10 +140,8 @@ $(VENV)/.ready-release: $(VENV)/.ready
 	$(INSTALL) ".[release]"
 	touch $@
 
-# What tests, guide and release need, by one run of pip instead of four.
-ci-environment:
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "printctl needs Python 3.11 or newer; this is " + sys.version)'
-	$(PYTHON) -m venv $(VENV)
+# What tests, guide and release need, at once and by uv where there is one.
+ci-environment: $(VENV)/.ready-pip
 	$(INSTALL) ".[test,docs,release]"
 	touch $(VENV)/.ready
 	touch $(VENV)/.ready-test $(VENV)/.ready-docs $(VENV)/.ready-release

@@ -3,8 +3,8 @@
     python .ci/dist.py build            # into dist/
     python .ci/dist.py try              # build, compare, install, run
 
-The sdist builds the wheel; one built from the tree must hold the same. Downloads come from pip's
-cache where they are in it.
+The sdist builds the wheel; one built from the tree must hold the same. Downloads come from uv's
+or pip's cache where they are in it.
 """
 
 from __future__ import annotations
@@ -83,8 +83,7 @@ def try_out(wheel: Path, scratch: Path) -> None:
     home = scratch / "environment"
     venv.create(home, with_pip=True, system_site_packages=False)
     bin_folder = home / ("Scripts" if os.name == "nt" else "bin")
-    pip = (bin_folder / "python", "-m", "pip", "--quiet", "--disable-pip-version-check")
-    run(*pip, "install", "--no-compile", "--constraint", ROOT / "constraints.txt", wheel)
+    run(sys.executable, ROOT / ".ci" / "install.py", bin_folder / "python", wheel)
     print(f"installed in {time.monotonic() - begun:.0f} s, downloads included")
     away = scratch / "away"
     away.mkdir()

@@ -1,9 +1,8 @@
 """Flow solvers: 0D (steady, pulsatile, balances), 1D, oxygen, 3D: ``make bench-flow``.
 
 ``--only NAME`` measures a part; ``--quick`` leaves the million vessels out. Balances are taken by
-sums of this file's own. svZeroDSolver's time for the same case, 15.8 CPU s, was measured on this
-kind of machine before (issue 8); it isn't on the package index, so it isn't run here. "Structure
-known" is `solve_flow` called once with what `flow_structure` found of the same vessels before.
+sums of this file's own. `flow_svzerod` says how svZeroDSolver is run beside it. "Structure known"
+is `solve_flow` called once with what `flow_structure` found of the same vessels before.
 """
 
 from __future__ import annotations
@@ -29,6 +28,7 @@ from benchmarks.flow_networks import binary_tree, crossed_tree, joined_trees, ta
 from benchmarks.flow_one_d import one_d_rows
 from benchmarks.flow_oxygen import oxygen_rows
 from benchmarks.flow_ranks import ranks_rows
+from benchmarks.flow_svzerod import svzerod_rows
 from benchmarks.flow_three_d import pipe_rows, womersley_rows
 from benchmarks.machine import row
 from design.hemodynamics import (
@@ -42,11 +42,7 @@ from design.hemodynamics import (
     solve_pulsatile,
 )
 from design.hemodynamics.waveforms import Sine, shape
-from design.hemodynamics.zero_d.pulsatile import MarchOptions, march
-from design.hemodynamics.zero_d.svzerod import svzerod_input
-from design.hemodynamics.zero_d.svzerod.read import case_of
 
-PEER_S = 15.8
 REPEATS = 7
 YOUNG_PA = 1e6
 DRIVEN = FlowConditions(4e-3, inlet_flow_ul_s=1000.0)
@@ -100,17 +96,11 @@ def steady_rows(quick: bool) -> Iterator[Row]:
 
 
 def pulsatile_rows(quick: bool) -> Iterator[Row]:
-    """10,000 terminals, one cycle of 100 steps, the R-C-L of svZeroDSolver and its output."""
+    """10,000 terminals, the periodic state."""
     network = binary_tree(1000 if quick else 10_000)
     conditions = PulsatileConditions(
         4e-3, Sine(1000.0, 400.0, 1.0), outlet=WINDKESSEL, wall=GelWall(10e3)
     )
-    case = case_of(svzerod_input(network, conditions, steps=100, cycles=1))
-    options = MarchOptions(100, 1, None)
-    _, spent = median(lambda: march(case.circuit, options))
-    peer = {"name": "svZeroDSolver (measured earlier)", "value": PEER_S}
-    yield row("pulsatile, one cycle of 100 steps, R-C-L and RCR", spent, "CPU s",
-              "<= 0.79", spent <= PEER_S / 20.0, peer)  # fmt: skip
     heart = PulsatileConditions(
         4e-3, shape("ejection", 1000.0, 1.0), outlet=WINDKESSEL, wall=GelWall(10e3)
     )
@@ -158,6 +148,7 @@ JOBS: dict[str, Job] = {
     "womersley": womersley_rows,
     "lumens": lumen_rows,
     "ranks": ranks_rows,
+    "svzerod": svzerod_rows,
 }
 
 

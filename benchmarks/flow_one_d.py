@@ -25,7 +25,7 @@ from design.hemodynamics import (
     solve_one_d,
 )
 from design.hemodynamics.one_d.kernels.march import advance, make_work
-from design.hemodynamics.one_d.solve import pose
+from design.hemodynamics.one_d.solve import set_up_problem
 from design.hemodynamics.waveforms import Constant, Sine
 from design.network import FloatArray, VesselNetwork
 
@@ -136,7 +136,7 @@ def tube(cells: int) -> tuple[VesselNetwork, PulsatileConditions, OneDOptions]:
 
 def wave_error(cells: int) -> FloatArray:
     """Area's error of a wave to the right, its left-going invariant u - 4c at rest everywhere."""
-    problem = pose(*tube(cells))
+    problem = set_up_problem(*tube(cells))
     grid, state, size = problem.grid, problem.state, LENGTH / cells
     points, weights = np.polynomial.legendre.leggauss(4)
     x = (np.arange(cells) + 0.5)[:, None] * size + points * size / 2.0
@@ -165,7 +165,7 @@ def wave_error(cells: int) -> FloatArray:
 
 def cell_step_s(cells: int = 4000, steps: int = 500) -> float:
     """CPU time of a step over its cells, s; the median of a few."""
-    problem = pose(*tube(cells))
+    problem = set_up_problem(*tube(cells))
     work = make_work(problem.grid, problem.nodes)
     nothing = np.zeros((2 * steps + 1, len(problem.waves)))
     spent = []

@@ -13,7 +13,7 @@ from skimage.registration import phase_cross_correlation
 from benchmarks.image_timing import against, cpu_ms
 from design.vasculature.named import planar_four_vessel
 from registration.dye.marks import Marks
-from registration.dye.still import Steadier, off_vessels
+from registration.dye.stabilise import Steadier, ground_pixels
 from registration.dye.view import View, find_view
 from sim.dye import Disturbance, DyeCamera, DyeFilm, dye_flow
 from sim.dye.film import _shake, film_frames
@@ -48,7 +48,7 @@ def shake(count: int, texture: float) -> dict[str, Any]:
     frames = list(film_frames(dye_flow(network, FLOW_UL_S), film, np.random.default_rng(1)))
     true = true_shake(film)
     first = np.maximum(frames[0].astype(np.float32), 1.0)
-    off = off_vessels(network, view, first.shape[:2])
+    off = ground_pixels(network, view, first.shape[:2])
     steadier = Steadier(first, off)
     rim = np.zeros_like(off)
     rim[12:-12, 12:-12] = off[12:-12, 12:-12]

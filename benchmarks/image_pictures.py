@@ -16,7 +16,7 @@ from benchmarks.image_timing import against, cpu_ms
 from registration.microscope.profiles import Profiles, middles
 from registration.microscope.shade import shade_profile
 from registration.microscope.widths import _edges
-from registration.overlay.find import spots
+from registration.overlay.patches import spots
 from registration.overlay.raster import Raster
 from registration.segmentation.levels import sparse_levels
 

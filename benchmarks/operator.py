@@ -31,7 +31,7 @@ Row = dict[str, Any]
 REAL = {"clock": "wall"}
 MOVES = 1_000_000
 FOUND_S = 3.0
-"""So long after a print's start the stop door has found it for certain."""
+"""So long after a print's start the stop process has found it for certain."""
 
 
 def stop_rows(tries: int, url: str, pages: list[Any], workspace: Path) -> Iterator[Row]:

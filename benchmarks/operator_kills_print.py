@@ -204,7 +204,7 @@ class KilledPrint:
             time.sleep(0.05)
         seen.agreed_s = first
         if seen.kill.victim == "door" and not self.page.door_answers():
-            wrong.append("the stop door doesn't answer")
+            wrong.append("the stop process doesn't answer")
         wrong += self._command_line()
         where = f"print {self.number}, {seen.kill.victim} killed while {seen.kill.moment}"
         seen.wrong += [f"{where}: {text}" for text in wrong]

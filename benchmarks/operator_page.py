@@ -21,7 +21,7 @@ from benchmarks.machine import ROOT
 _START_S = 120.0
 _ANSWER_S = 300.0
 """For an answer: a first check may have to compile kernels."""
-_DOOR = b"printctl.web.stop_door"
+_DOOR = b"printctl.web.stop_process"
 
 
 class PageServer:
@@ -69,7 +69,7 @@ class PageServer:
             self._process.wait()
 
     def kill_door(self) -> None:
-        """Kill the stop door by kill -9."""
+        """Kill the stop process by kill -9."""
         os.kill(self._door_pid(), signal.SIGKILL)
 
     @property
@@ -101,7 +101,7 @@ class PageServer:
         return str(said["id"])
 
     def door_answers(self) -> bool:
-        """Whether the stop door takes requests."""
+        """Whether the stop process takes requests."""
         try:
             return self._ask(self._told["stop"].replace("/stop", "/alive"), "GET")[0] == 200
         except OSError:
@@ -140,7 +140,7 @@ class PageServer:
                 ours = self._process is not None and int(words[1]) == self._process.pid
                 if ours and _DOOR in (place / "cmdline").read_bytes():
                     return int(place.name)
-        raise PeerFailedError("no stop door runs")
+        raise PeerFailedError("no stop process runs")
 
 
 def _said(data: bytes) -> Any:

@@ -1,7 +1,7 @@
 """Tissue preparation: accuracy, speed, success rate: ``make bench-tissue``.
 
 Exact answers come from the checkers' own box tree, for which brute force in NumPy vouches. Times
-are of one thread, after a first call; ``--only battery`` or ``--only NAME`` measures a part.
+are of one thread, after a first call; ``--only battery``, ``supply`` or NAME measures a part.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import Any
 import numba
 
 from benchmarks.machine import ROOT, commit, machine
+from benchmarks.supply_bench.run import supply_row
 from benchmarks.tissue_battery import battery_row
 from benchmarks.tissue_queries import query_rows
 from design.tissue import (
@@ -74,6 +75,9 @@ def main() -> None:
     if not asked.only or asked.only in "battery":
         print("battery ...", file=sys.stderr, flush=True)
         rows.append(battery_row(asked.data / "cortex_pial_left_fsaverage5.stl"))
+    if not asked.only or asked.only in "supply":
+        print("supply ...", file=sys.stderr, flush=True)
+        rows.append(supply_row())
     found: Row = {"machine": machine() | {"load_before_and_after": [load, os.getloadavg()[0]]}}
     found |= {"commit": measured, "rows": rows, "not_measured": left_out}
     print(json.dumps(found, indent=1, ensure_ascii=False))

@@ -1,8 +1,11 @@
-"""The design package: tissue, vasculature, network, hemodynamics, solids, toolpath.
+"""Public names of the design side: tissue, vessel growth, flow, solids, toolpath, G-code.
 
 `import design` gives what scripts and notebooks use, and docs/python.md shows. These names stay as
 they are from one minor version to the next; what isn't named here may move. Each is loaded when
 it is first asked for: a command that needs one room shouldn't wait for all.
+
+Goes in: a tissue and options. Comes out: a network, its flow, solids and a toolpath. Begin with
+`network.py`.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Convert quantities to the display units of a laboratory (µm, mL/min, mmHg and the like)."""
+"""Convert values between internal units and a laboratory's display units (µm, mL/min, mmHg)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of the design package.
+"""Exception classes raised for bad design input: tissue, network, growth, flow, solid, toolpath.
 
 ::
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def atomic_replacement(path: Path) -> Iterator[Path]:
     """Yield a temporary path beside ``path``; on success it takes ``path``'s place.
 
     The temporary file keeps the suffix, because several writers choose their format by it. It
@@ -34,7 +34,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 def write_bytes(path: Path, data: bytes) -> None:
     """Write ``data`` to ``path`` by way of a temporary file."""
-    with replacing(path) as draft:
+    with atomic_replacement(path) as draft:
         draft.write_bytes(data)
 
 

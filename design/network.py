@@ -1,4 +1,4 @@
-"""The vessel network: any graph of vessels, loops and tapers included.
+"""Data class of a vessel network: nodes, and vessels as polylines with radii; loops allowed.
 
 Every stage after vasculature (flow, solids, toolpath, registration) takes this value.
 """

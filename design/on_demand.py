@@ -2,6 +2,8 @@
 
 A process that only reads a recipe or keeps a printer's port needs a room's plain values, and not
 the kernels and mesh libraries beside them, which take seconds to load.
+
+lazy_loader would want the names of 24 packages a second time; it saves 1 ms a package.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ def on_demand(package: str) -> Callable[[str], Any]:
 
     def found(name: str) -> Any:
         if not homes:
-            homes.update(handed_on(package))
+            homes.update(exported_names(package))
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         value = getattr(import_module(homes[name]), name)
@@ -40,7 +42,7 @@ def on_demand(package: str) -> Callable[[str], Any]:
     return found
 
 
-def handed_on(package: str) -> dict[str, str]:
+def exported_names(package: str) -> dict[str, str]:
     """Name and module of all that a package hands on on demand."""
     tree = ast.parse(Path(str(sys.modules[package].__file__)).read_text(encoding="utf-8"))
     return dict(_names(tree))

@@ -1,4 +1,4 @@
-"""Unit conversions at the package boundary; inside: mm, s, Pa, Pa·s, µL, µL/s, °C."""
+"""Conversion factors to the internal units mm, s, Pa, Pa·s, µL, µL/s; water's density."""
 
 from __future__ import annotations
 

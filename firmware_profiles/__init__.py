@@ -1,4 +1,8 @@
-"""Profiles of printers, needles, syringes, inks, baths, dishes and plates, with sources."""
+"""Checked YAML profiles of printers, tools, inks, baths, dishes; firmware rules and protocols.
+
+Goes in: a profile's name or a file. Comes out: a frozen model of it, checked. Begin with
+`load.py`.
+"""
 
 from firmware_profiles.cross_checks import ProfileDoubt, profile_doubts
 from firmware_profiles.dishes import Dish
@@ -12,9 +16,9 @@ from firmware_profiles.load import load, read_keys, shipped
 from firmware_profiles.materials import Bath, Ink, MeasuredLag
 from firmware_profiles.plates import Plate
 from firmware_profiles.printers import Axes, Printer
-from firmware_profiles.rheology import flow_ul_s, held_pa, pressure_pa, wall_stress_pa
+from firmware_profiles.rheology import flow_ul_s, pressure_pa, wall_stress_pa, yield_pressure_pa
 from firmware_profiles.tools import Needle, Syringe
-from firmware_profiles.watching import WatchedGauge
+from firmware_profiles.watched_gauges import WatchedGauge
 
 __all__ = [
     "MOST_HEADS",
@@ -40,7 +44,6 @@ __all__ = [
     "Syringe",
     "WatchedGauge",
     "flow_ul_s",
-    "held_pa",
     "load",
     "pressure_pa",
     "profile_doubts",
@@ -48,4 +51,5 @@ __all__ = [
     "shipped",
     "steady_flow",
     "wall_stress_pa",
+    "yield_pressure_pa",
 ]

@@ -1,4 +1,4 @@
-"""Cross-section of a printed line: width from area and layer height, and back.
+"""Width of a printed line from its cross-section area and layer height, and back, by shape model.
 
 Three models need no measurement; a measured one is a number of micrometres:
 

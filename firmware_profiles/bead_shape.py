@@ -1,4 +1,4 @@
-"""Names and limits of the models of a printed line's cross-section; needs no NumPy."""
+"""Accepted settings of a line's cross-section: three shape names, or a measured excess width."""
 
 from __future__ import annotations
 

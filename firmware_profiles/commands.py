@@ -1,4 +1,4 @@
-"""Switching commands allowed in a profile: set an output, move nothing."""
+"""Refuse profile commands that may move an axis, by form and name; split commands into words."""
 
 from __future__ import annotations
 

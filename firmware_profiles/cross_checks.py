@@ -1,11 +1,10 @@
-"""Cross-checks between the keys of a profile.
+"""Check a profile's values against each other (speeds, plunger and syringe, safety); list doubts.
 
 Nothing here knows a real machine; `printctl profiles probe` asks one.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -199,7 +198,7 @@ def _heads(printer: Printer) -> Iterator[ProfileDoubt]:
 def _plunger(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[ProfileDoubt]:
     """Steps, speed and stroke of the plunger in each syringe."""
     for syringe in syringes:
-        area = math.pi / 4 * syringe.inner_mm**2
+        area = syringe.area_mm2
         step_ul = area / printer.steps_per_mm.e
         if step_ul > STEP_SHARE * SMALLEST_DOSE_UL:
             yield ProfileDoubt(
@@ -220,7 +219,7 @@ def _plunger(printer: Printer, syringes: Sequence[Syringe]) -> Iterator[ProfileD
 
 
 def _syringe(syringe: Syringe) -> Iterator[ProfileDoubt]:
-    stroke = syringe.volume_ul / (math.pi / 4 * syringe.inner_mm**2)
+    stroke = syringe.volume_ul / syringe.area_mm2
     if not 5 <= stroke <= 200:
         yield ProfileDoubt(
             "inner_mm",

@@ -1,4 +1,4 @@
-"""Dish profile: the dish that holds the support bath."""
+"""Dish profile: inner size, round or box shape and wall height of the support bath's dish."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ink drives: a plunger moved by E, or air behind a valve."""
+"""Dispenser section of a printer profile: plunger on E, or air pressure with a switched valve."""
 
 from __future__ import annotations
 

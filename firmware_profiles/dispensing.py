@@ -1,4 +1,4 @@
-"""Flow rate of a pneumatic head at its set pressure."""
+"""Flow rate of ink from a pneumatic head: as weighed at this pressure, else by its rheology."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from firmware_profiles.dispensers import Pneumatic
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.materials import Ink
-from firmware_profiles.rheology import flow_ul_s, held_pa
+from firmware_profiles.rheology import flow_ul_s, yield_pressure_pa
 from firmware_profiles.tools import Needle
 
 
@@ -44,7 +44,8 @@ def steady_flow(head: Pneumatic, ink: Ink, needle: Needle) -> SteadyFlow:
     if flow <= 0:
         raise ProfileError(
             f"{head.pressure_kpa:g} kPa (dispenser: pressure_kpa) don't move {ink.name} through "
-            f"{needle.name}: its yield stress holds {held_pa(ink, needle) * 1e-3:.4g} kPa; raise "
-            "the pressure, or take a wider or shorter needle"
+            f"{needle.name}: its yield stress holds "
+            f"{yield_pressure_pa(ink, needle) * 1e-3:.4g} kPa; "
+            "raise the pressure, or take a wider or shorter needle"
         )
     return SteadyFlow(flow, False)

@@ -1,4 +1,4 @@
-"""Errors of the profiles."""
+"""Error raised for a missing profile, an unknown key or an impossible value."""
 
 from __future__ import annotations
 

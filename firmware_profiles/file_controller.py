@@ -1,4 +1,4 @@
-"""Motion controllers that run a program file themselves, and accept no streamed lines."""
+"""Profile section for controllers that run a program file; refuse settings that contradict it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several heads on one carriage: tip offsets, head selection, and raising of idle heads.
+"""Profile section for several heads: tip offset, select, raise and lower commands of each.
 
 Places in a job are the carriage's, told as where the first head's tip stands when it is lowered;
 the tip of head k stands `offset_mm` from there, and `raised_mm` higher while it is raised. The

@@ -1,4 +1,4 @@
-"""Find profiles by name among the shipped ones, or by the path of the user's own file."""
+"""Load and check a profile, by name from the shipped ones or from the user's YAML file."""
 
 from __future__ import annotations
 

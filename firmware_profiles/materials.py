@@ -1,4 +1,4 @@
-"""Profiles of inks, and of the baths that they are written into."""
+"""Ink and support bath profiles: rheology, density, temperatures, measured corrections."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Profile of a well plate: its outside, and its wells in rows and columns.
+"""Well plate profile: outer size, grid and names of wells, their offsets, each well as a dish.
 
 Seen from above with A1 behind on the left, columns are counted from left to right and rows, by
 letter, from behind to the front, as printed on the plate.

@@ -17,7 +17,7 @@ from firmware_profiles.file_controller import (
     refuse_family_sections,
 )
 from firmware_profiles.heads import Head, check_heads
-from firmware_profiles.watching import WatchedGauge
+from firmware_profiles.watched_gauges import WatchedGauge
 
 
 def _with_a_family(name: str) -> str:

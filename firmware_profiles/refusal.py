@@ -1,4 +1,4 @@
-"""Error messages for invalid keys of a profile."""
+"""Write error messages for a profile's invalid keys: file, key, allowed values, value given."""
 
 from __future__ import annotations
 

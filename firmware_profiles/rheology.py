@@ -1,4 +1,4 @@
-"""Ink rheology in a needle: pressure from flow, and flow from pressure.
+"""Pressure from flow, and flow from pressure, of a Herschel–Bulkley ink in a needle.
 
 Laminar, steady, no slip at the wall, entry losses left out. The ink is a Herschel–Bulkley fluid,
 τ = τ_y + K γ̇ⁿ; without a yield stress a power law, at n = 1 besides Newtonian. With the wall's
@@ -66,12 +66,12 @@ def pressure_pa(ink: Ink, needle: Needle, flow_ul_s: float) -> float:
 
 
 def flow_ul_s(ink: Ink, needle: Needle, pressure_pa: float) -> float:
-    """Flow that a pressure drives through the needle, µL/s; 0 below `held_pa`."""
+    """Flow that a pressure drives through the needle, µL/s; 0 below `yield_pressure_pa`."""
     stress = pressure_pa * needle.inner_mm / (4 * needle.length_mm)
     return flow_at_wall_stress(ink, needle.inner_mm, stress)
 
 
-def held_pa(ink: Ink, needle: Needle) -> float:
+def yield_pressure_pa(ink: Ink, needle: Needle) -> float:
     """Pressure that a yield stress holds in the needle when all stands, Pa: 4 τ_y L / d.
 
     Less than this doesn't start a flow, and this much stays behind the ink after a stop.

@@ -1,7 +1,8 @@
-"""Profiles of needle and syringe."""
+"""Needle and syringe profiles: diameters, lengths, volume, pressure limit, friction."""
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 from pydantic import Field, model_validator
@@ -55,3 +56,8 @@ class Syringe(Facts):
         description="What moves the plunger of the empty syringe; unknown without, and then not "
         "in the force.",
     )
+
+    @property
+    def area_mm2(self) -> float:
+        """Cross-section of the bore: what the plunger pushes, µL a mm."""
+        return math.pi / 4 * self.inner_mm**2

@@ -1,4 +1,4 @@
-"""Wording of error messages for values that a schema rejects."""
+"""Turn a pydantic validation error into a short phrase: must be above 0, is missing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read YAML text, refusing duplicate keys."""
+"""Read YAML text, refusing duplicate keys and numbers with colons (base 60)."""
 
 from __future__ import annotations
 

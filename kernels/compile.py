@@ -1,4 +1,4 @@
-"""The decorators under which every numerical kernel of the product is compiled."""
+"""Decorators that compile every numerical kernel, single-threaded or parallel."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any, TypeVar
 
-from kernels.bare import BareKernel, bare_wanted
+from kernels.no_numba import BareKernel, bare_wanted
 
 F = TypeVar("F", bound=Callable[..., Any])
 

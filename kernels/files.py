@@ -1,4 +1,4 @@
-"""Files of the store of kernels: whole, or not there."""
+"""Write and read files of the compiled-kernel store, atomically and with a checksum."""
 
 from __future__ import annotations
 

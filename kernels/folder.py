@@ -1,10 +1,16 @@
-"""Folder of compiled kernels."""
+"""Path of the folder of compiled kernels, and the kernel's name from a file's name."""
 
 from __future__ import annotations
 
 import os
 from functools import cache
 from pathlib import Path
+from typing import Final
+
+ALL: Final = ".nbc"
+"""How the names of all files of the store end."""
+FOR_KERNELS: Final = f".inner{ALL}"
+"""How those end of kernels that only other kernels call; they hold no machine code."""
 
 
 def cache_dir() -> Path:

@@ -1,4 +1,4 @@
-"""Compile kernels before they are called, on all cores.
+"""Compile kernels into the store in several processes, before they are first called.
 
 Numba compiles on one core, and only when a kernel is called. What a kind of work needs is known
 (`kernels.needed`), so several processes compile it into the store, and the work only loads it.
@@ -6,6 +6,7 @@ Numba compiles on one core, and only when a kernel is called. What a kind of wor
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -15,14 +16,18 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
-from kernels.folder import cache_dir, kernel_of
+from kernels.folder import ALL, FOR_KERNELS, cache_dir, kernel_of
 from kernels.needed import NeededKernel, resolve_name, types_of
 
 _SOURCES: Final = Path(__file__).resolve().parent.parent
 _MOST_PROCESSES: Final = 8
 """Each takes about 0.4 GB."""
+
+_MOST_OBJECTS: Final = 1_000_000
+"""New objects after which a process that compiles looks for those in circles, about 0.3 GB of them.
+Python looks after each 700, which took an eighth of the compiling time."""
 
 Told = Callable[[int], None]
 """Is told how many kernels are done."""
@@ -35,11 +40,12 @@ def missing(rows: Sequence[NeededKernel]) -> list[NeededKernel]:
     """
     kept = _files_by_kernel()
     listed = Counter(one.kernel for one in rows)
-    short = {
-        kernel
-        for kernel, count in listed.items()
-        if sum(time >= _changed(kernel) for time in kept.get(_file_stem(kernel), ())) < count
-    }
+    entries = Counter(one.kernel for one in rows if one.entry)
+    short = set()
+    for kernel, count in listed.items():
+        young = [one for one in kept.get(_file_stem(kernel), ()) if one.changed >= _changed(kernel)]
+        if len(young) < count or sum(one.entry for one in young) < entries[kernel]:
+            short.add(kernel)
     return [one for one in rows if one.kernel in short]
 
 
@@ -56,10 +62,10 @@ def compile_in_advance(rows: Sequence[NeededKernel], told: Told = lambda done: N
     """
     # Spawned: a fork of a process with numba's threads may hang.
     spawn = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(processes(), spawn, initializer=_leave_interrupts)
+    pool = ProcessPoolExecutor(processes(), spawn, initializer=_begin)
     failed = len(rows)
     try:
-        waiting = [pool.submit(_compiled, one.kernel, one.takes) for one in rows]
+        waiting = [pool.submit(_compiled, one.kernel, one.takes, one.entry) for one in rows]
         with suppress(BrokenProcessPool):
             for done, one in enumerate(as_completed(waiting), 1):
                 failed -= one.result()
@@ -70,16 +76,23 @@ def compile_in_advance(rows: Sequence[NeededKernel], told: Told = lambda done: N
     return failed
 
 
-def _leave_interrupts() -> None:
-    """Let the parent alone answer Ctrl-C; it ends the others."""
+def _begin() -> None:
+    """Let the parent alone answer Ctrl-C; it ends the others. Clear memory between kernels only."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    gc.disable()
 
 
-def _compiled(kernel: str, takes: str) -> bool:
+def _compiled(kernel: str, takes: str, entry: bool) -> bool:
     try:
-        resolve_name(kernel).compile(types_of(takes))
+        dispatcher, types = resolve_name(kernel), types_of(takes)
+        if entry:
+            dispatcher.compile(types)
+        else:
+            dispatcher.compile_for_kernels(types)
     except Exception:  # whatever numba raises for a list that is out of date
         return False
+    if gc.get_count()[0] > _MOST_OBJECTS:
+        gc.collect()
     return True
 
 
@@ -92,17 +105,23 @@ def _mark_as_checked(rows: Sequence[NeededKernel]) -> None:
                 os.utime(path)
 
 
-def _files_by_kernel() -> dict[str, list[float]]:
-    kept: dict[str, list[float]] = {}
+class _File(NamedTuple):
+    changed: float
+    entry: bool
+
+
+def _files_by_kernel() -> dict[str, list[_File]]:
+    kept: dict[str, list[_File]] = {}
     for path in _files():
         with suppress(OSError):
-            kept.setdefault(kernel_of(path), []).append(path.stat().st_mtime)
+            one = _File(path.stat().st_mtime, not path.name.endswith(FOR_KERNELS))
+            kept.setdefault(kernel_of(path), []).append(one)
     return kept
 
 
 def _files() -> list[Path]:
     try:
-        return list(cache_dir().glob("*.nbc"))
+        return list(cache_dir().glob(f"*{ALL}"))
     except OSError:
         return []
 

@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 _SETTINGS: Final = ("OPT", "BOUNDSCHECK", "LOOP_VECTORIZE", "SLP_VECTORIZE", "DEBUGINFO_DEFAULT")
 """Settings of numba, from its environment variables, that change machine code."""
 
+_PASSES: Final = 2
+"""Number of the way in which `kernels.library` and `kernels.dispatcher` compile."""
+
 _EXTERNAL: Final = frozenset({"numpy", "math", "cmath", "numba", "builtins"})
 """Packages whose content is decided by their version, which every key holds."""
 
@@ -75,7 +78,7 @@ def content_parts(kernel: Dispatcher, memo: Memo) -> list[str]:
 
 
 def is_kernel(value: Any) -> bool:
-    """Whether a value is numba's dispatcher, or stands for one (`kernels.bare`)."""
+    """Whether a value is numba's dispatcher, or stands for one (`kernels.no_numba`)."""
     return hasattr(value, "py_func") and hasattr(value, "targetoptions")
 
 
@@ -137,7 +140,10 @@ def _types() -> Any:
 @cache
 def _environment() -> str:
     numba, llvmlite = import_module("numba"), import_module("llvmlite")
-    settings = [f"{name}={getattr(numba.config, name, None)}" for name in _SETTINGS]
+    settings = [
+        f"passes={_PASSES}",
+        *(f"{name}={getattr(numba.config, name, None)}" for name in _SETTINGS),
+    ]
     python = (platform.python_implementation(), platform.python_version())
     versions = (numba.__version__, llvmlite.__version__, np.__version__)
     return " ".join([*python, *versions, *settings])

@@ -1,4 +1,4 @@
-"""Machine code that numba compiled, run without numba: a loader of its object files.
+"""Load numba's object files into memory and run the machine code without numba.
 
 A kernel on disk is an object file as LLVM writes for code that is used in memory (ELF, x86-64,
 large code model): nearly all that is left to fill in are absolute addresses of 64 bits. To load

@@ -1,4 +1,4 @@
-"""Reuse freed memory for large arrays that are allocated one after another."""
+"""Tune glibc's memory allocation: reuse freed memory of large arrays, or return it at once."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _USUAL: Final = ((_MMAP_MAX, 1 << 16), (_MMAP_THRESHOLD, 32 << 20), (_TRIM_THRES
 
 
 @contextmanager
-def freed_memory_kept() -> Iterator[None]:
+def keep_freed_memory() -> Iterator[None]:
     """Have large arrays take the place of freed ones; give free memory back at the end.
 
     Glibc maps every array above 32 MB anew and unmaps it when it is freed, and the kernel clears

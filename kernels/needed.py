@@ -1,4 +1,4 @@
-"""The list of kernels that each kind of work needs, `needed.jsonl`: kernels with their types.
+"""List of kernels (`needed.jsonl`) that each command needs, with their argument types.
 
 Written by ``python -m tests.kernels.record``, which does the work once without any compiled
 kernel. A kernel that isn't listed is compiled when it is first called, as everywhere in numba;
@@ -31,11 +31,14 @@ class NeededKernel:
         Argument types as JSON (`types_text`).
     by : frozenset of str
         The kinds of work that need it: ``run fresh``, ``register`` and so on.
+    entry : bool
+        Whether Python calls it; else only other kernels do (`kernels.dispatcher`).
     """
 
     kernel: str
     takes: str
     by: frozenset[str]
+    entry: bool = False
 
 
 def needed_kernels(*works: str) -> list[NeededKernel]:
@@ -48,13 +51,21 @@ def needed_kernels(*works: str) -> list[NeededKernel]:
 def _listed() -> Iterator[NeededKernel]:
     for line in LIST.read_text(encoding="utf-8").splitlines():
         data = json.loads(line)
-        yield NeededKernel(data["kernel"], json.dumps(data["takes"]), frozenset(data["by"]))
+        takes, by = json.dumps(data["takes"]), frozenset(data["by"])
+        yield NeededKernel(data["kernel"], takes, by, data["entry"])
 
 
 def write(rows: Iterable[NeededKernel], path: Path = LIST) -> None:
     """Write the list anew."""
     lines = [
-        json.dumps({"kernel": one.kernel, "by": sorted(one.by), "takes": json.loads(one.takes)})
+        json.dumps(
+            {
+                "kernel": one.kernel,
+                "entry": one.entry,
+                "by": sorted(one.by),
+                "takes": json.loads(one.takes),
+            }
+        )
         for one in rows
     ]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

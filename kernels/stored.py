@@ -16,13 +16,12 @@ from numba.core import types
 from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
-from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaWarning
 from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 from kernels.files import read_whole, write_whole
-from kernels.folder import cache_dir
+from kernels.folder import ALL, FOR_KERNELS, cache_dir
 from kernels.key import Memo, UnkeepableError, kernel_key, signature_text
 
 _MEMO: Memo = {}
@@ -40,7 +39,7 @@ class KernelStore(NullCache):
     written costs time at the next start and nothing else; ``printctl doctor`` tells it.
     """
 
-    def __init__(self, kernel: Dispatcher) -> None:
+    def __init__(self, kernel: Any) -> None:  # `kernels.dispatcher` imports this
         self._kernel = kernel
 
     @property
@@ -57,11 +56,15 @@ class KernelStore(NullCache):
         """
         rtsys.initialize(target_context)
         payload = self.kept(sig, target_context)
+        if payload is None and self._kernel.for_kernels:
+            payload = self.kept(sig, target_context, for_kernels=True)
         return None if payload is None else CompileResult._rebuild(target_context, *payload)
 
-    def kept(self, sig: Sequence[types.Type], target_context: Any) -> tuple[Any, ...] | None:
+    def kept(
+        self, sig: Sequence[types.Type], target_context: Any, for_kernels: bool = False
+    ) -> tuple[Any, ...] | None:
         """Return what a file holds of the kernel for argument types ``sig``; None without one."""
-        path = self._path(sig, target_context.codegen())
+        path = self._path(sig, target_context.codegen(), for_kernels)
         return None if path is None else read_whole(path)
 
     def save_overload(self, sig: Any, data: CompileResult) -> None:
@@ -70,12 +73,20 @@ class KernelStore(NullCache):
             name = self._kernel.py_func.__qualname__
             warnings.warn(f"kernel {name} can't be kept on disk", NumbaWarning, stacklevel=2)
             return
-        path = self._path(sig, data.codegen)
+        path = self._path(sig, data.codegen, self._kernel.for_kernels)
         if path is not None:
             with suppress(OSError):
                 write_whole(path, dumps(data._reduce()))
 
-    def _path(self, sig: Sequence[types.Type], codegen: Any) -> Path | None:
+    def keeps_kernel(self) -> bool:
+        """Whether the kernel can be kept at all."""
+        try:
+            kernel_key(self._kernel, _MEMO)
+        except UnkeepableError:
+            return False
+        return True
+
+    def _path(self, sig: Sequence[types.Type], codegen: Any, for_kernels: bool) -> Path | None:
         """File for argument types ``sig``; None where such a kernel isn't kept."""
         function = self._kernel.py_func
         try:
@@ -85,4 +96,4 @@ class KernelStore(NullCache):
         parts = [key, types_text, repr(codegen.magic_tuple())]
         name = f"{function.__module__}.{function.__name__}"
         digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
-        return cache_dir() / f"{name}-{digest}.nbc"
+        return cache_dir() / f"{name}-{digest}{FOR_KERNELS if for_kernels else ALL}"

@@ -22,9 +22,8 @@ from typing import Any
 # beside; OpenMP reads this once, when numba loads it.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-import numba
-
-from kernels.stored import KernelStore
+from kernels.dispatcher import KernelDispatcher
+from kernels.library import use_waiting_libraries
 
 
 def _list_array_functions() -> None:
@@ -42,11 +41,10 @@ def _list_array_functions() -> None:
 
 
 _list_array_functions()
+use_waiting_libraries()
 
 
 def compiled(function: Callable[..., Any], **flags: bool) -> Any:
     """Return numba's dispatcher of a kernel, which keeps what it compiles on disk."""
-    dispatcher: Any = numba.njit(nogil=True, error_model="numpy", **flags)(function)
-    # Numba has no public seam for another cache; tests/kernels holds this one.
-    dispatcher._cache = KernelStore(dispatcher)
-    return dispatcher
+    options = {"nopython": True, "boundscheck": None, "nogil": True, "error_model": "numpy"}
+    return KernelDispatcher(function, targetoptions=options | flags)

@@ -1,4 +1,4 @@
-"""Run garbage collection less often in commands that create many objects."""
+"""Run Python's garbage collection less often while many objects are created."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rounding of E values in a G-code file, and the path length over which the error averages out."""
+"""Find the rounding step of a G-code file's E, and the path length that averages the error out."""
 
 from __future__ import annotations
 

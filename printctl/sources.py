@@ -1,4 +1,4 @@
-"""Hash our own source files, to tell which version produced a result."""
+"""Hash printctl's own source files, to identify the version behind a result."""
 
 from __future__ import annotations
 

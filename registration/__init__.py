@@ -1,8 +1,11 @@
-"""Registration of a scan: read, segment, align with the design, measure, report.
+"""Measure a print (scan, dye video, picture) against its design: align, gauge, judge, report.
 
 `import registration` gives what scripts and notebooks use, and docs/python.md shows. These names
 stay as they are from one minor version to the next; what isn't named here may move. Each is loaded
 when it is first asked for: a command that needs one room shouldn't wait for all.
+
+Goes in: a scan file and a design. Comes out: a `RegistrationReport`, pages and exports. Begin with
+`register.py`.
 """
 
 from typing import TYPE_CHECKING
@@ -15,7 +18,7 @@ if TYPE_CHECKING:
     from registration.options import RegistrationOptions
     from registration.readers import ScanOverrides, read_scan, write_scan_tiff
     from registration.register import register_scan
-    from registration.report.alone import write_report
+    from registration.report.standalone import write_report
     from registration.result import RegistrationReport, report_dict
     from registration.scan import Scan
 

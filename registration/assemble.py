@@ -1,4 +1,4 @@
-"""Assemble a registration's report from the results of its steps."""
+"""Build the registration report object from segmentation, pose, deviations and findings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a scan and correct its optical distortion if requested."""
+"""Read a scan or mosaic, and correct its OCT distortion if a calibration or air above is given."""
 
 from __future__ import annotations
 

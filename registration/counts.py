@@ -1,4 +1,4 @@
-"""Convert grey values that encode dB."""
+"""Convert integer grey values to dB or to linear intensity, by a linear dB scale."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of the registration package.
+"""Exceptions of registration: scan file, segmentation, alignment, datum, dye video, picture.
 
 ::
 

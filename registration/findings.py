@@ -19,6 +19,7 @@ from registration.gauging import (
     Perfusion,
     VesselGauge,
     VesselTrace,
+    drop_edge_changes,
     find_changes,
     find_closures,
     find_junction_changes,
@@ -28,7 +29,6 @@ from registration.gauging import (
     with_interval,
     with_ledges,
     withdraw_sections,
-    without_brinks,
     without_gel_like,
     without_resistance,
 )
@@ -155,7 +155,7 @@ def inspect(case: Inspection) -> Findings:
         leaks = leaking.result()
     through = [*closures, *leaks.defects]
     changes = [*changes, *leaks.swellings]
-    defects = (*through, *without_brinks(changes, through, traces))
+    defects = (*through, *drop_edge_changes(changes, through, traces))
     return Findings(
         vessels=vessels,
         defects=tuple(sorted(defects, key=lambda defect: (defect.vessel, defect.at_mm))),

@@ -1,4 +1,4 @@
-"""Moves of a G-code job, as the report's pages and pictures use them."""
+"""Record of a G-code job's moves (kind, dose, width, speed, layer), with sums by layer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Convert values to JSON types."""
+"""Convert nested values for JSON: string keys, None for NaN and infinity."""
 
 from __future__ import annotations
 

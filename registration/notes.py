@@ -1,4 +1,4 @@
-"""Notes on how far a registration's results can be trusted."""
+"""Write notes on the limits of a registration's results: pose, depth, sight, contrast, walls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of a registration and of its segmentation."""
+"""Options of a registration, and segmentation options derived from them, scan and design."""
 
 from __future__ import annotations
 

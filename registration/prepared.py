@@ -1,4 +1,4 @@
-"""Scan and design prepared for alignment and gauging."""
+"""Segment a scan, prepare the model's surface and check that the two fit, for alignment."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from design.solids.solid import Solid
-from kernels import freed_memory_kept
+from kernels import keep_freed_memory
 from registration.distance import ModelSurface
 from registration.errors import RegistrationError
 from registration.options import RegistrationOptions, segmentation_options
@@ -68,7 +68,7 @@ class PreparedScan:
         thinnest = 2 * float(network.radius.min())
         _check_sizes(scan, model, thinnest)
         # The surface takes one core, and the segmentation leaves one free now and then.
-        with ThreadPoolExecutor(1) as other, freed_memory_kept():
+        with ThreadPoolExecutor(1) as other, keep_freed_memory():
             preparing = other.submit(ModelSurface.of, model)
             segmentation = segment(scan, segmentation_options(scan, options, thinnest))
         errors = scan_errors(scan, segmentation, options.walls)

@@ -1,4 +1,4 @@
-"""Work of a registration: segment, align, measure."""
+"""Register a scan to its design: segment, fit the pose, measure deviations, vessels and defects."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from registration.geometry import (
     outer_faces,
 )
 from registration.geometry.faces import POINTS, RIM_BLURS, RIM_MM
-from registration.laying import Ground, find_frame
 from registration.options import RegistrationOptions
+from registration.part_frame import Ground, find_frame
 from registration.prepared import PreparedScan
 from registration.result import RegistrationReport
 from registration.scan import Scan

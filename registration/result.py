@@ -1,4 +1,4 @@
-"""Result of a registration, and its JSON form."""
+"""Result of a registration (pose, deviations, vessels, defects), and its conversion to JSON."""
 
 from __future__ import annotations
 

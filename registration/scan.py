@@ -1,4 +1,4 @@
-"""Scanned volume with units and metadata."""
+"""Data class of a scanned volume (OCT, micro-CT, confocal) with units, read slab by slab."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Transform between a scan's frame and its file's coordinate space."""
+"""Name of a scan file's coordinate space, and the matrix from the scan's frame to it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wall offset file: systematic wall bias of one kind of scan, from a phantom.
+"""Compute the systematic wall offset of a kind of scan from a phantom; write and read its file.
 
 A segmentation moves every wall by about the same: the instrument's blur, the bright line where
 light meets gel, the level taken for halfway. On a part whose channels are known that offset is

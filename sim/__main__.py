@@ -13,13 +13,13 @@ from firmware_profiles import Printer, ProfileError, load
 from sim.board.hardware import Board
 from sim.errors import ServeError, SimError
 from sim.families.registry import simulated_printer
-from sim.faults.bad_line import BadLine
+from sim.faults.cable import FaultyCable
+from sim.faults.clock_pace import Pace
 from sim.faults.fault_file import Fault, FaultFile, load_faults, parse_fault
-from sim.faults.pace import Pace
+from sim.serving.compile_ahead import warm_printer
 from sim.serving.job_lines import JobLines
 from sim.serving.ports import Port, PtyPort, TcpPort
 from sim.serving.serve import Server, Serving
-from sim.serving.warm import warm_printer
 
 
 def _start(text: str) -> tuple[float, float, float]:
@@ -119,7 +119,7 @@ def main(arguments: list[str] | None = None) -> int:
             faults,
         )
         printer.pace = Pace(file.speed)
-        printer.bad_line = BadLine(file, np.random.default_rng(file.seed))
+        printer.bad_line = FaultyCable(file, np.random.default_rng(file.seed))
         printer.gauges = {gauge.command: gauge for gauge in file.gauges}
         printer.job = JobLines(_read(given.job), printer.machine.printer) if given.job else None
         port = _open_port(given.link, given.tcp)

@@ -1,4 +1,4 @@
-"""Errors of the simulated printer, scanner and deposit.
+"""Exception classes of the simulator: G-code, serving, deposit, scanner, needle clearance.
 
 ::
 

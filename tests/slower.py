@@ -14,3 +14,11 @@ def first_of(values: Iterable[Any], keep: int = 1) -> list[Any]:
         value if k < keep else pytest.param(value, marks=pytest.mark.slow)
         for k, value in enumerate(values)
     ]
+
+
+def first_rows(rows: Iterable[tuple[Any, ...]], keep: int = 1) -> list[Any]:
+    """Return rows of several parameters, all but the first ``keep`` marked slow."""
+    return [
+        row if k < keep else pytest.param(*row, marks=pytest.mark.slow)
+        for k, row in enumerate(rows)
+    ]

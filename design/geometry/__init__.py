@@ -1,6 +1,9 @@
-"""Exact distances and intersections of points, segments and triangles.
+"""Distances, nearest points and intersections of points, segments and triangle surfaces.
 
 Names are loaded when first asked for: a process that only names a surface needs no kernels.
+
+Goes in: points, segments and triangles, mm. Comes out: distances, nearest points, intersections.
+Begin with `bvh.py`.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""A bounding volume hierarchy over triangles: nearest distance and what lies within a radius."""
+"""Build a bounding volume hierarchy of triangles; find distances, and triangles in a radius."""
 
 from __future__ import annotations
 
@@ -85,7 +85,16 @@ def box_squared(tree: Any, node: int, x: float, y: float, z: float) -> float:
 @jit
 def nearest_distance(tree: Any, x: float, y: float, z: float, bound: float) -> float:
     """Unsigned distance of a point from the surface, mm; ``bound`` when nothing is nearer."""
-    best = bound * bound
+    return sqrt(nearest_triangle(tree, x, y, z, bound * bound)[0])
+
+
+@jit
+def nearest_triangle(tree: Any, x: float, y: float, z: float, limit: float) -> tuple[float, int]:
+    """Squared distance of the nearest triangle, mm², and its place in the tree's order.
+
+    They are ``limit`` and -1 when none is nearer than that.
+    """
+    best, nearest = limit, -1
     stack = np.empty(DEPTH, np.int32)
     stack[0] = 0
     top = 1
@@ -97,7 +106,9 @@ def nearest_distance(tree: Any, x: float, y: float, z: float, bound: float) -> f
         other = tree.right[node]
         if other < 0:
             for k in range(tree.first[node], tree.first[node] + tree.size[node]):
-                best = min(best, point_triangle_squared(x, y, z, tree.triangles[k]))
+                away = point_triangle_squared(x, y, z, tree.triangles[k])
+                if away < best:
+                    best, nearest = away, k
             continue
         near, far = node + 1, other
         if box_squared(tree, far, x, y, z) < box_squared(tree, near, x, y, z):
@@ -105,7 +116,7 @@ def nearest_distance(tree: Any, x: float, y: float, z: float, bound: float) -> f
         stack[top] = far
         stack[top + 1] = near
         top += 2
-    return sqrt(best)
+    return best, nearest
 
 
 @jit

@@ -1,4 +1,4 @@
-"""Find the self-intersecting triangles of a surface.
+"""Find all pairs of triangles of a surface that intersect each other, exactly.
 
 Every two triangles whose boxes meet are tried, neighbours too. The signs of tetrahedra decide,
 each with a bound of its rounding (Shewchuk 1997, doi 10.1007/PL00009321, his first filter); the
@@ -114,7 +114,7 @@ def _search(tree: Any, faces: Any, n: int, at: int, pairs: Any, status: Any) -> 
             two = tree.triangles[m].reshape(3, 3)
             if boxes_apart(two, low, high):
                 continue
-            met = meet(one, two, faces[tree.face[n]], faces[tree.face[m]])
+            met = meeting_kind(one, two, faces[tree.face[n]], faces[tree.face[m]])
             if met == APART:
                 continue
             if at >= 0:
@@ -126,7 +126,7 @@ def _search(tree: Any, faces: Any, n: int, at: int, pairs: Any, status: Any) -> 
 
 
 @jit
-def side(a: Any, b: Any, c: Any, d: Any) -> int:
+def plane_side(a: Any, b: Any, c: Any, d: Any) -> int:
     """On which side of the plane abc d lies: 1 or -1, 0 where rounding hides it."""
     ax, ay, az = a[0] - d[0], a[1] - d[1], a[2] - d[2]
     bx, by, bz = b[0] - d[0], b[1] - d[1], b[2] - d[2]
@@ -146,11 +146,11 @@ def _pierces(p: Any, q: Any, tri: Any, over: int, under: int) -> int:
     """How pq and ``tri`` meet, p and q being on the sides given; 0 is open."""
     if over * under > 0:
         return APART
-    one = side(p, q, tri[0], tri[1])
-    two = side(p, q, tri[1], tri[2])
+    one = plane_side(p, q, tri[0], tri[1])
+    two = plane_side(p, q, tri[1], tri[2])
     if one * two < 0:
         return APART
-    three = side(p, q, tri[2], tri[0])
+    three = plane_side(p, q, tri[2], tri[0])
     if one * three < 0 or two * three < 0:
         return APART
     if over * under < 0 and one != 0 and two != 0 and three != 0:
@@ -159,7 +159,7 @@ def _pierces(p: Any, q: Any, tri: Any, over: int, under: int) -> int:
 
 
 @jit
-def meet(one: Any, two: Any, corners: Any, others: Any) -> int:
+def meeting_kind(one: Any, two: Any, corners: Any, others: Any) -> int:
     """How two triangles (3, 3) meet; corners with the same number are one point."""
     shared = 0
     own, its = np.full(3, -1), np.full(3, -1)
@@ -181,7 +181,7 @@ def _meet_in_space(one: Any, two: Any, own: Any, its: Any, shared: int) -> int:
     plus, minus = 0, 0
     for j in range(3):
         if its[j] < 0:
-            sides[j] = side(one[0], one[1], one[2], two[j])
+            sides[j] = plane_side(one[0], one[1], one[2], two[j])
             plus += sides[j] > 0
             minus += sides[j] < 0
     if plus == 3 - shared or minus == 3 - shared:
@@ -196,7 +196,7 @@ def _meet_in_space(one: Any, two: Any, own: Any, its: Any, shared: int) -> int:
     if met == CROSSING:
         return CROSSING
     for i in range(3):
-        sides[i] = 0 if own[i] >= 0 else side(two[0], two[1], two[2], one[i])
+        sides[i] = 0 if own[i] >= 0 else plane_side(two[0], two[1], two[2], one[i])
     for i in range(3):
         k = (i + 1) % 3
         if own[i] < 0 and own[k] < 0:

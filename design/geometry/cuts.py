@@ -1,4 +1,4 @@
-"""Split a bounding volume hierarchy node by surface area (compiled)."""
+"""Split one node of a bounding volume hierarchy by the surface area heuristic (compiled)."""
 
 from __future__ import annotations
 

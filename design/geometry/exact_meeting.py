@@ -1,4 +1,4 @@
-"""Exact integer test whether two triangles intersect.
+"""Decide by exact integer arithmetic if two triangles intersect.
 
 For the few pairs that `crossings` can't decide in floating point. Doubles are whole multiples of
 a power of two, so that determinants of their differences are exact in Python's integers.

@@ -1,4 +1,4 @@
-"""A bounding volume hierarchy over boxes, cut where searching it is cheapest.
+"""Build a bounding volume hierarchy over given boxes by the surface area heuristic.
 
 Each node is cut where both halves' members times their boxes' faces are least (surface area
 heuristic over bins: Wald 2007, 10.1109/RT.2007.4342588). Points near a part take a third less time

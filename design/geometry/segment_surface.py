@@ -1,4 +1,4 @@
-"""Exact distance of a segment from a triangle, and from a surface."""
+"""Compute the exact distance of a line segment from a triangle, or from a triangle surface."""
 
 from __future__ import annotations
 

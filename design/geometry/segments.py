@@ -1,4 +1,4 @@
-"""Distances of points and segments in space (Ericson, Real-Time Collision Detection, 5.1)."""
+"""Distances point-segment and segment-segment (Ericson, Real-Time Collision Detection, 5.1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Triangle surface: the value that meshes travel in."""
+"""Data class of a triangle surface: vertices and faces, enclosed volume and bounds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distance of a point from a triangle (Ericson, Real-Time Collision Detection, 5.1.5)."""
+"""Squared distance of a point from a triangle (Ericson, Real-Time Collision Detection, 5.1.5)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,9 @@
-"""Flow solvers for vessel networks: lumped (0D, steady and pulsatile) and 1D pulse waves.
+"""Flow in vessel networks by 0D, 1D and 3D solvers; fluids, waveforms, dye, oxygen.
 
 Names are loaded when first asked for: a steady flow needs neither 1D waves nor pulses.
+
+Goes in: a network and boundary conditions. Comes out: pressure, flow and wall shear of each
+vessel. Begin with `zero_d/steady.py`.
 """
 
 from typing import TYPE_CHECKING
@@ -19,7 +22,7 @@ if TYPE_CHECKING:
         solve_one_d,
         write_svoned,
     )
-    from design.hemodynamics.print_scale import at_same_shear, scaled_flow, scaled_network
+    from design.hemodynamics.print_scale import same_shear_conditions, scaled_flow, scaled_network
     from design.hemodynamics.probes import Probes, ProbeWaves
     from design.hemodynamics.vessel.drops import resistance_at
     from design.hemodynamics.vessel.losses import Losses, Stenosis
@@ -78,7 +81,6 @@ __all__ = [
     "Stenosis",
     "ThinWall",
     "WindkesselOutlet",
-    "at_same_shear",
     "balance",
     "band_summary",
     "end_waves",
@@ -97,6 +99,7 @@ __all__ = [
     "question_pressure",
     "read_flow_csv",
     "resistance_at",
+    "same_shear_conditions",
     "scaled_flow",
     "scaled_network",
     "solve_flow",

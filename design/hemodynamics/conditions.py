@@ -1,4 +1,4 @@
-"""Boundary conditions of a flow problem."""
+"""Boundary conditions of steady flow in a network: inlets, outlets, fluid, pressure losses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow and pressure of a design that is printed at another scale.
+"""Scale a network and its flow conditions to a print of another size, at equal wall shear.
 
 In a network scaled by s with the same fluid, Poiseuille's law Δp = 8 μ L Q / (π r⁴) and the wall
 shear τ = 4 μ Q / (π r³) give two ways to keep something:
@@ -33,7 +33,7 @@ def scaled_network(network: VesselNetwork, factor: float) -> VesselNetwork:
     )
 
 
-def at_same_shear(conditions: FlowConditions, factor: float) -> FlowConditions:
+def same_shear_conditions(conditions: FlowConditions, factor: float) -> FlowConditions:
     """Conditions under which the scaled network's wall shear is the design's."""
     if factor == 1:
         return conditions

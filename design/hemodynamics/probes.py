@@ -1,4 +1,4 @@
-"""Probes: points in a network at which flow solutions of different fidelities are compared."""
+"""Place probes on vessel centrelines, for comparing flow and pressure of different solvers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Lattices of channels clipped to a tissue, with one inlet and one outlet."""
+"""Build regular lattices of channels clipped to a tissue, with one inlet and one outlet.
+
+Goes in: a tissue and options. Comes out: a network. Begin with `lattice.py`.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Unit cells of the lattices: nodes, and bonds to nodes of the same or a neighbouring cell."""
+"""Unit cells of channel lattices, and their repetition into nodes and straight bonds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Straight port that leads from a lattice out of the tissue."""
+"""Find a straight port channel that leads from a lattice out of the tissue."""
 
 from __future__ import annotations
 

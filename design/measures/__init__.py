@@ -1,6 +1,9 @@
-"""Geometric measures of a vessel network and of its supply of the tissue.
+"""Measure a vessel network (morphometry, paths, junctions) and its supply of the tissue.
 
 Names are loaded when first asked for.
+
+Goes in: a network, on request its tissue and flow. Comes out: measures of each vessel and of all.
+Begin with `measure.py`.
 """
 
 from typing import TYPE_CHECKING
@@ -13,12 +16,13 @@ if TYPE_CHECKING:
     from design.measures.measure import MeasureOptions, NetworkMeasures, measure_network
     from design.measures.morphometry import Morphometry, OrderTable
     from design.measures.oxygen import Oxygen, OxygenModel
+    from design.measures.path_lengths import FlowPaths
     from design.measures.supply import BEYOND_UM, Supply
     from design.measures.table import measures_dict
-    from design.measures.ways import Ways
 
 __all__ = [
     "BEYOND_UM",
+    "FlowPaths",
     "MeasureOptions",
     "Morphometry",
     "MurrayResiduals",
@@ -28,7 +32,6 @@ __all__ = [
     "OxygenModel",
     "Supply",
     "TerminalFlow",
-    "Ways",
     "compare_orders",
     "measure_network",
     "measures_dict",

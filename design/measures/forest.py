@@ -1,4 +1,4 @@
-"""Forest of a network's vessels: parents, children and Strahler orders."""
+"""Find the tree structure of a network's vessels: parents, children and Strahler orders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Residuals of Murray's law at bifurcations, and the spread of the terminals' flows."""
+"""Measure residuals of Murray's law at bifurcations, and the spread of terminal flows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A tree of boxes over a network's straight pieces, for the nearest lumen wall."""
+"""Find the distance of points to the nearest lumen wall, by a tree of boxes over vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compute all geometric measures of a network in a tissue."""
+"""Compute all measures of a network in its tissue: shape, junctions, paths, supply, oxygen."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from design.measures.junctions import (
 )
 from design.measures.morphometry import Morphometry, measure_morphometry
 from design.measures.oxygen import OxygenModel
+from design.measures.path_lengths import FlowPaths, measure_paths
 from design.measures.supply import Supply, measure_supply, sample_tissue
 from design.measures.territories import measure_territories
-from design.measures.ways import Ways, measure_ways
 from design.network import FloatArray, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.territories import SupplyBalance
@@ -76,7 +76,7 @@ class NetworkMeasures:
         By all lumens; None when they leave no tissue.
     printable : Supply or None
         By the printable ones; None when it wasn't asked for, or none is.
-    ways : Ways or None
+    ways : FlowPaths or None
     morphometry : tuple of Morphometry
         One for each kind of vessel that has no loops.
     murray : MurrayResiduals or None
@@ -99,7 +99,7 @@ class NetworkMeasures:
     diameter_greatest_mm: float
     supply: Supply | None
     printable: Supply | None
-    ways: Ways | None
+    ways: FlowPaths | None
     morphometry: tuple[Morphometry, ...]
     murray: MurrayResiduals | None
     terminal_flow: TerminalFlow | None
@@ -145,7 +145,7 @@ def measure_network(
         diameter_greatest_mm=2.0 * float(network.radius.max()),
         supply=measure_supply((start, end, ra, rb), points, tissue.volume_mm3, options.oxygen),
         printable=_printable(network, tissue, points, options),
-        ways=measure_ways(network),
+        ways=measure_paths(network),
         morphometry=measure_morphometry(network),
         murray=measure_murray(network, options.murray_exponent),
         terminal_flow=None if flow is None else measure_terminal_flow(network, flow),

@@ -1,4 +1,4 @@
-"""Morphometry by Strahler order (counts, lengths, diameters), as published for real vessels."""
+"""Measure counts, lengths and diameters of vessels by Strahler order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Oxygen around lumens by Krogh's tissue cylinder."""
+"""Estimate oxygen at tissue points from the nearest lumen, by Krogh's tissue cylinder."""
 
 from __future__ import annotations
 

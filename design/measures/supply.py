@@ -1,4 +1,4 @@
-"""Supply of tissue by lumens: distances, vessels per section, oxygen."""
+"""Measure tissue supply at sampled points: distance to lumens, vessels per section, oxygen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Network measures as nested dictionaries of plain numbers, for `report.json`."""
+"""Convert network measures to nested dictionaries of plain numbers, for `report.json`."""
 
 from __future__ import annotations
 

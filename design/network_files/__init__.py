@@ -1,1 +1,4 @@
-"""Networks from and to files: CSV, JSON, NPZ, SWC, VTP, SimVascular paths; X-CAVATE text in."""
+"""Read and write networks as CSV, JSON, NPZ, SWC, VTP; write SimVascular; read X-CAVATE.
+
+Goes in: a file, or a network. Comes out: a network, or a file. Begin with `by_suffix.py`.
+"""

@@ -1,4 +1,4 @@
-"""Networks from and to files, the format chosen by the file's suffix."""
+"""Read or write a network file in the format that its suffix names."""
 
 from __future__ import annotations
 

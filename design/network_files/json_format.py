@@ -1,4 +1,4 @@
-"""Networks as JSON: a list of nodes and one of vessels, to be read by people and by anything."""
+"""Read and write networks as JSON: a list of nodes and a list of vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Networks as NumPy's `.npz`: the arrays themselves, fast and to the bit."""
+"""Read and write networks as NumPy `.npz`, exact to the last bit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from design.errors import NetworkError
-from design.files import replacing
+from design.files import atomic_replacement
 from design.network import VesselNetwork
 
 _FORMAT = "printctl-network-1-mm"
@@ -36,7 +36,7 @@ def write_network_npz(path: Path, network: VesselNetwork) -> None:
     if path.suffix != ".npz":
         raise NetworkError(f"{path}: a network in this format ends in .npz; rename it")
     arrays = {name: getattr(network, name) for name in _ARRAYS}
-    with replacing(path) as draft:
+    with atomic_replacement(path) as draft:
         np.savez(draft, format=np.array(_FORMAT), **arrays)
 
 

@@ -1,4 +1,4 @@
-"""Networks as SimVascular paths: a folder of `.pth` files, XML, in cm."""
+"""Write a network as SimVascular paths: a folder of `.pth` files (XML), in cm."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Networks as SWC: trees of points in µm, as neuroanatomy and vessel tracing exchange them.
+"""Read and write networks as SWC: trees of points in µm, as in neuroanatomy.
 
 A line is ``number type x y z radius parent``; the radius, too, is in µm, and a root's parent is
 -1. Lines that begin with ``#`` are comments. A point has one radius and one parent, so loops

@@ -1,4 +1,4 @@
-"""Networks as VTK XML PolyData (`.vtp`), as ParaView and PyVista read and write it."""
+"""Write a network as VTK XML PolyData (`.vtp`) for ParaView and PyVista."""
 
 from __future__ import annotations
 

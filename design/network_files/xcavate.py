@@ -1,4 +1,4 @@
-"""Read a network from X-CAVATE's text: vessels as lists of points, in cm."""
+"""Read vessels from X-CAVATE's text (points in cm), and join them to a network."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from design.errors import NetworkError
 from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
-from design.network_files.joined import REACH, Line, Snap, join_lines
+from design.network_files.join import REACH, Line, Snap, join_lines
 from design.units import MM_PER
 
 _MM: Final = MM_PER["cm"]

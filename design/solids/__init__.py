@@ -1,4 +1,8 @@
-"""Printable solids of a network and a body, and their files."""
+"""Printable solids (lumens, tubes, bodies, fittings) from networks: build, check, read, write.
+
+Goes in: a network and a body. Comes out: closed triangle surfaces and their files. Begin with
+`lumen.py`.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -8,7 +12,7 @@ if TYPE_CHECKING:
     from design.geometry.crossings import Crossings, find_crossings
     from design.solids.bodies import chamber_solid, cylinder_solid
     from design.solids.chamber import Chamber
-    from design.solids.check import SolidCheck, validate_file
+    from design.solids.check import SolidCheck, validate_file, validate_files
     from design.solids.connector import Connector, check_connector
     from design.solids.connectors import (
         connector_parts,
@@ -61,6 +65,7 @@ __all__ = [
     "tube_outside",
     "tube_solid",
     "validate_file",
+    "validate_files",
     "with_connector",
     "with_text",
     "write_3mf",

@@ -1,4 +1,4 @@
-"""Bodies from which lumens are cut out, or that hold a construct."""
+"""Make solids of a cylinder, or of an open bioreactor chamber."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dimensions of a bioreactor's body."""
+"""Data class of an open bioreactor chamber's dimensions: inside, wall, floor, lid ledge."""
 
 from __future__ import annotations
 

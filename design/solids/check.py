@@ -1,10 +1,11 @@
-"""Validate a written mesh file by reading it back."""
+"""Read a written mesh file back and check its surface: closed, oriented, without crossings."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from manifold3d import Error, Manifold, Mesh64
@@ -12,8 +13,12 @@ from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.geometry.crossings import find_crossings
+from design.geometry.surface import Surface
 from design.solids.read import load_mesh
 from design.solids.topology import edge_faults, surface_genus
+
+if TYPE_CHECKING:
+    import trimesh
 
 SELF_INTERSECTION: Final = (
     "all pairs of triangles whose boxes meet are tried, neighbours too, exactly: counted are those "
@@ -84,6 +89,28 @@ class SolidCheck:
         )
 
 
+def validate_files(paths: Sequence[Path]) -> dict[str, SolidCheck]:
+    """Read files back and check each as `validate_file` does; by name.
+
+    Files that hold the same triangles are checked once.
+
+    Raises
+    ------
+    SolidError, OSError
+        As `validate_file`.
+    """
+    found: dict[str, SolidCheck] = {}
+    known: list[tuple[trimesh.Trimesh, SolidCheck]] = []
+    for path in paths:
+        mesh = load_mesh(path)
+        check = next((check for other, check in known if _same(mesh, other)), None)
+        if check is None:
+            check = _checked(mesh, path)
+            known.append((mesh, check))
+        found[path.name] = replace(check, file=path.name)
+    return found
+
+
 def validate_file(path: Path) -> SolidCheck:
     """Read ``path`` back; check it by trimesh and manifold3d, and every face against every other.
 
@@ -94,10 +121,18 @@ def validate_file(path: Path) -> SolidCheck:
     OSError
         When it can't be opened.
     """
-    mesh = load_mesh(path)
+    return _checked(load_mesh(path), path)
+
+
+def _same(mesh: trimesh.Trimesh, other: trimesh.Trimesh) -> bool:
+    """Whether two meshes, both with equal vertices merged, are the same triangles in order."""
+    return np.array_equal(mesh.faces, other.faces) and np.array_equal(mesh.vertices, other.vertices)
+
+
+def _checked(mesh: trimesh.Trimesh, path: Path) -> SolidCheck:
     vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
-    volume = float(mesh.volume)
+    volume = Surface(vertices, faces).volume_mm3  # in the file's unit, whatever it is
     manifold = Manifold(Mesh64(vertices, faces.astype(np.uint64)))
     same = bool(np.isclose(manifold.volume(), volume, rtol=1e-6, atol=0.0))
     faults = edge_faults(faces)

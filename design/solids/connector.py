@@ -1,4 +1,4 @@
-"""Dimensions of fittings for tubing and syringes.
+"""Dimensions and cross-section profiles of tubing and Luer fittings, with checks.
 
 The Luer cone loses 6 % of its length in diameter (ISO 80369-7:2021, annex B, rigid slip
 connectors): male 3.970 to 4.035 mm at 0.75 mm from the tip, bore at most 2.900 mm, cone 7.5 to

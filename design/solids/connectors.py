@@ -1,4 +1,4 @@
-"""Fittings for tubing and syringes, turned around an axis."""
+"""Build solids of tubing and syringe fittings, and join one with its bore to a body."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Constructs: a body, minus its lumens, minus the marks that make its pose unambiguous."""
+"""Build a construct: a body minus its lumens, minus dimples that mark its pose."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
-"""Polygonal tube cross-sections with the hydraulic conductance of the circles they replace."""
+"""Choose polygonal cross-sections for round tubes: number of sides, equal area, domed caps."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,16 +11,41 @@ FACET_TOLERANCE_MM = 0.001
 """Default greatest distance of a facet from its chord's arc, mm; far below any printed line."""
 
 _LEAST_FACETS = 16
+_LEAST_COARSE = 12
 
 
-def facet_count(radius_mm: float, tolerance_mm: float) -> int:
+def facet_count(radius_mm: float, tolerance_mm: float, least: int = _LEAST_FACETS) -> int:
     """Sides of the polygon whose sagitta r (1 - cos(π/n)) is at most ``tolerance_mm``.
 
-    A multiple of four (so that circles reach their extremes along both axes), at least 16.
+    A multiple of four (so that circles reach their extremes along both axes), at least ``least``.
     """
     ratio = min(tolerance_mm / radius_mm, 1.0)
     wanted = math.pi / math.acos(1.0 - ratio)
-    return max(_LEAST_FACETS, 4 * math.ceil(wanted / 4.0))
+    return max(least, 4 * math.ceil(wanted / 4.0))
+
+
+@dataclass(frozen=True)
+class Facets:
+    """How near to its arc a facet lies: the greater of a length and a share of the radius.
+
+    Attributes
+    ----------
+    tolerance_mm : float, mm
+    ratio : float
+        Of the radius there; 0 for the length alone.
+    """
+
+    tolerance_mm: float = FACET_TOLERANCE_MM
+    ratio: float = 0.0
+
+    def at(self, radius_mm: float) -> float:
+        """Tolerance at a radius, mm."""
+        return max(self.tolerance_mm, self.ratio * radius_mm)
+
+    def count(self, radius_mm: float) -> int:
+        """Sides of the polygon of a vessel of that radius."""
+        least = _LEAST_COARSE if self.ratio else _LEAST_FACETS
+        return facet_count(radius_mm, self.at(radius_mm), least)
 
 
 def area_factor(facets: int) -> float:

@@ -1,4 +1,4 @@
-"""Genus of the surfaces of a network's lumens and of constructs with these cut out.
+"""Compute the genus of a network's lumen surface, and of a body with the lumens cut out.
 
 A lumen's surface is that of a thickened graph: its genus is the number of independent loops,
 vessels - nodes + parts. Cut out of a body through p ports, each part of the lumen gives its g

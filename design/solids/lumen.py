@@ -1,4 +1,4 @@
-"""Lumen solid: the open space of all vessels of a network."""
+"""Build the lumen solid of a network: the union of all vessels, junctions rounded."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from design.errors import SolidError
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.chains import Chain
-from design.solids.facets import FACET_TOLERANCE_MM
+from design.solids.facets import FACET_TOLERANCE_MM, Facets
 from design.solids.runs import free_ends
 from design.solids.smooth.assemble import sew_parts
 from design.solids.smooth.layout import Layout, lay_out
@@ -17,7 +17,7 @@ from design.solids.solid import Solid
 from design.solids.tube import EndShape
 
 _TRIES = 3
-"""Of leaving crowds sharp that can't be rounded without crossing themselves."""
+"""Of leaving groups sharp that can't be rounded without crossing themselves."""
 
 
 def lumen_solid(
@@ -26,6 +26,7 @@ def lumen_solid(
     extend_ends_mm: float | FloatArray = 0.0,
     extend_nodes: IntArray | None = None,
     tolerance_mm: float = FACET_TOLERANCE_MM,
+    facet_ratio: float = 0.0,
     fillet_ratio: float = 0.0,
     fillet_mm: float | None = None,
 ) -> Solid:
@@ -45,11 +46,14 @@ def lumen_solid(
         The free ends that are extended (see `open_ends`); all of them by default.
     tolerance_mm : float, mm
         Greatest distance between facet and arc.
+    facet_ratio : float
+        That distance over the vessel's radius, where it is more than ``tolerance_mm``: large trees
+        have vessels of many sizes, and triangles that nobody can open.
     fillet_ratio : float
         Radius of the fillet at a junction over that of its thinnest vessel: radii within a tree
         differ twentyfold, and so must its fillets. 0, the default, leaves seams sharp; 0.5 is
         round. Where neighbouring junctions leave no room it is reduced, by steps to a tenth and
-        then to none; within a crowd around each place that has none.
+        then to none; within a group around each place that has none.
     fillet_mm : float, mm, optional
         The same radius at all junctions, in the place of ``fillet_ratio``.
 
@@ -71,16 +75,16 @@ def lumen_solid(
     middle = np.round(0.5 * (network.points.min(axis=0) + network.points.max(axis=0)))
     moved, sharp = network.moved(-middle), set[int]()
     for _ in range(_TRIES):
-        layout = lay_out(moved, tolerance_mm, fillet_ratio, fillet_mm)
+        layout = lay_out(moved, Facets(tolerance_mm, facet_ratio), fillet_ratio, fillet_mm)
         layout.sharp |= sharp
-        solid = _made(layout, extended, tolerance_mm, middle)
+        solid = _made(layout, extended, middle)
         if not _united(layout):
             return solid
         solid, crossing = mended_solid(solid, tolerance_mm)
         crowded = [joint for joint in range(len(layout.ends)) if layout.crowded(joint)]
         if len(crossing) == 0 or not crowded or not (fillet_ratio > 0.0 or fillet_mm):
             return solid
-        # Crowds that cross themselves once they are rounded to float32 stay sharp.
+        # Groups that cross themselves once they are rounded to float32 stay sharp.
         places = solid.vertices[solid.faces[crossing, 0]] - middle
         centres = np.array([layout.walls[joint][0, :3] for joint in crowded])
         near = cKDTree(centres).query(places)[1]
@@ -91,7 +95,6 @@ def lumen_solid(
 def _made(
     layout: Layout,
     extended: dict[int, float],
-    tolerance_mm: float,
     middle: FloatArray,
 ) -> Solid:
     """All parts sewn and rounded; where some were united, crossings may still be in it."""
@@ -103,8 +106,8 @@ def _made(
             node = int(run.node[-end])
             ends.append("flat" if (index, end) in joined or node in extended else "round")
         shapes.append((ends[0], ends[1]))
-        layout.runs[index] = with_ends_drawn_out(run, extended)
-    vertices, faces = sew_parts(layout, shapes, tolerance_mm)
+        layout.runs[index] = extend_ends(run, extended)
+    vertices, faces = sew_parts(layout, shapes)
     mend = not _united(layout)
     return solid_from_mesh(vertices + middle, faces, "the lumens' union", mend=mend)
 
@@ -153,7 +156,7 @@ def extended_ends(
     }
 
 
-def with_ends_drawn_out(run: Chain, extended: dict[int, float]) -> Chain:
+def extend_ends(run: Chain, extended: dict[int, float]) -> Chain:
     """The same run, longer at the nodes ``extended`` by the lengths given there, mm."""
     points, radius, node = run.points, run.radius, run.node
     for at in (0, -1):

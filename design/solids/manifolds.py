@@ -1,4 +1,4 @@
-"""Convert solids to manifold3d and run its booleans."""
+"""Convert meshes to manifold3d; unite them, or subtract some from a body."""
 
 from __future__ import annotations
 

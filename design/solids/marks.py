@@ -1,4 +1,4 @@
-"""Text and fiducials on a flat face, for people and for registration."""
+"""Put raised or engraved text on a solid's flat face; place fiducial dimples on one."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ _MOST = 1024
 """Faces around a vertex; one with more stays."""
 
 
-def without_crossings(
+def mend_surface(
     vertices: FloatArray, faces: FaceArray, reach_mm: float
 ) -> tuple[FloatArray, FaceArray, NDArray[np.int64]]:
     """Mend a surface.

@@ -1,4 +1,4 @@
-"""Edge flips, collapses and moves that remove self-intersections (compiled)."""
+"""Flip or collapse an edge, or move a vertex, to remove self-intersections (compiled)."""
 
 from __future__ import annotations
 

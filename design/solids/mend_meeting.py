@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from design.geometry.boxes import boxes_apart, corners_box, next_leaf
-from design.geometry.crossings import APART, meet
+from design.geometry.crossings import APART, meeting_kind
 from design.geometry.hierarchy import DEPTH
 from kernels import jit
 
@@ -84,4 +84,4 @@ def _met(s: Any, other: int, one: Any, mine: Any, low: Any, high: Any, two: Any,
         return 0
     for k in range(3):
         its[k] = s.faces[other, k]
-    return 0 if meet(one, two, mine, its) == APART else 1
+    return 0 if meeting_kind(one, two, mine, its) == APART else 1

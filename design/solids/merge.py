@@ -1,4 +1,4 @@
-"""Merge vertices at identical coordinates."""
+"""Merge mesh vertices at identical coordinates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write Wavefront OBJ."""
+"""Write a solid as a Wavefront OBJ file, in mm."""
 
 from __future__ import annotations
 

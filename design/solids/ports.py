@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import SolidError
+from design.geometry.bvh import build_triangle_tree, nearest_distances
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.runs import free_ends
 from design.solids.solid import Solid
+from design.tissue.depth import winding_number
+from kernels import jit
 
 Array = NDArray[np.float64]
 
@@ -70,9 +74,10 @@ def open_ends(network: VesselNetwork, body: Solid, extend_ends_mm: float) -> Int
     """
     nodes, outward, radius = _free_ends(network)
     position = network.nodes[nodes]
-    near = surface_distance(body, position) <= radius
-    reaches = ~inside(body, position) | near
-    leads_out = ~inside(body, position + extend_ends_mm * outward)
+    distance, within = depths(body, np.r_[position, position + extend_ends_mm * outward])
+    count = len(nodes)
+    reaches = ~within[:count] | (distance[:count] <= radius)
+    leads_out = ~within[count:]
     return nodes[reaches & leads_out]
 
 
@@ -164,45 +169,19 @@ def _free_ends(network: VesselNetwork) -> tuple[IntArray, FloatArray, FloatArray
     return nodes, outward[nodes], radius[nodes]
 
 
-def inside(body: Solid, points: FloatArray) -> NDArray[np.bool_]:
-    """Whether each of ``points`` (n, 3) lies in ``body``, by its winding number.
-
-    Sum of the faces' solid angles over 4π (Van Oosterom & Strackee 1983,
-    doi 10.1109/TBME.1983.325207); 1 inside, 0 outside. One pass over all faces a point.
-    """
-    corners = body.vertices[body.faces]
-    found = np.empty(len(points), dtype=bool)
-    for index, point in enumerate(points):
-        a, b, c = np.moveaxis(corners - point, 1, 0)
-        la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
-        triple = np.einsum("ij,ij->i", a, np.cross(b, c))
-        below = la * lb * lc + _dot(a, b) * lc + _dot(b, c) * la + _dot(c, a) * lb
-        found[index] = np.arctan2(triple, below).sum() > np.pi
-    return found
+def depths(body: Solid, points: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Distance (n,) from the surface of ``body``, mm, and whether each of ``points`` lies in it."""
+    tree = build_triangle_tree(body.vertices, body.faces.astype(np.int32))
+    return nearest_distances(tree, points), _windings(tree, points) > 0
 
 
-def surface_distance(body: Solid, points: FloatArray) -> FloatArray:
-    """Distance of each of ``points`` (n, 3) from the surface of ``body``, mm."""
-    corners = body.vertices[body.faces]
-    a, b, c = (corners[:, k] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    length = np.linalg.norm(normal, axis=1)
-    kept = length > 0.0
-    a, b, c, normal = a[kept], b[kept], c[kept], normal[kept] / length[kept, None]
-    return np.array([_nearest(point, a, b, c, normal) for point in points])
-
-
-def _nearest(point: Array, a: Array, b: Array, c: Array, normal: Array) -> float:
-    """Least distance to triangles: to the plane where the foot is within, else to the edges."""
-    within = np.ones(len(a), dtype=bool)
-    least = np.inf
-    for tail, head in ((a, b), (b, c), (c, a)):
-        edge, off = head - tail, point - tail
-        within &= _dot(np.cross(normal, edge), off) >= 0.0
-        along = np.clip(_dot(edge, off) / _dot(edge, edge), 0.0, 1.0)
-        least = min(least, float(np.linalg.norm(off - along[:, None] * edge, axis=1).min()))
-    heights = np.abs(_dot(normal, point - a))[within]
-    return min(least, float(heights.min())) if len(heights) else least
+@jit
+def _windings(tree: Any, points: FloatArray) -> IntArray:
+    """How often the surface winds around each point, (n,)."""
+    wound = np.empty(len(points), dtype=np.int64)
+    for i in range(len(points)):
+        wound[i] = winding_number(tree, points[i, 0], points[i, 1], points[i, 2])
+    return wound
 
 
 def _dot(left: Array, right: Array) -> Array:

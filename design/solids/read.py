@@ -1,4 +1,4 @@
-"""Read a solid from a mesh file."""
+"""Read a closed solid from a mesh file (STL, 3MF, PLY, OBJ, OFF), in mm."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from design.solids.merge import merge_equal
 from design.solids.solid import Solid
 from design.solids.stl import cut_short, read_corners
 from design.solids.surface import sections_solid
+from design.solids.threemf_read import read_plain_3mf
 from design.units import MM_PER, LengthUnit
 
 if TYPE_CHECKING:
@@ -107,6 +108,10 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
         raise SolidError(f"{path}: {kind or 'no suffix'} isn't one of {', '.join(SUFFIXES)}")
     if kind == ".stl" and (missing := cut_short(path)):
         raise SolidError(f"{path}: {missing}; export or copy it again")
+    if kind == ".3mf" and (plain := read_plain_3mf(path)) is not None:
+        mesh = trimesh.Trimesh(plain[0], plain[1], process=False)
+        mesh.units = plain[2]
+        return _merged(mesh)
     with path.open("rb") as handle:
         try:
             mesh = trimesh.load_mesh(handle, file_type=kind[1:], process=False)

@@ -1,4 +1,4 @@
-"""Split a network into runs swept as tubes, joined by balls where they meet at an angle."""
+"""Split a network at sharp angles into runs swept as tubes, with balls to join them."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from design.errors import SolidError
 from design.geometry.crossings import find_crossings
 from design.solids.facets import FACET_TOLERANCE_MM
 from design.solids.manifolds import to_manifold
-from design.solids.mend import without_crossings
+from design.solids.mend import mend_surface
 from design.solids.solid import Solid
 from design.solids.topology import edge_faults, faulty_vertices, is_closed
 
@@ -104,7 +104,7 @@ def mended_solid(
     """
     step = _STEPS_APART * float(np.spacing(np.float32(np.abs(solid.vertices).max())))
     faces = solid.faces.astype(np.int64)
-    vertices, faces, left = without_crossings(
+    vertices, faces, left = mend_surface(
         solid.vertices, faces, max(_MEND_FACETS * tolerance_mm, step)
     )
     if vertices is solid.vertices:

@@ -1,4 +1,4 @@
-"""Solid: a closed triangle surface."""
+"""Data class of a solid: a closed, outward-oriented triangle surface."""
 
 from __future__ import annotations
 

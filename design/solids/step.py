@@ -1,4 +1,4 @@
-"""STEP files of networks: cylinders, cones and balls, exact, for CAD and machine shops.
+"""Write STEP files of lumens, or a body without them: exact cylinders, cones and balls.
 
 Needs the extra ``step`` (netgen-mesher, LGPL-2.1, which brings Open CASCADE). Its union of round
 bodies is a thousand times slower than one of triangles, and loses a part now and then where faces
@@ -18,7 +18,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from design.errors import SolidError
-from design.files import replacing
+from design.files import atomic_replacement
 from design.network import IntArray, VesselNetwork
 from design.solids.bodies import cylinder_solid
 from design.solids.construct import Vector, block_solid, construct_solid
@@ -124,7 +124,7 @@ def write_step(
     allowed = VOLUME_WITHIN * lumen.volume_mm3
     marks = [Piece(np.asarray(at), np.asarray(at), wide / 2, wide / 2) for at, wide in dimples]
     shape = _made(occ, pieces, (body, marks), mesh.volume_mm3, allowed, path)
-    with replacing(path) as draft:
+    with atomic_replacement(path) as draft:
         shape.WriteStep(str(draft))
         check = _read_back(occ, draft, path.name, mesh.volume_mm3)
         _require_same(check, allowed)

@@ -9,9 +9,9 @@ import numpy as np
 
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.chains import Chain
-from design.solids.lumen import extended_ends, with_ends_drawn_out
+from design.solids.lumen import extend_ends, extended_ends
 from design.solids.runs import split_runs
-from design.solids.smooth.crowd import CLEAR_OF_TUBES
+from design.solids.smooth.overlap_group import CLEAR_OF_TUBES
 
 _OFF_AXIS = 0.02
 """Of the radius: how far a curved vessel's axis and radius may be from its straight pieces'."""
@@ -53,7 +53,7 @@ def step_pieces(
     """
     runs, _ = split_runs(network, _MITRED_MM)
     drawn = extended_ends(network, extend_ends_mm, extend_nodes)
-    runs = [simpler(with_ends_drawn_out(run, drawn)) for run in runs]
+    runs = [simpler(extend_ends(run, drawn)) for run in runs]
     at: dict[bytes, list[tuple[int, int]]] = defaultdict(list)
     for index, run in enumerate(runs):
         for end in (0, -1):

@@ -1,4 +1,4 @@
-"""Binary STL: write, and read back without a mesh library."""
+"""Write a solid as binary STL; read such a file's triangles without a mesh library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Closed surfaces as they come: checked, and made solids for sections alone."""
+"""Make a solid of a closed surface from a file, unrepaired, only to be cut into sections."""
 
 from __future__ import annotations
 

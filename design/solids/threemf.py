@@ -1,4 +1,4 @@
-"""Write 3MF, which unlike STL knows its unit, names and colours.
+"""Write one or several solids as a 3MF file, with unit, names and colours.
 
 3MF Core Specification 1.3 (3MF Consortium): a zip archive (OPC) of a content-type list, a
 relationship that points to the model, and the model in XML. Written here rather than by trimesh,

@@ -1,4 +1,4 @@
-"""Topology of a triangle mesh: edge faults, shells and handles."""
+"""Check a triangle mesh's topology: faulty edges, closedness, shells and genus."""
 
 from __future__ import annotations
 

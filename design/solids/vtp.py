@@ -1,4 +1,4 @@
-"""Write VTK's XML PolyData, for ParaView and the flow solvers that read it."""
+"""Write a solid as VTK XML PolyData (`.vtp`), in mm, for ParaView and flow solvers."""
 
 from __future__ import annotations
 

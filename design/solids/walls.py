@@ -1,4 +1,4 @@
-"""Tube solids: a network's lumens surrounded by a wall of given thickness."""
+"""Build tube solids: a network's vessels with a wall of given thickness, lumens open."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Tissues: a closed shape and its signed distance, from files, surfaces or parameters."""
+"""Make tissues (closed shape, signed distance, demand) from meshes, images, points, parameters.
+
+Goes in: a mesh, an image, points or parameters. Comes out: a `Tissue`. Begin with `tissue.py`.
+"""
 
 from design.geometry.surface import Surface
 from design.tissue.arrays import GridArrays
@@ -15,7 +18,7 @@ from design.tissue.heart import biventricle
 from design.tissue.images import VolumeImage, read_image
 from design.tissue.labels import label_surface, load_label_surface
 from design.tissue.load import load_surface, load_tissue
-from design.tissue.parts import check_supplied
+from design.tissue.parts import Part, part_demands, part_numbers, part_tissue, parts_of
 from design.tissue.points import load_point_surface, point_surface
 from design.tissue.repair import repair_surface
 from design.tissue.shapes import annulus, block, cylinder, folded_cortex
@@ -41,6 +44,7 @@ __all__ = [
     "GridArrays",
     "ImageDemand",
     "MeshZone",
+    "Part",
     "SignedDistanceGrid",
     "SizeLimits",
     "SpacingRule",
@@ -54,7 +58,6 @@ __all__ = [
     "biventricle",
     "block",
     "carve",
-    "check_supplied",
     "cylinder",
     "depth_demand",
     "folded_cortex",
@@ -65,6 +68,10 @@ __all__ = [
     "load_point_surface",
     "load_surface",
     "load_tissue",
+    "part_demands",
+    "part_numbers",
+    "part_tissue",
+    "parts_of",
     "point_surface",
     "read_image",
     "repair_surface",

@@ -1,4 +1,4 @@
-"""Arrays of a signed distance grid, as kernels use them."""
+"""Named tuple of a tissue's signed distance samples and surface triangles, for kernels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Blend local implicit functions into one: the partition of unity's inner loop."""
+"""Blend local surface fits around points into one implicit field on a lattice (compiled)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fill the bricks of a signed distance grid with exact samples."""
+"""Compute exact signed distances for the fine bricks of a tissue's grid."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ def _fill_brick(
     """Exact signed distances of a brick's samples.
 
     A sample's nearest triangle is no farther from the brick's centre than the centre's own
-    nearest plus a diagonal; the same holds for each of the 27 groups of 3 x 3 x 3 samples, so few
-    triangles are left to be measured from each sample.
+    nearest plus a diagonal. In each of the 27 groups of 3 x 3 x 3 samples the triangle nearest to
+    the middle bounds all samples' distances, so few others are left to be measured.
     """
     cx = origin[0] + (place[0] + 0.5) * BRICK * h
     cy = origin[1] + (place[1] + 0.5) * BRICK * h
@@ -73,11 +73,13 @@ def _fill_brick(
     best = np.empty(_ROOM)
     for group in range(_GROUP):
         _cube(middles[0, group], middles[1, group], middles[2, group], h, where)
-        least = sqrt(squared[:, group].min())
-        farthest = (least + 2.0 * _GROUP_HALF_DIAGONAL * h) * 1.0001
+        first = squared[:, group].argmin()
         best[:] = np.inf
+        _nearer(tree.triangles[found[first]], where, best)
+        # What serves some sample better is no farther from the middle than this.
+        farthest = (sqrt(best.max()) + _GROUP_HALF_DIAGONAL * h) * 1.0001
         for n in range(size):
-            if squared[n, group] <= farthest * farthest:
+            if n != first and squared[n, group] <= farthest * farthest:
                 _nearer(tree.triangles[found[n]], where, best)
         for m in range(_GROUP):
             i = 3 * (group // 9) + m // 9

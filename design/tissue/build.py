@@ -1,4 +1,4 @@
-"""Build the signed distance grid of a closed mesh."""
+"""Build a tissue's signed distance grid from a closed mesh."""
 
 from __future__ import annotations
 

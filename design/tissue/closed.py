@@ -68,10 +68,23 @@ def merge_vertices(
     """
     if len(faces) == 0 or len(vertices) == 0:
         raise TissueError("mesh is empty: it has no faces; give a closed surface")
-    points, number = np.unique(vertices[faces.ravel()], axis=0, return_inverse=True)
+    points, number = unique_rows(vertices[faces.ravel()])
     corners = number.reshape(-1, 3).astype(np.int32)
     repeated = (corners == np.roll(corners, 1, axis=1)).any(axis=1)
     return np.ascontiguousarray(points), np.ascontiguousarray(corners[~repeated])
+
+
+def unique_rows(rows: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Distinct rows (k, 3) in lexicographic order, and which of them each row is, (n,).
+
+    As `numpy.unique` along an axis, whose sort of records takes four times as long.
+    """
+    order = np.lexsort(rows.T[::-1])
+    ordered = rows[order]
+    new = np.concatenate([[True], (ordered[1:] != ordered[:-1]).any(axis=1)])
+    number = np.empty(len(rows), dtype=np.int64)
+    number[order] = np.cumsum(new) - 1
+    return np.ascontiguousarray(ordered[new]), number
 
 
 def check_closed(points: FloatArray, faces: FaceArray) -> None:
@@ -93,10 +106,10 @@ def check_closed(points: FloatArray, faces: FaceArray) -> None:
 
 def _places(points: FloatArray, edges: Edges, chosen: NDArray[np.bool_]) -> str:
     middles = points[edges.ends[chosen]].mean(axis=1)
-    return say_places(middles)
+    return format_points(middles)
 
 
-def say_places(points: FloatArray, most: int = 3) -> str:
+def format_points(points: FloatArray, most: int = 3) -> str:
     """A few of ``points`` (n, 3), for messages; in the points' own unit."""
     shown = ", ".join(f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in points[:most])
     return f"near {shown}" + (f" and {len(points) - most} more" if len(points) > most else "")

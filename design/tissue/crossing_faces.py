@@ -1,4 +1,4 @@
-"""Find self-intersecting faces of a tissue's surface."""
+"""Find pairs of a tissue surface's faces that intersect and share no vertex."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Relative perfusion demand at each point of a tissue.
+"""Demand models (uniform, by depth, image or function): relative perfusion wanted at points.
 
 Growth that accepts a point with the probability `Demand.weight` places terminals by demand,
 exactly; all terminals carry the same flow, so the tissue's total perfusion is as before and a

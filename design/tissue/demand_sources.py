@@ -1,4 +1,4 @@
-"""Perfusion demand of a tissue, from a depth table, a volume image or a function."""
+"""Make a tissue's perfusion demand from a depth table, a volume image or a function."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exact depth of a segment below a tissue's surface.
+"""Compute exactly the least depth of a segment below a tissue's surface.
 
 Samples of the grid are exact distances, and a distance changes by no more than the way gone: a
 sample of depth d at distance a from a point proves a depth of d - a there. Where such bounds

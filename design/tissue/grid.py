@@ -1,4 +1,4 @@
-"""Signed distance grid of a tissue: fine bricks near the surface, coarse ones elsewhere."""
+"""Signed distance grid of a tissue: distance at points, test if vessel capsules lie inside."""
 
 from __future__ import annotations
 

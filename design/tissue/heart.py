@@ -1,4 +1,4 @@
-"""Parametric heart tissue: both ventricles as truncated ellipsoid shells."""
+"""Make a parametric heart surface: both ventricles as truncated ellipsoid shells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fill the small holes of a surface."""
+"""Fill the small holes of a triangle surface, each with the patch of least area."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import TissueError
-from design.tissue.closed import FaceArray, FloatArray, edges_of, face_areas, say_places
+from design.tissue.closed import FaceArray, FloatArray, edges_of, face_areas, format_points
 
 WIDEST = 0.15
 """Widest hole that is filled, of the mesh's extent."""
@@ -49,7 +49,7 @@ def fill_holes(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceAr
         raise TissueError(
             f"mesh is open: {len(wide)} of {len(holes)} holes are too wide to be filled without "
             f"guessing, the widest {max(h.width for h in wide):.3g} of {WIDEST * extent:.3g} "
-            f"allowed ({say_places(np.array([h.centre for h in wide]))}); "
+            f"allowed ({format_points(np.array([h.centre for h in wide]))}); "
             f"{sum(len(rim) for rim in rims)} of {len(edges_of(faces).uses)} edges aren't shared "
             "by two faces; close them in a mesh editor and try again"
         )
@@ -63,8 +63,8 @@ def fill_holes(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceAr
     if filled > LARGEST * area:
         raise TissueError(
             f"mesh is open: {len(holes)} holes make up {100 * filled / area:.2g} % of its surface, "
-            f"above {100 * LARGEST:g} % ({say_places(np.array([h.centre for h in holes]))}); close "
-            "them in a mesh editor and try again"
+            f"above {100 * LARGEST:g} % ({format_points(np.array([h.centre for h in holes]))}); "
+            "close them in a mesh editor and try again"
         )
     return points, np.concatenate([faces, patches.astype(np.int32)]), holes
 
@@ -85,7 +85,7 @@ def _rims(points: FloatArray, faces: FaceArray) -> list[NDArray[np.int64]]:
             if not ways_on:
                 raise TissueError(
                     f"mesh is open, and its {len(begin)} open edges form no closed rims "
-                    f"({say_places(points[[path[-1]]])}); mend it there and try again"
+                    f"({format_points(points[[path[-1]]])}); mend it there and try again"
                 )
             following = ways_on.pop()
             if not ways_on:

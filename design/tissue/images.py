@@ -1,4 +1,4 @@
-"""Read volume images (NIfTI, NRRD, TIFF stack) with their position and orientation."""
+"""Read a volume image (NIfTI, NRRD, TIFF stack) with its position and orientation."""
 
 from __future__ import annotations
 

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from design.geometry.surface import Surface
 from kernels import jit
 
-FloatArray = NDArray[np.float64]
-
 _LEAST = 0.02
 """Of an edge, between a vertex of the surface and a lattice node: all vertices stay distinct."""
 

@@ -1,4 +1,4 @@
-"""Convert a label image to a smooth surface.
+"""Convert one label of a segmented volume image to a smooth closed surface.
 
 The label's voxels, 1 inside and 0 outside, are blurred by a Gaussian of one voxel; the surface is
 where the blurred value passes a level, which is chosen such that the surface holds as much as the

@@ -1,4 +1,4 @@
-"""Read a tissue's surface from a mesh file."""
+"""Read a tissue or its surface from a mesh file (STL, OBJ, PLY, 3MF), mended if needed."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from design.errors import TissueError
-from design.tissue.closed import FaceArray, FloatArray, enclosed_volume, face_areas, say_places
+from design.tissue.closed import FaceArray, FloatArray, enclosed_volume, face_areas, format_points
 from design.tissue.shells import enclosures, neighbours, shells_of
 
 
@@ -46,7 +46,7 @@ def agree(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, int]:
         where = points[faces[one[clash]]].mean(axis=1)
         raise TissueError(
             f"mesh can't be oriented: {int(clash.sum())} pairs of neighbouring faces contradict "
-            f"one another ({say_places(where)}), as on a Möbius strip; mend the mesh there"
+            f"one another ({format_points(where)}), as on a Möbius strip; mend the mesh there"
         )
     flip = side[patch] == 1
     found = faces.copy()

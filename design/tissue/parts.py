@@ -1,23 +1,34 @@
-"""Separate parts of a tissue, and which of them given points lie in."""
+"""Separate parts of a tissue: which points lie in them, and what each asks for."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import ceil
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import TissueError
-from design.geometry import build_triangle_tree
+from design.geometry import TriangleTree, build_triangle_tree
 from design.tissue.closed import FaceArray, enclosed_volume
+from design.tissue.demand import UNIFORM, Demand
 from design.tissue.depth import winding_number
 from design.tissue.shells import enclosures, shells_of
+from design.tissue.spacing import SpacingRule
+from design.tissue.surface import SizeLimits, tissue_from_surface
 from design.tissue.tissue import Tissue
+from kernels import jit
 
 FloatArray = NDArray[np.float64]
 
-_TRIED = 4000
-"""Points drawn in a part's bounds when it is asked whether perfusion is wanted there."""
+_TRIED = 20_000
+"""Points drawn in a part's bounds when its mean demand is measured."""
+
+_LEAST_BRICKS = 300
+_LEAST_WEIGHT = 1e-12
+_ANY_SIZE = SizeLimits(0.0, float("inf"))
 
 
 @dataclass(frozen=True)
@@ -27,7 +38,7 @@ class Part:
     Attributes
     ----------
     faces : (m, 3) int32
-        Of the tissue's vertices: its outer shell, without cavities.
+        Of the tissue's vertices: its outer shell and its cavities.
     volume_mm3 : float
         Without its cavities and what lies in them.
     middle_mm : (3,) float64
@@ -37,6 +48,11 @@ class Part:
     faces: FaceArray
     volume_mm3: float
     middle_mm: FloatArray
+
+    def __str__(self) -> str:
+        """Size and place, for messages."""
+        x, y, z = self.middle_mm
+        return f"the part of {self.volume_mm3:.3g} mm³ around ({x:.4g}, {y:.4g}, {z:.4g}) mm"
 
 
 def parts_of(tissue: Tissue) -> tuple[Part, ...]:
@@ -52,82 +68,98 @@ def parts_of(tissue: Tissue) -> tuple[Part, ...]:
     count = int(shell.max()) + 1
     signed = np.array([enclosed_volume(points, faces[shell == n]) for n in range(count)])
     solid = np.flatnonzero(signed > 0)
+    owner = np.arange(count)
     if len(solid) == 1:
-        return (_part(tissue, faces[shell == solid[0]], tissue.volume_mm3),)
-    holds = enclosures(points, faces, shell)
-    volume = signed.copy()
-    for cavity in np.flatnonzero(signed <= 0):
-        around = solid[holds[solid, cavity]]
-        if len(around):
-            volume[around[np.argmin(signed[around])]] += signed[cavity]
+        owner[:] = solid[0]
+    else:
+        holds = enclosures(points, faces, shell)
+        for cavity in np.flatnonzero(signed <= 0):
+            around = solid[holds[solid, cavity]]
+            if len(around):
+                owner[cavity] = around[np.argmin(signed[around])]
+    volume = np.bincount(owner, weights=signed, minlength=count)
     order = solid[np.argsort(-volume[solid], kind="stable")]
-    return tuple(_part(tissue, faces[shell == n], float(volume[n])) for n in order)
+    return tuple(_part(points, faces[owner[shell] == n], float(volume[n])) for n in order)
 
 
-def _part(tissue: Tissue, faces: FaceArray, volume_mm3: float) -> Part:
-    corners = tissue.surface.vertices[np.unique(faces)]
+def _part(points: FloatArray, faces: FaceArray, volume_mm3: float) -> Part:
+    corners = points[np.unique(faces)]
     middle: FloatArray = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     return Part(np.ascontiguousarray(faces), volume_mm3, middle)
 
 
-def part_numbers(tissue: Tissue, parts: tuple[Part, ...], points: FloatArray) -> NDArray[np.int64]:
-    """Number of the part that each of ``points`` (n, 3), mm, lies in; -1 for none.
-
-    Of parts within one another's cavities, the innermost.
-    """
+def part_numbers(tissue: Tissue, parts: Sequence[Part], points: FloatArray) -> NDArray[np.int64]:
+    """Number of the part that each of ``points`` (n, 3), mm, lies in; -1 for none."""
     number = np.full(len(points), -1)
-    for n, part in enumerate(parts):  # the innermost, which is the smaller one, comes last
-        tree = build_triangle_tree(tissue.surface.vertices, part.faces)
-        for k, (x, y, z) in enumerate(points):
-            if winding_number(tree, x, y, z) != 0:
-                number[k] = n
+    if len(parts) == 1:
+        number[tissue.contains(points)] = 0
+        return number
+    for n, part in enumerate(parts):
+        number[_within(build_triangle_tree(tissue.surface.vertices, part.faces), points)] = n
     return number
 
 
-def check_supplied(tissue: Tissue, ends: FloatArray) -> None:
-    """Refuse a network none of whose terminals lies in some part where perfusion is wanted.
+def _within(tree: TriangleTree, points: FloatArray) -> NDArray[np.bool_]:
+    found: NDArray[np.bool_] = _wound(tree, np.ascontiguousarray(points))
+    return found
 
-    Parameters
-    ----------
-    tissue : Tissue
-    ends : (n, 3) float64, mm
-        Where its terminals end.
+
+@jit
+def _wound(tree: Any, points: Any) -> Any:
+    found = np.empty(len(points), np.bool_)
+    for n in range(len(points)):
+        found[n] = winding_number(tree, points[n, 0], points[n, 1], points[n, 2]) > 0
+    return found
+
+
+def part_tissue(tissue: Tissue, part: Part) -> Tissue:
+    """A part as a tissue of its own, in the same place and with the same demand.
 
     Raises
     ------
     TissueError
-        Naming each part without a terminal by its size and place.
+        As `tissue_from_surface`, naming the part.
     """
-    parts = parts_of(tissue)
-    if len(parts) == 1:
-        return
-    reached = set(part_numbers(tissue, parts, ends).tolist())
-    left = [n for n in range(len(parts)) if n not in reached and _wanted(tissue, parts, n)]
-    if left:
-        raise TissueError(
-            f"the tissue has {len(parts)} separate parts, and vessels that enter one can't reach "
-            f"another: no vessel ends in {_said(parts, left)}. Make a recipe of its own for each "
-            "part, or take the part out of the mesh"
-        )
+    surface = tissue.surface
+    rule = SpacingRule()
+    share = part.volume_mm3 / tissue.volume_mm3
+    rule = replace(rule, bricks=max(_LEAST_BRICKS, ceil(rule.bricks * share ** (2 / 3))))
+    try:
+        own = tissue_from_surface(surface.vertices, part.faces, limits=_ANY_SIZE, rule=rule)
+    except TissueError as error:
+        raise TissueError(f"{part} can't be prepared: {error}") from error
+    if tissue.demand == UNIFORM:
+        return own
+    mean = max(_mean_weight(tissue, part), _LEAST_WEIGHT)
+    return replace(own, demand=PartDemand(tissue.demand, mean))
 
 
-def _wanted(tissue: Tissue, parts: tuple[Part, ...], number: int) -> bool:
-    """Whether any place of a part has a demand above 0."""
-    corners = tissue.surface.vertices[np.unique(parts[number].faces)]
+@dataclass(frozen=True)
+class PartDemand:
+    """The demand of a whole tissue, seen from one of its parts."""
+
+    whole: Demand
+    mean_weight: float
+
+    def weight(self, points: FloatArray) -> FloatArray:
+        """See `Demand`."""
+        return self.whole.weight(points)
+
+
+def part_demands(tissue: Tissue, parts: Sequence[Part]) -> FloatArray:
+    """Share of the tissue's demand in each part, (p,): by volume where the demand is uniform."""
+    asked = np.array([part.volume_mm3 for part in parts])
+    if tissue.demand != UNIFORM:
+        asked = asked * [_mean_weight(tissue, part) for part in parts]
+    shares: FloatArray = asked / asked.sum()
+    return shares
+
+
+def _mean_weight(tissue: Tissue, part: Part) -> float:
+    """Mean of the demand's weight over a part."""
+    points, tree = tissue.surface.vertices, build_triangle_tree(tissue.surface.vertices, part.faces)
+    corners = points[np.unique(part.faces)]
     low, high = corners.min(axis=0), corners.max(axis=0)
     tried = low + np.random.default_rng(0).random((_TRIED, 3)) * (high - low)
-    tried = tried[tissue.contains(tried)]
-    own = tried[part_numbers(tissue, parts, tried) == number]
-    return len(own) == 0 or bool((tissue.demand.weight(own) > 0).any())
-
-
-def _said(parts: tuple[Part, ...], left: list[int], most: int = 3) -> str:
-    """Size and place of some parts, for a message."""
-    told = [
-        "the part of {:.3g} mm³ around ({:.4g}, {:.4g}, {:.4g}) mm".format(
-            parts[n].volume_mm3, *parts[n].middle_mm
-        )
-        for n in left[:most]
-    ]
-    more = f" and {len(left) - most} more" if len(left) > most else ""
-    return ", ".join(told) + more
+    tried = tried[_within(tree, tried)]
+    return float(tissue.demand.weight(tried).mean()) if len(tried) else 1.0

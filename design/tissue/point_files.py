@@ -1,4 +1,4 @@
-"""Read a point cloud of a surface, with or without normals."""
+"""Read a point cloud, with normals if given, from a PLY or text file."""
 
 from __future__ import annotations
 

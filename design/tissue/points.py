@@ -21,7 +21,7 @@ from design.errors import TissueError
 from design.geometry import build_triangle_tree, nearest_distances
 from design.geometry.surface import Surface
 from design.tissue.blend import blend
-from design.tissue.closed import say_places
+from design.tissue.closed import format_points
 from design.tissue.isosurface import isosurface
 from design.tissue.load import check_file
 from design.tissue.manifolds import distinct_manifold, surface_of
@@ -163,7 +163,8 @@ def _cloud(points: FloatArray, normals: FloatArray | None) -> tuple[Cloud, list[
     if not (np.isfinite(length).all() and (length > 0).all()):
         bad = np.flatnonzero(~(np.isfinite(length) & (length > 0)))
         raise TissueError(
-            f"{len(bad)} normals are 0 or NaN ({say_places(places[bad])}); mend or leave them out"
+            f"{len(bad)} normals are 0 or NaN ({format_points(places[bad])}); "
+            "mend or leave them out"
         )
     return Cloud(places, normals[first] / length[:, None], neighbours, spacing), []
 
@@ -259,7 +260,7 @@ def _checked(surface: Surface, cloud: Cloud) -> tuple[Surface, list[str]]:
     made_up = np.flatnonzero((far > _FAR) & (kept | (not kept.any())))
     share = len(made_up) / max(1, int(kept.sum()))
     worst = middle[made_up[np.argsort(-far[made_up])]]
-    where = f"is farther than {_FAR:g} spacings from any point ({say_places(worst)})"
+    where = f"is farther than {_FAR:g} spacings from any point ({format_points(worst)})"
     if share > _MADE_UP:
         raise TissueError(
             f"points leave gaps, or their normals disagree: {100 * share:.2g} % of the surface "

@@ -1,10 +1,11 @@
-"""Repair a tissue's surface where that is safe, and report the repairs.
+"""Repair a tissue's triangle surface as far as is safe, and report the repairs.
 
 A closed, consistently oriented surface whose faces don't pass through one another is handed on
 untouched. Otherwise, in turn: duplicate faces are dropped, vertices next to one another merged
-along open edges, faces turned to agree with their neighbours, small holes filled, shells that
-look inward turned, small places where a shell passes through itself replaced, shells that overlap
-united. What is too large to be mended without guessing is refused.
+along open edges, edges split at vertices that lie on them, sheets left out, faces turned to agree
+with their neighbours, small holes filled, shells that look inward turned, small places where a
+shell passes through itself replaced, shells that overlap united. What is too large to be mended
+without guessing is refused.
 """
 
 from __future__ import annotations
@@ -22,12 +23,14 @@ from design.tissue.closed import (
     check_closed,
     edges_of,
     enclosed_volume,
+    format_points,
     merge_vertices,
-    say_places,
 )
 from design.tissue.crossing_faces import crossing_faces
 from design.tissue.holes import fill_holes
+from design.tissue.joints import split_joints
 from design.tissue.orient import agree, turn_shells
+from design.tissue.sheets import drop_sheets
 from design.tissue.shells import shells_of, unite_shells
 from design.tissue.weld import drop_duplicates, weld_rims
 
@@ -106,8 +109,17 @@ def _close(work: _Work, unit: str) -> None:
         return
     work.points, work.faces, welded, gap = weld_rims(work.points, work.faces)
     work.did(welded, f"vertices merged with others at most {gap:.2g} {unit} away")
+    work.faces, split = split_joints(work.points, work.faces)
+    work.did(split, "edge(s) split at vertices that lay on them")
     work.faces, extra = drop_duplicates(work.faces)
     work.did(extra, "face(s) dropped that had become duplicates")
+    work.faces, sheets, area = drop_sheets(work.points, work.faces)
+    if sheets:
+        work.did(
+            len(sheets),
+            f"sheet(s) of {area:.3g} {unit}² in all left out, which enclose nothing, "
+            f"{format_points(np.array(sheets))}",
+        )
     work.faces, turned = agree(work.points, work.faces)
     work.did(turned, "face(s) turned to agree with their neighbours")
     work.points, work.faces, holes = fill_holes(work.points, work.faces)
@@ -115,7 +127,7 @@ def _close(work: _Work, unit: str) -> None:
         centres = np.array([hole.centre for hole in holes])
         widest = max(hole.width for hole in holes)
         work.did(
-            len(holes), f"hole(s) filled, up to {widest:.3g} {unit} wide, {say_places(centres)}"
+            len(holes), f"hole(s) filled, up to {widest:.3g} {unit} wide, {format_points(centres)}"
         )
 
 
@@ -131,8 +143,8 @@ def _untangle(work: _Work, unit: str) -> None:
         if attempt == _ROUNDS - 1 or len(crossing) > _PATCH_SHARE * len(work.faces):
             raise TissueError(
                 f"mesh passes through itself: {len(crossing)} of {len(work.faces)} faces meet "
-                f"others of their own shell ({say_places(middles)}); too many to replace safely; "
-                "mend it there and try again"
+                f"others of their own shell ({format_points(middles)}); too many to replace "
+                "safely; mend it there and try again"
             )
         places.append(middles)
         around = np.isin(work.faces, np.unique(work.faces[crossing])).any(axis=1)
@@ -146,7 +158,7 @@ def _untangle(work: _Work, unit: str) -> None:
         work.did(
             replaced,
             f"faces replaced where the surface passed through itself, "
-            f"{say_places(np.concatenate(places))}",
+            f"{format_points(np.concatenate(places))}",
         )
 
 

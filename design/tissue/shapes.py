@@ -1,4 +1,4 @@
-"""Parametric shapes as closed surfaces; each states its closed-form volume."""
+"""Make parametric tissue surfaces: block, cylinder, ring, folded cortex."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Connected shells of a surface: nesting, and union of overlapping ones."""
+"""Find a surface's connected shells and their nesting; unite shells that overlap."""
 
 from __future__ import annotations
 

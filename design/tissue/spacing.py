@@ -1,4 +1,4 @@
-"""Wall thickness of a tissue, and the grid spacing that it requires."""
+"""Measure a tissue's wall thickness, and choose the distance grid's spacing from it."""
 
 from __future__ import annotations
 

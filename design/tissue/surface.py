@@ -1,4 +1,4 @@
-"""Build a tissue from a closed triangle surface: size checks and grid spacing."""
+"""Build a tissue from a closed triangle surface: check its size, make its distance grid."""
 
 from __future__ import annotations
 

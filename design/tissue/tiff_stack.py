@@ -1,4 +1,4 @@
-"""Read a TIFF stack with its voxel sizes."""
+"""Read a TIFF stack's voxel values, with the voxel size if the file states it."""
 
 from __future__ import annotations
 

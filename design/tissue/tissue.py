@@ -1,4 +1,4 @@
-"""Tissue: the closed shape that vessels grow in, its signed distance and perfused zones."""
+"""Data class of a tissue: closed surface, signed distance grid, perfusion demand."""
 
 from __future__ import annotations
 

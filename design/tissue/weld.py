@@ -17,14 +17,34 @@ _EDGE_SHARE = 0.25
 
 
 def drop_duplicates(faces: FaceArray) -> tuple[FaceArray, int]:
-    """Keep one of each set of faces with the same corners, unless that opens edges."""
-    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    """Keep one of each set of faces with the same corners, unless that opens edges.
+
+    Where as many look one way as the other, two solids meet: the wall between them goes, if that
+    leaves fewer edges open.
+    """
+    key = np.sort(faces, axis=1)
+    _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
     if len(first) == len(faces):
         return faces, 0
-    fewer = faces[np.sort(first)]
+    group = group.ravel()
+    looks = np.bincount(group, weights=_way_round(faces, key), minlength=len(first))
+    once, no_walls = faces[np.sort(first)], faces[np.sort(first[looks != 0])]
+    fewer = min((once, no_walls), key=_faults)
     if edges_of(fewer).open > edges_of(faces).open:
         return faces, 0
     return fewer, len(faces) - len(fewer)
+
+
+def _faults(faces: FaceArray) -> tuple[bool, int, int]:
+    edges = edges_of(faces)
+    return len(faces) == 0, edges.open, edges.turned
+
+
+def _way_round(faces: FaceArray, key: FaceArray) -> NDArray[np.int64]:
+    """+1 for faces whose corners ascend when gone round, -1 for the others."""
+    at = (faces == key[:, :1]).argmax(axis=1)
+    after = faces[np.arange(len(faces)), (at + 1) % 3]
+    return np.where(after == key[:, 1], 1, -1)
 
 
 def weld_rims(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, FaceArray, int, float]:

@@ -1,4 +1,4 @@
-"""Keep-out and keep-in zones for vessels: needles, ports, fixtures.
+"""Cut keep-out zones (rods, balls, boxes, meshes) out of a tissue surface, keep within others.
 
 A round zone is cut as a polyhedron around it (a polyhedron within it where the tissue is kept
 within), so that what the user keeps free is free.
@@ -102,7 +102,7 @@ def carve(
         parts = [_solid(zone, f"keep_out {n + 1}", 1) for n, zone in enumerate(keep_out)]
         notes += _missing("keep_out", keep_out, parts, body)
         for n, part in enumerate(parts):
-            name = say_zone("keep_out", n, keep_out[n])
+            name = zone_label("keep_out", n, keep_out[n])
             _require_rest(body - part, whole, f"{name} takes the whole tissue")
         body = Manifold.batch_boolean([body, *parts], OpType.Subtract)
         _require_rest(body, whole, "the keep_out zones together take the whole tissue")
@@ -110,7 +110,7 @@ def carve(
     return surface_of(body, "the tissue"), tuple(notes)
 
 
-def say_zone(key: str, number: int, zone: Zone) -> str:
+def zone_label(key: str, number: int, zone: Zone) -> str:
     """A zone's name in messages, counted from 1."""
     if isinstance(zone, MeshZone):
         return f"{key} {number + 1} ({zone.name})"
@@ -132,7 +132,8 @@ def zone_surface(zone: Zone, name: str) -> Surface:
 def _missing(key: str, zones: Sequence[Zone], parts: list[Manifold], body: Manifold) -> list[str]:
     least = _MISSES * body.volume()
     return [
-        f"{say_zone(key, n, zones[n])} doesn't meet the tissue and changes nothing; check its place"
+        f"{zone_label(key, n, zones[n])} doesn't meet the tissue and changes nothing; "
+        "check its place"
         for n, part in enumerate(parts)
         if (body ^ part).volume() <= least
     ]
@@ -152,8 +153,8 @@ def _pieces(body: Manifold) -> list[str]:
     shares = ", ".join(f"{100 * volume / sum(solid):.3g} %" for volume in solid[:4])
     more = ", …" if len(solid) > 4 else ""
     return [
-        f"the zones cut the tissue into {len(solid)} pieces ({shares}{more} of it); vessels grow "
-        "in the root's piece alone"
+        f"the zones cut the tissue into {len(solid)} pieces ({shares}{more} of it); each wants "
+        "vessels of its own (inlets: each_part)"
     ]
 
 

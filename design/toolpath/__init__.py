@@ -1,4 +1,8 @@
-"""Toolpaths: the needle's planned moves, their planning, and their G-code."""
+"""Plan toolpaths (FRESH layers or embedded writing), correct them, write them as G-code.
+
+Goes in: a network or solid, and options. Comes out: a `Toolpath`, then G-code text. Begin with
+`toolpath.py`.
+"""
 
 from design.toolpath.moves import MoveBuilder
 from design.toolpath.toolpath import MoveKind, Toolpath, join_toolpaths

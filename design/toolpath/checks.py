@@ -1,4 +1,4 @@
-"""Checks of numeric options shared by all toolpath planners."""
+"""Refuse numeric toolpath options that aren't above 0, or not at least 0."""
 
 from __future__ import annotations
 

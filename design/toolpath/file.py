@@ -1,4 +1,4 @@
-"""Save and load a toolpath file, to be combined with others in one print job."""
+"""Save and load a toolpath as an `.npz` file, to be combined with others in one print job."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Final, Literal, cast
 
 import numpy as np
 
-from design.files import replacing
+from design.files import atomic_replacement
 from design.toolpath.toolpath import Toolpath
 
 _OTHERS: Final = ("source_kind", "layer_height_mm", "heights_mm")
@@ -21,7 +21,7 @@ def save_toolpath(path: Path, toolpath: Toolpath) -> None:
     arrays["source_kind"] = np.array(toolpath.source_kind)
     arrays["layer_height_mm"] = np.array(toolpath.layer_height_mm)
     arrays["heights_mm"] = np.array(sorted(toolpath.heights_mm.items())).reshape(-1, 2)
-    with replacing(path) as draft, draft.open("wb") as handle:
+    with atomic_replacement(path) as draft, draft.open("wb") as handle:
         np.savez(handle, **arrays)
 
 

@@ -1,4 +1,4 @@
-"""Compensate flow lag by driving the plunger ahead, move by move.
+"""Compensate the ink's flow lag in a toolpath by driving the plunger ahead, move by move.
 
 For a linear ink τ dQ/dt = Q_in − Q (`docs/calibration.md`), so the flow Q that a path asks for
 comes out if the plunger pushes Q + τ dQ/dt. Over a move of volume V that is V + τ (Q₁ − Q₀), Q₀ and
@@ -54,7 +54,7 @@ class AdvancedToolpath:
     stood_ul: float
 
 
-def advanced(toolpath: Toolpath, lag_s: float, rate_ul_s: float) -> AdvancedToolpath:
+def compensate_lag(toolpath: Toolpath, lag_s: float, rate_ul_s: float) -> AdvancedToolpath:
     """Compensate a lag along all strokes (runs of writing moves of one head).
 
     Parameters

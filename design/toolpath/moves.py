@@ -1,4 +1,4 @@
-"""Collect moves end to end into a `Toolpath`."""
+"""Build a `Toolpath` from writing, travel, plunger and dwell moves laid end to end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Priming moves before the part: purge over a waste cup, wipe, and prime line in the bath.
+"""Make priming moves before the part: purge over a waste cup, wipe, line in the bath.
 
 A syringe just mounted holds a bubble at its outlet, and its ink begins to flow late: a line beside
 the part takes both. Nothing of it touches the part.

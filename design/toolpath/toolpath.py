@@ -1,4 +1,4 @@
-"""Toolpath: the needle's moves as arrays in the part's frame."""
+"""Data class of a toolpath: the needle's moves as arrays in the part's frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Place several parts in the wells of a plate, with travels raised over the wells' rims."""
+"""Move a part's toolpath to its well of a plate, with a raised travel from the last part."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def place_in_well(
     )
 
 
-def led_to(toolpath: Toolpath, from_mm: FloatArray, trip: Trip) -> tuple[Toolpath, int]:
+def with_approach(toolpath: Toolpath, from_mm: FloatArray, trip: Trip) -> tuple[Toolpath, int]:
     """The toolpath with the way to it in front, and of how many moves that is.
 
     Relieve, straight up, across, straight down, and push out again what was relieved; at the top

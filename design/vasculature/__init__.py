@@ -1,10 +1,22 @@
-"""Vessel trees, grown by constrained constructive optimisation; named example networks."""
+"""Grow vessel trees in a tissue, join them to loops, find collisions; an example network.
+
+Goes in: a tissue and options. Comes out: a `VesselTree` or a `VesselNetwork`. Begin with
+`tree.py`.
+"""
 
 from design.vasculature.collisions.collide import Collisions, check_network, collisions
 from design.vasculature.convert import tree_to_network
 from design.vasculature.growth.forest import RootSpec, forest_to_network, grow_forest
 from design.vasculature.growth.grow import grow_tree
+from design.vasculature.growth.parts import (
+    GrownParts,
+    Inlet,
+    grow_parts,
+    parts_to_network,
+    terminals_of,
+)
 from design.vasculature.growth.printable import PrintableTree, grow_printable
+from design.vasculature.growth.supply import PartSupply, check_parts, check_supply
 from design.vasculature.growth.territories import SupplyBalance, supply_balance
 from design.vasculature.loops.loop_options import LoopOptions
 from design.vasculature.loops.loops import ClosedLoops, close_loops
@@ -27,24 +39,32 @@ __all__ = [
     "Collisions",
     "DepthPenalty",
     "Dimple",
+    "GrownParts",
     "GrowthOptions",
     "GrowthStage",
+    "Inlet",
     "LoopOptions",
+    "PartSupply",
     "PrintableTree",
     "RootSpec",
     "SupplyBalance",
     "VesselTree",
     "check_network",
+    "check_parts",
+    "check_supply",
     "close_loops",
     "collisions",
     "forest_to_network",
     "grow_forest",
+    "grow_parts",
     "grow_printable",
     "grow_tree",
     "mix_trees",
+    "parts_to_network",
     "planar_four_vessel",
     "scaled_to_smallest_radius",
     "supply_balance",
+    "terminals_of",
     "tree_from_topology",
     "tree_radii",
     "tree_to_network",

@@ -1,4 +1,4 @@
-"""Convert a grown vessel tree to a network."""
+"""Convert a grown vessel tree to a network of straight vessels with radii."""
 
 from __future__ import annotations
 

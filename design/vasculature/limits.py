@@ -1,4 +1,4 @@
-"""Limits on a bifurcation: branching angles and flow split."""
+"""Check a user's limits on branching angles and flow split; convert them for kernels."""
 
 from __future__ import annotations
 

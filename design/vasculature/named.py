@@ -1,4 +1,4 @@
-"""Named example networks, such as the planar four-vessel one."""
+"""Build the named example network of four parallel channels in a planar block."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of a grown tree."""
+"""Options of tree growth: terminals, flow, cost exponents, root, clearances, stages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cost factor of a branch point's position, read from a grid."""
+"""Cost factor of a branch point by its depth in the tissue, sampled on a grid."""
 
 from __future__ import annotations
 

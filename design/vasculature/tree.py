@@ -1,4 +1,4 @@
-"""Grown vessel tree: geometry, topology and radius ratios, without absolute radii."""
+"""Data class of a grown tree: segment geometry, topology, flows, radius ratios (no radii)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ratios and radii of a finished tree, from its geometry and topology alone."""
+"""Compute a finished tree's radius ratios and radii from its geometry and topology."""
 
 from __future__ import annotations
 

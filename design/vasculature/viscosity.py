@@ -1,4 +1,4 @@
-r"""Relative viscosity of blood in narrow vessels.
+r"""Compute blood viscosity at a vessel radius and haematocrit, relative to wide vessels.
 
 Pries et al. 1994 (doi 10.1161/01.RES.75.5.904), the in vivo law, with D in µm and the discharge
 haematocrit H:

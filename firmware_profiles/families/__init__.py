@@ -1,4 +1,8 @@
-"""Marlin, Klipper and other firmware: properties and serial protocol of each."""
+"""Firmware families (Marlin, Klipper…): G-code dialect, known commands, serial protocol of each.
+
+Goes in: a printer's profile. Comes out: its `Family`, with dialect, grammar and protocol. Begin
+with `family.py`.
+"""
 
 from firmware_profiles.families.family import Family
 from firmware_profiles.families.link_facts import LinkSetup

@@ -1,4 +1,4 @@
-"""Link protocol shared by RepRapFirmware and Klipper: one line in flight, acknowledged by ``ok``.
+"""Base of RepRapFirmware's and Klipper's link protocols: one G-code line at a time, until its ok.
 
 Neither keeps count of lines as Marlin does: a line number is at most part of a checksum. So
 there is no asking "which line did you take last"; what is done in doubt is each family's own

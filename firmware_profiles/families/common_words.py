@@ -1,4 +1,4 @@
-"""Parameters of the G-codes that most firmware families interpret alike.
+"""Table of the parameter letters of each G-code that most firmware families share.
 
 See `firmware_profiles.families.grammar.Grammar.words` for how they are written.
 """

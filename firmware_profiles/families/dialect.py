@@ -1,4 +1,4 @@
-"""Dialect of a firmware family: G-code at the start and end of a job, and its command words.
+"""G-code that a firmware family needs in a job: header, footer, dwell, units, comment style.
 
 Moves (G0, G1), G4 P in milliseconds, G92 E, G21, G90, M82 and M400 are common to all. M220 and M221
 scale feed and plunger, M200 makes E a volume: what somebody set at the panel or an earlier job left

@@ -1,4 +1,4 @@
-"""Facts about a firmware family, gathered for link, gate, probing and job writing."""
+"""Record type of a firmware family: serial link, known commands, dialect, safety rules, heads."""
 
 from __future__ import annotations
 

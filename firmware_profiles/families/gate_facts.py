@@ -1,4 +1,4 @@
-"""Gate rules of a firmware family: extra codes, queries, and settings reset before a job."""
+"""Per-firmware rules for the command filter: extra codes allowed, pre-job queries and resets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""G-code reading rules of a firmware family, and the commands that it knows."""
+"""Record type of a firmware family's G-code syntax: known commands, their letters, E rule."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Firmware facts needed to write and check a job: idle timeout, cold extrusion, and others."""
+"""Record types for job writing and checks: firmware idle timeout, cold extrusion, head changes."""
 
 from __future__ import annotations
 

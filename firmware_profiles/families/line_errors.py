@@ -1,4 +1,4 @@
-"""Rate of resent lines on a serial link, and the limit at which a print should pause."""
+"""Count resent lines on a serial link; report too many of them within a window of lines."""
 
 from __future__ import annotations
 

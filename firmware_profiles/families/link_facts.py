@@ -1,4 +1,4 @@
-"""Facts that the printer link needs about a firmware family: its protocol and settings."""
+"""Record type of a firmware's serial abilities: its protocol, line pairing, resume, quick stop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Interface of a link protocol: received bytes in, events and bytes to send out, no I/O.
+"""Interface of a printer's serial protocol: received bytes in; events, bytes to send out; no I/O.
 
 A protocol is a state machine. It is told what the printer said (`feed`) and what time it is, and
 answers with events; what must be written is collected in `take_output`; `deadline` says when it

@@ -1,4 +1,4 @@
-"""Queries of a firmware family's settings, and the format of its replies."""
+"""Record type of a firmware's settings queries, and reply phrases mapped to profile keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Discover firmware families: each package beside this file is one."""
+"""Find firmware families by name or printer profile; each package beside this file is one."""
 
 from __future__ import annotations
 

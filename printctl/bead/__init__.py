@@ -1,6 +1,10 @@
-"""Predicted ink of a print job: tables, pictures and voxels from `sim.bead`."""
+"""Predict the ink that a G-code job deposits; write tables, plots, voxels and a playback page.
 
-from printctl.bead.bundles import of_bundles
+Goes in: a simulated G-code file and an ink. Comes out: predicted ink as tables, pictures, voxels.
+Begin with `predict.py`.
+"""
+
+from printctl.bead.bundles import merge_bundles
 from printctl.bead.filaments import written_filaments
 from printctl.bead.files import PLAYED, OutputFiles, write_prediction
 from printctl.bead.lag import ChosenLag, lag_of
@@ -18,7 +22,7 @@ __all__ = [
     "VesselDiameters",
     "bead_warnings",
     "lag_of",
-    "of_bundles",
+    "merge_bundles",
     "predict_job",
     "prediction_facts",
     "prediction_lines",

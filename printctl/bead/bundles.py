@@ -1,4 +1,4 @@
-"""Predicted diameters of vessels that are printed as several strands."""
+"""Merge the predicted diameters of a vessel's several strands into one diameter per vessel."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from printctl.bead.vessels import VesselDiameters
 IntArray = NDArray[np.int64]
 
 
-def of_bundles(found: VesselDiameters, owner: IntArray) -> VesselDiameters:
+def merge_bundles(found: VesselDiameters, owner: IntArray) -> VesselDiameters:
     """Strands as the vessels that they make up: areas add, the worst strand speaks for all.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Convert predicted ink to the filaments that `printctl.lumens` measures."""
+"""Convert predicted embedded beads to round filaments for `printctl.lumens` to measure."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from printctl.lumens.filaments import Filaments
-from printctl.lumens.heads import stacked_filaments
 from sim.bead import Bead
+from sim.deposit.strands import Strands
 
 
-def written_filaments(beads: Sequence[Bead], swell: Sequence[float] | None = None) -> Filaments:
+def written_filaments(beads: Sequence[Bead], swell: Sequence[float] | None = None) -> Strands:
     """Convert the beads written by a file to filaments; without oozed threads and drops.
 
     Parameters
@@ -25,13 +24,15 @@ def written_filaments(beads: Sequence[Bead], swell: Sequence[float] | None = Non
     each = []
     for bead, factor in zip(beads, factors, strict=True):
         rows = np.flatnonzero(bead.writes & bead.lays)
+        area = np.pi / 4 * (bead.width_mm[rows] * factor) ** 2
         each.append(
-            Filaments(
+            Strands(
                 bead.pieces.start[rows],
                 bead.pieces.end[rows],
-                bead.width_mm[rows] / 2 * factor,
+                area * bead.pieces.length[rows],
+                area,
                 bead.stroke[rows],
                 bead.line[rows],
             )
         )
-    return stacked_filaments(each)
+    return Strands.joined(each)

@@ -1,4 +1,4 @@
-"""Write all files of an ink prediction to one folder."""
+"""Write an ink prediction to a folder: CSV tables, playback page, time plots, optional voxels."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from printctl.bead.play import played
+from printctl.bead.play import make_playback
 from printctl.bead.predict import InkPrediction
 from printctl.bead.tables import write_bead_csv, write_layers_csv, write_vessels_csv
 from printctl.bead.time_line import write_time_line
 from printctl.bead.vessels import VesselDiameters
 from printctl.bead.volumes import write_surface, write_voxels
 from registration.report.play import save_played, write_play_html
-from sim.bead import laid_deposit, swell
+from sim.bead import bead_deposit, swell
 
 PLAY_PAGE: Final = "dry_run.html"
 """The page with the slider."""
@@ -98,7 +98,7 @@ def write_prediction(
         names.append(f"time_line{head}.png")
         write_time_line(folder / names[-1], one, wanted.window_s)
         if wanted.voxel_mm is not None and np.any(one.bead.lays):
-            laid = laid_deposit(one.bead, wanted.voxel_mm, swell(one.mounting.ink)[0])
+            laid = bead_deposit(one.bead, wanted.voxel_mm, swell(one.mounting.ink)[0])
             write_voxels(folder / f"predicted{head}.nrrd", laid)
             write_surface(folder / f"predicted{head}.ply", laid)
             names += [f"predicted{head}.nrrd", f"predicted{head}.ply"]
@@ -115,7 +115,7 @@ def _write_play(
     if not any(np.any(one.bead.lays & one.bead.writes) for one in all_heads):
         return []
     held = {head: late for head, late, _ in vessels}
-    shown = played(all_heads, facts, held, wanted.remarks)
+    shown = make_playback(all_heads, facts, held, wanted.remarks)
     write_play_html(folder / PLAY_PAGE, shown, wanted.title)
     if not wanted.keep_play:
         return [PLAY_PAGE]

@@ -1,4 +1,4 @@
-"""Choose the pressure lag of an ink, syringe and needle, with its uncertainty."""
+"""Choose the pressure lag for a prediction: the user's value, else the ink profile's, else 0 s."""
 
 from __future__ import annotations
 

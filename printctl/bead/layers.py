@@ -1,4 +1,4 @@
-"""Predicted ink volume and line width of each layer, compared with the plunger's volume."""
+"""Table of predicted ink volume and line width by layer, with and without pressure lag."""
 
 from __future__ import annotations
 

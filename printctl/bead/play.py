@@ -1,4 +1,4 @@
-"""Playback of a predicted print: the ink of all heads in order of time."""
+"""Build the playback data of a predicted print: all heads' deposited ink in order of time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _WAY_MM: Final = 1e-9
 _ROUNDED_MM: Final = 1e-4
 
 
-def played(
+def make_playback(
     all_heads: Sequence[InkPrediction],
     facts: Sequence[Mapping[str, Any]],
     vessels: Mapping[int, VesselDiameters],

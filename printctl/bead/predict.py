@@ -16,7 +16,7 @@ from printctl.bead.lag import ChosenLag, lag_of
 from printctl.errors import UsageError
 from printctl.gcode_view.line_map import LineMap
 from printctl.gcode_view.widths import cross_sections
-from printctl.lumens.heads import of_heads
+from printctl.lumens.heads import split_by_head
 from sim.bead import Bead, advance_of, cut, nozzle_of, predict_bead
 from sim.bead.pieces import median_flow
 from sim.deposit.lay import Style
@@ -118,7 +118,7 @@ def predict_job(
     ProfileError
         When a pneumatic head's pressure doesn't move its ink.
     """
-    views = of_heads(run, printer) if printer.heads else [run]
+    views = split_by_head(run, printer) if printer.heads else [run]
     found = [
         _of_head(number, view, gcode, printer, mounted, line_map, lag_s)
         for number, (view, mounted) in enumerate(zip(views, mountings, strict=True))
@@ -195,7 +195,7 @@ def _asked(run: DryRun, motion: ExecutedMotion, bead: Bead, area_mm2: float) -> 
     Over a window of `SMOOTHING_MM` at least, as the bead itself has it: short lines round E.
     """
     program = run.program
-    before = np.vstack([program.start[None, :3], program.target[:-1, :3]])
+    before = program.before[:, :3]
     way = np.linalg.norm(program.target[:, :3] - before, axis=1)
     push = np.diff(program.plunger, prepend=0.0) * area_mm2
     those = np.flatnonzero((way > 1e-9) & (push > 0))

@@ -1,4 +1,4 @@
-"""Write predicted ink and vessels as CSV."""
+"""Write predicted ink as CSV tables: by piece or line, by vessel, and by layer."""
 
 from __future__ import annotations
 

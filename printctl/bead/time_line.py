@@ -1,4 +1,4 @@
-"""Plot speed, flow and pressure over a job's time, with passes or layers marked (PNG)."""
+"""Plot a head's predicted tip speed, flow and pressure over time, strokes marked (PNG)."""
 
 from __future__ import annotations
 

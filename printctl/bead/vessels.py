@@ -1,4 +1,4 @@
-"""Predicted diameter along each designed vessel."""
+"""Compare the predicted ink diameter along each vessel with its designed diameter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Warnings about the predicted ink, each with its G-code line."""
+"""Warnings from an ink prediction: oozing, wrong widths, lag, pressure, bath; with G-code lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Calibration: machine and ink constants fitted to measurements, each with its uncertainty."""
+"""Calibrate machine and ink: write test prints, fit constants with intervals, correct profiles.
+
+Goes in: readings as CSV. Comes out: constants with intervals, test prints, corrected profiles.
+Begin with `results.py`.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Fit level planes to touched points: tilt of bed and bath, and bath depth."""
+"""Fit planes to touched points: tilt of bed and bath surface, and bath depth."""
 
 from __future__ import annotations
 

@@ -1,11 +1,10 @@
-"""Toolpaths of calibration tests, from the tip's present position.
+"""Toolpaths of the weighing, backlash and lag calibration tests, from the tip's position.
 
 The G-code writer of every print turns them into the firmware's words.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 import numpy as np
@@ -59,7 +58,7 @@ def backlash_path(
     targets = np.repeat(np.asarray(targets_mm, dtype=np.float64), 2)
     approach = np.tile([1.0, -1.0], len(targets) // 2)
     builder = MoveBuilder((0, 0, 0), "layer")
-    at, per_mm = 0.0, math.pi / 4 * syringe.inner_mm**2
+    at, per_mm = 0.0, syringe.area_mm2
     for target, side in zip(targets.tolist(), approach.tolist(), strict=True):
         for place in (target - side * overshoot_mm, target):
             if axis == "e":

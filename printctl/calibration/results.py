@@ -1,8 +1,7 @@
-"""Calibration results: named values with intervals, and notes."""
+"""Fit calibration readings (weighing, dial, touches); report values with intervals, and notes."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,7 +56,7 @@ def weighing_result(found: Weighing, printer: Printer, syringe: Syringe) -> Resu
     }
     if found.lost_ul is not None:
         lines["missing from each dose"] = found.lost_ul
-    nominal = math.pi / 4 * syringe.inner_mm**2
+    nominal = syringe.area_mm2
     agrees = found.ul_per_mm.holds(nominal)
     notes = (
         f"one dose scatters by {found.scatter_ul:.3g} µL",
@@ -109,7 +108,7 @@ def level_result(data: Readings, width_mm: float, depth_mm: float) -> Result:
     return Result(lines, tuple(notes))
 
 
-def touched_by_two(data: Readings) -> tuple[tuple[str, str], list[np.ndarray]]:
+def split_touches(data: Readings) -> tuple[tuple[str, str], list[np.ndarray]]:
     """Names of the two needles, and where each touched, (n, 3) mm.
 
     Raises
@@ -135,7 +134,7 @@ def offset_result(data: Readings) -> Result:
     ------
     UsageError
     """
-    (one, other), (first, second) = touched_by_two(data)
+    (one, other), (first, second) = split_touches(data)
     found = fit_offset(first, second, max(data.last_digit.values()))
     lines = {f"{other} less {one}, {axis}": e for axis, e in zip("xyz", found, strict=True)}
     return Result(lines, (f"add it to place_mm when {other} prints what {one} was set up for",))

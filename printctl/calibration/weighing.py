@@ -43,7 +43,7 @@ class Weighing:
 
     def steps_per_mm(self, printer: Printer, syringe: Syringe) -> Estimate:
         """Steps/mm that make travel true, where the bore is right: steps × (πD²/4)/k."""
-        area = math.pi / 4 * syringe.inner_mm**2
+        area = syringe.area_mm2
         k = self.ul_per_mm
         value, high, low = (printer.steps_per_mm.e * area / x for x in (k.value, k.low, k.high))
         return Estimate(value, low, high, "steps/mm")

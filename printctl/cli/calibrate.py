@@ -1,4 +1,4 @@
-"""`printctl calibrate`: write a test print, read its measurements, fit a constant.
+"""`printctl calibrate`: group of subcommands that measure constants of printer, ink and scanner.
 
 A subcommand with a test has two ways: ``--gcode FILE`` writes the G-code and, beside it, a CSV file
 to fill in; with that file as argument it fits. No profile is written but with ``--write``.

@@ -1,4 +1,4 @@
-"""`printctl calibrate weigh` for a pneumatic head: its flow at the set pressure."""
+"""`printctl calibrate weigh` for a pneumatic head: fit its flow from weighed, timed doses."""
 
 from __future__ import annotations
 

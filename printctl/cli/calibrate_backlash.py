@@ -1,4 +1,4 @@
-"""`printctl calibrate backlash`: backlash and scale of an axis."""
+"""`printctl calibrate backlash`: write an axis test, or fit backlash and scale from readings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl calibrate board` and `camera`: a board to print, a camera's scale and distortion."""
+"""`printctl calibrate board`, `camera`: draw a board; fit camera scale and distortion to photos."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import cv2
 import typer
 from PIL import Image
 
-from design.files import replacing
+from design.files import atomic_replacement
 from printctl.calibration import Estimate
 from printctl.cli.calibrate_options import numbers_of, print_estimates
 from printctl.cli.options import JsonFlag, messages
@@ -57,7 +57,7 @@ def board(
             "wide (4 wanted); raise --dpi or --square-mm"
         )
     picture = board_picture(asked, dpi)
-    with replacing(out) as draft:
+    with atomic_replacement(out) as draft:
         Image.fromarray(picture).save(draft, "PNG", dpi=(dpi, dpi))
     messages().print(f"wrote {out}: print it at 100 %", markup=False)
 

@@ -1,4 +1,4 @@
-"""`printctl calibrate lag`: pressure lag and flow factor, from one printed line."""
+"""`printctl calibrate lag`: write a test, or fit pressure lag and flow factor to line widths."""
 
 from __future__ import annotations
 

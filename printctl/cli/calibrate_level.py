@@ -1,4 +1,4 @@
-"""`printctl calibrate level`: level of bed and bath, and depth of the bath."""
+"""`printctl calibrate level`: fit slopes of bed and bath, and bath depth, to touched points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl calibrate oct`: distortion (fan, bow) and scales of an OCT device."""
+"""`printctl calibrate oct`: fit an OCT device's distortion and scales to grid and step scans."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl calibrate offset`: offset of one needle's tip from another's."""
+"""`printctl calibrate offset`: fit the offset between two needle tips to touch-off readings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import typer
 
 from firmware_profiles import Printer, load
 from printctl.calibration import Estimate, fit_offset
-from printctl.calibration.results import offset_result, touched_by_two
+from printctl.calibration.results import offset_result, split_touches
 from printctl.cli.calibrate_files import write_changed
 from printctl.cli.calibrate_options import Csv, Write, print_estimates, read_csv_argument
 from printctl.cli.options import JsonFlag
@@ -37,7 +37,7 @@ def offset(
         raise UsageError("--write needs the profile that is to be mended; give --printer")
     data = read_csv_argument(readings, ("x_mm", "y_mm", "z_mm"), ("needle",))
     if printer is not None:
-        _, (first, second) = touched_by_two(data)
+        _, (first, second) = split_touches(data)
         last_digit = max(data.last_digit.values())
         # The carriage stands so much less far as the tip stands out: the other way round.
         _of_head(

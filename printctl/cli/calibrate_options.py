@@ -1,4 +1,4 @@
-"""Options shared by the subcommands of `printctl calibrate`."""
+"""Options, CSV reading and result printing shared by subcommands of `printctl calibrate`."""
 
 from __future__ import annotations
 

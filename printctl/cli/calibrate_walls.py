@@ -1,4 +1,4 @@
-"""`printctl calibrate walls`: a scanner's wall offset, from scans of known channels."""
+"""`printctl calibrate walls`: fit a scanner's wall offset to registered scans of known channels."""
 
 from __future__ import annotations
 

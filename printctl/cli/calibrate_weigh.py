@@ -1,4 +1,4 @@
-"""`printctl calibrate weigh`: steps per µL by weight, or a pneumatic head's flow."""
+"""`printctl calibrate weigh`: write a dosing test, or fit steps per µL to weighed doses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl calibrate widths`: evaluate a calibration print, from typed widths or its picture."""
+"""`printctl calibrate widths`: ink constants from a calibration print's widths or picture."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from printctl.cli.completing import matching_words, with_profiles
+from printctl.cli.completion import matching_words, with_profiles
 from printctl.cli.manual import with_manual
 from printctl.cli.summaries import summary
 

@@ -1,4 +1,4 @@
-"""`printctl compare`: compare several prints of one design."""
+"""`printctl compare`: shared deviations, spread, drift and gauge study of one design's prints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl compensate`: corrections for the next print from earlier scanned prints."""
+"""`printctl compensate`: write toolpath corrections for the next print from registered prints."""
 
 from __future__ import annotations
 

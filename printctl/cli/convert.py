@@ -1,4 +1,4 @@
-"""`printctl convert`: convert a network between file formats."""
+"""`printctl convert`: convert a vessel network between file formats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl design`: tissue, network, flow and solids of a recipe."""
+"""`printctl design`: make network, flow table and solid files of a recipe, without printing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl doctor`: whether this machine is fit to design and to print."""
+"""`printctl doctor`: check that this computer can design and print."""
 
 from __future__ import annotations
 

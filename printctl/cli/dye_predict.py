@@ -13,7 +13,7 @@ from design.units import UL_S_PER_ML_MIN, LengthUnit
 from printctl.cli.options import messages, print_json, print_lines
 from printctl.dye import CURVES, FRONT, PICTURE, Place, lumens_of, write_front
 from printctl.errors import UsageError
-from registration.dye.predict import carried_beside, carrying_flow
+from registration.dye.predict import carrying_flow, solve_without_closed
 
 _USUAL_ML_MIN = 0.25
 
@@ -46,7 +46,7 @@ def predict_front(asked: FrontOptions, as_json: bool) -> None:
     network = lumens.network
     places = tuple(_place(text, network) for text in asked.at)
     flow = (
-        carried_beside(network, None, lumens.closed)
+        solve_without_closed(network, None, lumens.closed)
         if lumens.closed
         else carrying_flow(network, None)
     )

@@ -3,24 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Final
 
 import typer
 
-from printctl.cli import flow_match
 from printctl.cli import flow_options as options
-from printctl.cli.flow_case import is_svzerod, run_case
-from printctl.cli.flow_part import part_of
-from printctl.cli.flow_printed import run_as_printed
-from printctl.cli.flow_ranks import ExternalSolvers, run_external_solvers
-from printctl.cli.flow_solve import FlowOutput, pulsatile, space, steady, waves
+from printctl.cli.flow_case import read_case, run_case
+from printctl.cli.flow_output import FlowOutput
 from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.options import JsonFlag, print_json, print_lines
-from printctl.errors import UsageError
-from printctl.networks import Drive, load_source
-
-FILLET: Final = 0.5
-"""Of a network that no recipe rounds."""
 
 
 def flow(
@@ -67,10 +57,11 @@ def flow(
     ranks_python: options.PythonOption = None,
     slurm: options.SlurmOption = None,
     svmultiphysics: options.SvmultiphysicsOption = None,
-    match_split: flow_match.MatchFlag = False,
-    want: flow_match.WantOption = None,
-    match_percent: flow_match.PercentOption = None,
-    least_lumen_mm: flow_match.LeastOption = None,
+    match_split: options.MatchFlag = False,
+    want: options.WantOption = None,
+    match_percent: options.PercentOption = None,
+    least_lumen_mm: options.LeastOption = None,
+    results: options.ResultsOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Solve the flow in a network: lumped; as waves (--one-d); in the lumens' space (--three-d).
@@ -78,30 +69,14 @@ def flow(
     Steady, and in pulses, too, where a wave is given. --as-printed takes a registered run. An
     input file of svZeroDSolver (.json) is stepped through its cycles instead.
     """
-    if is_svzerod(network):
-        _say(run_case(network, out), as_json)
+    case = read_case(network)
+    if case is not None:
+        _say(run_case(context, case, network, out), as_json)
         return
-    if as_printed:
-        found = FlowOutput()
-        run_as_printed(context, network, out, found)
-        _say(found, as_json)
-        return
-    if scanned:
-        raise UsageError("--scanned is for --as-printed --three-d; add these, or leave it out")
-    # Options are a recipe's section under the same names: `part_of` takes them by name.
-    part = part_of(context.params)
-    fillet = FILLET if fillet_ratio is None else fillet_ratio
-    source = load_source(network, unit, Drive(part.inlet_flow_ml_min, part.viscosity_mpa_s))
-    found = FlowOutput()
-    steady(source.network, part, out, found)
-    pulsatile(source.network, part, out, svzerod, found)
-    waves(source.network, part, out, svoned, found)
-    space(source.network, part, out, fillet, found)
-    elsewhere = ExternalSolvers(out, fillet, ranks, ranks_python, slurm, svmultiphysics)
-    run_external_solvers(source.network, part, elsewhere, found)
-    matched = flow_match.Match(match_split, want, match_percent, least_lumen_mm)
-    flow_match.match(source.network, part, out, fillet, matched, found)
-    _say(found, as_json)
+    # Loaded late: a case of svZeroDSolver needs no network, mesh or figure.
+    from printctl.cli.flow_network import run_network
+
+    _say(run_network(context, network, out), as_json)
 
 
 def _say(found: FlowOutput, as_json: bool) -> None:

@@ -1,49 +1,81 @@
-"""`printctl flow` on an input file of svZeroDSolver."""
+"""`printctl flow` on an svZeroDSolver input file: run its cycles, write the last one as CSV."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any, Final
 
-from design.hemodynamics.zero_d.svzerod import read_svzerod, run_svzerod, write_svzerod_csv
-from printctl.cli.flow_solve import FlowOutput
+import typer
+
+from design.errors import FlowError
+from design.hemodynamics.zero_d import svzerod
+from kernels import without_numba
+from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
+from printctl.errors import UsageError
 
-CASE = "svzerod.csv"
+CASE: Final = "svzerod"
+_FOR_CASES: Final = ("network", "out", "results", "as_json")
+_MARKS: Final = (
+    {"boundary_conditions", "vessels"},
+    {"boundary_conditions", "simulation_parameters"},
+)
 
 
-def is_svzerod(path: Path) -> bool:
-    """Whether a file is an input of svZeroDSolver."""
+def read_case(path: Path) -> dict[str, Any] | None:
+    """Return the JSON of an input file of svZeroDSolver; None for any other file."""
     if path.suffix.lower() != ".json" or not path.is_file():
-        return False
+        return None
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except ValueError:
-        return False
-    return isinstance(data, dict) and {"boundary_conditions", "vessels"} <= set(data)
+        return None
+    known = isinstance(data, dict) and any(marks <= set(data) for marks in _MARKS)
+    return data if known else None
 
 
-def run_case(path: Path, out: Path) -> FlowOutput:
-    """Step through the file's cycles and write the last one.
+def run_case(context: typer.Context, data: dict[str, Any], path: Path, out: Path) -> FlowOutput:
+    """Step through the file's cycles and write what it asks for.
 
     Raises
     ------
+    UsageError
+        For an option that is for networks.
     FlowError, OSError
-        As `read_svzerod` and `run_svzerod`.
+        As `case_of`, `run_svzerod` and the writers.
     """
-    case = read_svzerod(path)
-    stepped = run_svzerod(case)
+    _refuse_idle(context)
+    without_numba()  # before the package loads its solver
+    try:
+        case = svzerod.case_of(data)
+        stepped = svzerod.run_svzerod(case)
+    except FlowError as exc:
+        raise FlowError(f"{path}: {exc}") from exc
+    kind = context.params["results"] or "csv"
+    file = out / f"{CASE}.{kind}"
     out.mkdir(parents=True, exist_ok=True)
-    write_svzerod_csv(out / CASE, case, stepped)
+    write = svzerod.write_svzerod_npz if kind == "npz" else svzerod.write_svzerod_csv
+    write(file, svzerod.result_table(case, stepped))
     told = {
-        "vessels": len(case.names),
-        "cycles": len(stepped.change),
-        "last_change": float(stepped.change[-1]),
+        "vessels": case.vessels,
+        "cycles": stepped.cycles,
+        "last_change": stepped.change,
         "periodic": stepped.periodic,
     }
     if not stepped.periodic:
         messages().print(
-            f"the last cycle still changed by {stepped.change[-1]:.2g} of the largest value: the "
+            f"the last cycle still changed by {stepped.change:.2g} of the largest value: the "
             "file's number_of_cardiac_cycles is too small for a periodic state", style="yellow"
         )  # fmt: skip
-    return FlowOutput(told, [out / CASE])
+    return FlowOutput(told, [file])
+
+
+def _refuse_idle(context: typer.Context) -> None:
+    for name in context.params:
+        source = context.get_parameter_source(name)
+        if name not in _FOR_CASES and source is not None and source.name == "COMMANDLINE":
+            raise UsageError(
+                f"--{name.replace('_', '-')} is for networks; a case of svZeroDSolver says all "
+                "by itself"
+            )

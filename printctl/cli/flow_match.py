@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from design.network import VesselNetwork
-from printctl.cli.flow_solve import FlowOutput
+from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
 from printctl.errors import UsageError
 from printctl.flow import steady_conditions
@@ -17,22 +14,6 @@ from printctl.flow.match import HISTORY, MATCHED, VESSELS, match_and_write, opti
 from printctl.flow.three_d import SHARP
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ThreeDPart
-
-MatchFlag = Annotated[
-    bool, typer.Option("--match-split", help="Adjust radii until 3D divides as 0D, or --want.")
-]
-WantOption = Annotated[
-    list[str] | None,
-    typer.Option("--want", metavar="NODE,ML_MIN", help="Flow wanted at an outlet; again for more."),
-]
-PercentOption = Annotated[
-    float | None,
-    typer.Option("--match-percent", help="Largest deviation, of the inlet's flow; 0.5."),
-]
-LeastOption = Annotated[
-    float | None,
-    typer.Option("--least-lumen-mm", min=0.0, help="Smallest diameter that can be printed."),
-]
 
 _PERCENT = 0.5
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -140,4 +140,23 @@ PythonOption = Annotated[
 SvmultiphysicsOption = Annotated[
     Path | None,
     typer.Option("--svmultiphysics", help="Write the pulsatile 3D case for svMultiPhysics here."),
+]
+MatchFlag = Annotated[
+    bool, typer.Option("--match-split", help="Adjust radii until 3D divides as 0D, or --want.")
+]
+WantOption = Annotated[
+    list[str] | None,
+    typer.Option("--want", metavar="NODE,ML_MIN", help="Flow wanted at an outlet; again for more."),
+]
+PercentOption = Annotated[
+    float | None,
+    typer.Option("--match-percent", help="Largest deviation, of the inlet's flow; 0.5."),
+]
+LeastOption = Annotated[
+    float | None,
+    typer.Option("--least-lumen-mm", min=0.0, help="Smallest diameter that can be printed."),
+]
+ResultsOption = Annotated[
+    Literal["csv", "npz"] | None,
+    typer.Option("--results", help="Of a case of svZeroDSolver: csv, or npz (NumPy, fast)."),
 ]

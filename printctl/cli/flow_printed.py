@@ -1,4 +1,4 @@
-"""`printctl flow RUN --as-printed`: flow in the designed and in the printed lumens."""
+"""`printctl flow RUN --as-printed`: solve the flow in a run's designed and printed lumens."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import typer
 
+from printctl.cli.flow_output import FlowOutput
 from printctl.cli.flow_part import part_of
-from printctl.cli.flow_solve import FlowOutput
 from printctl.cli.options import messages
 from printctl.errors import UsageError
 from printctl.flow.printed_case import PrintedCase, recipe_of, solve_as_printed

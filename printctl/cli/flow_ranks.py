@@ -1,4 +1,4 @@
-"""`printctl flow` in 3D by other programs: MPI solver here or on a cluster, svMultiPhysics."""
+"""Extra 3D solvers of `printctl flow`: run by MPI, write SLURM and svMultiPhysics files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from design.hemodynamics.three_d.ranks import rank_conditions, write_case
 from design.hemodynamics.three_d.svmultiphysics import write_svmultiphysics
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
-from printctl.cli.flow_solve import FlowOutput
+from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
 from printctl.flow import pulsatile_conditions, steady_conditions
 from printctl.flow.ranks import SlurmJob, run_on_ranks, write_slurm

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from design.hemodynamics import write_svoned
 from design.hemodynamics.zero_d.svzerod import write_svzerod
 from design.network import VesselNetwork
+from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
 from printctl.flow import (
     ONE_D,
@@ -26,14 +25,6 @@ from printctl.flow import (
 from printctl.flow.fidelities import Case, solve_fidelities
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.waves import OneDPart
-
-
-@dataclass
-class FlowOutput:
-    """What is said at the end: numbers, those of other fidelities in dicts, and files."""
-
-    summary: dict[str, Any] = field(default_factory=dict)
-    files: list[Path] = field(default_factory=list)
 
 
 def steady(network: VesselNetwork, part: FlowPart, out: Path, found: FlowOutput) -> None:

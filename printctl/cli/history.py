@@ -1,4 +1,4 @@
-"""`printctl history`: list past prints with user, printer, time and outcome."""
+"""`printctl history`: list, filter and export past prints; rebuild the list from journals."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from printctl.cli.history_options import (
 from printctl.cli.history_records import bundle, key, repeat, show, verify
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.errors import UsageError
+from printctl.link.find_link import alive
 from printctl.link.history import PrintHistory
 from printctl.link.history_entry import INTERRUPTED, PrintEntry
 from printctl.link.history_query import HistoryQuery, SortBy
-from printctl.link.reach import alive
 from printctl.link.record import JOURNAL
 from printctl.records.table import csv_lines, local_time
 

@@ -1,4 +1,4 @@
-"""`printctl init`: a commented recipe to start from."""
+"""`printctl init`: write a commented starter recipe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compile the kernels that a command needs before it starts, with a progress bar.
+"""Compile missing numba kernels before a command starts, with a progress bar.
 
 `kernels` is imported when called: a command that refuses its input, or tells its help, waits for no
 compiler.

@@ -17,7 +17,6 @@ from printctl.errors import UsageError
 from printctl.gcode_view import read_line_map
 from printctl.gcode_view.levels import is_flat
 from printctl.lumens import (
-    Filaments,
     Writing,
     WrittenLines,
     find_filament_place,
@@ -28,6 +27,7 @@ from printctl.networks.formats import read_network
 from printctl.run_folder.artefacts import NETWORK, SURFACE
 from printctl.run_folder.manifest import MANIFEST
 from printctl.set_up.by_name import of_each
+from sim.deposit.strands import Strands
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def place_of_layers(text: str | None, lines: WrittenLines, part: Solid | None) -
     return find_place(lines, part)
 
 
-def place_of_filaments(text: str | None, found: Filaments, network: VesselNetwork) -> np.ndarray:
+def place_of_filaments(text: str | None, found: Strands, network: VesselNetwork) -> np.ndarray:
     """The part's origin: as said, or where the filaments lie over the network's axes."""
     if text is not None:
         return np.array(three_numbers(text, "--place"))

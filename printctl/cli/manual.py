@@ -1,4 +1,4 @@
-"""Epilogue of every command's help: examples and exit codes."""
+"""Append usage examples and exit codes to the help of each command."""
 
 from __future__ import annotations
 

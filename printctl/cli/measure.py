@@ -1,4 +1,4 @@
-"""`printctl measure`: geometry of a network, and its supply of the tissue."""
+"""`printctl measure`: distances, densities, branching, flow and oxygen of a network in tissue."""
 
 from __future__ import annotations
 

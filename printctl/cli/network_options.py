@@ -1,4 +1,4 @@
-"""Options that the commands about networks share."""
+"""Options shared by commands on vessel networks: file, unit, tissue mesh, inlet flow, viscosity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl overlay`: compare a scan with the G-code, layer by layer."""
+"""`printctl overlay`: gaps and misplaced gel in a scan, layer by layer against the G-code."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from printctl.cli.scan_options import (
     ScanFile,
     VoxelUm,
     WallsFile,
-    said_of_counts,
-    said_of_scan,
+    count_overrides,
+    scan_overrides,
 )
 from printctl.pipeline.overlay_files import HTML, summary_lines, write_overlay
 from printctl.pipeline.overlaying import chosen_layers, overlay_scan
@@ -91,8 +91,8 @@ def overlay(
     known = None if pose is None else read_pose(pose, fit)
     run = read_written(model, messages(), fit)
     chosen = chosen_layers(run.layers, layer or [])
-    counts = said_of_counts(db_range, count_range, counts_per_db, db_at_zero)
-    said = said_of_scan(
+    counts = count_overrides(db_range, count_range, counts_per_db, db_at_zero)
+    said = scan_overrides(
         voxel_um,
         refractive_index,
         optical_depth,

@@ -1,4 +1,4 @@
-"""`printctl oxygen`: oxygen supply of the tissue by the vessels."""
+"""`printctl oxygen`: solve oxygen in vessels and tissue of a network; report hypoxic tissue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl pause`: pause a print."""
+"""`printctl pause`: pause a print now, or after the present layer or vessel."""
 
 from __future__ import annotations
 

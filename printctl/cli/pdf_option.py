@@ -1,4 +1,4 @@
-"""Command-line option ``--pdf``, refused where reportlab isn't installed."""
+"""Command-line option ``--pdf``, refused if reportlab isn't installed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text lines that name vessels and joints omitted from an embedded plan."""
+"""Terminal lines naming vessels left unwritten and joints left open by an embedded toolpath."""
 
 from __future__ import annotations
 

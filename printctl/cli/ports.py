@@ -8,7 +8,7 @@ import typer
 
 from firmware_profiles import Printer, load, shipped
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.link.finding import AUTO, locate, matches
+from printctl.link.port_detection import AUTO, locate, matches
 from printctl.link.ports import PortInfo, list_ports
 
 

@@ -1,4 +1,4 @@
-"""`printctl print`: send a G-code file to a printer."""
+"""`printctl print`: check a G-code file, print it, follow the print to its end."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ from printctl.cli.set_up_options import (
     DishOption,
     NeedleOption,
 )
-from printctl.cli.start_of import start_of
+from printctl.cli.start_position import read_start_position
 from printctl.link.care import Care
 from printctl.link.families import refuse_unsent
-from printctl.link.finding import named_port, read_baud
 from printctl.link.job import load_job
+from printctl.link.port_detection import named_port, read_baud
 from printctl.link.states import PrintOutcome
 from printctl.preflight import SetUp, file_checks, refuse_failed, warnings
 from printctl.preflight.shaft_file import file_shaft
@@ -119,7 +119,7 @@ def print_job(
     profile = load(Printer, printer)
     refuse_unsent(profile, str(file))
     place = folder if folder is not None else file.with_name(file.name + ".print")
-    tip = start_of(file, profile, start)
+    tip = read_start_position(file, profile, start)
     loads = loads_of(profile, syringe, ink, needle)
     usable = [usable_mm(one.syringe, profile.of_head(k)) for k, one in enumerate(loads)]
     names = of_each(profile, syringe, "--syringe")

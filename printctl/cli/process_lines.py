@@ -1,4 +1,4 @@
-"""Text lines about a simulated print: time, ink and needle."""
+"""Terminal lines of a dry run: print time, ink against syringe fillings, needle shaft contacts."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from design.files import write_text
 from firmware_profiles import Printer, load
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.link.families import link_facts
-from printctl.probing import Row, ask_settings, compare, corrected_profile
+from printctl.probing import Row, compare, corrected_profile, query_settings
 
 
 def probe(
@@ -38,7 +38,7 @@ def probe(
     something differs.
     """
     printer = load(Printer, profile)
-    told = ask_settings(port, printer, baud)
+    told = query_settings(port, printer, baud)
     rows = compare(told, printer)
     kin = link_facts(printer).says in told.firmware.lower()
     differs = [row for row in rows if not row.same]

@@ -1,4 +1,4 @@
-"""`--progress-file`: progress for other programs (`printctl.progress_file`)."""
+"""`--progress-file` option: write a command's progress to a file for other programs to read."""
 
 from __future__ import annotations
 

@@ -8,7 +8,6 @@ from typing import Any, Final
 
 import typer
 
-from printctl.ahead import SecondProcess
 from printctl.cli.kernels_ready import have_kernels
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
@@ -44,11 +43,12 @@ from printctl.cli.scan_options import (
     ScanFile,
     VoxelUm,
     WallsFile,
-    said_of_counts,
-    said_of_scan,
+    count_overrides,
+    scan_overrides,
 )
 from printctl.collection import collected_rarely
 from printctl.run_folder.artefacts import HTML, PDF
+from printctl.second_process import SecondProcess
 
 PAGES: Final = "printctl.pipeline.registration_pages"
 """What draws, in the second process; loading it takes seconds, as the search for the pose does."""
@@ -104,7 +104,7 @@ def register(
         drawn = second.call(PAGES, "network_drawing", design.vessels)
         # Loaded only now, beside what the second process loads.
         from printctl.cli.datum_options import datums_of
-        from printctl.cli.record_option import read_record
+        from printctl.cli.part_file import read_record
         from printctl.cli.register_work import (
             Measuring,
             judge_registration,
@@ -117,8 +117,8 @@ def register(
         stated = RecordPart() if record is None else read_record(record)
         limits = tolerances_of(tolerance, tolerance_um, diameter_tolerance_percent)
         limits.check_network(design.vessels)
-        counts = said_of_counts(db_range, count_range, counts_per_db, db_at_zero)
-        said = said_of_scan(voxel_um, refractive_index, optical_depth, modality, scale, axes,
+        counts = count_overrides(db_range, count_range, counts_per_db, db_at_zero)
+        said = scan_overrides(voxel_um, refractive_index, optical_depth, modality, scale, axes,
                             depth_down, mirrored, counts)  # fmt: skip
         laid_on = datums_of(datums, design.vessels)
         how = Measuring(scan, said, oct_calibration, walls, air_above, filled, laid_on)

@@ -1,4 +1,4 @@
-"""`printctl reload`: change the syringe during a print."""
+"""`printctl reload`: pause a print at its next reload point for a new syringe."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from printctl.cli.options import print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import UsageError
 from printctl.link.client import attach
-from printctl.print_state.continuing import continue_print
+from printctl.print_state.continue_print import continue_print
 
 
 def resume(

@@ -1,4 +1,4 @@
-"""`printctl run`: run a whole recipe."""
+"""`printctl run`: run a recipe from tissue design through print and scan to the report."""
 
 from __future__ import annotations
 
@@ -83,9 +83,11 @@ def _works(recipe: Recipe, until: str | None) -> list[str]:
     """What of the list of kernels the stages need."""
     grown = isinstance(recipe.vasculature, GrownNetwork | ClosedLoop)
     designed = until in DESIGN_NAMES
+    beside = recipe.oxygen is not None or recipe.flow.pulse is not None
     return [
         *(["design"] if grown or designed else []),
         *([] if designed else [f"run {recipe.toolpath.method}"]),
+        *(["pulse and oxygen"] if beside else []),
     ]
 
 

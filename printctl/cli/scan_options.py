@@ -89,7 +89,7 @@ def voxel_mm(text: str | None) -> tuple[float, float, float] | None:
     return (z * 1e-3, y * 1e-3, x * 1e-3)
 
 
-def said_of_counts(
+def count_overrides(
     db_range: str | None,
     count_range: str | None,
     counts_per_db: float | None,
@@ -104,7 +104,7 @@ def said_of_counts(
     }
 
 
-def said_of_scan(
+def scan_overrides(
     voxel_um: str | None,
     refractive_index: float | None,
     optical_depth: bool | None,

@@ -1,4 +1,4 @@
-"""`printctl search`: vary a recipe hundreds of times and rank the results."""
+"""`printctl search`: grow and measure variants of a recipe, rank them, write the best one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Command-line options for the profiles mounted for a print: printer, needle, ink, dish."""
+"""Command-line options of a print's set-up: needle, bath, dish, accepted shaft crossings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl simulate`: simulate a G-code file and check it, without a printer."""
+"""`printctl simulate`: dry-run and check a G-code file; optionally predict the ink in the bath."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from printctl.cli.set_up_options import (
     DishOption,
     NeedleOption,
 )
-from printctl.cli.start_of import start_of
+from printctl.cli.start_position import read_start_position
 from printctl.preflight import file_checks, placed_failures, refuse_failed, warnings
 from printctl.preflight.shaft_file import file_shaft
 from printctl.set_up.by_name import ProfileNames, set_up
@@ -61,7 +61,7 @@ def simulate(
     """
     have_kernels("simulate")
     profile = load(Printer, printer)
-    tip = start_of(file, profile, start)
+    tip = read_start_position(file, profile, start)
     given = ProfileNames(needle, bath, dish, dish_centre, bath_depth)
     mounted = set_up(profile, syringe, ink, tip, given)
     gcode = read_gcode_file(file)

@@ -1,4 +1,4 @@
-"""Report predicted ink for `printctl simulate`: text and files."""
+"""Predict the ink in the bath for `printctl simulate`; print figures, write files if asked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of `printctl simulate` on the predicted ink in the bath."""
+"""Options of `printctl simulate` for predicting the ink in the bath."""
 
 from __future__ import annotations
 

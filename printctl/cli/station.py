@@ -1,4 +1,4 @@
-"""`printctl station`: permanent link to a printer between prints."""
+"""`printctl station`: group of subcommands for a lasting printer connection between prints."""
 
 from __future__ import annotations
 

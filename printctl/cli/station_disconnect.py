@@ -1,4 +1,4 @@
-"""`printctl station disconnect`: close a printer's port."""
+"""`printctl station disconnect`: switch the heaters off and close the printer's port."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl station home`: home axes."""
+"""`printctl station home`: home axes; refused while a needle is mounted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl station kill`: halt the printer."""
+"""`printctl station kill`: halt the firmware at once (M112); the position is lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl station mount`: declare the needle, syringe, ink and dish on the printer."""
+"""`printctl station mount`: declare needle, syringe, ink, dish and bath on the printer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl station push`: move the plunger manually."""
+"""`printctl station push`: push ink, or draw the plunger back, by a volume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl stop` and `printctl kill`: end a print."""
+"""`printctl stop` and `printctl kill`: end a print by a controlled stop, or halt it by M112."""
 
 from __future__ import annotations
 

@@ -1,15 +1,19 @@
-"""Tolerances given on the command line: a file, single limits, or both."""
+"""Read a print's acceptance limits from command-line options: a tolerance file or single limits."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 from pydantic import ValidationError
 
+from printctl.cli.part_file import read_part
 from printctl.errors import UsageError
 from printctl.recipe.making import RegistrationPart
 from printctl.recipe.tolerances import TolerancesPart
 from registration.judging.tolerance import Tolerances
+
+_REMEDY: Final = "one line does: `diameter_percent: 10`"
 
 
 def tolerances_of(
@@ -22,15 +26,20 @@ def tolerances_of(
     UsageError
         For a limit that can't be used, or one that is given twice.
     """
+    # Loads the schema of a whole recipe; without such options nobody waits for it.
+    from printctl.recipe.load import refusal
+
     given = {
         "tolerance_um": rms_um,
         "diameter_tolerance_percent": _number_or_text(diameter_percent),
-        "tolerances": None if file is None else read_tolerances(file),
+        "tolerances": None
+        if file is None
+        else read_part(file, TolerancesPart, "tolerances", _REMEDY),
     }
     try:
         part = RegistrationPart.model_validate({k: v for k, v in given.items() if v is not None})
     except ValidationError as exc:
-        raise UsageError(_refusal(exc, "tolerances")) from exc
+        raise UsageError(refusal(exc, "tolerances", list)) from exc
     return part.all_tolerances()
 
 
@@ -40,30 +49,3 @@ def _number_or_text(value: str | None) -> float | str | None:
         return None if value is None else float(value)
     except ValueError:
         return value
-
-
-def read_tolerances(path: Path) -> TolerancesPart:
-    """Read a YAML file of tolerances.
-
-    Raises
-    ------
-    RecipeError
-        When it isn't there or isn't YAML.
-    UsageError
-        With each wrong key, its value and the remedy.
-    """
-    # Loads the schema of a whole recipe; without such a file nobody waits for it.
-    from printctl.recipe.load import read_mapping
-
-    data = read_mapping(path, "tolerances", "one line does: `diameter_percent: 10`")
-    try:
-        return TolerancesPart.model_validate(data)
-    except ValidationError as exc:
-        raise UsageError(_refusal(exc, str(path))) from exc
-
-
-def _refusal(exc: ValidationError, origin: str) -> str:
-    """Say what is wrong with a file or an option, a line for each key."""
-    from printctl.recipe.load import refusal
-
-    return refusal(exc, origin, list)

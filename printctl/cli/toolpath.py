@@ -1,4 +1,4 @@
-"""`printctl toolpath`: write the G-code of a recipe."""
+"""`printctl toolpath`: write a recipe's dry-run G-code, and a map of lines to vessels or layers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from design.files import replacing
+from design.files import atomic_replacement
 from printctl.cli.options import (
     JsonFlag,
     RecipeArg,
@@ -49,7 +49,7 @@ def toolpath(
                 (PLATE_PICTURE, out.with_suffix(".svg")),
             ]
         for name, place in beside:
-            with replacing(place) as draft:
+            with atomic_replacement(place) as draft:
                 shutil.copyfile(Path(scratch) / name, draft)
     if as_json:
         print_json(data)

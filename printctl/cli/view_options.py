@@ -1,4 +1,4 @@
-"""Options of `printctl view` for networks, and for all files."""
+"""Options of `printctl view` for network files, and those for all files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Read registrations of several prints from folders, for `printctl compare`."""
+"""Read registrations of several prints from folders, for `printctl compare`.
+
+Goes in: folders. Comes out: registrations as `registration.comparison` takes them. Begin with
+`read.py`.
+"""
 
 from printctl.comparing.read import NewLimits, PrintNames, read_folders
 from printctl.link.print_identity import print_identity

@@ -1,4 +1,4 @@
-"""Read a folder's registration, as left by a run or by `printctl register`, for a comparison."""
+"""Read the registration results of several prints' folders; judge them by new limits if given."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Compensation file: corrections to print geometry, derived from earlier prints."""
+"""Read, check and write the compensation file: geometry corrections derived from earlier prints.
+
+Goes in: a YAML file. Comes out: checked corrections, and the same back. Begin with `schema.py`.
+"""
 
 from printctl.compensation.files import (
     check_suffix,
@@ -17,7 +20,7 @@ from printctl.compensation.schema import (
     StretchPart,
     VesselPart,
 )
-from printctl.compensation.wording import changes_line
+from printctl.compensation.summary import changes_line
 
 __all__ = [
     "CompensationFile",

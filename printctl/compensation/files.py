@@ -1,4 +1,4 @@
-"""Load, check and save compensation files."""
+"""Load, check and save compensation files (YAML or JSON)."""
 
 from __future__ import annotations
 

@@ -1,5 +1,8 @@
-"""`printctl doctor`'s checks of this computer."""
+"""Check this computer for `printctl doctor`: installation, folders, serial ports; with remedies.
 
-from printctl.doctor.look import Examination, examine
+Goes in: this computer. Comes out: findings, each with its remedy. Begin with `collect.py`.
+"""
+
+from printctl.doctor.collect import Examination, examine
 
 __all__ = ["Examination", "examine"]

@@ -1,4 +1,4 @@
-"""List the optional extras, installed or missing."""
+"""List printctl's optional installs: present, or missing packages and the pip command."""
 
 from __future__ import annotations
 

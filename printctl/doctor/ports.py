@@ -18,7 +18,7 @@ def may_open(device: str) -> bool:
     return sys.platform == "win32" or os.access(device, os.R_OK | os.W_OK)
 
 
-def looked_at(ports: Sequence[PortInfo], may: MayOpen = may_open) -> dict[str, str]:
+def check_ports(ports: Sequence[PortInfo], may: MayOpen = may_open) -> dict[str, str]:
     """Each port with its USB id, and whether it may be opened."""
     return {
         port.device: ", ".join(

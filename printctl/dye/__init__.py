@@ -1,4 +1,7 @@
-"""Predict the dye front through a network, and write its files."""
+"""Load lumens for a dye front prediction, and write its table, curves and picture.
+
+Goes in: a network or a run. Comes out: arrival of dye, as files. Begin with `outputs.py`.
+"""
 
 from printctl.dye.outputs import CURVES, FRONT, PICTURE, Place, write_front
 from printctl.dye.source import Lumens, lumens_of

@@ -1,4 +1,4 @@
-"""Lumens for a dye prediction: as designed, or as measured on a registered print."""
+"""Load a network's lumens for a dye prediction: as designed, or as measured on a print."""
 
 from __future__ import annotations
 

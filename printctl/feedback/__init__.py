@@ -1,8 +1,11 @@
-"""Compensation workflow: derive a correction file from registered prints for the next print."""
+"""Compensation workflow: derive a correction file from registered prints for the next print.
+
+Goes in: folders of registered prints. Comes out: a compensation. Begin with `estimate.py`.
+"""
 
 from printctl.feedback.estimate import Choices, estimate
 from printctl.feedback.evidence import NO_ORIGIN, ORIGIN, Print, keep_origin, read_print
-from printctl.feedback.whole import Mean
+from printctl.feedback.whole_part import Mean
 
 __all__ = [
     "NO_ORIGIN",

@@ -1,4 +1,4 @@
-"""Check that a compensation may correct z: a known height must support the scans' depth scale."""
+"""Decide on correcting z in a compensation: only with a depth standard and a fitted depth scale."""
 
 from __future__ import annotations
 

@@ -25,9 +25,9 @@ from printctl.errors import UsageError
 from printctl.feedback.depth import Depth, depth_of
 from printctl.feedback.evidence import Print
 from printctl.feedback.local import Local, NodeOffset, local_excess, node_offsets
-from printctl.feedback.readings import Reading, as_made_with, readings
+from printctl.feedback.readings import Reading, readings, rebase_reading
 from printctl.feedback.size import Size, size_of, without_size
-from printctl.feedback.whole import (
+from printctl.feedback.whole_part import (
     BIAS_VOXELS,
     NORMAL_95,
     Mean,
@@ -262,7 +262,7 @@ def _read(
     found = readings(print_, stretch, whole_changes=len(bases) > 1)
     middle = np.array(print_.design.bounds_mm).mean(axis=0)
     return {
-        vessel: as_made_with(without_size(reading, print_, size, middle), print_, bases)
+        vessel: rebase_reading(without_size(reading, print_, size, middle), print_, bases)
         for vessel, reading in found.items()
         if vessel not in without
     }

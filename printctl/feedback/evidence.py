@@ -1,4 +1,4 @@
-"""Read a registered print from its folder, as input of a compensation."""
+"""Read a registered print from its folder, as input for a compensation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compensation of single vessels and nodes, in addition to that of the whole part.
+"""Estimate diameter excess of single vessels and shifts of single nodes, over several prints.
 
 Each is shrunk by how unsure it is (empirical Bayes, e.g. Efron & Morris 1975,
 10.1080/01621459.1975.10479864): how much vessels really differ is estimated from all of them, and
@@ -17,7 +17,7 @@ from scipy.special import fdtrc, stdtrit
 from design.network import VesselNetwork
 from printctl.feedback.readings import LEAST_SECTIONS, Reading
 from printctl.feedback.size import OFFSET_VOXELS, projector_across
-from printctl.feedback.whole import NORMAL_95, VESSEL_VOXELS, Radial
+from printctl.feedback.whole_part import NORMAL_95, VESSEL_VOXELS, Radial
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

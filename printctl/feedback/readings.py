@@ -74,7 +74,7 @@ def readings(print_: Print, stretch: Stretch, whole_changes: bool) -> dict[int, 
     return {reading.vessel: reading for reading in found if reading is not None}
 
 
-def as_made_with(reading: Reading, print_: Print, bases: Sequence[Corrections]) -> Reading:
+def rebase_reading(reading: Reading, print_: Print, bases: Sequence[Corrections]) -> Reading:
     """A reading as it would be, had its print been made with the mean of ``bases``."""
     vessel, wide = reading.vessel, np.array([reading.diameter_mm])
 

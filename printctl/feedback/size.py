@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from design.network import VesselNetwork
 from printctl.feedback.evidence import Print
 from printctl.feedback.readings import Reading
-from printctl.feedback.whole import BIAS_VOXELS, NORMAL_95
+from printctl.feedback.whole_part import BIAS_VOXELS, NORMAL_95
 
 FloatArray = NDArray[np.float64]
 

@@ -1,4 +1,8 @@
-"""Flow calculations of recipes and commands, and their output files."""
+"""Solve a network's 0D, 1D and 3D flow as a recipe asks, as designed or printed; write the files.
+
+Goes in: a recipe's flow section and a network. Comes out: solutions, tables and pictures. Begin
+with `conditions.py`.
+"""
 
 from printctl.flow.conditions import pulsatile_conditions, steady_conditions
 from printctl.flow.one_d import ONE_D, ONE_D_WAVES, one_d_options, solve_and_write_one_d

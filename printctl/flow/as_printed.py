@@ -1,4 +1,4 @@
-"""Network with the lumens measured on a registered print, closed vessels marked."""
+"""Build a network from designed axes and the lumen sections measured on a registered print."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NUMBERS
 from registration.gauging import (
     MeasuredLumen,
-    led_through,
+    connected_vessels,
+    drop_dead_ends,
     network_of_lumens,
-    part_of,
-    without_dead_ends,
+    sub_network,
 )
 from registration.gauging.planes import stations
 
@@ -169,10 +169,10 @@ def open_part(printed: PrintedNetwork, design: VesselNetwork) -> OpenPart:
         When no way is open from an inlet to an outlet.
     """
     inlets, outlets = design.inlets(), design.outlets()
-    kept = led_through(
+    kept = connected_vessels(
         printed.network, ~printed.closed, tuple(inlets.tolist()), tuple(outlets.tolist())
     )
-    kept = without_dead_ends(printed.network, kept, np.concatenate([inlets, outlets]))
+    kept = drop_dead_ends(printed.network, kept, np.concatenate([inlets, outlets]))
     if not kept.any():
         gone = ", ".join(map(str, np.flatnonzero(printed.closed)[:8]))
         raise FlowError(
@@ -180,7 +180,7 @@ def open_part(printed: PrintedNetwork, design: VesselNetwork) -> OpenPart:
             "outlet, so nothing flows; there is nothing to solve"
         )
     vessel = np.flatnonzero(kept)
-    part, node = part_of(printed.network, vessel)
+    part, node = sub_network(printed.network, vessel)
     ends = [node[int(n)] for n in np.concatenate([inlets, outlets]) if int(n) in node]
     sign = _way(part, [node[int(n)] for n in inlets if int(n) in node],
                 [node[int(n)] for n in outlets if int(n) in node], ends)  # fmt: skip

@@ -1,4 +1,4 @@
-"""Compare flow solutions of several fidelities at the same places with the ideal design's.
+"""Compare 1D or 3D flow with ideal 0D flow (Poiseuille, rigid walls) at the same places.
 
 The ideal is the design as it is meant: Poiseuille's resistance of the designed radii between
 rigid walls, solved 0D.

@@ -1,4 +1,4 @@
-"""Solve 3D flow and compare fidelities, as set in `flow.three_d` and `flow.compare`."""
+"""Solve 3D flow and compare 0D, 1D and 3D results, as a recipe's flow section asks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from design.files import write_bytes
 from design.hemodynamics import FlowConditions, PulsatileConditions, solve_one_d
 from design.hemodynamics.probes import Probes, ProbeWaves
 from design.hemodynamics.three_d import probe_steady
-from design.hemodynamics.three_d.vessel_flows import conserving, vessel_flows
+from design.hemodynamics.three_d.vessel_flows import conserve_mass, vessel_flows
 from design.network import VesselNetwork
 from printctl.flow.comparison import (
     Comparison,
@@ -116,7 +116,7 @@ def _waves(
         at, whole = pulse_at(found, conditions, case.part.three_d, probes)
         # The first places are amid every vessel.
         amid = at.flow[: case.network.vessel_count]
-        flow = conserving(case.network, amid, found.mesh.ports, whole.port_flow)
+        flow = conserve_mass(case.network, amid, found.mesh.ports, whole.port_flow)
         waves["3D"] = replace(at, flow=flow[probes.vessel])
     return waves
 

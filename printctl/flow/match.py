@@ -11,7 +11,7 @@ import numpy as np
 
 from design.hemodynamics import FlowConditions
 from design.hemodynamics.three_d import ThreeDSolution
-from design.hemodynamics.three_d.effective import effective, gap
+from design.hemodynamics.three_d.effective import effective_network, flow_error
 from design.hemodynamics.three_d.match import (
     MatchedNetwork,
     MatchOptions,
@@ -83,16 +83,16 @@ def reduced_summary(
     Raises
     ------
     FlowError
-        As `effective`.
+        As `effective_network`.
     """
-    found = effective(network, conditions, solution)
+    found = effective_network(network, conditions, solution)
     ratio = found.resistance / found.nominal
     told: dict[str, Any] = {
         "resistance_over_nominal_least": float(ratio.min()),
         "resistance_over_nominal_most": float(ratio.max()),
     }
     for name, each in (("nominal", network), ("effective", found.network)):
-        off = gap(each, conditions, found)
+        off = flow_error(each, conditions, found)
         told[f"{name}_flow_off_percent_of_inlet"] = _PERCENT * off.flow
         told[f"{name}_pressure_off_percent_of_drop"] = _PERCENT * off.pressure
     return told

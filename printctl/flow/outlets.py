@@ -1,4 +1,4 @@
-"""Outlet conditions of a network, from a recipe or a CSV file."""
+"""Outlet boundary conditions (pressure, resistance, Windkessel) from a recipe or a CSV file."""
 
 from __future__ import annotations
 

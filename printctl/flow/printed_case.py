@@ -11,7 +11,12 @@ from typing import Any
 from pydantic import ValidationError
 
 from design.files import write_text
-from design.hemodynamics import FlowConditions, PulsatileConditions, at_same_shear, scaled_network
+from design.hemodynamics import (
+    FlowConditions,
+    PulsatileConditions,
+    same_shear_conditions,
+    scaled_network,
+)
 from design.hemodynamics.three_d.engine import load_engine
 from design.hemodynamics.three_d.surface_mesh import SurfaceOptions, surface_mesh
 from design.network import VesselNetwork
@@ -216,7 +221,7 @@ def _in_printed_space(
 def _conditions(case: PrintedCase, design: VesselNetwork) -> FlowConditions:
     """Of the print's size, at the wall shear of the section's."""
     small = scaled_network(design, 1.0 / case.print_scale)
-    return at_same_shear(steady_conditions(case.part, Path(), small), case.print_scale)
+    return same_shear_conditions(steady_conditions(case.part, Path(), small), case.print_scale)
 
 
 def _pulsatile(case: PrintedCase, pulse: PulsePart, design: VesselNetwork) -> PulsatileConditions:

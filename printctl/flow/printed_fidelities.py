@@ -1,4 +1,4 @@
-"""Flow at one fidelity in designed and in printed lumens, with the same boundary conditions."""
+"""Solve 0D, 1D or 3D flow per vessel, and tabulate designed lumens against printed ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lumen surface from a scan, in a frame of the print's true size, for 3D flow."""
+"""Extract the lumen surface of a network's vessels from a registered scan, for 3D flow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Widen a scanned lumen surface to the widths that registration measured."""
+"""Offset a scanned lumen's surface to the vessel diameters that registration measured."""
 
 from __future__ import annotations
 

@@ -1,15 +1,17 @@
-"""G-code gate: judges every line of a person or a file before it goes to a printer.
+"""G-code safety gate: allow or refuse each line, typed or from a file, before it is sent.
 
 Pure: it opens nothing and sends nothing. `judge` answers allowed, with the text that is sent, or
 refused, with the reason.
+
+Goes in: a line, its origin, the printer's state. Comes out: a verdict. Begin with `judge.py`.
 """
 
 from printctl.gate.heat import check_heat
-from printctl.gate.judge import foreseen, judge, judge_line
-from printctl.gate.known import UNNAMED_C, Limit, LineOrigin, Phase, PrinterSituation
+from printctl.gate.inputs import UNNAMED_C, Limit, LineOrigin, Phase, PrinterSituation
+from printctl.gate.job_file import changed_settings, refused_lines
+from printctl.gate.judge import judge, judge_line, judge_stored_line
 from printctl.gate.limits import RIM_MARGIN_MM, Bounds, reach, speed_limit
 from printctl.gate.motion import DEFAULT_MM_S, check_homing, check_step
-from printctl.gate.of_job import changed_settings, refused_lines
 from printctl.gate.verdict import AllowedLine, LineAction, NotAllowed, Place, Refusal, Verdict
 
 __all__ = [
@@ -31,9 +33,9 @@ __all__ = [
     "check_heat",
     "check_homing",
     "check_step",
-    "foreseen",
     "judge",
     "judge_line",
+    "judge_stored_line",
     "reach",
     "refused_lines",
     "speed_limit",

@@ -1,4 +1,4 @@
-"""Compare the firmware's current state with the assumed one: factors, limits, flags, speeds.
+"""Compare settings reported by the firmware with those a job assumes, and list the differences.
 
 What somebody set at the panel, by another program or in an earlier job goes on silently: a feed of
 220 %, soft endstops that are off, a dry run in which nothing moves. What is asked, and what is
@@ -86,7 +86,7 @@ def levelling_is_on(lines: Sequence[str], printer: Printer) -> bool:
     return bool(_levelling(_settings(lines).get("M420"), printer))
 
 
-def told_settings(answers: Answers, printer: Printer) -> dict[str, str]:
+def reported_settings(answers: Answers, printer: Printer) -> dict[str, str]:
     """Settings that a job may change, as the commands that set them back, by code.
 
     The junction deviation is left out: no job sets it, and its last digits aren't told.

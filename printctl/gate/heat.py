@@ -1,4 +1,4 @@
-"""Heater targets in a G-code line: which heater, and whether the mounted materials bear it."""
+"""Allow or refuse a G-code line that sets a heater, by the mounted materials' limits."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_profiles.families.gate_facts import CheckNamedHeater
-from printctl.gate.known import PrinterSituation
+from printctl.gate.inputs import PrinterSituation
 from printctl.gate.verdict import AllowedLine, LineAction, NotAllowed
 from sim.reading import GcodeLine
 

@@ -1,7 +1,7 @@
 """Judge one G-code line: allowed or refused, given the printer's state and the line's origin.
 
 Every line that a person or a file wants sent passes here. What leaves is rendered from what was
-understood (`sim.reading`); a code that isn't on the list (`printctl.gate.rules`) passes no door.
+understood (`sim.reading`); a code that isn't on the list (`printctl.gate.rules`) is refused.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from functools import cache
 from typing import Final
 
 from firmware_profiles import Printer
-from printctl.gate.known import LineOrigin, PrinterSituation
+from printctl.gate.inputs import LineOrigin, PrinterSituation
 from printctl.gate.limits import Bounds
 from printctl.gate.reasons import reason
 from printctl.gate.rules import of_the_moment, rule, rules
@@ -23,14 +23,14 @@ LONGEST: Final = 200
 """Characters of a line that a person types."""
 
 
-def judge(typed: str, door: LineOrigin, known: PrinterSituation) -> Verdict:
+def judge(typed: str, origin: LineOrigin, known: PrinterSituation) -> Verdict:
     """Judge one line.
 
     Parameters
     ----------
     typed : str
         One command; comments, a line number and its checksum may be in it.
-    door : LineOrigin
+    origin : LineOrigin
         Where it comes from.
     known : PrinterSituation
         The moment.
@@ -42,10 +42,10 @@ def judge(typed: str, door: LineOrigin, known: PrinterSituation) -> Verdict:
         return Refusal(f"{shown!r} isn't sent: {exc}")
     except GcodeError as exc:
         return Refusal(str(exc))
-    return judge_line(line, door, known)
+    return judge_line(line, origin, known)
 
 
-def foreseen(typed: str, printer: Printer) -> Verdict:
+def judge_stored_line(typed: str, printer: Printer) -> Verdict:
     """Judge a line that a person keeps for later: refused is what would be at any moment.
 
     Moves, homing and heat are judged by what is known when they are sent.
@@ -62,21 +62,21 @@ def foreseen(typed: str, printer: Printer) -> Verdict:
     return AllowedLine(line.text.decode("ascii")) if later else verdict
 
 
-def judge_line(line: GcodeLine, door: LineOrigin, known: PrinterSituation) -> Verdict:
+def judge_line(line: GcodeLine, origin: LineOrigin, known: PrinterSituation) -> Verdict:
     """Judge one line that was read."""
     printer, shown = known.printer, line.text.decode("ascii")
-    console = door is LineOrigin.CONSOLE
+    console = origin is LineOrigin.CONSOLE
     said = _of_profile(line, printer)
     if said is not None:
         if console and said == "print":
             return Refusal(f"{shown} {NOT_BY_HAND}: it switches what a print alone switches")
         return AllowedLine(shown)
-    found = rule(line, printer.firmware, door)
+    found = rule(line, printer.firmware, origin)
     prefix = f"{shown} {NOT_BY_HAND}" if console else shown
     if found is None:
         if not console and line.code in printer.extra_commands:
             return AllowedLine(shown)
-        listed = rules(printer.firmware, door)
+        listed = rules(printer.firmware, origin)
         return Refusal(f"{prefix}: {reason(line.code, listed, console)}")
     if console and not is_known_line(printer, line):
         return Refusal(f"{prefix}: {line.code} is unknown to {printer.firmware}")

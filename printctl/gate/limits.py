@@ -1,4 +1,4 @@
-"""Soft limits of manual moves, given printer, dish and needle.
+"""Refuse manual moves beyond the travel or into dish or part; limit their speed.
 
 What a station can't know it must be told, and where it wasn't told it allows small steps alone.
 Straight up is always free: the shaft stands above the tip already and meets nothing new.

@@ -1,11 +1,11 @@
-"""Judge manual moves: limits of travel, speed and plunger."""
+"""Allow or refuse a typed G-code move, plunger push or homing, by travel and speed limits."""
 
 from __future__ import annotations
 
 import math
 from typing import Final
 
-from printctl.gate.known import Phase, PrinterSituation
+from printctl.gate.inputs import Phase, PrinterSituation
 from printctl.gate.limits import check_move, check_speed, speed_limit
 from printctl.gate.verdict import AllowedLine, LineAction, NotAllowed, Place
 from sim.reading import GcodeLine

@@ -1,4 +1,4 @@
-"""Reasons for refusing a G-code, each with the command to use instead."""
+"""Reason text for refusing a G-code, often with the command to use instead."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Allow-list of the G-code gate: codes permitted by origin (console or job file) and firmware.
 
-A code that isn't here passes no door. Sources of what a code does: Marlin bugfix-2.1.x
+A code that isn't here is refused. Sources of what a code does: Marlin bugfix-2.1.x
 ``src/gcode``; RepRapFirmware 3.5 ``GCodes2.cpp``; Klipper ``gcode_move.py``, ``toolhead.py``,
 ``idle_timeout.py``; Prusa-Firmware ``Marlin_main.cpp``; https://smoothieware.org/supported-g-codes.
 """
@@ -12,19 +12,19 @@ from typing import Final
 
 from firmware_profiles.families import family_of, find_family, gate_facts
 from printctl.gate.heat import NamedTarget, set_target, wait_for
-from printctl.gate.known import LineOrigin, Phase, PrinterSituation
+from printctl.gate.inputs import LineOrigin, Phase, PrinterSituation
 from printctl.gate.motion import home, move
-from printctl.gate.parts import (
+from printctl.gate.rule_makers import (
     Judge,
+    allow,
+    allow_planned_setting,
     allow_query,
     allow_within,
     as_number,
-    as_planned,
     choose_head,
     cold_extrusion,
     keyed,
     only_with,
-    passes,
     timeout,
 )
 from printctl.gate.verdict import AllowedLine, NotAllowed
@@ -38,7 +38,7 @@ def _still(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     """A wait for the motors, where none of them writes."""
     if known.phase is Phase.PRINTING:
         raise NotAllowed("it stops the needle in the gel until the planner is empty; pause instead")
-    return passes("")(line, known)
+    return allow("")(line, known)
 
 
 def _speed(known: PrinterSituation, letter: str) -> tuple[float, str]:
@@ -66,7 +66,7 @@ def _corners(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
             "the firmware tells J to two decimals, so that it couldn't be set back as it was; set "
             "the board and the profile (junction_deviation_mm) alike, and take J out"
         )
-    return as_planned(_least_segment, "B")(line, known)
+    return allow_planned_setting(_least_segment, "B")(line, known)
 
 
 def _advance(key: str) -> Judge:
@@ -108,7 +108,7 @@ def _power_off(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
             "S sets a time for all that comes later, which no firmware tells, so that it couldn't "
             f"be set back; take S out ({line.code} alone cuts the power at once)"
         )
-    return passes("XYZE")(line, known)
+    return allow("XYZE")(line, known)
 
 
 def _head(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
@@ -139,14 +139,14 @@ _CONSOLE: Final[Rules] = {
     **_ASKED,
     "G0": move,
     "G1": move,
-    "G21": passes(""),
+    "G21": allow(""),
     "G28": home,
-    "G90": passes(""),
-    "M82": passes(""),
+    "G90": allow(""),
+    "M82": allow(""),
     "M104": set_target,
     "M106": _FAN,
-    "M107": passes("P"),
-    "M117": passes(),
+    "M107": allow("P"),
+    "M117": allow(),
     "M140": set_target,
     "M141": set_target,
     "M400": _still,
@@ -154,7 +154,7 @@ _CONSOLE: Final[Rules] = {
 
 _JOB: Final[Rules] = {
     **{
-        code: passes()
+        code: allow()
         for code in [
             "G0",
             "G1",
@@ -170,18 +170,18 @@ _JOB: Final[Rules] = {
             "M117",
         ]
     },
-    **{code: passes("") for code in ["G17", "G21", "G90", "M82", "M400"]},
+    **{code: allow("") for code in ["G17", "G21", "G90", "M82", "M400"]},
     **dict.fromkeys(["M104", "M109", "M140", "M190", "M141", "M191"], wait_for),
     **_ASKED,
     **dict.fromkeys(["M18", "M84"], _power_off),
-    "G4": passes("PS"),
+    "G4": allow("PS"),
     "M85": timeout("S", zero_is_off=True),
     "M106": _FAN,
-    "M107": passes("P"),
+    "M107": allow("P"),
     "M200": only_with({"D": 0, "S": 0}, "T", "E is the plunger's travel in mm"),
-    "M201": as_planned(_axis_acceleration, "XYZE"),
-    "M203": as_planned(_speed, "XYZE"),
-    "M204": as_planned(_acceleration, "PRST"),
+    "M201": allow_planned_setting(_axis_acceleration, "XYZE"),
+    "M203": allow_planned_setting(_speed, "XYZE"),
+    "M204": allow_planned_setting(_acceleration, "PRST"),
     "M205": _corners,
     "M211": only_with({"S": 1}, "", "the firmware's own limits stay on"),
     "M218": only_with({"X": 0, "Y": 0, "Z": 0}, "T", "offset_mm of the profile's heads says it"),
@@ -219,22 +219,22 @@ def of_the_moment(judge: Judge | None) -> bool:
 
 
 @cache
-def rules(family: str, door: LineOrigin) -> Rules:
-    """Rules of a door, by code.
+def rules(family: str, origin: LineOrigin) -> Rules:
+    """Rules for lines of an origin, by code.
 
     Parameters
     ----------
     family : str
         The profile's ``firmware``.
-    door : LineOrigin
+    origin : LineOrigin
     """
     facts = find_family(family).gate
-    common, own = (_JOB, facts.job) if door is LineOrigin.JOB else (_CONSOLE, facts.console)
+    common, own = (_JOB, facts.job) if origin is LineOrigin.JOB else (_CONSOLE, facts.console)
     return {**common, **{code: _judge(one) for code, one in own.items()}}
 
 
-def rule(line: GcodeLine, family: str, door: LineOrigin) -> Judge | None:
-    """Rule of a line; None where no door lets its code pass."""
+def rule(line: GcodeLine, family: str, origin: LineOrigin) -> Judge | None:
+    """Rule of a line; None where its code is refused."""
     if line.code[:1] == "T" and line.code[1:].isdigit():
-        return _head if door is LineOrigin.JOB else None
-    return rules(family, door).get(line.code)
+        return _head if origin is LineOrigin.JOB else None
+    return rules(family, origin).get(line.code)

@@ -1,4 +1,7 @@
-"""Layers, line widths and line types of any G-code file, for display."""
+"""Read any G-code file for display: moves by layer, with line widths, ink volumes and types.
+
+Goes in: a G-code file. Comes out: its moves by layer, with widths and types. Begin with `read.py`.
+"""
 
 from typing import TYPE_CHECKING
 

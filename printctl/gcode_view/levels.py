@@ -1,4 +1,4 @@
-"""Split a G-code job into layers where it writes level, else into passes."""
+"""Group a G-code job's writing moves into layers by height or slicer comments, else by stroke."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from sim.reading.comments import Comments
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 LEVEL_MM: Final = 5e-3
 """Written heights closer than this are one level (two steps of a usual z axis)."""

@@ -1,4 +1,4 @@
-"""Design outline over the layers of a G-code file."""
+"""Cut the designed part at each layer of a G-code job, to draw its outline over the lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conversion of extrusion to volume: E with a syringe bore, or an open valve with a flow."""
+"""Settings that convert E (by syringe bore) or open-valve time (by flow) to ink volume."""
 
 from __future__ import annotations
 

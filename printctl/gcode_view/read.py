@@ -1,4 +1,4 @@
-"""Read a G-code file, of printctl or of any slicer, for display."""
+"""Parse a G-code file of any slicer into moves with layer, width and ink volume, for display."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from sim.errors import GcodeError
 from sim.heads.valve import Valve, read_with_valve
 from sim.program.gcode import Program, code
 from sim.program.modal import BAD, MOVE
-from sim.reading.comments import Comments, plain_lines, read_comments, said_start
+from sim.reading.comments import Comments, declared_start, plain_lines, read_comments
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -76,7 +76,7 @@ def read_with_program(
         When it isn't G-code, or nothing in it writes.
     """
     text = plain_lines(gcode)
-    start = None if b"\0" in text else said_start(text, pushing.printer)
+    start = None if b"\0" in text else declared_start(text, pushing.printer)
     try:
         program, valve = read_with_valve(text, pushing.printer, start or (0.0, 0.0, 0.0))
     except GcodeError as exc:

@@ -61,7 +61,7 @@ def written_rows(program: Program, valve: Valve | None, start_known: bool) -> Ro
     start_known : bool
         Whether the program begins where the tip really stands.
     """
-    begin = np.vstack([program.start[None, :3], program.target[:-1, :3]])
+    begin = program.before[:, :3]
     end = program.target[:, :3]
     push = np.diff(program.plunger, prepend=0.0)
     way = np.linalg.norm(end - begin, axis=1)

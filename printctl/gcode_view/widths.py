@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from firmware_profiles.bead import BeadSection
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 

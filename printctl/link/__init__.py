@@ -1,4 +1,8 @@
-"""The printer link: protocol, transport, streamer, journal, link process and its client."""
+"""Print a G-code job from a process of its own: streaming, journal, pause, stop, recovery, client.
+
+Goes in: a job's file, a port, a profile. Comes out: a printed job, its journal, events to clients.
+Begin with `process.py`.
+"""
 
 from printctl.link.care import Care, NewSyringe
 from printctl.link.client import PrintClient, attach, resume_print, start_print

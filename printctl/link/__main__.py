@@ -1,4 +1,4 @@
-"""Entry point of the link process (``python -m printctl.link``)."""
+"""Entry point of the process that prints one job (``python -m printctl.link``)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from printctl.link.care import Care
-from printctl.link.detaching import detach
+from printctl.link.detached_process import detach
 from printctl.link.errors import LinkError
 from printctl.link.process import Order, serve
 from printctl.link.record import LOG

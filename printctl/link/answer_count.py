@@ -1,4 +1,4 @@
-"""Compare a printer's replies with the lines it was sent, during a print."""
+"""Detect lines from another program during a print: compare replies with the lines sent."""
 
 from __future__ import annotations
 

@@ -17,12 +17,12 @@ from typing import Any, Final, Self
 from firmware_profiles import Printer, load
 from printctl.link.care import Care, NewSyringe
 from printctl.link.connection import ANSWER_LIMIT_S, Connection
-from printctl.link.detaching import START_LIMIT_S, spawn
+from printctl.link.detached_process import START_LIMIT_S, spawn
 from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
-from printctl.link.finding import AUTO, locate
+from printctl.link.find_link import has_ended, read_outcome, stays_alive
 from printctl.link.job import load_job
 from printctl.link.marks import MarkKind
-from printctl.link.reach import has_ended, stays_alive, what_is_known
+from printctl.link.port_detection import AUTO, locate
 from printctl.link.record import LOG, LinkRecord, load_record
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
@@ -155,7 +155,7 @@ class PrintClient:
                 return status
         if connection.reach():
             raise NoLink(f"the link process of {self.folder} doesn't answer; see {LOG}")
-        return connection.keep(what_is_known(self.folder))
+        return connection.keep(read_outcome(self.folder))
 
     def events(self) -> Iterator[Status]:
         """Give each status as it comes; the last one has ended."""
@@ -171,7 +171,7 @@ class PrintClient:
                     yield status
                     if status.ended:
                         return
-        yield connection.keep(what_is_known(self.folder))
+        yield connection.keep(read_outcome(self.folder))
 
     def _take(self, message: dict[str, Any]) -> Status | None:
         """Return the status that a message tells; let go of the connection at the end."""
@@ -192,7 +192,7 @@ class PrintClient:
         limit = math.inf if timeout is None else time.monotonic() + timeout
         while last is None or not last.ended:
             if not connection.reach():
-                last = connection.keep(what_is_known(self.folder))
+                last = connection.keep(read_outcome(self.folder))
                 break
             left = None if timeout is None else limit - time.monotonic()
             for message in connection.messages(left):

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.link.detaching import START_LIMIT_S
+from printctl.link.detached_process import START_LIMIT_S
 from printctl.link.errors import Refused
-from printctl.link.reach import alive, connect
+from printctl.link.find_link import alive, connect
 from printctl.link.record import LinkRecord, load_record
 from printctl.link.states import Status
 

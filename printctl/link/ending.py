@@ -1,4 +1,4 @@
-"""Controlled stop of a print: out of the bath, heaters off, settings restored."""
+"""End a print in a controlled way: plunger relieved, needle up, heaters off, settings restored."""
 
 from __future__ import annotations
 

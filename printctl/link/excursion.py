@@ -1,4 +1,4 @@
-"""Excursion of a needle moved off the job's path by the link, with the way back."""
+"""Track a needle moved off the job's path by the link; on a stop, give commands to lift it."""
 
 from __future__ import annotations
 

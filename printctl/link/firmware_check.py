@@ -1,4 +1,4 @@
-"""Check a firmware before any motion: name, steps per mm, heads and settings."""
+"""Check firmware, steps per mm, heads; set modes a job relies on; restore settings afterwards."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import re
 from typing import Final
 
 from firmware_profiles.families import family_of
-from printctl.link.agreeing import agree_settings
 from printctl.link.channel import Channel
 from printctl.link.errors import HandshakeError
 from printctl.link.families import link_facts
@@ -14,6 +13,7 @@ from printctl.link.firmware import Firmware, differences, mode_lines, parse_firm
 from printctl.link.gating import settings_changed_by
 from printctl.link.gauges import Gauges
 from printctl.link.position_check import RETRIES
+from printctl.link.start_checks import agree_settings
 from printctl.link.valve import shut
 
 _TARGET: Final = re.compile(rb":-?[0-9.]+ */([0-9.]+)")

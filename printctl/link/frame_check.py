@@ -24,7 +24,7 @@ from firmware_profiles.families.position_reply import (
 from printctl.link.channel import Channel
 from printctl.link.families import link_facts
 from printctl.link.job_frame import Renaming, renamings
-from printctl.link.modal import HOMING, modal_state, places_told
+from printctl.link.modal import HOMING, declared_axes, modal_state
 from sim.reading import code_of, read_sent
 
 RETRIES: Final = 8
@@ -203,7 +203,7 @@ class FrameCheck:
         progress = self._channel.logbook.progress
         done, before = self._declared
         ours = any(
-            places_told(line) and code_of(line) != b"G92"
+            declared_axes(line) and code_of(line) != b"G92"
             for line in progress.job.lines[done : progress.done]
         )
         self._declared = progress.done, self._motors if ours or not before else before

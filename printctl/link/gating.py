@@ -1,4 +1,4 @@
-"""Manual commands typed during a print, judged by the gate when they are sent."""
+"""Judge manual commands typed during a print against the safety rules, just before sending."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Manual:
     refused: Callable[[str], None] | None = None
 
 
-def let_through(verdict: Verdict) -> AllowedLine:
+def allowed_command(verdict: Verdict) -> AllowedLine:
     """Return what was allowed.
 
     Raises

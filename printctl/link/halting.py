@@ -1,4 +1,4 @@
-"""Fastest safe halt of each firmware family, and what its motors do meanwhile.
+"""Choose the fastest safe halt commands of a firmware family; state the motors' motion meanwhile.
 
 Marlin's ``kill`` (M112, thermal runaway) leaves its step interrupts on for 0.6 s, so that its
 words get out: what the planner holds goes on being made. The wait is counted in the processor's
@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 from firmware_profiles import Printer
 from printctl.link.families import link_facts
-from printctl.link.run_on import MotorRunOn, unknown_run_on
+from printctl.link.motor_run_on import MotorRunOn, unknown_run_on
 
 
 @dataclass(frozen=True)

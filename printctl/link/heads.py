@@ -1,4 +1,4 @@
-"""Heads of a job: the one in use, the raised ones, and the commands that select one.
+"""Find the head in use from job lines; give commands that select, raise and lower heads.
 
 A command that chooses a head or raises one states a target: sent twice it does no harm. Whether the
 firmware chose it, some families say (`HeadFacts.confirms`), others are silent.

@@ -1,4 +1,4 @@
-"""Compare the heaters' targets with those that this print has set."""
+"""Compare heater targets with those that this print has set; restore those changed by others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Index of past prints (SQLite), rebuilt from their journals when necessary.
+"""Index of past prints (SQLite) to list and search them, rebuilt from journals if need be.
 
 The journals are the truth. Beside the index lies ``journals.txt``, to which the folder of every
 print is appended before the index is touched; `History.rebuild` reads both it and the folders

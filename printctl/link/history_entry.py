@@ -11,7 +11,7 @@ from pathlib import Path
 
 from printctl.link.journal import Record, read_records
 from printctl.link.journalled_print import times_words
-from printctl.link.noted import read_notes
+from printctl.link.print_notes import read_notes
 from printctl.link.states import LinkState
 
 INTERRUPTED = LinkState.INTERRUPTED.value
@@ -56,7 +56,7 @@ class PrintEntry:
         How often it was begun or gone on with.
     alarms : tuple of Alarm
     operator : str
-        As the print's record names them (`printctl.link.noted`); empty without one.
+        As the print's record names them (`printctl.link.print_notes`); empty without one.
     """
 
     id: str

@@ -1,4 +1,4 @@
-"""Keep a firmware's motors and timeouts alive during pauses, dwells and heating waits."""
+"""Keep the firmware from cutting motor power or timing out during pauses, dwells and heating."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""End a wait of the link early when a stop is requested.
+"""Cut short a wait of the link on a stop request, by quickstop if the firmware has one.
 
 A stop can't wait until a pause is made, the needle is back or the last move is over. Where the
 firmware has a quickstop it is written past the line in flight, without a number; that line is then

@@ -1,4 +1,4 @@
-"""Job of a print: the file's command lines as they are sent, checked before the first byte.
+"""Read a G-code file into the command lines to be sent, all checked before the first byte.
 
 What is sent is rendered from what was understood (`sim.reading`): capitals, one blank between
 words, without the file's line numbers, checksums and comments. A file gives the same lines each
@@ -18,7 +18,7 @@ from printctl.link.errors import JobError
 from printctl.link.marks import MarkReader, Marks
 from sim.errors import GcodeError
 from sim.reading.file import GcodeFile, kinds_of, read_file
-from sim.reading.others import Others, other_lines
+from sim.reading.other_lines import Others, other_lines
 from sim.reading.user_file import read_gcode_path
 
 _MOVES: Final = (b"G0 ", b"G1 ")
@@ -129,7 +129,7 @@ def _check(command: bytes, where: str, max_line_bytes: int, number: int) -> None
 
 
 def _check_gate(others: Others, name: str, printer: Printer) -> None:
-    """Refuse a job with commands that no door lets pass; each code once, by its first line."""
+    """Refuse a job with commands that the gate refuses; each code once, by its first line."""
     first: dict[str, str] = {}
     for number, code, why in refused_lines(others, printer):
         first.setdefault(code, f"{name}, line {number}: {why}" + _TAKE_OUT * (_TAKE_OUT not in why))

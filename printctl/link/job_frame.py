@@ -11,7 +11,7 @@ from firmware_profiles import Printer
 from firmware_profiles.families import family_of
 from printctl.link.errors import LinkError
 from printctl.link.job import Job
-from printctl.link.modal import ModalTrail, places_told
+from printctl.link.modal import ModalTrail, declared_axes
 from sim.reading import code_of, is_motion, read_sent
 
 _AXES: Final = "XYZ"
@@ -75,7 +75,7 @@ def renamings(lines: Sequence[bytes]) -> list[Renaming]:
     """Return the lines that say where the tip stands, in order."""
     trail, found = ModalTrail(lines), list[Renaming]()
     for index, line in enumerate(lines):
-        told = places_told(line)
+        told = declared_axes(line)
         if not told:
             continue
         at = trail.at(index).place()

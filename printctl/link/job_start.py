@@ -1,15 +1,15 @@
-"""Tip position that a job's first lines declare to the firmware (G92)."""
+"""Read the tip position that a job's first lines declare to the firmware (G92)."""
 
 from __future__ import annotations
 
 from printctl.link.errors import LinkError
 from printctl.link.job import Job
 from printctl.link.job_frame import renamings
-from printctl.link.modal import places_told
+from printctl.link.modal import declared_axes
 from sim.reading import code_of, is_motion
 
 
-def told_start(job: Job) -> tuple[float, float, float] | None:
+def declared_start(job: Job) -> tuple[float, float, float] | None:
     """Tip position that the job's first lines declare; None where they don't.
 
     Of each axis the first word before any move counts: what is told later renames places, and
@@ -27,7 +27,7 @@ def told_start(job: Job) -> tuple[float, float, float] | None:
             return None  # homing finds the place; what is told behind it renames that
         if is_motion(line):
             break
-        found = places_told(line) | found
+        found = declared_axes(line) | found
     if set(found) == set("XYZ"):
         return found["X"], found["Y"], found["Z"]
     named = (one for one in renamings(job.lines) if one.declared or one.moved)

@@ -10,7 +10,7 @@ from typing import Final
 from printctl.link.errors import PortLost
 from printctl.link.firmware import Firmware
 from printctl.link.halting import Halting, halting_of
-from printctl.link.run_on import MotorRunOn
+from printctl.link.motor_run_on import MotorRunOn
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.wiring import Wiring
 

@@ -1,4 +1,4 @@
-"""Locks between processes, freed by the operating system when their holder dies."""
+"""Locks between processes, on files and printer network addresses, freed if their holder dies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Marks in a G-code file: comments at which a job may be interrupted.
+"""Find comments in a G-code file that mark places to pause: layer or pass ends, reload points.
 
 Ours (`design.toolpath.gcode.marks`): ``;LAYER_END:n``, ``;PASS_END:n``, ``;RELOAD``. Slicers say
 where a layer begins, which ends the one before: ``;LAYER:n`` (Cura), ``;LAYER_CHANGE``

@@ -1,4 +1,4 @@
-"""Commanded needle and plunger position after a given number of a job's lines."""
+"""Commanded needle and plunger position after a given number of job lines; compare with M114."""
 
 from __future__ import annotations
 
@@ -103,19 +103,21 @@ def _read_back(lines: Sequence[bytes], first: int, done: int) -> tuple[dict[str,
             if len(found) == 5:
                 break
         else:
-            found = {axis.lower(): mm for axis, mm in places_told(line).items()} | found
+            found = {axis.lower(): mm for axis, mm in declared_axes(line).items()} | found
     return found, False
 
 
 def disagreement(modal: Modal, position: dict[str, float], within_mm: float = 0.011) -> str:
     """Say where job text and printer differ by more than the printer's two decimals; or nothing."""
-    found = ((axis, getattr(modal, axis.lower())) for axis in astray(modal, position, within_mm))
+    found = (
+        (axis, getattr(modal, axis.lower())) for axis in mismatched_axes(modal, position, within_mm)
+    )
     return ", ".join(
         f"{axis} is {position[axis]:.2f} mm where the job says {mm:.2f} mm" for axis, mm in found
     )
 
 
-def astray(modal: Modal, position: dict[str, float], within_mm: float = 0.011) -> str:
+def mismatched_axes(modal: Modal, position: dict[str, float], within_mm: float = 0.011) -> str:
     """Axes, by their letters, that stand elsewhere than the job says."""
     expected = {axis: getattr(modal, axis.lower()) for axis in AXES}
     return "".join(
@@ -132,7 +134,7 @@ def axes_placed(lines: Sequence[bytes]) -> str:
     """
     axes: set[str] = set()
     for line in lines:
-        if code_of(line) == b"G92" or places_told(line):
+        if code_of(line) == b"G92" or declared_axes(line):
             break
         if is_motion(line):
             axes |= read_sent(line).words.keys() & set(AXES)
@@ -171,7 +173,7 @@ def last_of(lines: Sequence[bytes], done: int, codes: tuple[bytes, ...]) -> byte
     return next((line for line in reversed(lines[:done]) if code_of(line) in codes), None)
 
 
-def places_told(line: bytes) -> dict[str, float]:
+def declared_axes(line: bytes) -> dict[str, float]:
     """Axes that a line says the tip stands at, mm; empty where it says nothing of them."""
     code = code_of(line)
     if code != b"G92" and meanings().get(code.decode("ascii")) is not Meaning.PLACES:

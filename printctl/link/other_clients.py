@@ -1,4 +1,4 @@
-"""Detect changes by other clients during a print: compare position, modes and heaters."""
+"""Poll the printer for other clients' changes: end on a shifted position, restore heaters."""
 
 from __future__ import annotations
 

@@ -14,12 +14,12 @@ from printctl.link.ending import Ending
 from printctl.link.errors import LinkError
 from printctl.link.excursion import Excursion
 from printctl.link.families import link_facts
+from printctl.link.foreign_changes import ForeignCommands
 from printctl.link.gating import PausedTip
 from printctl.link.head_choice import HeadChoice
 from printctl.link.idle_motors import IdleMotors
 from printctl.link.interruption import StopRequested
 from printctl.link.manual_commands import ManualCommands
-from printctl.link.meddling import ForeignCommands
 from printctl.link.modal import Modal
 from printctl.link.position_check import PositionCheck
 from printctl.link.print_requests import PrintRequests

@@ -1,4 +1,4 @@
-"""Details of a print's status: gauge readings, pending pauses, dead-man's time."""
+"""Add gauge readings, pending pause or reload, and dead-man's time to a print's status."""
 
 from __future__ import annotations
 

@@ -11,8 +11,8 @@ from printctl.link.errors import HandshakeError
 from printctl.link.interruption import Interruption
 from printctl.link.kill import HALTED_BEFORE, Kill
 from printctl.link.logbook import Logbook
+from printctl.link.motor_run_on import MotorRunOn
 from printctl.link.requests import Request, RequestQueue
-from printctl.link.run_on import MotorRunOn
 from printctl.link.states import EARLY, LinkState, PrintEnded
 from printctl.link.wiring import Wiring
 

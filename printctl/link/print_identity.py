@@ -1,4 +1,4 @@
-"""Find the print that a scan belongs to, by the print's journal."""
+"""Identify a print by its journal: id, start time, G-code hash; for a scan's report."""
 
 from __future__ import annotations
 

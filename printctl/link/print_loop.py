@@ -6,16 +6,16 @@ import contextlib
 from dataclasses import replace
 
 from printctl.gate import Phase, PrinterSituation
-from printctl.link.agreeing import agree_start
 from printctl.link.channel import POLL_S
 from printctl.link.connecting import connect
 from printctl.link.errors import LinkError
 from printctl.link.interruption import StopRequested
-from printctl.link.job_start import told_start
+from printctl.link.job_start import declared_start
 from printctl.link.journalled_print import JournalledPrint
 from printctl.link.marks import MarkKind
 from printctl.link.print_parts import PrintParts
 from printctl.link.requests import Request
+from printctl.link.start_checks import agree_start
 from printctl.link.states import LinkState, PrintEnded
 
 
@@ -88,7 +88,7 @@ class PrintLoop:
             return
         declared = None
         with contextlib.suppress(LinkError):  # a part alone is told: the printer is asked
-            declared = told_start(self._job)
+            declared = declared_start(self._job)
         agree_start(self._channel.ask, start_mm, declared)
 
     # --- lines -----------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Assemble the components of one print."""
+"""Create and connect the objects that carry out one print: channel, checks, pauses, stop."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from printctl.link.channel import Channel
 from printctl.link.ending import Ending
 from printctl.link.excursion import Excursion
 from printctl.link.firmware_check import FirmwareCheck
+from printctl.link.foreign_changes import ForeignCommands
 from printctl.link.frame_check import FrameCheck
 from printctl.link.gauges import Gauge, Gauges
 from printctl.link.head_choice import HeadChoice
@@ -19,7 +20,6 @@ from printctl.link.interruption import Interruption
 from printctl.link.job import Job
 from printctl.link.logbook import Logbook
 from printctl.link.manual_commands import ManualCommands
-from printctl.link.meddling import ForeignCommands
 from printctl.link.other_clients import OtherClients
 from printctl.link.pauses import Pauses
 from printctl.link.position_check import PositionCheck

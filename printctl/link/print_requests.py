@@ -9,7 +9,7 @@ from typing import Final
 from printctl.gate import Phase
 from printctl.link.care import NewSyringe
 from printctl.link.errors import Refused
-from printctl.link.gating import Manual, judge_typed, let_through
+from printctl.link.gating import Manual, allowed_command, judge_typed
 from printctl.link.journal import Record
 from printctl.link.logbook import Logbook
 from printctl.link.marks import MarkKind
@@ -158,7 +158,7 @@ class PrintRequests:
         """
         if self._logbook.state is not LinkState.PAUSED:
             known = replace(self._wiring.limits(), phase=Phase.PRINTING)
-            text = let_through(judge_typed(text, known)).text
+            text = allowed_command(judge_typed(text, known)).text
         self._queue.add_command(Manual(text, done, refused))
 
     # --- for the streamer's thread ---------------------------------------------------------------
@@ -175,6 +175,6 @@ class PrintRequests:
             self._watch.pause_after(MarkKind(wanted["after"]))
 
     def take_new_syringe(self) -> tuple[NewSyringe | None, bool]:
-        """Return what was said of the syringe, once: the door's thread may say more at any time."""
+        """Return the new syringe once: the socket's thread may set another at any time."""
         said, self._new_syringe = self._new_syringe, _NOTHING_SAID
         return said

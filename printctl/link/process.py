@@ -1,4 +1,4 @@
-"""The link process: it alone owns the port and the journal of one print.
+"""Run one print in a separate process, the only owner of the printer's port and the journal.
 
 It is started detached (a session of its own), ignores Ctrl-C and hang-ups, and goes on when the
 program that started it dies. It ends by itself when the print is over and the end is recorded in
@@ -29,8 +29,8 @@ from printctl.link.history_entry import this_user
 from printctl.link.job import load_job
 from printctl.link.journal import Journal
 from printctl.link.locking import lock
-from printctl.link.noted import put_aside
 from printctl.link.origin import origin
+from printctl.link.print_notes import archive_journal
 from printctl.link.record import JOURNAL, LOCK, LinkRecord
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
@@ -117,7 +117,7 @@ def serve(order: Order, wire: Wire | None = None) -> Status:
         The last one; it is in the folder's ``link.json``, too.
     """
     order.folder.mkdir(parents=True, exist_ok=True)
-    with only_one(order.folder):
+    with hold_folder(order.folder):
         ignore_signals()
         record = LinkRecord(
             pid=os.getpid(),
@@ -169,7 +169,7 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
     traffic = WireLog(Path(order.care.wire_log) if order.care.wire_log else None)
     transport = LoggedTransport(port, traffic)
     keeper = _Keeper(traffic, order.folder / FILE)
-    path = order.folder / JOURNAL if order.resume else put_aside(order.folder)
+    path = order.folder / JOURNAL if order.resume else archive_journal(order.folder)
     journal = Journal(path, reserve=True)
     try:
         listener, address, token = listen(order.folder)
@@ -275,7 +275,7 @@ def ignore_signals() -> None:
 
 
 @contextmanager
-def only_one(folder: Path, held: str = LOCK, what: str = "a print is running") -> Iterator[None]:
+def hold_folder(folder: Path, held: str = LOCK, what: str = "a print is running") -> Iterator[None]:
     """Hold the folder's lock (the file ``held``), which the system frees when the process dies."""
     with (folder / held).open("a+b") as handle:
         limit = time.monotonic() + _LOCK_PATIENCE_S

@@ -1,4 +1,4 @@
-"""Progress of a running job: acknowledged lines, and the layer or vessel they have reached."""
+"""Progress of a running job: lines taken, refused and surely executed; commanded position there."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from printctl.link.completed_moves import CompletedMoves
 from printctl.link.heads import head_at
 from printctl.link.job import Job
 from printctl.link.modal import Modal, ModalTrail, modal_state, relieved_mm
+from printctl.link.motor_run_on import Answers, MotorRunOn, longest_run_on
 from printctl.link.planned_moves import planned_moves
-from printctl.link.run_on import Answers, MotorRunOn, longest_run_on
-from printctl.link.stop_place import StopPlace, find_stood
+from printctl.link.stop_place import StopPlace, find_stop_line
 from printctl.link.wiring import Wiring
 
 _BEFORE: Final = 4
@@ -100,7 +100,7 @@ class JobProgress:
     def stood(self, place: Modal) -> StopPlace:
         """Return with which line it can be gone on after the moves ahead were dropped."""
         done = self.done
-        return find_stood(self.job.lines, self.executed(done), done, place)
+        return find_stop_line(self.job.lines, self.executed(done), done, place)
 
     def stopped_at(self, found: StopPlace) -> None:
         """Take notice of where the printer stood: the lines before a certain place were made."""

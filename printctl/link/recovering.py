@@ -18,9 +18,9 @@ from printctl.link.heads import all_raised, choose, head_at, is_about_heads, low
 from printctl.link.job import Job
 from printctl.link.job_frame import JobFrame, frame_at
 from printctl.link.journalled_print import JournalledPrint
-from printctl.link.modal import HOMING, Modal, places_told
+from printctl.link.modal import HOMING, Modal, declared_axes
 from printctl.link.recovery_begin import RestStart, beginning
-from printctl.link.recovery_steps import by_hand, what_is_there
+from printctl.link.recovery_steps import describe_rest, manual_steps
 from printctl.link.rest_lines import rest_lines
 from printctl.link.retreat import Retreat, count_from
 from printctl.link.valve import is_about_valve, reopen, shut
@@ -110,8 +110,8 @@ def plan_recovery(
     rest = rest_lines(job, data, begin, frame)
     gcode = _way_in(job, there, printer, retreat, frame) + rest
     steps = (
-        *by_hand(printer, frame),
-        *what_is_there(job, history, found, printer, ul_per_mm),
+        *manual_steps(printer, frame),
+        *describe_rest(job, history, found, printer, ul_per_mm),
     )
     return Recovery(begin, job.file_lines[begin], gcode, steps, frame.start)
 
@@ -187,7 +187,7 @@ def _settings(
         if of_head:
             last.pop(of_head, None)
             last[of_head] = line
-        elif code_of(line) not in _NO_SETUP and not places_told(line):
+        elif code_of(line) not in _NO_SETUP and not declared_axes(line):
             word = code_of(line)
             last.pop(word, None)  # the order in which they were last given
             last[word] = line

@@ -1,4 +1,4 @@
-"""Find the job line at which a recovered print begins, after the printer lost its position."""
+"""Find the job line to restart from after a lost printer position: checkpoint or stop place."""
 
 from __future__ import annotations
 

@@ -10,10 +10,10 @@ from printctl.link.job_frame import JobFrame
 from printctl.link.journalled_print import JournalledPrint
 from printctl.link.marks import MarkKind
 from printctl.link.recovery_begin import RestStart
-from printctl.link.written_twice import written_twice
+from printctl.link.written_twice import describe_rewritten_ink
 
 
-def by_hand(printer: Printer, frame: JobFrame) -> tuple[str, ...]:
+def manual_steps(printer: Printer, frame: JobFrame) -> tuple[str, ...]:
     """Return what to do at the machine, in order: needle, place, plunger."""
     lift = (
         "Lift the needle out before anything else moves: straight up, by hand on the Z screw or "
@@ -53,7 +53,7 @@ def by_hand(printer: Printer, frame: JobFrame) -> tuple[str, ...]:
     return lift, place, plunger, limits
 
 
-def what_is_there(
+def describe_rest(
     job: Job, history: JournalledPrint, found: RestStart, printer: Printer, ul_per_mm: float | None
 ) -> tuple[str, ...]:
     """From where the file goes on, and what may be written twice."""
@@ -62,7 +62,9 @@ def what_is_there(
     steps = [f"The file begins with line {first} of {job.name} ({found.why})."]
     head = head_at(job.lines, begin) if printer.heads else None
     amount = (
-        written_twice(job, begin, history.done, head, ul_per_mm) if history.done > begin else ""
+        describe_rewritten_ink(job, begin, history.done, head, ul_per_mm)
+        if history.done > begin
+        else ""
     )
     if found.stood:
         unsure = history.stood is not None and not history.stood["certain"]

@@ -1,4 +1,4 @@
-"""Choose the reload points at which a job pauses for a new syringe."""
+"""Plan a job's syringe changes: the fewest reload points, each as late as a syringe lasts."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Remaining lines of a job, with coordinates relative to the touch-off point."""
+"""G-code of a job from a given line on, its coordinates counted from the touch-off point."""
 
 from __future__ import annotations
 
 from printctl.link.job import Job
 from printctl.link.job_frame import JobFrame, Place
-from printctl.link.modal import places_told
+from printctl.link.modal import declared_axes
 from sim.reading import is_motion
 
 
@@ -19,7 +19,7 @@ def rest_lines(job: Job, data: bytes, begin: int, frame: JobFrame) -> bytes:
     said = (line for line in reversed(lines[:first]) if line.startswith(b";HEIGHT:"))
     for index in range(begin, len(job)) if frame.renamed else ():
         shift, row = frame.shift_at(index), job.file_lines[index] - 1
-        if any(shift) and (is_motion(job.lines[index]) or places_told(job.lines[index])):
+        if any(shift) and (is_motion(job.lines[index]) or declared_axes(job.lines[index])):
             _, semicolon, comment = lines[row].rstrip(b"\r\n").partition(b";")
             lines[row] = _moved(job.lines[index], shift) + semicolon + comment + b"\n"
     return b"".join([next(said, b""), *lines[first:]])

@@ -1,4 +1,4 @@
-"""Decide whether the interrupted print in a folder can be resumed."""
+"""Read an interrupted print's journal; refuse a print that cannot be resumed."""
 
 from __future__ import annotations
 

@@ -8,11 +8,11 @@ from printctl.link.channel import Channel
 from printctl.link.excursion import Excursion
 from printctl.link.families import link_facts
 from printctl.link.firmware_check import FirmwareCheck
+from printctl.link.foreign_changes import ForeignCommands
 from printctl.link.frame_check import FrameCheck
 from printctl.link.head_choice import HeadChoice
 from printctl.link.heat_check import HeatCheck
 from printctl.link.journalled_print import JournalledPrint
-from printctl.link.meddling import ForeignCommands
 from printctl.link.modal import Modal
 from printctl.link.pauses import Pauses
 from printctl.link.position_check import PositionCheck

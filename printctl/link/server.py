@@ -1,6 +1,6 @@
 """Command socket server of one print's link process.
 
-Besides what every door knows (`printctl.link.door`) a client may wish ``stop``,
+Besides what every command socket knows (`printctl.link.command_socket`) a client may wish ``stop``,
 ``pause`` (with ``after``: layer, vessel or nothing), ``reload`` (with ``head``, of several),
 ``resume`` (with ``change``, the fields of `NewSyringe`, or ``unchanged``), ``alive``, and
 ``command`` (with ``text``), which is answered by
@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from printctl.link.care import NewSyringe
-from printctl.link.door import SocketServer, forget, listen
-from printctl.link.door_places import ClientPlace
+from printctl.link.command_socket import SocketServer, forget, listen
 from printctl.link.errors import Refused
 from printctl.link.marks import MarkKind
+from printctl.link.socket_clients import ClientPlace
 from printctl.link.states import Status
 from printctl.link.streamer import Streamer
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from printctl.link.channel import Channel
-from printctl.link.modal import astray, axes_placed
+from printctl.link.modal import axes_placed, mismatched_axes
 from printctl.link.position_check import PositionCheck
 
 SOONEST_LINES: Final = 5
@@ -67,7 +67,7 @@ class SlipWatch:
         at, lines = self._progress.modal(), self._progress.job.lines
         wrong, position = ("", {}) if self._slip else self._position.compare(at)
         soon = set(axes_placed(lines[done : done + AGAIN_LINES]))
-        if wrong and position and soon.issuperset(astray(at, position)):
+        if wrong and position and soon.issuperset(mismatched_axes(at, position)):
             self._position.refuse_renamed()
             self._slip = f"after line {done}: {wrong}"
             self._every, self._noisy_until = AGAIN_LINES, done + NOISY_LINES

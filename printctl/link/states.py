@@ -1,4 +1,4 @@
-"""States of a print, and its outcomes, as enums."""
+"""States of a print as an enum; records of its status for clients, and of its outcome."""
 
 from __future__ import annotations
 

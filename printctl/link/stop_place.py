@@ -1,4 +1,4 @@
-"""Find the job line being executed when the printer discarded its planned moves.
+"""Find the job line under way at a stop, from the position that the printer reported then.
 
 Pure: the place that M114 told is looked for on the moves that may have been under way.
 """
@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from printctl.link.modal import Modal, modal_state, places_told
+from printctl.link.modal import Modal, declared_axes, modal_state
 from printctl.link.reloading import plunger_travel
 from sim.reading import code_of, is_motion
 
@@ -50,7 +50,7 @@ class _On:
     e: float | None
 
 
-def find_stood(lines: Sequence[bytes], sure: int, done: int, place: Modal) -> StopPlace:
+def find_stop_line(lines: Sequence[bytes], sure: int, done: int, place: Modal) -> StopPlace:
     """Find the line that a printer was at.
 
     Parameters
@@ -83,7 +83,7 @@ def find_stood(lines: Sequence[bytes], sure: int, done: int, place: Modal) -> St
 
 def _moves_frame(lines: Sequence[bytes], index: int) -> bool:
     """Whether a line calls a place another: M114 may have been answered in either count."""
-    told = places_told(lines[index])
+    told = declared_axes(lines[index])
     at = modal_state(lines, index).place() if told else {}
     renamed = any(at.get(axis.lower()) != mm for axis, mm in told.items())
     return renamed or code_of(lines[index]) == b"G28"

@@ -1,4 +1,4 @@
-"""State of a syringe change during a print: pending or not, and for which head."""
+"""State of a syringe change during a print: pending or not, and the head concerned."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parse temperature replies (M105), and list the commands that set temperatures."""
+"""Parse temperature replies (M105); give the command that sets a heater's target."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A serial port: USB-CDC, UART or pseudo-terminal.
+"""Read and write a printer's serial port: USB-CDC, UART or pseudo-terminal.
 
 pyserial opens and configures it (exclusive, raw). On POSIX systems reading and writing then go
 straight to the descriptor, which costs a third of pyserial's own calls; elsewhere (Windows)

@@ -1,4 +1,4 @@
-"""A printer behind TCP: a network bridge, or the simulated printer where there is no pty."""
+"""Read and write a printer over TCP: a network bridge, or the simulated printer without a pty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find the next mark at which a running print must pause or act."""
+"""Find the next line due for a pause, a syringe change or a position check of the print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Path length and ink of job lines that a resumed print may write twice."""
+"""Text with path length and ink of job lines that a resumed print may write twice."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from printctl.link.reloading import plunger_travel
 from sim.reading import GcodeLine, is_motion, read_sent
 
 
-def written_twice(
+def describe_rewritten_ink(
     job: Job, first: int, last: int, head: int | None = None, ul_per_mm: float | None = None
 ) -> str:
     """Describe how much ink lines ``first`` to ``last`` - 1 write; empty for none.

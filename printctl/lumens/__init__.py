@@ -1,9 +1,13 @@
-"""Check lumens in G-code before printing: predicted opening of each vessel."""
+"""Check vessels in G-code before printing: lumen openings, leaks and merging filaments.
+
+Goes in: G-code and a network or a part. Comes out: a report of each lumen's opening. Begin with
+`check.py`.
+"""
 
 from printctl.lumens.check import LumenCheck, check_model, check_network
 from printctl.lumens.filament_check import FilamentCheck, check_filaments
 from printctl.lumens.filament_sections import measure_filaments
-from printctl.lumens.filaments import Filaments, filaments
+from printctl.lumens.filaments import filaments
 from printctl.lumens.leaks import Leak, Lumens, find_leaks
 from printctl.lumens.lines import WrittenLines, read_lines, rounded_to_steps
 from printctl.lumens.measure import Openings, measure
@@ -14,12 +18,10 @@ from printctl.lumens.place import find_filament_place, find_place
 from printctl.lumens.read import Writing, read_filaments, read_layers, writes_at
 from printctl.lumens.report import LumenReport, report_dict, report_lumens
 from printctl.lumens.stations import SectionStations
-from printctl.lumens.strokes import Strokes
 from printctl.lumens.trees import network_trees
 
 __all__ = [
     "FilamentCheck",
-    "Filaments",
     "Leak",
     "LumenCheck",
     "LumenReport",
@@ -27,7 +29,6 @@ __all__ = [
     "Merge",
     "Openings",
     "SectionStations",
-    "Strokes",
     "Writing",
     "WrittenLines",
     "check_filaments",

@@ -9,13 +9,13 @@ import numpy as np
 
 from design.network import VesselNetwork
 from printctl.lumens.filament_sections import measure_filaments
-from printctl.lumens.filaments import Filaments
 from printctl.lumens.measure import Openings
 from printctl.lumens.merges import Merge, find_merges
 from printctl.lumens.network import network_lumens
 from printctl.lumens.report import LumenReport, report_dict, report_lumens
 from printctl.lumens.stations import FloatArray, SectionStations
 from printctl.lumens.wording import list_names
+from sim.deposit.strands import Strands
 
 MEANING: Final = (
     "written filaments are taken as sacrificial: the space that they fill is open once they are "
@@ -112,8 +112,8 @@ class FilamentCheck:
 
 
 def check_filaments(
-    ideal: Filaments,
-    stepped: Filaments,
+    ideal: Strands,
+    stepped: Strands,
     network: VesselNetwork,
     place_mm: FloatArray,
     leak_mm: float,
@@ -122,7 +122,7 @@ def check_filaments(
 
     Parameters
     ----------
-    ideal, stepped : Filaments
+    ideal, stepped : Strands
         As the file says, and as the dry run's motors do it.
     network : VesselNetwork
         In the part's frame.

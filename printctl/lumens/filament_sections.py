@@ -1,4 +1,4 @@
-"""Measure a lumen's opening at stations along embedded filaments.
+"""Measure the lumen that sacrificial filaments leave, at sections along each vessel.
 
 A filament is taken to be sacrificial: the space that it fills is the lumen once it is washed out. A
 section across the vessel cuts each filament near it in a disc; the widest circle is the widest disc
@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from printctl.lumens.filaments import Filaments, in_short_pieces
+from printctl.lumens.filaments import in_short_pieces
 from printctl.lumens.measure import Openings
 from printctl.lumens.stations import FloatArray, IntArray, SectionStations
+from sim.deposit.strands import Strands
 
 RAYS: Final = 32
 STATIONS_AT_ONCE: Final = 20_000
@@ -25,12 +26,12 @@ PASSES: Final = 6
 TOUCH_MM: Final = 1e-6
 
 
-def measure_filaments(found: Filaments, stations: SectionStations) -> Openings:
+def measure_filaments(found: Strands, stations: SectionStations) -> Openings:
     """Widest circle and written area of each station's section; 0 where nothing is written.
 
     Parameters
     ----------
-    found : Filaments
+    found : Strands
     stations : SectionStations
         Of the designed vessels, in the printer's frame.
     """
@@ -59,7 +60,7 @@ def _chunks(count: int) -> Iterator[IntArray]:
 
 
 def _discs(
-    pieces: Filaments, piece: IntArray, stations: SectionStations, row: IntArray
+    pieces: Strands, piece: IntArray, stations: SectionStations, row: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """Disc in which each piece cuts its station's plane: middle (m, 3) from the axis, radius.
 

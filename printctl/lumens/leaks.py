@@ -1,4 +1,4 @@
-"""Openings of a lumen to the outside, or leaks into another vessel tree."""
+"""Find gaps between printed lines that open a lumen to the outside or to another vessel tree."""
 
 from __future__ import annotations
 

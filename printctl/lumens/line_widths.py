@@ -65,7 +65,7 @@ class LayerHeightComments:
         return np.where(at >= 0, self.mm[np.maximum(at, 0)], np.nan)
 
 
-def said_heights(gcode: bytes) -> LayerHeightComments:
+def comment_heights(gcode: bytes) -> LayerHeightComments:
     """Read a file's comments."""
     said = read_comments(plain_lines(gcode))
     return LayerHeightComments(said.height_lines, said.height_mm)

@@ -1,4 +1,4 @@
-"""Printed lines of a G-code file, each a stadium in plan view."""
+"""Read layered G-code as printed lines with width and height, each a stadium in plan view."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ from printctl.lumens.line_widths import (
     LayerHeightComments,
     check_level,
     check_width,
+    comment_heights,
     dose_per_mm,
     dots,
-    said_heights,
     slabs,
 )
-from printctl.lumens.strokes import Strokes, origin, plunger_strokes
+from printctl.lumens.strokes import origin, plunger_strokes
 from printctl.rounding import last_digit_mm, window_mm
+from sim.deposit.strands import Strands
 from sim.program.gcode import read_gcode
 
 FloatArray = NDArray[np.float64]
@@ -120,7 +121,7 @@ def read_lines(
     if len(strokes.line) == 0:
         raise UsageError("no move of the G-code pushes ink while it goes sideways; is E in it?")
     window = flow_window(program.plunger, strokes, 1.0 if ul_per_e is None else ul_per_e)
-    said = said_heights(gcode)
+    said = comment_heights(gcode)
     lines = layered(strokes.moved(origin(program, gcode)), layer_mm, window, [bead], said=said)
     if line_mm is not None:
         width, thick = np.full(len(lines), line_mm), (lines.high - lines.low)[lines.layer]
@@ -129,9 +130,9 @@ def read_lines(
     return lines
 
 
-def flow_window(plunger: FloatArray, strokes: Strokes, ul_per_e: float) -> float:
+def flow_window(plunger: FloatArray, strokes: Strands, ul_per_e: float) -> float:
     """Way over which the digits that the file gives E average out, mm: none for digits enough."""
-    way = float(np.linalg.norm(strokes.end - strokes.begin, axis=1).sum())
+    way = float(strokes.length.sum())
     area = float(strokes.dose_ul.sum()) / way if way > 0 else 0.0
     window = SURER * window_mm(last_digit_mm(plunger) * ul_per_e, area)
     return min(max(window, LEAST_WINDOW_MM), MOST_WINDOW_MM)
@@ -161,7 +162,7 @@ def rounded_to_steps(
 
 
 def layered(
-    strokes: Strokes,
+    strokes: Strands,
     layer_mm: float | None,
     window_mm: float,
     beads: Sequence[BeadSection] = (ROUNDED,),
@@ -172,7 +173,7 @@ def layered(
 
     Parameters
     ----------
-    strokes : Strokes
+    strokes : Strands
     layer_mm : float or None, mm
     window_mm : float, mm
     beads : sequence of BeadSection
@@ -187,7 +188,7 @@ def layered(
     UsageError
         When one isn't level, or one layer alone doesn't say its thickness.
     """
-    begin, end = strokes.begin, strokes.end
+    begin, end = strokes.start, strokes.end
     check_level(begin, end, strokes.line)
     low, high, layer = slabs(end[:, 2], layer_mm, None if said is None else said.of(strokes.line))
     thick = (high - low)[layer]

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from design.network import VesselNetwork
-from printctl.lumens.filaments import Filaments, in_short_pieces
+from printctl.lumens.filaments import in_short_pieces
 from printctl.lumens.stations import FloatArray, IntArray
+from sim.deposit.strands import Strands
 
 APART_MM: Final = 0.02
 """Designed walls thinner than that are taken as meeting."""
@@ -53,7 +54,7 @@ class Merge:
 
 
 def find_merges(
-    found: Filaments, network: VesselNetwork, place_mm: FloatArray, width_mm: float
+    found: Strands, network: VesselNetwork, place_mm: FloatArray, width_mm: float
 ) -> tuple[Merge, ...]:
     """Pairs of vessels whose filaments overlap by at least ``width_mm`` where the design doesn't.
 
@@ -62,7 +63,7 @@ def find_merges(
 
     Parameters
     ----------
-    found : Filaments
+    found : Strands
     network : VesselNetwork
         In the part's frame.
     place_mm : (3,) float64, mm
@@ -95,7 +96,7 @@ def find_merges(
     )
 
 
-def owners(pieces: Filaments, start: FloatArray, end: FloatArray, radius: FloatArray) -> IntArray:
+def owners(pieces: Strands, start: FloatArray, end: FloatArray, radius: FloatArray) -> IntArray:
     """Piece of the design along which each filament's piece lies, (n,); -1 for none.
 
     The nearest axis, sampled every `SAMPLE_MM`; none where it is farther than `STRAY_RADII`.
@@ -111,7 +112,7 @@ def owners(pieces: Filaments, start: FloatArray, end: FloatArray, radius: FloatA
     return np.where(far, -1, owner).astype(np.int64)
 
 
-def _near(pieces: Filaments, kept: IntArray) -> tuple[IntArray, IntArray]:
+def _near(pieces: Strands, kept: IntArray) -> tuple[IntArray, IntArray]:
     """Pairs of pieces that may touch."""
     nothing = np.zeros(0, np.int64)
     if len(kept) < 2:

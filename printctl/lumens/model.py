@@ -1,4 +1,4 @@
-"""Lumens of a part without a network: the holes of its level sections, followed upwards."""
+"""Find lumens of a part without a network: holes of its level sections, traced layer to layer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stations along a network's vessels, at which lumens are measured."""
+"""Place measuring sections along a network's vessels, for the lumen check."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from printctl.lumens.stations import BoolArray, FloatArray, SectionStations
 BEYOND: Final = 1.5
 """How far is looked, in designed radii, and `BEYOND_MM` more."""
 BEYOND_MM: Final = 0.1
-END: Final = 1e-6
-"""Share of a piece by which the last station stands before its end."""
 
 
 def network_lumens(

@@ -10,9 +10,9 @@ from design.network import VesselNetwork
 from design.solids import Solid
 from design.solids.manifolds import solid_manifold
 from printctl.errors import UsageError
-from printctl.lumens.filaments import Filaments
 from printctl.lumens.lines import WrittenLines
 from printctl.lumens.stations import FloatArray, IntArray
+from sim.deposit.strands import Strands
 
 TOLERANCE_MM: Final = 0.1
 """Ink and part may differ in size by this; by more, what is written isn't the part alone."""
@@ -62,7 +62,7 @@ def find_place(lines: WrittenLines, part: Solid) -> FloatArray:
     return np.array([*middle, z])
 
 
-def find_filament_place(found: Filaments, network: VesselNetwork) -> FloatArray:
+def find_filament_place(found: Strands, network: VesselNetwork) -> FloatArray:
     """The part's origin in the printer's frame, (3,), mm: written axes over the designed ones.
 
     Raises

@@ -10,9 +10,9 @@ import numpy as np
 from firmware_profiles import Printer
 from firmware_profiles.bead import BeadSection
 from printctl.errors import UsageError
-from printctl.lumens.filaments import Filaments, filaments
-from printctl.lumens.heads import of_heads, stack_heads, stacked_filaments
-from printctl.lumens.line_widths import check_width, said_heights
+from printctl.lumens.filaments import filaments
+from printctl.lumens.heads import split_by_head, stack_heads
+from printctl.lumens.line_widths import check_width, comment_heights
 from printctl.lumens.lines import (
     ROUNDED,
     WINDOWLESS_MM,
@@ -24,14 +24,14 @@ from printctl.lumens.lines import (
 )
 from printctl.lumens.strokes import (
     FloatArray,
-    Strokes,
     plunger_strokes,
     run_strokes,
     valve_strokes,
 )
+from sim.deposit.strands import Strands
 from sim.dry_run.run import DryRun, dry_run
 from sim.heads.valve import read_with_valve
-from sim.reading.comments import plain_lines, said_start
+from sim.reading.comments import declared_start, plain_lines
 
 SMOOTHING_MM: Final = 1.0
 """Ink and syringe give way, so that single steps of the plunger are smoothed over this way."""
@@ -102,7 +102,7 @@ def read_layers(gcode: bytes, writing: Writing) -> tuple[WrittenLines, WrittenLi
     if not len(ideal.line):
         raise UsageError(_NEVER)
     stepped = run_strokes(run, printer, 0.0, writing.flow_ul_s)
-    said = said_heights(gcode)
+    said = comment_heights(gcode)
     both = (
         layered(ideal, writing.layer_mm, WINDOWLESS_MM, writing.beads, said=said),
         layered(stepped, writing.layer_mm, WINDOWLESS_MM, writing.beads, said=said),
@@ -115,7 +115,7 @@ def _layers_of_heads(gcode: bytes, writing: Writing) -> tuple[WrittenLines, Writ
     """Lines of all heads at their own tips' places."""
     printer, each = writing.printer, []
     run = _run(gcode, writing)
-    views = of_heads(run, printer)
+    views = split_by_head(run, printer)
     for view, ul_per_e in zip(views, _per_e(writing), strict=True):
         each.append(plunger_strokes(view.program, ul_per_e))
     strokes, head = stack_heads(each)
@@ -126,7 +126,7 @@ def _layers_of_heads(gcode: bytes, writing: Writing) -> tuple[WrittenLines, Writ
         flow_window(view.program.plunger, one, per_e)
         for view, one, per_e in zip(views, each, _per_e(writing), strict=True)
     )
-    lines = layered(strokes, writing.layer_mm, window, beads, head, said_heights(gcode))
+    lines = layered(strokes, writing.layer_mm, window, beads, head, comment_heights(gcode))
     if writing.line_mm is not None:
         lines = replace(lines, width=np.full(len(lines), writing.line_mm))
     check_width(lines.width, lines.line)
@@ -151,7 +151,7 @@ _NEVER: Final = (
 )
 
 
-def read_filaments(gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments]:
+def read_filaments(gcode: bytes, writing: Writing) -> tuple[Strands, Strands]:
     """Filaments written into a bath, as the file says and as the dry run's motors do it.
 
     After motor steps places are whole steps of x, y and z, and the plunger's whole steps are
@@ -175,10 +175,10 @@ def read_filaments(gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments
     return filaments(ideal, window), filaments(stepped, SMOOTHING_MM)
 
 
-def _filaments_of_heads(gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments]:
+def _filaments_of_heads(gcode: bytes, writing: Writing) -> tuple[Strands, Strands]:
     """Filaments of all heads at their own tips' places."""
     run, ideal, after = _run(gcode, writing), [], []
-    views = of_heads(run, writing.printer)
+    views = split_by_head(run, writing.printer)
     for number, (view, per_mm) in enumerate(zip(views, _per_e(writing), strict=True)):
         strokes = plunger_strokes(view.program, per_mm, level=False)
         if not len(strokes.line):
@@ -189,7 +189,7 @@ def _filaments_of_heads(gcode: bytes, writing: Writing) -> tuple[Filaments, Fila
         after.append(filaments(stepped, SMOOTHING_MM))
     if not ideal:
         raise UsageError("no move of the G-code pushes ink on its way; is E in it?")
-    return stacked_filaments(ideal), stacked_filaments(after)
+    return Strands.joined(ideal), Strands.joined(after)
 
 
 def writes_at(gcode: bytes, writing: Writing) -> tuple[FloatArray, FloatArray]:
@@ -200,10 +200,10 @@ def writes_at(gcode: bytes, writing: Writing) -> tuple[FloatArray, FloatArray]:
         strokes = plunger_strokes(program, 1.0, level=False)
     else:
         strokes = valve_strokes(program, valve, 1.0, level=False)
-    return strokes.begin, strokes.end
+    return strokes.start, strokes.end
 
 
-def _strokes(gcode: bytes, writing: Writing, *, level: bool) -> tuple[Strokes, DryRun]:
+def _strokes(gcode: bytes, writing: Writing, *, level: bool) -> tuple[Strands, DryRun]:
     """What the file says, and its dry run."""
     text, printer = plain_lines(gcode), writing.printer
     start = _start(text, writing)
@@ -222,7 +222,7 @@ def _strokes(gcode: bytes, writing: Writing, *, level: bool) -> tuple[Strokes, D
 
 
 def _start(text: bytes, writing: Writing) -> Place:
-    return writing.start_mm or said_start(text, writing.printer) or (0.0, 0.0, 0.0)
+    return writing.start_mm or declared_start(text, writing.printer) or (0.0, 0.0, 0.0)
 
 
 def _run(gcode: bytes, writing: Writing) -> DryRun:

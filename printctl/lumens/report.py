@@ -1,4 +1,4 @@
-"""Report of each lumen's predicted openness along its length."""
+"""Summarise each lumen's predicted opening along its length, as arrays and JSON."""
 
 from __future__ import annotations
 

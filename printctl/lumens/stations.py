@@ -1,4 +1,4 @@
-"""Stations along lumens at which a cross-section is measured."""
+"""Data type of the cross-sections to measure along lumens: position, direction, designed size."""
 
 from __future__ import annotations
 

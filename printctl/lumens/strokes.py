@@ -1,14 +1,14 @@
-"""Writing moves of a G-code file (by plunger or valve), as commanded or as executed."""
+"""Extract the writing moves of a G-code file (plunger or valve), as commanded or as executed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer
+from sim.deposit.strands import Strands
 from sim.dry_run.run import DryRun
 from sim.heads.valve import Valve, as_plunger, flowing
 from sim.program.gcode import Program, code, parse_line
@@ -16,47 +16,20 @@ from sim.program.modal import MOVE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 LEAST_MM: Final = 1e-6
 """A shorter way is none."""
 
 
-@dataclass(frozen=True)
-class Strokes:
-    """Moves that write, in the file's order.
-
-    Attributes
-    ----------
-    begin, end : (n, 3) float64, mm
-        Of the tip.
-    dose_ul : (n,) float64, µL
-    stroke : (n,) int64
-        Ascending: which unbroken line each is of.
-    line : (n,) int64
-        Of the file, from 1.
-    """
-
-    begin: FloatArray
-    end: FloatArray
-    dose_ul: FloatArray
-    stroke: IntArray
-    line: IntArray
-
-    def moved(self, by_mm: FloatArray) -> Strokes:
-        """The same, moved by (3,) mm."""
-        return replace(self, begin=self.begin + by_mm, end=self.end + by_mm)
-
-
-def plunger_strokes(program: Program, ul_per_e: float, *, level: bool = True) -> Strokes:
+def plunger_strokes(program: Program, ul_per_e: float, *, level: bool = True) -> Strands:
     """Moves that push ink on their way; sideways where they must be ``level``."""
-    begin = np.vstack([program.start[None, :3], program.target[:-1, :3]])[: len(program)]
+    begin = program.before[:, :3]
     pushed = np.diff(program.plunger, prepend=0.0)
     length = np.linalg.norm((program.target[:, :3] - begin)[:, : 2 if level else 3], axis=1)
     moves = program.kind == MOVE
     wrote = moves & (pushed > 0) & (length > LEAST_MM)
     chosen = np.flatnonzero(wrote)
-    return Strokes(
+    return Strands.dosed(
         begin[chosen],
         program.target[chosen, :3],
         pushed[chosen] * ul_per_e,
@@ -67,15 +40,15 @@ def plunger_strokes(program: Program, ul_per_e: float, *, level: bool = True) ->
 
 def valve_strokes(
     program: Program, valve: Valve, flow_ul_s: float, *, level: bool = True
-) -> Strokes:
+) -> Strands:
     """Moves with the valve open, as fed: each gets the flow for as long as its feed asks."""
-    begin = np.vstack([program.start[None, :3], program.target[:-1, :3]])[: len(program)]
+    begin = program.before[:, :3]
     way = program.target[:, :3] - begin
     length = np.linalg.norm(way[:, : 2 if level else 3], axis=1)
     wrote = (program.kind == MOVE) & valve.is_open & (length > LEAST_MM)
     chosen = np.flatnonzero(wrote)
     took = np.linalg.norm(way[chosen], axis=1) / np.maximum(program.feed[chosen], LEAST_MM)
-    return Strokes(
+    return Strands.dosed(
         begin[chosen],
         program.target[chosen, :3],
         took * flow_ul_s,
@@ -91,7 +64,7 @@ def run_strokes(
     flow_ul_s: float | None,
     *,
     level: bool = True,
-) -> Strokes:
+) -> Strands:
     """What the dry run's motors do: between whole steps, in the planner's own time.
 
     Parameters
@@ -123,7 +96,7 @@ def run_strokes(
     wrote = writes & (length > LEAST_MM)
     chosen = np.flatnonzero(wrote)
     lines = np.append(run.program.line, 0)
-    return Strokes(
+    return Strands.dosed(
         motion.start[chosen],
         motion.end[chosen],
         np.maximum(dose[chosen], 0.0),

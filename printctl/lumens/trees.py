@@ -1,4 +1,4 @@
-"""Lumens of a network or a part as vessel trees, for the leak search."""
+"""Group a network's designed lumens into vessel trees with their mouths, for the leak search."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Message wording shared by the lumen checks."""
+"""Shorten a list of lumen names for the lumen checks' messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Read networks from files of every supported format and from run folders."""
+"""Read and write networks in every supported format; load them from run folders with flow.
+
+Goes in: a path. Comes out: a network with its known flow and tissue. Begin with `source.py`.
+"""
 
 from printctl.networks.formats import (
     LOSSES,

@@ -1,1 +1,5 @@
-"""Pipeline: the stages of a run from tissue to report, each run only when out of date."""
+"""Run a recipe's stages from tissue to report, skipping those that are up to date.
+
+Goes in: a recipe and a folder. Comes out: a run folder with report.html and report.json. Begin
+with `run.py`.
+"""

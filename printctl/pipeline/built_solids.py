@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from design.network import VesselNetwork
-from design.solids import read_solid, validate_file
+from design.solids import read_solid, surface_genus
+from design.solids.topology import edge_faults
 from design.vasculature import PLANAR_DIMPLES, Dimple
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.solid_build import RunSolids, build
@@ -21,7 +25,7 @@ def built_solids(context: RunContext, network: VesselNetwork | None = None) -> R
     marks = [_scaled(mark, scale) for mark in PLANAR_DIMPLES] if named else []
     tissue = read_solid(context.folder / SURFACE, unit="mm")
     vessels = context.network if network is None else network
-    return build(context.recipe.solid, vessels, tissue, body_genus(context), marks)
+    return build(context.recipe.solid, vessels, tissue, body_genus(tissue.faces), marks)
 
 
 def _scaled(mark: Dimple, scale: float) -> tuple[tuple[float, float, float], float]:
@@ -29,6 +33,6 @@ def _scaled(mark: Dimple, scale: float) -> tuple[tuple[float, float, float], flo
     return (x * scale, y * scale, z * scale), mark.diameter_mm * scale
 
 
-def body_genus(context: RunContext) -> int:
-    """Handles of the tissue itself (a ring has one)."""
-    return validate_file(context.folder / SURFACE).genus or 0
+def body_genus(faces: NDArray[np.int32]) -> int:
+    """Handles of the tissue itself (a ring has one), by its faces (m, 3)."""
+    return 0 if edge_faults(faces) else surface_genus(faces)[0]

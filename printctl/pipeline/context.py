@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.hemodynamics import FlowConditions, at_same_shear, scaled_network
+from design.hemodynamics import FlowConditions, same_shear_conditions, scaled_network
 from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from design.solids import Solid, read_solid
@@ -24,7 +24,7 @@ from design.toolpath.correction import NEUTRAL, Corrections
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, steady_flow
 from printctl.compensation import CompensationFile, corrections_of_file, load_compensation
 from printctl.flow.conditions import steady_conditions
-from printctl.pipeline.filled import Filled, filled_heads
+from printctl.pipeline.head_contents import Filled, filled_heads
 from printctl.pipeline.heads import vessel_heads
 from printctl.pipeline.tissue_source import make_tissue
 from printctl.plates.place import WellDish
@@ -183,7 +183,7 @@ class RunContext:
     @cached_property
     def conditions(self) -> FlowConditions:
         """What drives the print's flow: the recipe's, at the wall shear of the design's size."""
-        return at_same_shear(self.designed_conditions, self.recipe.print_scale)
+        return same_shear_conditions(self.designed_conditions, self.recipe.print_scale)
 
     @cached_property
     def designed_conditions(self) -> FlowConditions:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 from design.anatomy.grown import AnatomicTrees
@@ -11,18 +12,24 @@ from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.presets import PRESETS
 from design.hemodynamics import FlowConditions, balance
 from design.network import VesselKind
-from design.tissue import Tissue, check_supplied
+from design.tissue import Tissue
 from design.units import PA_PER_MMHG
 from design.vasculature import (
     ClosedLoops,
+    GrownParts,
     GrowthOptions,
+    Inlet,
     LoopOptions,
+    PartSupply,
     RootSpec,
     VesselTree,
+    check_supply,
     close_loops,
     grow_forest,
+    grow_parts,
     grow_printable,
     grow_tree,
+    terminals_of,
 )
 from design.vasculature.polish import PolishOptions, polish
 from printctl.errors import RecipeError
@@ -31,6 +38,28 @@ from printctl.pipeline.growth_source import growth_options, read_trunk
 from printctl.pipeline.printability import printability
 from printctl.recipe.anatomy import AnatomyPart
 from printctl.recipe.growth import ClosedLoop, GrownNetwork
+
+_TOLD = 50
+"""Parts of a tissue that the manifest lists at most, the largest first."""
+
+
+def grown_parts(context: RunContext, part: GrownNetwork) -> GrownParts:
+    """The trees that the recipe asks for, and what each part of the tissue gets."""
+    if part.inlets is not None:
+        options = growth_options(part, context.recipe.seed, context.recipe_folder)
+        given = () if part.inlets == "each_part" else part.inlets
+        places = [Inlet(one.at_mm, one.direction) for one in given]
+        return grow_parts(context.tissue, options, places)
+    tree = grown_tree(context, part)
+    supply, notes = check_supply(context.tissue, *terminals_of([tree]))
+    return GrownParts((tree,), supply, (*tree.notes, *notes))
+
+
+def supply_report(supply: Sequence[PartSupply]) -> dict[str, Any]:
+    """What the report says of a tissue of several parts; nothing of one part."""
+    if len(supply) < 2:
+        return {}
+    return {"parts": len(supply), "supply": [asdict(one) for one in supply[:_TOLD]]}
 
 
 def grown_tree(context: RunContext, part: GrownNetwork) -> VesselTree:
@@ -41,7 +70,6 @@ def grown_tree(context: RunContext, part: GrownNetwork) -> VesselTree:
         tree = printable_tree(context, part, options)
     else:
         tree = grow_tree(context.tissue, options, trunk=read_trunk(part, folder))
-    check_supplied(context.tissue, tree.distal)
     if part.printable or not part.polish:
         return tree
     polished = polish(context.tissue, tree, polish_options(part, seed)).tree
@@ -64,9 +92,8 @@ def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
     if "pressure_drop_mmhg" not in own:
         options = replace(options, pressure_drop_pa=preset.pressure_drop_mmhg * PA_PER_MMHG)
     found = _grown(context.tissue, options, anatomy)
-    for tree in found.trees:
-        check_supplied(context.tissue, tree.distal)
-    return found
+    _, notes = check_supply(context.tissue, *terminals_of(found.trees))
+    return replace(found, notes=(*found.notes, *notes))
 
 
 def _grown(tissue: Tissue, options: GrowthOptions, part: AnatomyPart) -> AnatomicTrees:
@@ -122,7 +149,7 @@ def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> ClosedLoops:
     roots = [RootSpec(artery, VesselKind.ARTERY), RootSpec(vein, VesselKind.VEIN)]
     arterial, venous = grow_forest(tissue, roots)
     for tree in (arterial, venous):
-        check_supplied(tissue, tree.distal)
+        check_supply(tissue, *terminals_of([tree]))
     thinnest = part.smallest_diameter_mm / 2 if part.smallest_diameter_mm else None
     joined = LoopOptions(seed=seed, clearance_mm=part.clearance_mm, smallest_radius_mm=thinnest)
     closed = close_loops(tissue, arterial, venous, joined)
@@ -135,7 +162,7 @@ def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> ClosedLoops:
     return replace(closed, network=narrowed)
 
 
-def said_of(closed: ClosedLoops) -> dict[str, int]:
+def loops_report(closed: ClosedLoops) -> dict[str, int]:
     """What the report says of how the loops were closed."""
     return {
         "connections": closed.connections,

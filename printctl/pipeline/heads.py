@@ -1,4 +1,4 @@
-"""Assign vessels and layer regions to the heads named in a recipe."""
+"""Assign each vessel to a print head as the recipe names, and give each head's line width."""
 
 from __future__ import annotations
 

@@ -1,16 +1,15 @@
-"""Apply lag compensation of the plunger where a recipe asks for it."""
+"""Compensate a recipe's toolpath for the ink's measured pressure lag, and size the relief."""
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from design.toolpath import Toolpath
-from design.toolpath.lag import advanced
+from design.toolpath.lag import compensate_lag
 from printctl.bead import lag_of
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.filled import Filled
+from printctl.pipeline.head_contents import Filled
 from sim.bead import nozzle_of
 
 OF_SPEED: Final = 0.5
@@ -37,9 +36,9 @@ def ahead_of_lag(context: RunContext, toolpath: Toolpath) -> Toolpath:
             f"toolpath.compensate_lag: the firmware of {printer.name} holds an advance of "
             f"{printer.advance_s:g} s (advance_s), and both would compensate; leave one out"
         )
-    area = math.pi / 4 * load.syringe.inner_mm**2 * load.ink.flow_factor
+    area = load.syringe.area_mm2 * load.ink.flow_factor
     rate = OF_SPEED * printer.max_speed_mm_s.e * area
-    return advanced(toolpath, measured_lag_s(load), rate).toolpath
+    return compensate_lag(toolpath, measured_lag_s(load), rate).toolpath
 
 
 def measured_lag_s(load: Filled) -> float:

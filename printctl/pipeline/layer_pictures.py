@@ -1,4 +1,4 @@
-"""Layer pictures of a run, drawn from its G-code."""
+"""Draw two middle layers of a run's G-code, or all strokes of an embedded print, as SVG."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ def run_lock(folder: Path) -> Iterator[None]:
         ) from exc
 
 
-def run_is_going_on(folder: Path) -> bool:
+def is_run_active(folder: Path) -> bool:
     """Whether a live process runs in ``folder``."""
     if not (folder / ".lock").is_file():
         return False

@@ -1,4 +1,4 @@
-"""Measurement record as stored in registration.json, with the notes that follow from it."""
+"""Add the measurement record, and notes on its validity, to a registration's JSON data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of the pipeline stages in order, without importing their work."""
+"""Names of the pipeline stages in order, listed without importing the stages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Overlay a scan on a run's G-code and measure it layer by layer."""
+"""Cut a registered scan at each written layer of a run, and compare it with the G-code lines."""
 
 from __future__ import annotations
 

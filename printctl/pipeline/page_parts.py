@@ -1,4 +1,4 @@
-"""Page contents of `printctl register`, passed to the process that writes the HTML."""
+"""Data type of all that the HTML and PDF pages of `printctl register` show."""
 
 from __future__ import annotations
 

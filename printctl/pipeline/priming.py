@@ -1,4 +1,4 @@
-"""Priming set by a recipe: purge, wipe and prime line."""
+"""Plan the priming moves that a recipe sets: purge, wipe and prime line."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from design.toolpath import Toolpath
 from design.toolpath.priming import HeadPriming, PrimeLine, Purge, Surroundings, priming
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.filled import Filled
+from printctl.pipeline.head_contents import Filled
 from printctl.pipeline.heads import layer_lines_um
 from printctl.recipe.making import Fresh
 from printctl.recipe.priming import PrimePart

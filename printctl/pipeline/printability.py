@@ -1,13 +1,13 @@
-"""Printability limits by needle, bath and method: sizes of lumens and walls."""
+"""Compute the smallest and widest printable lumen and the thinnest wall, by method and needle."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from design.toolpath.embedded import EmbeddedOptions, held_diameter_mm
+from design.toolpath.embedded import EmbeddedOptions, supported_diameter_mm
 from design.toolpath.fresh import FreshOptions
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.filled import needle_options
+from printctl.pipeline.head_contents import needle_options
 from printctl.recipe.making import Fresh
 
 
@@ -55,7 +55,7 @@ def printability(context: RunContext, asked_mm: float | None = None) -> Printabi
     needle = context.needle
     filament = EmbeddedOptions(**needle_options(needle), thinnest=part.thinnest_bore)
     lumen = max(filament.smallest_lumen_mm, asked_mm or 0.0)
-    held = held_diameter_mm(context.bath, context.ink)
+    held = supported_diameter_mm(context.bath, context.ink)
     filled = filament.largest_lumen_mm
     by = "the bath's yield stress holds" if held < filled else "the plunger's flow fills"
     says = (

@@ -1,4 +1,4 @@
-"""Refuse recipes whose network doesn't suit needle, syringe, dish or printer.
+"""Refuse a recipe before anything is built, if its profiles or given network can't be printed.
 
 They come before anything is built, and before the libraries that build it are loaded. What passes
 here is asked again of the design and of the G-code, which know more.
@@ -18,7 +18,7 @@ from design.network_files.by_suffix import read_network
 from design.toolpath.embedded import EmbeddedOptions, check_thinnest
 from design.toolpath.fresh import FreshOptions, check_lumens
 from firmware_profiles import Bath, Dish, Printer, load
-from printctl.pipeline.filled import Filled, filled_heads, needle_options
+from printctl.pipeline.head_contents import Filled, filled_heads, needle_options
 from printctl.pipeline.heads import layer_lines_um, vessel_heads
 from printctl.preflight.mounted_checks import (
     bath_checks,

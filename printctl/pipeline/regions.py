@@ -1,4 +1,4 @@
-"""Regions of a FRESH part with their own infill or head, from a recipe."""
+"""Build the regions of a FRESH part with their own infill or head from a recipe's sections."""
 
 from __future__ import annotations
 

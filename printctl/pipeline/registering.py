@@ -1,4 +1,4 @@
-"""Output files of `printctl register`: results, page, exports for other programs."""
+"""Judge a registered scan and write the output of `printctl register`: results, page, exports."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from design.files import write_text
 from design.measures.morphometry import network_strahler_orders
 from design.network import VesselNetwork
 from design.solids import Solid
-from printctl.ahead import Call, SecondProcess
 from printctl.pipeline.facts import scan_origin
 from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.pipeline.page_parts import PageParts
@@ -28,9 +27,10 @@ from printctl.run_folder.registration_files import (
     write_deviation,
     write_exports,
 )
+from printctl.second_process import Call, SecondProcess
 from registration import RegistrationReport, Scan, report_dict
 from registration.judging import Tolerances, judge
-from registration.optics import relaid
+from registration.optics import is_resampled
 from registration.report import ReportSurface
 from registration.report.deviation_surfaces import split_surfaces
 from registration.report.packing import pack_surfaces
@@ -125,7 +125,7 @@ class RegisteredScan:
 
     def _parts(self, data: dict[str, Any], pdf: bool, drawn: Call) -> PageParts:
         views = take_views(
-            self.scan, self.surface, self.found, data["registration"], not relaid(self.scan)
+            self.scan, self.surface, self.found, data["registration"], not is_resampled(self.scan)
         )
         surfaces = pack_surfaces(self._surfaces())
         origin = scan_origin(self.source, self.network) if pdf else None

@@ -1,4 +1,4 @@
-"""Run a recipe completely, or as far as the design or the G-code."""
+"""Run a recipe, whole or only up to design or checked G-code, after quick refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of a recipe's run."""
+"""Options of a recipe's run: last stage, PDF report, print confirmation, progress listener."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pipeline stages in order: the design, as far as the job, and all of them."""
+"""Lists of the pipeline stages in running order: design, job and whole run."""
 
 from __future__ import annotations
 

@@ -115,7 +115,11 @@ def build(
         construct = _lettered(construct, text, index)
     chamber, holes = _chamber(part.chamber, network, construct, nodes)
     return RunSolids(
-        lumen=lumen_solid(network, fillet_ratio=part.fillet_ratio),
+        lumen=lumen_solid(
+            network,
+            fillet_ratio=part.fillet_ratio,
+            facet_ratio=part.facet_ratio(network.vessel_count),
+        ),
         construct=construct,
         chamber=chamber,
         ports=nodes,
@@ -174,7 +178,11 @@ def _opened(
     into = {port.node: max(0.0, port.beyond_mm) + INTO_BORE_MM for port, _ in fitted}
     lengths = np.array([into.get(node, beyond_mm) for node in nodes.tolist()])
     tool = lumen_solid(
-        network, extend_ends_mm=lengths, extend_nodes=nodes, fillet_ratio=part.fillet_ratio
+        network,
+        extend_ends_mm=lengths,
+        extend_nodes=nodes,
+        fillet_ratio=part.fillet_ratio,
+        facet_ratio=part.facet_ratio(network.vessel_count),
     )
     return construct_solid(body, tool)
 

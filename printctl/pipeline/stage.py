@@ -1,4 +1,4 @@
-"""Pipeline stage: run in order, skipped if its results are up to date."""
+"""Run pipeline stages in order, skipping each whose results are up to date."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from design.files import replacing
+from design.files import atomic_replacement
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.meter import RunMeter
 from printctl.progress import Report, StageBars
@@ -64,7 +64,9 @@ def run_stages(context: RunContext, stages: Sequence[Stage], bars: StageBars) ->
             bars.say(name, note)
 
 
-def run_as_one(context: RunContext, stages: Sequence[Stage], bars: StageBars, name: str) -> None:
+def run_under_one_bar(
+    context: RunContext, stages: Sequence[Stage], bars: StageBars, name: str
+) -> None:
     """Run stages as `run_stages`, under one bar: of many parts that are all made alike."""
     with bars.all(), bars.stage(name) as report, RunMeter() as meter:
         notes = []
@@ -111,7 +113,7 @@ def _take_over(context: RunContext, stage: Stage, record: StageRecord, folder: P
     """Copy what another folder's run of the same made."""
     context.manifest.stages.pop(stage.name, None)
     for name in record.outputs:
-        with replacing(context.folder / name) as draft:
+        with atomic_replacement(context.folder / name) as draft:
             shutil.copyfile(folder / name, draft)
     context.manifest.stages[stage.name] = record
     context.manifest.save()

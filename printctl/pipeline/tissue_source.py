@@ -1,4 +1,4 @@
-"""Build a `Tissue` from a recipe's tissue section."""
+"""Build the tissue (shape, mesh, points or image; zones, demand) from a recipe's tissue section."""
 
 from __future__ import annotations
 

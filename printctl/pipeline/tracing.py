@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from firmware_profiles import Printer
+from printctl.lumens.strokes import plunger_strokes, valve_strokes
 from registration import RegistrationReport
+from sim.deposit.strands import Strands
 from sim.heads.valve import read_with_valve
-from sim.program.modal import MOVE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -32,21 +33,16 @@ class Job:
 
     Attributes
     ----------
-    start, end : (n, 3) float64, mm
-        Of the moves that write.
-    line : (n,) int64
-        In the file, from 1.
+    moves : Strands
     source : (n,) int64
-        Layer, or vessel, from 0.
+        Layer, or vessel, from 0, of each move.
     of_vessels : bool
         Whether `source` counts vessels.
     first_line, last_line : (s,) int64
         Of each layer's or vessel's lines, travels included; 0 where it has none.
     """
 
-    start: FloatArray
-    end: FloatArray
-    line: IntArray
+    moves: Strands
     source: IntArray
     of_vessels: bool
     first_line: IntArray
@@ -74,17 +70,14 @@ def read_job(
         of_vessels = str(found["source_kind"]) == "vessel"
     x, y, z = start_mm.tolist()
     program, valve = read_with_valve(gcode.read_bytes(), printer, (x, y, z))
-    before = np.vstack([program.start[None, :], program.target[:-1]])
-    pushed = program.target[:, 3] > before[:, 3] if valve is None else valve.is_open
-    path = np.linalg.norm(program.target[:, :3] - before[:, :3], axis=1) > 0
-    wrote = (program.kind == MOVE) & pushed & path
-    line = program.line[wrote].astype(np.int64)
+    if valve is None:
+        moves = plunger_strokes(program, 1.0, level=False)
+    else:
+        moves = valve_strokes(program, valve, 0.0, level=False)
     first, last = _spans(of_line)
     return Job(
-        start=before[wrote, :3] - place_mm,
-        end=program.target[wrote, :3] - place_mm,
-        line=line,
-        source=of_line[line - 1],
+        moves=moves.moved(-place_mm),
+        source=of_line[moves.line - 1],
         of_vessels=of_vessels,
         first_line=first,
         last_line=last,
@@ -139,7 +132,7 @@ def _layer_tops(job: Job) -> FloatArray:
 
     The median of a layer's lines: those that prime the needle count with the first one.
     """
-    height = {k: float(np.median(job.end[job.source == k, 2])) for k in np.unique(job.source)}
+    height = {k: float(np.median(job.moves.end[job.source == k, 2])) for k in np.unique(job.source)}
     known = np.array(sorted(k for k in height if k >= 0))
     return np.interp(np.arange(len(job.first_line)), known, [height[k] for k in known])
 
@@ -176,7 +169,7 @@ def made_by(
         axis = np.array([defect["point_mm"]])
         reach = np.array([defect["size_um"] * 5e-4 + 1.5 * line_mm])
     near = _beside(job, axis, reach)
-    lines, sources = job.line[near], np.unique(job.source[near])
+    lines, sources = job.moves.line[near], np.unique(job.source[near])
     return {
         "vessels" if job.of_vessels else "layers": sources[sources >= 0].tolist(),
         "first_line": int(lines.min()) if len(lines) else 0,
@@ -187,11 +180,11 @@ def made_by(
 
 def _beside(job: Job, places: FloatArray, reach: FloatArray) -> NDArray[np.bool_]:
     """Moves that come within `reach` of one of the places."""
-    near = np.zeros(len(job.line), dtype=np.bool_)
-    way = job.end - job.start
+    near = np.zeros(len(job.moves.line), dtype=np.bool_)
+    way = job.moves.end - job.moves.start
     square = np.maximum((way**2).sum(axis=1), 1e-18)
     for place, limit in zip(places, reach, strict=True):
-        t = np.clip(((place - job.start) * way).sum(axis=1) / square, 0, 1)
-        off = job.start + t[:, None] * way - place
+        t = np.clip(((place - job.moves.start) * way).sum(axis=1) / square, 0, 1)
+        off = job.moves.start + t[:, None] * way - place
         near |= (off**2).sum(axis=1) <= limit**2
     return near

@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from registration.judging import Decision, as_if_pose_sure, pose_in_doubt, reason, worst_decision
+from registration.judging import (
+    Decision,
+    decision_at_sure_pose,
+    pose_in_doubt,
+    reason,
+    worst_decision,
+)
 from registration.report.gauging_sections import pressure_words
 
 Record = Mapping[str, Any]
@@ -71,7 +77,7 @@ def _in_this_pose(registration: Record, decision: Decision, text: str) -> Findin
 
 def _told(features: Sequence[Record]) -> list[Record]:
     """What isn't a pass; of a vessel's mean only where its worst section doesn't say as much."""
-    sure = [as_if_pose_sure(f) for f in features]
+    sure = [decision_at_sure_pose(f) for f in features]
     by_section = {f["vessel"]: f["decision"] for f in sure if f["name"] == "section"}
     return [
         f

@@ -1,4 +1,4 @@
-"""Run the stages of a recipe in one process: all, or as far as the design or the G-code."""
+"""Lock the run folder and run a recipe's wanted stages, for a single part or a well plate."""
 
 from __future__ import annotations
 

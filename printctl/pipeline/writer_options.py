@@ -1,4 +1,4 @@
-"""G-code writer options of an ink."""
+"""G-code writer options from an ink profile: relief, plunger rate, flow factor, writing speeds."""
 
 from __future__ import annotations
 

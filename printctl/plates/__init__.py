@@ -1,4 +1,8 @@
-"""Plan a well plate: the wells in use, their contents and printing order; refuse misfits."""
+"""Plan a well plate: the wells in use, their contents and printing order; refuse misfits.
+
+Goes in: a plate's profile and a recipe's section. Comes out: wells, their variants and order.
+Begin with `assign.py`.
+"""
 
 from printctl.plates.assign import Well, assigned, scanned_wells
 from printctl.plates.names import expand

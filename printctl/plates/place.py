@@ -1,4 +1,4 @@
-"""Position of a plate on the printer, and of each of its wells."""
+"""Compute the position of a plate on the printer, and of each of its wells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parameter sweep over wells, with the recipe of each well."""
+"""Expand a plate's parameter sweep into variants, and make each well's recipe and ink."""
 
 from __future__ import annotations
 

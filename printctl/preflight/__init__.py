@@ -1,4 +1,8 @@
-"""Preflight checks of a print before the first byte is sent."""
+"""Check a G-code job against printer, needle, ink, dish and bath before it is printed.
+
+Goes in: a G-code file and a `SetUp`. Comes out: checks, each passed or failed with its numbers.
+Begin with `set_up.py`.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -13,7 +17,7 @@ if TYPE_CHECKING:
     from printctl.preflight.firmware import firmware_checks
     from printctl.preflight.force import force_checks, hardest_push
     from printctl.preflight.gcode import gcode_checks
-    from printctl.preflight.heads import head_checks, of_each_head
+    from printctl.preflight.heads import check_each_head, head_checks
     from printctl.preflight.ink_needed import InkUse, ink_use
     from printctl.preflight.ink_volumes import volumes, written_ul
     from printctl.preflight.material_checks import temperature_checks
@@ -42,7 +46,7 @@ if TYPE_CHECKING:
         viability_checks,
         viability_facts,
     )
-    from printctl.preflight.well_comparison import same_as_alone
+    from printctl.preflight.well_comparison import compare_well_moves
     from printctl.preflight.well_map import read_wells, well_arrays
     from printctl.preflight.wells import Wells, well_checks
     from printctl.set_up import (
@@ -71,7 +75,9 @@ __all__ = [
     "accepted_text",
     "bath_checks",
     "budget_of",
+    "check_each_head",
     "chemistry_check",
+    "compare_well_moves",
     "dish_checks",
     "file_checks",
     "firmware_checks",
@@ -83,12 +89,10 @@ __all__ = [
     "held_check",
     "ink_use",
     "needle_check",
-    "of_each_head",
     "placed_failures",
     "read_wells",
     "read_written",
     "refuse_failed",
-    "same_as_alone",
     "shaft_checks",
     "shaft_clearance",
     "shaft_lines",

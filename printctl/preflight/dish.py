@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from firmware_profiles import Bath, Needle
 from printctl.preflight.wall_gaps import PlaceNames, hub_check, wall_check
 from printctl.set_up.check import Check
-from printctl.set_up.standing import PlacedDish
+from printctl.set_up.placed_dish import PlacedDish
 from sim.dry_run.run import DryRun
 from sim.program.modal import MOVE
 
@@ -85,7 +85,7 @@ class _Lines(PlaceNames):
 def tips_of(run: DryRun) -> FloatArray:
     """Tip before and after each row, (n, 2, 3)."""
     ends = run.program.target[:, :3]
-    begins = np.vstack([run.program.start[None, :3], ends[:-1]])[: len(ends)]
+    begins = run.program.before[:, :3]
     return np.stack([begins, ends], axis=1)
 
 

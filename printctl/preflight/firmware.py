@@ -1,4 +1,4 @@
-"""Checks of the firmware's idle timeout and of its cold extrusion lock.
+"""Check a job's idle timeout, and that the firmware knows the stop and monitoring commands.
 
 A killed host can switch nothing off. Some families kill themselves, or switch heaters and motors
 off, after a time without motion that a job can set (`Family.timeout`); others have nothing of it.
@@ -191,7 +191,7 @@ def widest_push_check(run: DryRun, printer: Printer, syringe: Syringe) -> list[C
     if asked is None or not asked.widest_push:
         return []
     program = run.program
-    before = np.vstack([program.start, program.target[:-1]])[: len(program)]
+    before = program.before
     way = np.linalg.norm((program.target - before)[:, :3], axis=1)
     pushed = (program.target - before)[:, 3] * math.pi / 4 * syringe.inner_mm**2
     moves = (program.kind == MOVE) & (way > 0)

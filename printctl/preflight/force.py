@@ -1,4 +1,4 @@
-"""Checks of pressure, plunger force and shear on the cells.
+"""Predict a job's hardest push; check pressure, plunger force and shear stress on the cells.
 
 No machine of ours reports force or pressure, so this is a prediction: the steady flow of the ink
 through the needle (`firmware_profiles.rheology`), on the plunger the syringe's friction besides
@@ -8,12 +8,19 @@ too stiff; so only measured inks refuse a print.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from firmware_profiles import Ink, Needle, Printer, Syringe, held_pa, pressure_pa, wall_stress_pa
+from firmware_profiles import (
+    Ink,
+    Needle,
+    Printer,
+    Syringe,
+    pressure_pa,
+    wall_stress_pa,
+    yield_pressure_pa,
+)
 from printctl.preflight.pneumatic_checks import air_checks, speed_checks
 from printctl.preflight.profile_checks import profile_checks
 from printctl.set_up.check import Check
@@ -47,7 +54,7 @@ def hardest_push(run: DryRun, ink: Ink, needle: Needle, syringe: Syringe) -> Pus
     The flow is the plunger's. Where the ink's lag was measured with this needle and syringe, a push
     from rest while the needle stands gives Q (1 - e^(-t/τ)): too short to press harder.
     """
-    area = math.pi / 4 * syringe.inner_mm**2
+    area = syringe.area_mm2
     speed = np.where(run.doses, run.speed_mm_s[:, 3], 0.0)
     if ink.lag is not None and (ink.lag.needle, ink.lag.syringe) == (needle.name, syringe.name):
         stands = (run.speed_mm_s[:, :3] == 0).all(axis=1) & (speed > 0)
@@ -121,7 +128,7 @@ def force_checks(
 
 def _held(ink: Ink, needle: Needle) -> list[Check]:
     """A yield stress holds pressure in the needle: the plunger's relief must be told of it."""
-    held = held_pa(ink, needle)
+    held = yield_pressure_pa(ink, needle)
     if held == 0 or ink.retract_ul > 0:
         return []
     return [

@@ -1,4 +1,4 @@
-"""Check a job's commands against the gate's allow-list."""
+"""Check a job for commands the gate refuses, unknown outputs switched, and motors off too early."""
 
 from __future__ import annotations
 

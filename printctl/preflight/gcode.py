@@ -1,4 +1,4 @@
-"""Checks of the G-code: travel, speed, plunger, interpretation by the firmware."""
+"""Run the checks that need only G-code and printer: travel, speed, plunger, firmware limits."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from firmware_profiles import Printer
 from firmware_profiles.families import family_of
 from printctl.preflight.firmware import firmware_checks
 from printctl.preflight.gate_checks import gate_checks, motor_checks
-from printctl.preflight.heads import ABOUT_HEADS, of_each_head
+from printctl.preflight.heads import ABOUT_HEADS, check_each_head
 from printctl.preflight.place_checks import place_checks
 from printctl.preflight.pneumatic_checks import valve_checks
 from printctl.preflight.profile_checks import profile_checks
@@ -119,7 +119,7 @@ def _speed(run: DryRun, found: dict[str, Finding]) -> list[Check]:
 def _plunger(run: DryRun, printer: Printer, found: dict[str, Finding]) -> list[Check]:
     """Each head's; none for a pneumatic one."""
     if printer.heads:
-        return of_each_head(run, printer, lambda _, view, one: [_travelled(view, one, found)])
+        return check_each_head(run, printer, lambda _, view, one: [_travelled(view, one, found)])
     return [] if printer.plunger_travel_mm is None else [_travelled(run, printer, found)]
 
 

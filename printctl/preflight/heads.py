@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from firmware_profiles import Needle, Printer
 from printctl.preflight.wall_gaps import wall_gap
 from printctl.set_up.check import Check
-from printctl.set_up.standing import WALL_CLEARANCE_MM, PlacedDish
+from printctl.set_up.placed_dish import WALL_CLEARANCE_MM, PlacedDish
 from sim.dry_run.run import DryRun
 from sim.program.modal import DWELL, MOVE, SYNC
 
-FloatArray = NDArray[np.float64]
 ABOUT_HEADS: Final = {
     "no_such_head": "heads chosen that aren't there",
     "head_not_chosen": "plunger moves before a head is chosen",
@@ -33,7 +32,7 @@ ABOUT_HEADS: Final = {
 _TINY_MM: Final = 1e-6
 
 
-def of_each_head(
+def check_each_head(
     run: DryRun, printer: Printer, checks: Callable[[int, DryRun, Printer], Sequence[Check]]
 ) -> list[Check]:
     """Checks of each head that the file uses, as if it were the only one, under its name.

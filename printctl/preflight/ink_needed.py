@@ -1,4 +1,4 @@
-"""Ink needs of a print: written, left in the syringe and needle, loaded."""
+"""Compute a print's ink: written, left in syringe and needle, and to be loaded."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def ink_use(
     reloads : int
         Planned changes of syringe; there are at least as many as the ink asks for.
     """
-    area = math.pi / 4 * syringe.inner_mm**2
+    area = syringe.area_mm2
     pushed, reach = run.plunger_max_mm * area, math.inf
     if printer.plunger_travel_mm is not None:
         reach = printer.plunger_travel_mm * area

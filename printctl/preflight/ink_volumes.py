@@ -1,4 +1,4 @@
-"""Ink volume that a job's rows push out of each head."""
+"""Compute the ink volume that each G-code row pushes out of the head in use."""
 
 from __future__ import annotations
 

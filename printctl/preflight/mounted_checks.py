@@ -1,11 +1,11 @@
-"""Checks of profiles against each other and the part's size, without G-code."""
+"""Check needle length, ink and bath chemistry, and filament support, without G-code."""
 
 from __future__ import annotations
 
 import math
 from typing import Final
 
-from design.toolpath.embedded import held_diameter_mm
+from design.toolpath.embedded import supported_diameter_mm
 from firmware_profiles import Bath, Ink, Needle
 from printctl.preflight.profile_checks import profile_checks
 from printctl.set_up.check import Check
@@ -67,7 +67,7 @@ def bath_checks(bath: Bath) -> list[Check]:
 
 def held_check(widest_mm: float, ink: Ink, bath: Bath) -> Check:
     """The thickest filament written, against what the bath's yield stress holds up."""
-    held = held_diameter_mm(bath, ink)
+    held = supported_diameter_mm(bath, ink)
     # Where densities are equal nothing sinks; a limit must be a number all the same.
     limit = held if math.isfinite(held) else widest_mm
     return Check(

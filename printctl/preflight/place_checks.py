@@ -1,4 +1,4 @@
-"""Check the tip positions that a job declares to the firmware: once, before its first move.
+"""Check that a job doesn't redefine its X, Y or Z coordinates (G92) after its first move.
 
 A later place with other numbers renames all places: the firmware's own limits, and what a person
 reads from its display, are then off by as much. E is free: it counts a plunger.

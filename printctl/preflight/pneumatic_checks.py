@@ -244,7 +244,7 @@ def speed_checks(run: DryRun, ink: Ink, printer: Printer) -> list[Check]:
     """Speeds at which ink is written, against those at which a line of it holds together."""
     span = ink.write_speed_mm_s
     program = run.program
-    before = np.vstack([program.start[None, :3], program.target[:-1, :3]])[: len(program)]
+    before = program.before[:, :3]
     writes = run.doses & (program.kind == MOVE) & (program.target[:, :3] != before).any(axis=1)
     if span is None or not writes.any():
         return []

@@ -1,4 +1,4 @@
-"""Refuse a print whose printer or material profiles contradict themselves."""
+"""Refuse a print with a printer or material profile that contradicts itself."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from printctl.errors import UsageError
 from printctl.preflight.dish import dish_checks, floor_check, unknown_dish
 from printctl.preflight.force import force_checks
 from printctl.preflight.gcode import gcode_checks
-from printctl.preflight.heads import head_checks, of_each_head
+from printctl.preflight.heads import check_each_head, head_checks
 from printctl.preflight.ink_volumes import volumes, written_ul
 from printctl.preflight.material_checks import temperature_checks
 from printctl.preflight.mounted_checks import bath_checks, chemistry_check
@@ -37,7 +37,7 @@ def file_checks(run: DryRun, setup: SetUp, map_path: Path | None = None) -> list
         name for name, part in (("needle", setup.needle), ("bath", setup.bath)) if part is None
     ]
     if setup.printer.heads:
-        checks += of_each_head(
+        checks += check_each_head(
             run, setup.printer, lambda k, view, one: _of_head(view, one, setup, loads[k], ink_ul)
         )
         checks += head_checks(run, setup.printer, setup.standing, [one.needle for one in loads])

@@ -1,8 +1,6 @@
-"""Checks of plunger travel and volume of the syringe."""
+"""Check that a job's ink fits the syringe's filling, and tell the firmware's push limit."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
@@ -15,7 +13,7 @@ from sim.dry_run.run import DryRun
 
 def syringe_check(run: DryRun, syringe: Syringe) -> Check:
     """Ink pushed at the farthest point, with what stays in the needle, against the filling."""
-    area = math.pi / 4 * syringe.inner_mm**2
+    area = syringe.area_mm2
     needed = run.plunger_max_mm * area + syringe.dead_volume_ul
     over = np.flatnonzero(run.program.plunger * area + syringe.dead_volume_ul > syringe.volume_ul)
     line = f"line {int(run.program.line[over[0]])}, " if len(over) else ""

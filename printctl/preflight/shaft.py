@@ -1,4 +1,4 @@
-"""Check results for collisions of the needle's shaft with written ink."""
+"""Turn found collisions of the needle's shaft with written vessels into check results and text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read an embedded job's map: network, vessels' positions, needles."""
+"""Read, or make, the map arrays of an embedded job that its needle shaft check needs."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def read_written(path: Path) -> ShaftMap | None:
             data = {name: found[name] for name in found.files}
         if str(data["source_kind"]) != "vessel":
             return None
-        return written_of(data)
+        return read_written_arrays(data)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as exc:
         raise UsageError(
             f"{path} doesn't say what the job writes ({exc}), so the needle's shaft can't be "
@@ -99,7 +99,7 @@ def read_written(path: Path) -> ShaftMap | None:
         ) from exc
 
 
-def written_of(data: Mapping[str, NDArray[Any]]) -> ShaftMap:
+def read_written_arrays(data: Mapping[str, NDArray[Any]]) -> ShaftMap:
     """What the arrays of a map say: ``source`` and ``kind`` of each line, and `written_arrays`."""
     arrays = {name: data[f"network_{name}"] for name in _NETWORK}
     network = WrittenNetwork(**arrays, bundled=data.get("bundled"))

@@ -6,7 +6,6 @@ what is written within the step wavers. Nothing is refused for it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from firmware_profiles import Printer, Syringe
 from printctl.rounding import last_digit_mm
 from printctl.set_up.check import Check
+from sim.deposit.strands import Strands
 from sim.dry_run.run import DryRun
 from sim.program.modal import MOVE
 
@@ -25,62 +25,41 @@ _STILL_MM: Final = 1e-6
 _ROUNDING: Final = 1e-6
 
 
-@dataclass(frozen=True)
-class WritingMoves:
-    """Moves that write, (n,) each.
-
-    Attributes
-    ----------
-    length : float64, mm
-    plunger : float64, mm
-        How far it goes; zeros of a pneumatic head.
-    line : int64
-        Of the file.
-    stroke : int64
-        From 0: which unbroken line each is of.
-    rises : bool
-        Whether any of them changes its height.
-    """
-
-    length: FloatArray
-    plunger: FloatArray
-    line: IntArray
-    stroke: IntArray
-    rises: bool
-
-
 def step_checks(run: DryRun, printer: Printer, syringe: Syringe) -> list[Check]:
     """Warnings of steps that are coarse for this file; none where nothing is written."""
-    wrote = writing_moves(run)
-    if not len(wrote.length):
+    wrote = writing_moves(run, syringe.area_mm2)
+    if not len(wrote):
         return []
     checks = [_axis_step(wrote, printer)]
-    if printer.pneumatic is None and wrote.plunger.sum() > 0:
-        checks += [_plunger_step(wrote, printer), _least_dose(wrote, run, printer, syringe)]
+    if printer.pneumatic is None and wrote.dose_ul.sum() > 0:
+        checks += [
+            _plunger_step(wrote, printer, syringe),
+            _least_dose(wrote, run, printer, syringe),
+        ]
     return checks
 
 
-def writing_moves(run: DryRun) -> WritingMoves:
-    """The file's moves that write."""
+def writing_moves(run: DryRun, ul_per_mm: float) -> Strands:
+    """Return the file's moves that write; ``ul_per_mm``, mm², is the bore of the syringe."""
     program = run.program
-    begin = np.vstack([program.start[None, :3], program.target[:-1, :3]])[: len(program)]
-    way = program.target[:, :3] - begin
-    length = np.linalg.norm(way, axis=1)
+    begin = program.before[:, :3]
+    length = np.linalg.norm(program.target[:, :3] - begin, axis=1)
     writes = run.doses & (program.kind == MOVE) & (length > _STILL_MM)
     rows = np.flatnonzero(writes)
     breaks = np.cumsum(~writes & (program.kind == MOVE))[rows]
-    return WritingMoves(
-        length[rows],
-        np.diff(program.plunger, prepend=0.0)[rows],
-        program.line[rows],
+    return Strands.dosed(
+        begin[rows],
+        program.target[rows, :3],
+        np.diff(program.plunger, prepend=0.0)[rows] * ul_per_mm,
         np.unique(breaks, return_inverse=True)[1].reshape(-1),
-        bool((np.abs(way[rows, 2]) > _STILL_MM).any()),
+        program.line[rows],
     )
 
 
-def _axis_step(wrote: WritingMoves, printer: Printer) -> Check:
+def _axis_step(wrote: Strands, printer: Printer) -> Check:
     steps = printer.steps_per_mm
-    step = max(1 / steps.x, 1 / steps.y, 1 / steps.z if wrote.rises else 0.0)
+    rises = (np.abs(wrote.end[:, 2] - wrote.start[:, 2]) > _STILL_MM).any()
+    step = max(1 / steps.x, 1 / steps.y, 1 / steps.z if rises else 0.0)
     at = int(wrote.length.argmin())
     shortest = float(wrote.length[at])
     fine = step <= shortest * (1 + _ROUNDING)
@@ -96,9 +75,10 @@ def _axis_step(wrote: WritingMoves, printer: Printer) -> Check:
     )
 
 
-def _plunger_step(wrote: WritingMoves, printer: Printer) -> Check:
+def _plunger_step(wrote: Strands, printer: Printer, syringe: Syringe) -> Check:
     """The way of line that one step of the plunger makes, at the file's mean flow."""
-    way = float(wrote.length.sum() / wrote.plunger.sum()) / printer.steps_per_mm.e
+    plunger = wrote.dose_ul.sum() / syringe.area_mm2
+    way = float(wrote.length.sum() / plunger) / printer.steps_per_mm.e
     at = int(wrote.length.argmin())
     shortest = float(wrote.length[at])
     count = int((wrote.length < way).sum())
@@ -114,14 +94,14 @@ def _plunger_step(wrote: WritingMoves, printer: Printer) -> Check:
     )
 
 
-def _least_dose(wrote: WritingMoves, run: DryRun, printer: Printer, syringe: Syringe) -> Check:
+def _least_dose(wrote: Strands, run: DryRun, printer: Printer, syringe: Syringe) -> Check:
     """A step, or E's last digit, against the dose of the smallest unbroken line."""
-    dose = np.bincount(wrote.stroke, wrote.plunger)
+    dose = np.bincount(wrote.stroke, wrote.dose_ul) / syringe.area_mm2
     first = np.searchsorted(wrote.stroke, np.arange(len(dose)))
     at = int(dose.argmin())
     step, digit = 1 / printer.steps_per_mm.e, last_digit_mm(run.program.plunger)
     coarse = max(step, digit)
-    nl = 1e3 * np.pi / 4 * syringe.inner_mm**2
+    nl = 1e3 * syringe.area_mm2
     which = "E's last digit" if digit > step else "one step of the plunger"
     short = int((dose < coarse * (1 - _ROUNDING)).sum())
     return _step_check(

@@ -1,4 +1,4 @@
-"""Distances of needle and hub to a dish's wall, over all moves of a job."""
+"""Compute and check the distance of needle and hub to a dish's wall over all moves of a job."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Dish, Needle
 from printctl.set_up.check import Check
-from printctl.set_up.standing import HUB_MM, WALL_CLEARANCE_MM, PlacedDish
+from printctl.set_up.placed_dish import HUB_MM, WALL_CLEARANCE_MM, PlacedDish
 
 FloatArray = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Check that a well's moves in a plate job equal those of its own job."""
+"""Check that a well's moves in a plate job equal those of the same part printed alone."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ROUNDINGS: Final = 2.5
 """Units of a text's last decimal by which a way may differ: either end, in either file."""
 
 
-def same_as_alone(
+def compare_well_moves(
     well: str,
     plate: tuple[Program, NDArray[np.bool_]],
     alone: tuple[Program, NDArray[np.bool_]],

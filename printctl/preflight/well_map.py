@@ -1,4 +1,4 @@
-"""Read a plate job's map: the G-code lines of each well."""
+"""Read, or make, a plate job's map of wells: their positions, and the G-code lines of each."""
 
 from __future__ import annotations
 

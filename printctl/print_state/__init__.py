@@ -1,1 +1,5 @@
-"""State of a print and its allowed actions, shared by page, API, command line and history."""
+"""Determine a print's state and allowed actions; continue or give up an interrupted print.
+
+Goes in: a print's folder. Comes out: its state, and the actions that are allowed. Begin with
+`state.py`.
+"""

@@ -13,10 +13,10 @@ from firmware_profiles import Printer, ProfileError, load
 from printctl.errors import PrintctlError
 from printctl.link.errors import LinkError, NoLink, Refused
 from printctl.link.families import link_facts
+from printctl.link.find_link import alive
 from printctl.link.history import data_folder
 from printctl.link.job import load_job
 from printctl.link.ports import SIMULATED
-from printctl.link.reach import alive
 from printctl.link.record import JOURNAL, RECORD, load_record
 from printctl.link.recovery_begin import NoCheckpoint
 from printctl.link.resuming import resumable
@@ -142,7 +142,7 @@ def _changed(folder: Path) -> tuple[tuple[str, int], ...]:
 
 
 def _why_no_going_on(folder: Path) -> str:
-    """Why `printctl.print_state.continuing.go_on` would refuse; empty where it wouldn't."""
+    """Why `printctl.print_state.continue_print.go_on` would refuse; empty where it wouldn't."""
     try:
         record = load_record(folder)
         printer = load(Printer, record.profile)

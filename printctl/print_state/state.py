@@ -15,8 +15,8 @@ from printctl.link.client import attach
 from printctl.link.record import JOURNAL, LinkRecord, load_record
 from printctl.link.states import LinkState, Status
 from printctl.print_state.actions import Possible, PrintAction, possible_actions
-from printctl.printing.journalled import JournalledFacts, journalled
-from printctl.printing.print_words import made_words, print_words, state_words
+from printctl.printing.journal_facts import JournalledFacts, read_journal_facts
+from printctl.printing.print_words import print_words, progress_words, state_words
 from printctl.printing.progress import Filling, Progress, predicted_s, progress
 from printctl.printing.remaining import Remaining
 
@@ -67,7 +67,7 @@ class PrintTruth:
     @property
     def words(self) -> dict[str, str]:
         """State, what is made, time, layer, vessel and ink as a person is told them."""
-        made = made_words(self.status, self.progress)
+        made = progress_words(self.status, self.progress)
         state = f"{state_words(self.status.state).capitalize()} · {made.removesuffix(' made')}"
         return {"state": state, "made": made, **print_words(self.status, self.progress)}
 
@@ -101,15 +101,15 @@ def read_print(folder: Path) -> PrintTruth:
     """
     with attach(folder) as client:
         status = client.status
-    journal = journalled(folder / JOURNAL)
+    journal = read_journal_facts(folder / JOURNAL)
     table = kept_table(folder, journal.sha256)
     if table is None or len(table) != status.lines_total:
-        return truth_of(folder, status, journal)
+        return assemble_state(folder, status, journal)
     remaining = remaining_of(table, journal)
-    return truth_of(folder, status, journal, table, remaining, filling_of(folder, journal))
+    return assemble_state(folder, status, journal, table, remaining, filling_of(folder, journal))
 
 
-def truth_of(
+def assemble_state(
     folder: Path,
     status: Status,
     journal: JournalledFacts,

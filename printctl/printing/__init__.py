@@ -1,4 +1,8 @@
-"""Start, find and follow prints from the command line; ask the operator when interrupted."""
+"""Start, find and follow prints: progress, remaining time, syringe changes, recovery.
+
+Goes in: a print order. Comes out: a client of its link process, and its progress. Begin with
+`find.py`.
+"""
 
 from typing import TYPE_CHECKING
 

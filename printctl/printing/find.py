@@ -18,7 +18,7 @@ from printctl.link.record import JOURNAL
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
-from printctl.printing.executed import is_whole, record_for
+from printctl.printing.executed_note import is_complete_record, record_for
 from printctl.printing.simulated import SIMULATED
 
 
@@ -93,7 +93,7 @@ def find_or_start(order: Order, open_port: Callable[[], str]) -> PrintClient:
     refuse_unsent(load(Printer, order.printer), str(order.job))
     if order.resume:
         return resume_print(order.folder, open_port())
-    counts = order.port != SIMULATED or is_whole(
+    counts = order.port != SIMULATED or is_complete_record(
         record_for(order.folder), order.sha256, load(Printer, order.printer)
     )
     if order.once and counts and (done := finished(order)) is not None:

@@ -1,4 +1,4 @@
-"""Progress of a job by command: time, layer, vessel and ink after each.
+"""Table of a job's time, layer, vessel and ink after each command, to look up progress.
 
 Made once per job from the dry run; an update of the progress then only reads one row.
 """
@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from design.files import replacing
+from design.files import atomic_replacement
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -64,7 +64,7 @@ class JobTable:
 
     def save(self, path: Path) -> None:
         """Write it as ``.npz``."""
-        with replacing(path) as draft:
+        with atomic_replacement(path) as draft:
             np.savez(draft, **{one.name: getattr(self, one.name) for one in fields(self)})
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""Line map of the rest of a recovered print, from the map of its job."""
+"""Write the line map of a recovered print's remaining job, from the original job's map."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from design.files import replacing
+from design.files import atomic_replacement
 from printctl.link.recovering import Recovery
 
 MAP: Final = ".map.npz"
@@ -31,7 +31,7 @@ def write_map(job: Path, plan: Recovery, rest: Path) -> None:
     if arrays is None:
         rest.with_suffix(MAP).unlink(missing_ok=True)
         return
-    with replacing(rest.with_suffix(MAP)) as draft, draft.open("wb") as handle:
+    with atomic_replacement(rest.with_suffix(MAP)) as draft, draft.open("wb") as handle:
         np.savez(handle, **arrays)
 
 

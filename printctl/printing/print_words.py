@@ -1,4 +1,4 @@
-"""Word a print's time, layer, vessel and ink for page and command line."""
+"""Format a print's state, time, layer, vessel and ink as text for page and command line."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def alarm_words(count: int, last: str) -> str:
     return f"{count} alarms, the last: {last}"
 
 
-def made_words(status: Status, done: Progress | None) -> str:
+def progress_words(status: Status, done: Progress | None) -> str:
     """Return how much is made: a share of the time where that is known, else lines at least.
 
     Lines are no share: a header's cost nothing, and what the printer holds isn't made yet.

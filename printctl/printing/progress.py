@@ -1,4 +1,4 @@
-"""Progress of a print by time, layer, vessel and ink."""
+"""Compute a print's progress (time, layer, vessel, ink) from the commands executed so far."""
 
 from __future__ import annotations
 

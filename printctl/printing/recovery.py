@@ -11,9 +11,9 @@ from firmware_profiles import Printer, ProfileError, Syringe, load
 from printctl.errors import PrintctlError
 from printctl.link.care import Care
 from printctl.link.errors import LinkError
+from printctl.link.find_link import stays_alive
 from printctl.link.job import load_job
 from printctl.link.journalled_print import read_journal
-from printctl.link.reach import stays_alive
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.recovering import Recovery, plan_recovery
 from printctl.link.recovery_begin import NoCheckpoint

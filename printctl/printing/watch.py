@@ -12,7 +12,7 @@ from printctl.link.client import PrintClient
 from printctl.link.record import JOURNAL
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState, PrintOutcome
-from printctl.printing.journalled import journalled
+from printctl.printing.journal_facts import read_journal_facts
 from printctl.printing.print_words import alarm_words
 from printctl.progress import Report, StageBars
 
@@ -111,7 +111,9 @@ class _Alarms:
         """Show the last alarm where there are more than before."""
         if count > self._count:
             self._count = count
-            self._bars.remark("print", alarm_words(count, journalled(self._journal).last_alarm))
+            self._bars.remark(
+                "print", alarm_words(count, read_journal_facts(self._journal).last_alarm)
+            )
 
 
 def _ask(bars: StageBars) -> str:

@@ -1,14 +1,18 @@
-"""Query a printer's settings and compare them with its profile."""
+"""Query a printer's settings and compare them with its profile.
 
-from printctl.probing.ask import ask_settings
+Goes in: a port and a profile. Comes out: a row for each setting that differs. Begin with
+`compare.py`.
+"""
+
 from printctl.probing.compare import Row, compare, corrected_profile
+from printctl.probing.queries import query_settings
 from printctl.probing.settings import Settings, read_settings
 
 __all__ = [
     "Row",
     "Settings",
-    "ask_settings",
     "compare",
     "corrected_profile",
+    "query_settings",
     "read_settings",
 ]

@@ -1,4 +1,4 @@
-"""Settings queries of each firmware family, and parsers of their replies.
+"""Parse each firmware family's replies to settings queries into a printer's settings.
 
 Only questions: none of these commands sets anything. Answers are read as
 

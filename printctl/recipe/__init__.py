@@ -1,6 +1,8 @@
-"""Recipe: schema and reading.
+"""Schema of a run's YAML recipe, and its reading and checking.
 
 Names are loaded when first asked for: most commands need one part of the schema, not all.
+
+Goes in: a YAML file. Comes out: a `Recipe`, checked. Begin with `load.py`.
 """
 
 from typing import TYPE_CHECKING

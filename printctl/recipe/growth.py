@@ -1,4 +1,4 @@
-"""Recipe section on the network: named, from a file, or grown."""
+"""Recipe section on the vessel network: shipped, from a file, grown, or a lattice."""
 
 from __future__ import annotations
 
@@ -101,6 +101,15 @@ class StagePart(Part):
     penalty: PenaltyPart | None = None
 
 
+class InletPart(Part):
+    """Where a tree enters."""
+
+    at_mm: Point
+    direction: Point | None = Field(
+        default=None, description="Into the tissue; the surface's normal there by default."
+    )
+
+
 class Growth(NetworkSection):
     """What every grown tree is told."""
 
@@ -170,6 +179,15 @@ class GrownNetwork(Growth):
         default=None, description="search: where a small tree costs least."
     )
     root_candidates: Annotated[int, Field(ge=1, le=10_000)] = 24
+    inlets: (
+        Literal["each_part"]
+        | Annotated[tuple[InletPart, ...], Field(min_length=1, max_length=1000)]
+        | None
+    ) = Field(
+        default=None,
+        description="each_part: one for every separate part of the tissue, and more where vessels "
+        "from one don't reach all of it; or a list of places.",
+    )
     trunk: FileName | None = Field(
         default=None, description="CSV, SWC, JSON or npz of the artery from which growth goes on."
     )
@@ -207,9 +225,11 @@ class GrownNetwork(Growth):
         for key in ("polish", "trunk", "stages", "terminal_points", "root"):
             if self.printable and getattr(self, key):
                 raise ValueError(f"printable doesn't go with {key} yet; give one of the two")
-        for key in ("polish", "printable", "trunk", "stages", "terminal_points", "root", "root_mm"):
+        others = ("polish", "printable", "trunk", "stages", "terminal_points", "root", "root_mm")
+        for key in (*others, "inlets"):
             if self.anatomy is not None and getattr(self, key):
                 raise ValueError(f"anatomy doesn't go with {key}; give one of the two")
+        self._inlets_fit()
         if self.root is not None and (self.root_mm or self.root_direction or self.trunk):
             raise ValueError(
                 "root: search finds root and direction itself; give it without root_mm, "
@@ -223,6 +243,15 @@ class GrownNetwork(Growth):
         if any(two <= one for one, two in pairwise(reached)):
             raise ValueError(f"stages reach {reached} terminals; let them ascend")
         return self
+
+    def _inlets_fit(self) -> None:
+        if self.inlets is None:
+            return
+        for key in ("polish", "printable", "trunk", "stages", "terminal_points", "root"):
+            if getattr(self, key):
+                raise ValueError(f"inlets don't go with {key} yet; give one of the two")
+        if self.inlets != "each_part" and (self.root_mm or self.root_direction):
+            raise ValueError("inlets say where the trees enter; remove root_mm and root_direction")
 
     def _trunk_has_a_unit(self, trunk: str) -> None:
         suffix = trunk.rsplit(".", 1)[-1].lower()

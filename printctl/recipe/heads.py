@@ -1,4 +1,4 @@
-"""Recipe section on heads: the ink and vessels of each."""
+"""Recipe section on print heads: ink, syringe, needle and assigned vessels of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recipe section of a channel lattice, for comparison with a grown tree."""
+"""Recipe section of a network that is a regular channel lattice clipped to the tissue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a recipe and report its errors."""
+"""Read and validate a YAML recipe; report each error with key, value and remedy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Field types of a recipe's profile names and file paths, marked for forms and checks."""
+"""Types of recipe fields that name profiles or files, marked for forms and checks."""
 
 from __future__ import annotations
 

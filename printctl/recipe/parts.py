@@ -1,4 +1,4 @@
-"""The sections of a recipe, each typed and bounded; an unknown key is refused.
+"""Base class of recipe sections, and the recipe section on flow in the network.
 
 Every number carries its unit in its key. Lengths of tissue are mm, of writing µm where the lab
 says µm; flows mL/min and pressures mmHg as the lab says them. They are converted once, in the

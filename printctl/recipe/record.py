@@ -1,4 +1,4 @@
-"""Measurement record of a scan: operator, instrument, conditions."""
+"""Recipe section on a scan's measurement record: operator, instrument, certificate, conditions."""
 
 from __future__ import annotations
 

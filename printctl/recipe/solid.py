@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, model_validator
 
@@ -12,6 +12,9 @@ from printctl.recipe.parts import Length, Part, Point
 
 Size = Annotated[float, Field(gt=0, le=200, allow_inf_nan=False)]
 Wall = Annotated[float, Field(gt=0, le=50, allow_inf_nan=False)]
+_MANY_VESSELS: Final = 500
+"""Above it, a file with facets of 1 µm is too large for most programs that show it."""
+_MANY_VESSELS_FACETS: Final = 0.05
 Format = Literal["stl", "3mf", "step", "ply", "obj", "vtp"]
 
 
@@ -117,6 +120,11 @@ class SolidPart(Part):
         default=0.0,
         description="Radius of the rounding in a junction's corners, over its thinnest vessel's.",
     )
+    facet_percent: Annotated[float, Field(ge=0, le=10)] | None = Field(
+        default=None,
+        description="Greatest distance of a facet from a vessel's wall, % of its radius, where "
+        "that is above 1 µm; by default 0, and 5 for more than 500 vessels.",
+    )
     tubes: TubePart | None = Field(
         default=None, description="Tubes in the place of the tissue; by default its lumens."
     )
@@ -130,6 +138,12 @@ class SolidPart(Part):
     formats: Annotated[tuple[Format, ...], Field(min_length=1, max_length=6)] = Field(
         default=("stl", "3mf"), description="STL is always written: later stages read it."
     )
+
+    def facet_ratio(self, vessels: int) -> float:
+        """Share of the radius that a facet may lie off the wall of one of so many vessels."""
+        if self.facet_percent is not None:
+            return self.facet_percent / 100
+        return _MANY_VESSELS_FACETS if vessels > _MANY_VESSELS else 0.0
 
     @model_validator(mode="after")
     def _formats_differ(self) -> SolidPart:

@@ -1,4 +1,4 @@
-"""Commented template recipe, written by `printctl init`."""
+"""Path of the commented template recipe that `printctl init` writes."""
 
 from pathlib import Path
 from typing import Final

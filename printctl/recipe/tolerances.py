@@ -1,4 +1,4 @@
-"""Recipe section on tolerances; also a file of its own."""
+"""Recipe section or separate file of tolerances: diameters, features, limits by vessel."""
 
 from __future__ import annotations
 

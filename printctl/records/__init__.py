@@ -1,1 +1,5 @@
-"""Records of prints: signed bundles, tables, and exact repeats."""
+"""Export print records: signed bundles, CSV tables, timelines; plan exact repeats.
+
+Goes in: a print of the history. Comes out: a signed bundle, a CSV, a plan to repeat it. Begin with
+`bundle.py`.
+"""

@@ -8,10 +8,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
-from design.files import replacing
+from design.files import atomic_replacement
+from printctl.link.find_link import alive
 from printctl.link.history_entry import INTERRUPTED, PrintEntry
 from printctl.link.origin import version
-from printctl.link.reach import alive
 from printctl.records.cover import cover_page
 from printctl.records.errors import BundleError
 from printctl.records.evidence import Evidence, evidence
@@ -58,7 +58,7 @@ def write_bundle(path: Path, entry: PrintEntry, key: LabKey | None) -> Manifest:
             f"the journal {entry.journal} isn't there any more, and without it there is no "
             "record; if the folder was moved, `printctl history rebuild FOLDER`"
         )
-    with replacing(path) as draft, draft.open("w+b") as stream:
+    with atomic_replacement(path) as draft, draft.open("w+b") as stream:
         return _write(stream, found, key)
 
 

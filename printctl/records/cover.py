@@ -1,4 +1,4 @@
-"""Cover page of a print's record bundle, as HTML: what, who, when, outcome, file hashes."""
+"""HTML cover page of a print's record bundle: printer, times, verdict, alarms, G-code hash."""
 
 from __future__ import annotations
 

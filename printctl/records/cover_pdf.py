@@ -11,7 +11,7 @@ from printctl.records.evidence import Evidence
 from printctl.records.verdict import outcome
 from registration.report.pdf.blocks import pair, verdict_box
 from registration.report.pdf.document import Facts, build_pdf
-from registration.report.pdf.look import HEADING, META, OVERLINE, SMALL, TITLE, text
+from registration.report.pdf.styles import HEADING, META, OVERLINE, SMALL, TITLE, text
 
 _MOST: Final = 8
 _LETTERS: Final = 300

@@ -1,4 +1,4 @@
-"""Parse calendar days as people write them, to the second at which they begin and end."""
+"""Parse a calendar day's text into the start and end of that day, in s since 1970."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collect the remaining files of a print: G-code, run, report and notes, verified by hash.
+"""Collect a print's existing files (G-code, run, report, notes, photos), checked by hash or time.
 
 Files beside a print may be of a later one: the G-code counts only with the hash that the journal
 has, a run only if it wrote that G-code, a report only if it was written after the print began.
@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from printctl.link.history_entry import PrintEntry
 from printctl.link.journal import read_records
-from printctl.link.noted import NOTED, noted_beside, read_notes
+from printctl.link.print_notes import NOTED, notes_path, read_notes
 from printctl.link.record import JOURNAL
 from printctl.records.films import TIMELAPSE, film_file
 from printctl.run_folder.artefacts import HTML, JSON, PDF
@@ -165,7 +165,7 @@ def _job_record(entry: PrintEntry, missing: list[str]) -> dict[str, Any]:
 
 def _noted(entry: PrintEntry) -> Iterator[tuple[str, Path]]:
     """The operator's record with the photos that it names, and the film."""
-    record, folder = noted_beside(entry.journal), entry.journal.parent
+    record, folder = notes_path(entry.journal), entry.journal.parent
     if record.is_file():
         yield NOTED, record
     for name in _named_photos(entry):

@@ -1,4 +1,4 @@
-"""Signing key of the lab: created once, stored in the user's data folder, private.
+"""Create, store and load the lab's private signing key; sign, and verify by public key.
 
 Ed25519 (RFC 8032): the same text signed twice gives the same signature. The library comes with
 the extra ``records`` (and with ``search``).

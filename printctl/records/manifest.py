@@ -1,4 +1,4 @@
-"""A bundle's manifest: which print, which files with which digests, signed by whom."""
+"""Manifest of a record bundle: the print, its files with their digests, and the signer."""
 
 from __future__ import annotations
 

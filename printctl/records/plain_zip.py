@@ -1,4 +1,4 @@
-"""Write reproducible zip files: uncompressed, without timestamps, in fixed order.
+"""Write and read reproducible zip files: uncompressed, no timestamps, one fixed layout.
 
 Any unzip program opens it. What is read must be laid out exactly so, byte for byte, headers
 included; therefore no changed byte can hide between the files, and no small file can unpack into

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from design.files import replacing, write_text
+from design.files import atomic_replacement, write_text
 from firmware_profiles import Bath, Ink, Needle, Printer, ProfileError, Syringe, load
 from firmware_profiles.facts import Facts
 from printctl.link.history_entry import PrintEntry
@@ -116,7 +116,7 @@ def make_job(plan: RepeatPlan, folder: Path) -> Path:
         When what was copied isn't what was printed.
     """
     path = _free(folder, plan.entry)
-    with replacing(path) as draft:
+    with atomic_replacement(path) as draft:
         _copy(plan, draft)
         if digest_file(draft) != plan.entry.sha256:
             raise RecordsError(f"{plan.gcode} has changed meanwhile; nothing was made of it")

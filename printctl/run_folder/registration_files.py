@@ -1,4 +1,4 @@
-"""Registration files of a run folder, with their facts about design and scan.
+"""Write a registration's exports and deviation surface; gather its facts on design and scan.
 
 Apart from the stage, so that `printctl register` needn't load all that makes a run.
 """

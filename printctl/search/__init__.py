@@ -1,4 +1,8 @@
-"""Design searches: vary a recipe and rank the candidates."""
+"""Design search: vary a recipe's keys, grow and measure the candidates, and rank them.
+
+Goes in: a search file. Comes out: ranked candidates, a page, the best as a recipe. Begin with
+`run.py`.
+"""
 
 from printctl.search.evaluate import Task, evaluate
 from printctl.search.load import load_search

@@ -1,4 +1,4 @@
-"""Read a search file and report its errors."""
+"""Read and validate a YAML search file; report its errors."""
 
 from __future__ import annotations
 

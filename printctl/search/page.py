@@ -1,4 +1,4 @@
-"""Result page of a search: goals, Pareto plot, ranked candidates."""
+"""Build the HTML result page of a search: goals, Pareto plot, ranked candidates."""
 
 from __future__ import annotations
 

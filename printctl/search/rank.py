@@ -1,4 +1,4 @@
-"""Put candidates in order: limits first, then a score; and find the Pareto fronts."""
+"""Rank a search's candidates: limits first, then a weighted score; find the Pareto fronts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results of a search: table, plot, page, and the best candidate's recipe."""
+"""Write a search's results: table, plot, page, and the best candidate's recipe."""
 
 from __future__ import annotations
 

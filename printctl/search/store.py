@@ -1,4 +1,4 @@
-"""Store of search results: one file per candidate, named by its hash key."""
+"""Store of search results: a file per candidate, named by a hash of all that determines it."""
 
 from __future__ import annotations
 

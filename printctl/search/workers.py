@@ -1,4 +1,4 @@
-"""Search workers: this process, this computer's cores, or a Dask cluster."""
+"""Run candidates' evaluations in this process, on this computer's cores or on a Dask cluster."""
 
 from __future__ import annotations
 

@@ -1,12 +1,14 @@
-"""Print set-up (mounted profiles) and check results, as plain values without kernels.
+"""Print set-up data: mounted printer, needle, syringe, ink, dish, bath; and check results.
 
 The checks themselves, which look at G-code, are in `printctl.preflight`.
+
+Goes in: names of profiles. Comes out: a `SetUp`. Begin with `mounted.py`.
 """
 
 from printctl.set_up.budget import Budget, budget_of
 from printctl.set_up.check import Check, placed_failures, refuse_failed, warnings
 from printctl.set_up.mounted import HeadLoading, SetUp
-from printctl.set_up.standing import (
+from printctl.set_up.placed_dish import (
     ABOVE_WALL_MM,
     WALL_CLEARANCE_MM,
     PlacedDish,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load
 from printctl.errors import UsageError
 from printctl.set_up.mounted import HeadLoading, SetUp
-from printctl.set_up.standing import PlacedDish
+from printctl.set_up.placed_dish import PlacedDish
 
 
 @dataclass(frozen=True)

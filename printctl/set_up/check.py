@@ -1,4 +1,4 @@
-"""Result of one preflight check: question, limit, value and answer."""
+"""Preflight check result (limit, value, passed or not), and refusal of a print by failed checks."""
 
 from __future__ import annotations
 

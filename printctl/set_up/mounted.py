@@ -1,11 +1,11 @@
-"""Mounted needles and filled syringes of a print."""
+"""Data types of a print's set-up: printer, needle, syringe, ink, dish, bath; heads' contents."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from firmware_profiles import Bath, Ink, Needle, Printer, Syringe
-from printctl.set_up.standing import PlacedDish
+from printctl.set_up.placed_dish import PlacedDish
 
 
 @dataclass(frozen=True)

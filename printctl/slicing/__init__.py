@@ -1,4 +1,7 @@
-"""Slice mesh files without a recipe: parts, modifiers, heads, placement."""
+"""Slice mesh files without a recipe: parts, modifiers, heads, placement.
+
+Goes in: meshes and options. Comes out: G-code. Begin with `job.py`.
+"""
 
 from printctl.slicing.job import JobFigures, SliceJob, slice_parts
 from printctl.slicing.modifiers import read_modifier

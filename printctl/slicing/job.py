@@ -1,4 +1,4 @@
-"""Run a slicing job: meshes, printer and heads to G-code and figures."""
+"""Slice meshes for a printer's heads into G-code with its line map, and report figures."""
 
 from __future__ import annotations
 

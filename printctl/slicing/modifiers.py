@@ -1,4 +1,4 @@
-"""Modifier meshes: FILE:setting=value,... as a region with its own infill or head."""
+"""Parse modifier meshes (FILE:setting=value,...): regions with their own infill or head."""
 
 from __future__ import annotations
 

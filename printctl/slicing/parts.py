@@ -1,4 +1,4 @@
-"""Mesh files of one part, each printed by its own head."""
+"""Read the mesh files of one part, a print head for each, into one frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Station: the permanent link to a printer between prints (standby, manual moves, print start)."""
+"""Station: the permanent link to a printer between prints (standby, manual moves, print start).
+
+Goes in: a port and a profile. Comes out: an open connection, its status, answers to requests.
+Begin with `process.py`.
+"""
 
 from printctl.link.temperatures import Temperature
 from printctl.station.client import Station, attach, connect

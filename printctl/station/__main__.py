@@ -7,9 +7,9 @@ import logging
 import sys
 from pathlib import Path
 
-from printctl.link.detaching import detach
+from printctl.link.detached_process import detach
 from printctl.link.errors import LinkError
-from printctl.link.finding import read_baud
+from printctl.link.port_detection import read_baud
 from printctl.station.process import Opening, serve_station
 from printctl.station.record import LOG
 from printctl.station.status import Place, StationState

@@ -20,17 +20,17 @@ from typing import TYPE_CHECKING, Any, Final
 from firmware_profiles import Printer, load
 from printctl.link.client import PrintClient, wait_for_first_lines
 from printctl.link.client import attach as attach_print
-from printctl.link.detaching import spawn
+from printctl.link.detached_process import spawn
 from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
 from printctl.link.families import refuse_unsent
+from printctl.link.find_link import alive, has_ended, stays_alive
 from printctl.link.journalled_print import read_journal
 from printctl.link.ports import SIMULATED
-from printctl.link.reach import alive, has_ended, stays_alive
 from printctl.link.record import JOURNAL as PRINT_JOURNAL
 from printctl.link.resuming import resumable
-from printctl.station.door_key import ask, messages, open_connection, post
 from printctl.station.order_json import order_to_json
 from printctl.station.record import JOURNAL, LOCK, LOG, journalled_down, load_station
+from printctl.station.single_request import messages, open_connection, request_answer, send_request
 from printctl.station.status import StationState, StationStatus
 
 if TYPE_CHECKING:  # its package knows meshes, and a kill shouldn't wait for their libraries
@@ -66,7 +66,7 @@ class Station:
     def status(self) -> StationStatus:
         """The station as it is now; of one that has gone, the last word, as closed or lost."""
         try:
-            return StationStatus.from_dict(ask(self.folder, "status", SOON_S))
+            return StationStatus.from_dict(request_answer(self.folder, "status", SOON_S))
         except NoLink:
             if alive(self.folder, LOCK):
                 raise
@@ -83,7 +83,7 @@ class Station:
             self._listening.add(connection)
         last = None
         try:
-            post(connection, record, "subscribe")
+            send_request(connection, record, "subscribe")
             for message in messages(connection, None):
                 if message["event"] == "status":
                     last = StationStatus.from_dict(message)
@@ -109,14 +109,14 @@ class Station:
 
     def close(self) -> None:
         """Switch heaters off, let go of the port and end the process; refused while it moves."""
-        ask(self.folder, "close", MOVE_S)
+        request_answer(self.folder, "close", MOVE_S)
         limit = time.monotonic() + SOON_S
         while alive(self.folder, LOCK) and time.monotonic() < limit:
             time.sleep(0.02)
 
     def kill(self) -> None:
         """Halt the firmware at once (M112), from any state and thread; nothing can block it."""
-        ask(self.folder, "kill", SOON_S, answer=True)
+        request_answer(self.folder, "kill", SOON_S, answer=True)
 
     def stop_motion(self) -> StationStatus:
         """End a move by hand after at most half a second of it; the position stays known."""
@@ -165,7 +165,7 @@ class Station:
 
     def command(self, text: str) -> list[str]:
         """Send a line by the console; while a print goes on, through its link. Give the reply."""
-        return list(ask(self.folder, "command", MOVE_S, text=text)["lines"])
+        return list(request_answer(self.folder, "command", MOVE_S, text=text)["lines"])
 
     # --- what the user tells ---------------------------------------------------------------------
 
@@ -207,11 +207,13 @@ class Station:
             )
         if stays_alive(order.folder):
             raise AlreadyPrinting(f"a print is running in {order.folder}; attach to it")
-        ask(self.folder, "print", CHECK_S, **order_to_json(order))
+        request_answer(self.folder, "print", CHECK_S, **order_to_json(order))
         return wait_for_first_lines(attach_print(order.folder))
 
     def _wish(self, do: str, patience_s: float, **values: Any) -> StationStatus:
-        return StationStatus.from_dict(ask(self.folder, do, patience_s, **values)["status"])
+        return StationStatus.from_dict(
+            request_answer(self.folder, do, patience_s, **values)["status"]
+        )
 
 
 def connect(

@@ -1,6 +1,6 @@
-"""Manual commands to an idle printer, judged before they are executed.
+"""Execute manual commands on an idle printer (jog, home, heat, plunger) within the limits.
 
-Each wish takes the values that came through the door and gives what is answered. What it refuses
+Each wish takes the values that came over the socket and gives what is answered. What it refuses
 moves nothing.
 """
 
@@ -26,9 +26,9 @@ from printctl.gate import (
 )
 from printctl.gate.firmware import LISTED, levelling_is_on, questions
 from printctl.link.errors import LinkError, Refused
-from printctl.link.gating import let_through
+from printctl.link.gating import allowed_command
 from printctl.link.temperatures import target_command
-from printctl.station.knowledge import Knowledge
+from printctl.station.known_state import Knowledge
 from printctl.station.standby import Standby
 from printctl.station.status import Place
 
@@ -208,7 +208,7 @@ class IdleCommands:
 
     def _command(self, wish: dict[str, Any]) -> Answer:
         """A line of the console; one that moves or heats goes the way of the wish for that."""
-        line = let_through(judge(str(wish["text"]), LineOrigin.CONSOLE, self._known))
+        line = allowed_command(judge(str(wish["text"]), LineOrigin.CONSOLE, self._known))
         if line.act is LineAction.SEND:
             lines = self.standby.do(line.text)
             self.standby.look()

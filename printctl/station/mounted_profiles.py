@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from firmware_profiles import Bath, Dish, Ink, Needle, ProfileError, Syringe, load
@@ -29,7 +28,7 @@ class MountedProfiles:
     @property
     def ul_per_mm(self) -> float | None:
         """Ink that a mm of plunger travel moves, µL."""
-        return math.pi / 4 * self.syringe.inner_mm**2 if self.syringe else None
+        return self.syringe.area_mm2 if self.syringe else None
 
 
 def read_mounted_profiles(mounted: MountedParts) -> MountedProfiles:

@@ -1,4 +1,4 @@
-"""Receive print orders at the station's socket, and check that each may begin."""
+"""Read print orders sent to the station's socket, and check that each may begin."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from printctl.link.care import Care
 from printctl.link.errors import Refused
 from printctl.link.families import link_facts
 from printctl.link.job import Job
-from printctl.link.job_start import told_start
+from printctl.link.job_start import declared_start
 from printctl.link.modal import last_of
 from printctl.link.process import Order as LinkOrder
 from printctl.link.retreat import Retreat
+from printctl.station.open_connection import Socket
 from printctl.station.status import Place
-from printctl.station.wire import Socket
 from sim.reading import code_of
 
 ASIDE_MM: Final = 0.05
 """Most between the place where the tip stands and the one that the job declares."""
 
 
-def read_wish(wish: dict[str, Any], socket: Socket) -> LinkOrder:
+def read_order(wish: dict[str, Any], socket: Socket) -> LinkOrder:
     """Read what `printctl.station.order_json` made.
 
     Raises
@@ -73,7 +73,7 @@ def check_start(job: Job, at: Place | None, trusted: bool) -> Place | None:
     ------
     LinkError
     """
-    declared = told_start(job)
+    declared = declared_start(job)
     if declared is None or at is None or not trusted:
         return declared
     away = math.dist(declared, at)

@@ -1,4 +1,4 @@
-"""Station's port: open or closed, and a simulated printer's last tip position."""
+"""Open and close the station's printer port; keep a simulated printer's last tip position."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from pathlib import Path
 
 from printctl.link.errors import PortLost
 from printctl.link.transport import Transport
+from printctl.station.open_connection import Socket
 from printctl.station.status import Place
-from printctl.station.wire import Socket
 
 
 class StationPort:

@@ -14,15 +14,15 @@ from printctl.link.job import Job, load_job
 from printctl.link.process import Order, Wire, serve
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
-from printctl.printing.executed import record_for, write_note
-from printctl.station.knowledge import Knowledge
-from printctl.station.orders import check_homing, check_start, leaves_motors_on, read_wish
+from printctl.printing.executed_note import record_for, write_note
+from printctl.station.known_state import Knowledge
+from printctl.station.link_owner import LinkOwner
+from printctl.station.orders import check_homing, check_start, leaves_motors_on, read_order
+from printctl.station.plunger_travel import pushed_mm
 from printctl.station.port import StationPort
 from printctl.station.printer_connection import PrinterConnection
-from printctl.station.pushed import pushed_mm
 from printctl.station.report import StationReport, refusal
 from printctl.station.request_queue import Request, StationRequests
-from printctl.station.speaker import LinkOwner
 from printctl.station.status import Place, StationState
 from sim.motion.executed import ExecutedMotion
 
@@ -73,7 +73,7 @@ class PrintSession:
         LinkError
             When it may not begin; the station stands by as before.
         """
-        order = read_wish(request.values, self.port.socket)
+        order = read_order(request.values, self.port.socket)
         job = load_job(order.job, self.known.printer)
         standby = self.speaker.standby
         at = standby.position if standby else None

@@ -1,4 +1,4 @@
-"""Connection of a station to its printer: established, lost, re-established."""
+"""Connect a station to its printer, notice the printer's loss, and reconnect."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from printctl.link.journal import Journal
 from printctl.link.states import LinkState, PrintEnded
 from printctl.link.wiring import Wiring
 from printctl.station.idle_commands import AXES, IdleCommands
-from printctl.station.knowledge import Knowledge
+from printctl.station.known_state import Knowledge
+from printctl.station.link_owner import LinkOwner
 from printctl.station.port import StationPort
 from printctl.station.report import StationReport, refusal
 from printctl.station.request_queue import StationRequests
-from printctl.station.speaker import LinkOwner
 from printctl.station.standby import Standby
 from printctl.station.status import StationState
 

@@ -17,13 +17,13 @@ from firmware_profiles import Printer, ProfileError, load
 from printctl.link.errors import LinkError, NoLink
 from printctl.link.families import refuse_unsent
 from printctl.link.journal import Journal
-from printctl.link.process import ignore_signals, only_one
-from printctl.station.knowledge import Knowledge
+from printctl.link.process import hold_folder, ignore_signals
+from printctl.station.known_state import Knowledge
+from printctl.station.open_connection import Socket
 from printctl.station.record import JOURNAL, LOCK, RECORD, SOCKET, StationRecord, load_station
 from printctl.station.server import StationServer, forget, listen
 from printctl.station.station_loop import StationLoop
 from printctl.station.status import MountedParts, Place, StationState, StationStatus
-from printctl.station.wire import Socket
 
 log = logging.getLogger(__name__)
 
@@ -63,7 +63,7 @@ def serve_station(opening: Opening) -> StationStatus:
     """
     folder = opening.folder
     folder.mkdir(parents=True, exist_ok=True)
-    with only_one(folder, LOCK, "a printer is connected"):
+    with hold_folder(folder, LOCK, "a printer is connected"):
         ignore_signals()
         record = StationRecord(
             pid=os.getpid(),

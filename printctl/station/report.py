@@ -1,4 +1,4 @@
-"""Station status: sent to its clients and written to its journal."""
+"""Keep a station's status, send it to clients, and write it to the journal."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from printctl.gate import Bounds, reach
 from printctl.link.errors import JournalError, LinkError
 from printctl.link.journal import Journal
 from printctl.link.temperatures import parse_temperatures
-from printctl.station.knowledge import Knowledge
-from printctl.station.speaker import LinkOwner
+from printctl.station.known_state import Knowledge
+from printctl.station.link_owner import LinkOwner
+from printctl.station.open_connection import Socket
 from printctl.station.status import Place, StationState, StationStatus
-from printctl.station.wire import Socket
 
 DOWN: Final = frozenset({StationState.HALTED, StationState.LOST})
 

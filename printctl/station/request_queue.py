@@ -10,8 +10,8 @@ from typing import Any, Final
 
 from printctl.link.errors import Refused
 from printctl.station.idle_commands import MOTIONS
+from printctl.station.link_owner import LinkOwner
 from printctl.station.report import DOWN, StationReport, refusal
-from printctl.station.speaker import LinkOwner
 from printctl.station.status import StationState
 
 QUEUE: Final = 20

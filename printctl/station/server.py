@@ -1,4 +1,4 @@
-"""Command socket server of a station; shared protocol in `printctl.link.door`.
+"""Command socket server of a station; shared protocol in `printctl.link.command_socket`.
 
 Further wishes are those of `printctl.station.idle_commands`, ``mount``, ``reconnect``, ``print``,
 ``close`` and ``stop_motion``. Each is answered by ``{"event": "reply", "do": ..., "status": ...}``
@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
 
-from printctl.link.door import SocketServer, forget, listen
-from printctl.link.door_places import ClientPlace
+from printctl.link.command_socket import SocketServer, forget, listen
+from printctl.link.socket_clients import ClientPlace
 from printctl.station.status import StationStatus
 
 __all__ = ["StationServer", "forget", "listen"]

@@ -1,4 +1,4 @@
-"""Main loop of a station: standby, requests, prints."""
+"""Main loop of a station's process: attend to the idle printer, serve requests, run prints."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from printctl.link.errors import LinkError, PortLost, Refused
 from printctl.link.journal import Journal
 from printctl.link.states import PrintEnded
 from printctl.station.idle_commands import MOTIONS
-from printctl.station.knowledge import Knowledge
+from printctl.station.known_state import Knowledge
+from printctl.station.link_owner import LinkOwner
+from printctl.station.open_connection import Socket
 from printctl.station.port import StationPort
 from printctl.station.print_session import PrintSession
 from printctl.station.printer_connection import PrinterConnection
 from printctl.station.report import DOWN, StationReport, refusal
 from printctl.station.request_queue import NAMES, Request, Say, StationRequests
-from printctl.station.speaker import LinkOwner
 from printctl.station.status import Place, StationState, StationStatus
-from printctl.station.wire import Socket
 
 IDLE_S: Final = 0.03
 """Longest wait for the printer before requests are looked at."""

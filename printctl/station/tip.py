@@ -1,4 +1,4 @@
-"""Position of an idle printer's tip and plunger, from its replies and the commands sent."""
+"""Track the tip and plunger of an idle printer, from its replies and the commands sent."""
 
 from __future__ import annotations
 

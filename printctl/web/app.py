@@ -10,13 +10,13 @@ from fastapi import FastAPI
 from starlette.responses import RedirectResponse, Response
 
 from printctl.web.api.answers import API, our_version
-from printctl.web.api.described import describe_refusals
 from printctl.web.api.docs import serve_docs
 from printctl.web.api.errors import answer_errors, answer_unknown
+from printctl.web.api.openapi_errors import describe_refusals
 from printctl.web.api.routes import router, watch_holder
 from printctl.web.compressing import Compressed
 from printctl.web.core import Core
-from printctl.web.job.first import make_first_scene
+from printctl.web.job.first_job import make_first_scene
 from printctl.web.rooms import make_services, register_pages, routers
 from printctl.web.security.bodies import BodyLimits
 from printctl.web.security.gate import Gate
@@ -24,7 +24,7 @@ from printctl.web.security.guard import Guard
 from printctl.web.security.login import router as login_router
 from printctl.web.security.nonces import Nonces
 from printctl.web.shell.assets import serve_assets
-from printctl.web.stop_door.wires import Wires
+from printctl.web.stop_process.connections import Wires
 
 
 def build_app(core: Core, pages: bool = True) -> FastAPI:

@@ -1,4 +1,4 @@
-"""Services shared by all pages of the web server."""
+"""Settings, workspace, control lock and event publisher of one web server, for all its pages."""
 
 from __future__ import annotations
 

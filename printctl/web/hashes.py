@@ -1,4 +1,4 @@
-"""Cache of file hashes, valid while a file doesn't change."""
+"""SHA-256 of a file, cached until its size or modification time changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shipped profiles and the workspace's own, by name."""
+"""Find profiles (printers, syringes, inks…) by name: the workspace's own, then those shipped."""
 
 from __future__ import annotations
 

@@ -15,12 +15,12 @@ import uvicorn
 from printctl.errors import UsageError
 from printctl.web.core import Core
 from printctl.web.listening import bind, url
-from printctl.web.running import Running, only_server
 from printctl.web.security.gate import Gate, make_gate
-from printctl.web.security.scrubbing import Scrubbing
+from printctl.web.security.redaction import Scrubbing
+from printctl.web.server_register import Running, only_server
 from printctl.web.settings import ServeSettings
-from printctl.web.stop_door.keeping import StopDoorProcess
-from printctl.web.stop_door.order import DoorOrder
+from printctl.web.stop_process.start_message import StartMessage
+from printctl.web.stop_process.supervisor import StopProcess
 from printctl.web.workspace import Workspace
 
 _GRACE_S = 1
@@ -47,7 +47,7 @@ def serve(settings: ServeSettings, started: Callable[[Running], None]) -> None:
     with only_server(workspace), bind(settings.host, settings.port) as taken:
         port = taken.getsockname()[1]
         gate = make_gate(settings, workspace, port)
-        door = StopDoorProcess(door_order(settings, workspace, gate, port))
+        door = StopProcess(stop_start_message(settings, workspace, gate, port))
         door.start()
         try:
             gate = replace(gate, stop_port=door.port)
@@ -90,9 +90,11 @@ def check(settings: ServeSettings) -> None:
         raise UsageError("the password is empty")
 
 
-def door_order(settings: ServeSettings, workspace: Workspace, gate: Gate, port: int) -> DoorOrder:
-    """What the stop door is told."""
-    return DoorOrder(
+def stop_start_message(
+    settings: ServeSettings, workspace: Workspace, gate: Gate, port: int
+) -> StartMessage:
+    """What the stop process is told."""
+    return StartMessage(
         root=str(workspace.root),
         host=settings.host,
         port=port + 1 if port < 65535 else 0,

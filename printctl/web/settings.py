@@ -1,4 +1,4 @@
-"""Settings of `printctl serve`."""
+"""Settings of `printctl serve`: workspace, address, password, TLS, upload limit, camera."""
 
 from __future__ import annotations
 

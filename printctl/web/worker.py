@@ -1,4 +1,4 @@
-"""Run a page's long computations in a separate process, without kernels in the server."""
+"""Run a `printctl` module as a separate process with a time limit; return its output."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import sys
 from printctl.web.errors import ConflictError
 
 
-def worked(module: str, *words: str, said: str = "", longest_s: float, late: str, died: str) -> str:
+def run_worker(
+    module: str, *words: str, said: str = "", longest_s: float, late: str, died: str
+) -> str:
     """Run a module of ours to its end and give what it printed.
 
     Parameters

@@ -1,4 +1,8 @@
-"""Alignment of a scan's surface points with a model."""
+"""Align a scan's surface points with the model: pose, intervals, alternative poses, doubts.
+
+Goes in: surface points and a model. Comes out: a pose with intervals and doubts. Begin with
+`align.py`.
+"""
 
 from registration.alignment.align import Alignment, align
 from registration.alignment.cross_check import cross_check

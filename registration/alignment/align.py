@@ -1,4 +1,4 @@
-"""Align a scanned part: search, exact refinement, and certainty of the pose."""
+"""Align scanned surface points to a model: search, exact fit, uncertainty of the pose, doubts."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.alignment.choice import PosePoints, thin_points
-from registration.alignment.contest import residuals
+from registration.alignment.compare_poses import residuals
 from registration.alignment.doubts import LEAST_SEEN, pose_doubts
 from registration.alignment.fit import RIGID, Fit, FitFreedom, refine
 from registration.alignment.freedoms import loose_freedoms
 from registration.alignment.intervals import Uncertainty, fit_errors, uncertainty
 from registration.alignment.misfits import misfits
-from registration.alignment.motion import lay_words
+from registration.alignment.motion import orientation_words
 from registration.alignment.options import AlignmentOptions
 from registration.alignment.rivals import AlternativePose
 from registration.alignment.search import Search
@@ -141,7 +141,7 @@ def align(
         min((r.lead for r in choice.rivals if not r.mirrored), default=float("inf")),
         pose_doubts(choice.rivals, loose, off, options.ambiguous_below),
         uncertainty(sure, scaled, freedom, shared),
-        lay_words(scaled.rotation[:, 2] * (1 if depth_down else -1)),
+        orientation_words(scaled.rotation[:, 2] * (1 if depth_down else -1)),
         choice.rivals,
     )
 

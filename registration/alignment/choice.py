@@ -1,4 +1,4 @@
-"""Choose the best-fitting pose of a scan among all candidates, and keep its rivals."""
+"""Find, refine and compare candidate poses of a scan, mirrored ones too; return best and rivals."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.alignment.contest import contest, off_where_told, residuals
+from registration.alignment.compare_poses import compare_poses, deviation_where_different, residuals
 from registration.alignment.fit import Fit, FitFreedom, refine
 from registration.alignment.misfits import OFF_MM
-from registration.alignment.rivals import MIRROR, AlternativePose, describe, own_symmetries
+from registration.alignment.rivals import MIRROR, AlternativePose, describe, design_symmetries
 from registration.alignment.search import Search
 
 FloatArray = NDArray[np.float64]
@@ -36,7 +36,7 @@ class Choice:
         The closest first.
     mirror_lead : float
         How many times as badly the pose fits as the best of the mirror image that lies on the
-        design where the two are told apart (within `OFF_MM`), see `contest`; 0 where none does.
+        design where the two differ (within `OFF_MM`), see `compare_poses`; 0 where none does.
     """
 
     best: Fit
@@ -78,7 +78,7 @@ class PosePoints:
         few = thin_points(self.points, self.search.options.coarse_points)
         poses = self._refined(self.search.poses(few, CANDIDATES), STRAIGHT)
         best = self._winner(poses)
-        own = self._refined(own_symmetries(self.search, few, best.fit, OWN), STRAIGHT)
+        own = self._refined(design_symmetries(self.search, few, best.fit, OWN), STRAIGHT)
         poses = self._distinct([best, *poses, *own])
         best = self._winner(poses)
         mirrored = self._refined(self.search.poses(few * MIRROR, MIRRORED), MIRROR)
@@ -111,7 +111,9 @@ class PosePoints:
         """
         under = [self._under(pose, COMPARED_POINTS) for pose in poses]
         leads = [
-            min((contest(mine, under[k]) for k in range(len(poses)) if k != j), default=np.inf)
+            min(
+                (compare_poses(mine, under[k]) for k in range(len(poses)) if k != j), default=np.inf
+            )
             for j, mine in enumerate(under)
         ]
         return poses[int(np.argmax(leads))]
@@ -126,13 +128,13 @@ class PosePoints:
         seen = best.fit.apply(thin_points(self.points, COMPARED_POINTS))
         rivals, mirror_lead, better = [], 0.0, None
         for other in others:
-            lead = contest(mine, self._under(other, COMPARED_POINTS))
+            lead = compare_poses(mine, self._under(other, COMPARED_POINTS))
             if lead < CLEAR_LEAD:
                 under = self._under(other, most)
-                lead = contest(wide, under)
+                lead = compare_poses(wide, under)
                 # A mirror image that doesn't lie on the design itself proves nothing.
-                if other.mirrored and off_where_told(under, wide) < OFF_MM:
-                    mirror_lead = max(mirror_lead, contest(under, wide))
+                if other.mirrored and deviation_where_different(under, wide) < OFF_MM:
+                    mirror_lead = max(mirror_lead, compare_poses(under, wide))
             if lead < 1.0 and not other.mirrored:
                 better = other
             surface = self.search.surface

@@ -1,4 +1,4 @@
-"""Sentences that state why a scan's pose is uncertain."""
+"""Write the reasons for doubting a scan's pose as sentences."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Degrees of freedom of a pose that a scan doesn't fix."""
+"""List the shifts and turns of the part that a scan leaves uncertain by more than 50 µm."""
 
 from __future__ import annotations
 

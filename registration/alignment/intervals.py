@@ -1,4 +1,4 @@
-"""Confidence intervals of the alignment's fitted parameters.
+"""95 % intervals of a pose's fitted parameters, with an error budget by cause.
 
 Type A: neighbouring surface points err together, so the covariance is that of sums over patches
 (the sandwich of White 1980, 10.2307/1912934, clustered). Over longer ways surfaces differ from the

@@ -1,4 +1,4 @@
-"""Sides of the part that deviate from the design after the fit."""
+"""List walls of one facing whose median is off the design by more than 75 µm after the fit."""
 
 from __future__ import annotations
 

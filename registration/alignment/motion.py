@@ -1,4 +1,4 @@
-"""Words for a part's orientation, and for rotations that map the part onto itself."""
+"""Describe in words a part's motion between two poses, and its orientation to the light."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def motion_words(motion: FloatArray, middle: FloatArray) -> str:
     return " and ".join(words)
 
 
-def lay_words(enters: FloatArray) -> str:
+def orientation_words(enters: FloatArray) -> str:
     """Say how a part lay whose light runs along the unit vector `enters` (3,) of its frame."""
     tilt = float(np.rad2deg(np.arccos(np.clip(np.abs(enters).max(), 0, 1))))
     axis = int(np.abs(enters).argmax())

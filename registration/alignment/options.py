@@ -1,4 +1,4 @@
-"""Options and limits of aligning a scan."""
+"""Options of aligning a scan: starts tried, points used, limit of ambiguity."""
 
 from __future__ import annotations
 

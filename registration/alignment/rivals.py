@@ -1,4 +1,4 @@
-"""Rival poses of a scan: alternatives to the chosen one, and what tells them apart."""
+"""Find poses by the design's own symmetry; describe an alternative pose and its differing place."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def may_lie_otherwise(rivals: Iterable[AlternativePose], limit: float) -> bool:
     return any(rival.lead < limit and not rival.same for rival in rivals)
 
 
-def own_symmetries(search: Search, points: FloatArray, best: Fit, most: int) -> list[Fit]:
+def design_symmetries(search: Search, points: FloatArray, best: Fit, most: int) -> list[Fit]:
     """Return poses of the scan under which the design as seen comes to lie on the design.
 
     They don't depend on how well the scan fits them: `points` (n, 3) of the scan are laid onto the

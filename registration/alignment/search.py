@@ -1,4 +1,4 @@
-"""Candidate poses over all orientations, for whole and for partial views."""
+"""Search candidate poses over all orientations, for scans of a whole part or of a piece."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.alignment.cover import cover
 from registration.alignment.fit import Fit
 from registration.alignment.multistart import descend, losses
 from registration.alignment.options import AlignmentOptions
+from registration.alignment.rotations import spread_rotations
 from registration.distance import DistanceGrid, ModelSurface
 
 FloatArray = NDArray[np.float64]
@@ -73,7 +73,7 @@ class Search:
 
     def _starts(self, few: FloatArray) -> FloatArray:
         """The best place of each orientation, box against box, (n, 3, 4)."""
-        turns = cover(self.options.cover)
+        turns = spread_rotations(self.options.cover)
         low, high = self.surface.bounds
         turned = np.sort(few @ turns.transpose(0, 2, 1), axis=1)
         rim = max(1, len(few) // 50)

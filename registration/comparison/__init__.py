@@ -1,4 +1,8 @@
-"""Compare several prints of one design: repeatability, spread and drift."""
+"""Compare prints of one design: spread, drift, capability, shared defects, gauge study.
+
+Goes in: several registrations. Comes out: spread, drift, capability, findings. Begin with
+`compare.py`.
+"""
 
 from registration.comparison.compare import Comparison, Print, compare
 from registration.comparison.errors import ComparisonError, GaugeStudyError

@@ -1,4 +1,4 @@
-"""Compare the registrations of several prints of one design."""
+"""Compare prints of one design: spread, repeatability, shared defects, optional gauge study."""
 
 from __future__ import annotations
 

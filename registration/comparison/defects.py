@@ -1,4 +1,4 @@
-"""Defects common to several prints of a design, and those of one print alone."""
+"""Match defects by place over several prints of a design: common to several, or of one alone."""
 
 from __future__ import annotations
 

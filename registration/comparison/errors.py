@@ -1,4 +1,4 @@
-"""Errors of comparing several prints.
+"""Exceptions for registrations that can't be compared, or don't make a gauge study.
 
 ::
 

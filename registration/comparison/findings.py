@@ -1,4 +1,4 @@
-"""Findings of a comparison of several prints, as sentences and JSON."""
+"""Write a comparison of several prints as verdict, sentences, notes and JSON."""
 
 from __future__ import annotations
 

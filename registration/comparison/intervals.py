@@ -1,4 +1,4 @@
-"""Statistical intervals (95 %) of means and standard deviations, for many tests at once.
+"""95 % intervals of means and standard deviations; p-values of means, with Holm's correction.
 
 Normal theory throughout (Box, Hunter & Hunter 2005, chapter 2): with few prints it is all there
 is, and its intervals are as wide as the few prints deserve.

@@ -1,4 +1,4 @@
-"""Overall statistics of several prints: mean error, spread, share of scan noise."""
+"""Statistics over several prints: diameter error, scale, offset, deviation, repeatability."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from registration.comparison.intervals import UNKNOWN, Interval, holm, sd_interval
 from registration.comparison.scans import AXES, GaugedScan
 from registration.comparison.trend import Trend, trend
-from registration.comparison.variance import Components, components, own_sd
+from registration.comparison.variance import Components, components, prints_sd
 from registration.comparison.vessels import VesselSpread
 
 FloatArray = NDArray[np.float64]
@@ -148,7 +148,7 @@ def repeatability(vessels: Sequence[VesselSpread], prints: Sequence[int]) -> Rep
         _pooled([getattr(v.error, name) for v in whole]) for name in ("observed_sd", "scan_sd")
     )
     count = np.bincount(prints)
-    own = own_sd(observed, scan, len(count) / float((1 / count).sum()))
+    own = prints_sd(observed, scan, len(count) / float((1 / count).sum()))
     total = np.hypot(own.value, scan.value)
     return Repeatability(
         vessels=len(whole),

@@ -1,4 +1,4 @@
-"""Registered scan as input of a comparison, read from registration.json."""
+"""Take the numbers to compare out of a registration.json; refuse scans of different designs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Spreadsheet table of a comparison of several prints, one row per vessel."""
+"""Write a comparison of several prints as CSV, one row per vessel."""
 
 from __future__ import annotations
 

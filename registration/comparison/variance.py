@@ -1,4 +1,4 @@
-"""Variance from print to print, and from scan to scan of one print.
+"""Split a quantity's variance into print to print and scan to scan, with intervals.
 
 One-way random model, y = μ + print + scan, by unweighted means of the prints, which is exact
 where every print has as many scans as the others and near enough where not (Thomas & Hultquist
@@ -80,7 +80,7 @@ def components(values: FloatArray, prints: Sequence[int]) -> Components:
         mean=mean_interval(seen),
         observed_sd=observed,
         scan_sd=scan,
-        print_sd=own_sd(observed, scan, _mean_scans(known)),
+        print_sd=prints_sd(observed, scan, _mean_scans(known)),
         print_means=tuple(means.tolist()),
     )
 
@@ -98,7 +98,7 @@ def _mean_scans(groups: list[FloatArray]) -> float:
     return len(groups) / max(sum(1 / len(group) for group in groups), 1e-9)
 
 
-def own_sd(observed: Interval, scan: Interval, scans: float) -> Interval:
+def prints_sd(observed: Interval, scan: Interval, scans: float) -> Interval:
     """The prints' own standard deviation; never below zero.
 
     Parameters

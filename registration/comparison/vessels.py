@@ -1,4 +1,4 @@
-"""Diameter error of each vessel over several prints: mean, spread, outliers."""
+"""Per vessel over several prints: mean diameter error, spread, drift, openness, capability."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels: nearest point on a triangle surface, and inside-outside test."""
+"""Kernels: nearest point and signed distance to a triangle surface, by a tree of boxes."""
 
 from __future__ import annotations
 

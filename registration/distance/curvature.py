@@ -1,4 +1,4 @@
-"""Curvature of a triangle mesh."""
+"""Curvature at each triangle of a closed mesh, and sample points along its sharp edges."""
 
 from __future__ import annotations
 

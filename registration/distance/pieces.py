@@ -1,4 +1,4 @@
-"""The hierarchy of a part's triangles, of which long ones are cut for their boxes.
+"""Build a part's bounding-box tree of triangles, long ones cut into pieces for smaller boxes.
 
 Triangles that are long against the whole (flat faces, straight tubes) make boxes that overlap. They
 are cut into pieces with boxes of their own (Ernst & Greiner 2007, 10.1109/RT.2007.4342593); what is

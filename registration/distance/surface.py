@@ -1,4 +1,4 @@
-"""Prepare a solid's surface for distance queries."""
+"""Prepare a solid's surface, and query nearest points and signed distances on it."""
 
 from __future__ import annotations
 

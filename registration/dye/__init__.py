@@ -1,4 +1,8 @@
-"""Dye front in a print: compare a video of dye with the 0D flow solution."""
+"""Dye front in a print: video against 0D flow, for arrival times and patency of each vessel.
+
+Goes in: a video, the user's marks, a network. Comes out: arrivals and the state of each vessel.
+Begin with `measure.py`.
+"""
 
 from registration.dye.marks import Marks, read_marks
 from registration.dye.measure import DyeOptions, DyeReport, measure_dye

@@ -1,4 +1,4 @@
-"""Arrival of dye at a station: half of its final level."""
+"""Dye arrival at stations: time of half the final level, and whether a station filled at all."""
 
 from __future__ import annotations
 

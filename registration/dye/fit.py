@@ -1,4 +1,4 @@
-"""Fit predicted dye arrivals to a video's clock: start delay and, unless given, flow."""
+"""Predict dye arrivals at the stations; fit flow and start delay, unless given, to the video."""
 
 from __future__ import annotations
 

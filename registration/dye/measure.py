@@ -1,4 +1,4 @@
-"""Measure a dye video against the 0D flow solution, from file to verdict."""
+"""Measure a dye video against the 0D flow: arrivals along the vessels, patency of each vessel."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from design.network import VesselNetwork
 from registration.dye.arrivals import Arrivals, find_arrivals
 from registration.dye.fit import Prediction, predict
 from registration.dye.marks import FloatArray, Marks, checked_node, straight_marks
-from registration.dye.patency import VesselDye, find_patency, timed_beside
+from registration.dye.patency import VesselDye, find_patency, times_against_open_flow
 from registration.dye.perspective import FEWEST
-from registration.dye.predict import carried_beside, carrying_flow
+from registration.dye.predict import carrying_flow, solve_without_closed
 from registration.dye.stations import DyeStations
 from registration.dye.traces import Traces, before_dye, read_traces
 from registration.dye.view import LEAST_PX, View, find_view
@@ -158,7 +158,7 @@ def _held_beside(
 ) -> DyeReport:
     """The report with arrivals held to the flow that closed vessels leave, if any are."""
     closed = tuple(v.vessel for v in report.vessels if v.patency in ("blocked", "not reached"))
-    flow = carried_beside(network, inlet, closed) if closed else None
+    flow = solve_without_closed(network, inlet, closed) if closed else None
     if flow is None:
         return report
     stations, arrivals = report.stations, report.arrivals
@@ -169,7 +169,7 @@ def _held_beside(
     except DyeError:
         note = "too little is seen beside the closed vessels to hold dye to the flow they leave"
         return replace(report, notes=(*report.notes, note))
-    vessels = timed_beside(report.vessels, flow, stations, arrivals, prediction)
+    vessels = times_against_open_flow(report.vessels, flow, stations, arrivals, prediction)
     return replace(report, vessels=vessels, beside=PredictedArrivals(closed, prediction))
 
 

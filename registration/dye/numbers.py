@@ -1,4 +1,4 @@
-"""Dye report as plain values for JSON and CSV."""
+"""Convert a dye report to plain values for JSON, and to CSV rows of places along the vessels."""
 
 from __future__ import annotations
 

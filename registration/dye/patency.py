@@ -1,4 +1,4 @@
-"""Patency of each vessel: open, blocked and where, not reached, not seen."""
+"""Judge each vessel's patency from dye arrivals: open, blocked, not reached, not seen, no flow."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from design.hemodynamics.dye import CarryingFlow, downstream, ends_along
+from design.hemodynamics.dye import CarryingFlow, downstream_order, flow_ends
 from design.network import VesselNetwork
 from registration.dye.arrivals import Arrivals
 from registration.dye.fit import Prediction, along_flow
@@ -135,11 +135,11 @@ def find_patency(
         told = arrivals.dyed[own & (arrivals.dyed | arrivals.clear)]
         filled = float(told.mean()) if len(told) else 0.0
         seen.append(_Seen(share[here], arrivals.dyed[here], last, filled))
-    order = downstream(network, flow.solution).tolist()
+    order = downstream_order(network, flow.solution).tolist()
     reached = _reached(network, flow, seen, order)
     states: dict[int, Patency] = dict.fromkeys(range(network.vessel_count), "no flow")
     for vessel in order:
-        first, _ = ends_along(network, flow.solution, vessel)
+        first, _ = flow_ends(network, flow.solution, vessel)
         states[vessel] = _judged(seen[vessel], reached[first])
     made = []
     for vessel, state in states.items():
@@ -159,7 +159,7 @@ def find_patency(
     return made
 
 
-def timed_beside(
+def times_against_open_flow(
     vessels: list[VesselDye],
     flow: CarryingFlow,
     stations: DyeStations,
@@ -184,7 +184,7 @@ def _reached(
     for node in range(len(network.nodes)):
         into, out = [], []
         for vessel in order:
-            first, last = ends_along(network, flow.solution, vessel)
+            first, last = flow_ends(network, flow.solution, vessel)
             into += [seen[vessel].leaves] if last == node else []
             out += [seen[vessel].enters] if first == node else []
         if True in into or True in out:
@@ -277,16 +277,16 @@ def _series(
 ) -> tuple[int, ...]:
     """Vessels behind without a branch between, that stand still with a closed one."""
     chain: list[int] = []
-    node = ends_along(network, flow.solution, vessel)[1]
+    node = flow_ends(network, flow.solution, vessel)[1]
     while network.degree()[node] == 2:
         out = (
             k
             for k, state in states.items()
-            if state != "no flow" and ends_along(network, flow.solution, k)[0] == node
+            if state != "no flow" and flow_ends(network, flow.solution, k)[0] == node
         )
         behind = next(out, None)
         if behind is None or states[behind] == "open":
             break
         chain.append(behind)
-        node = ends_along(network, flow.solution, behind)[1]
+        node = flow_ends(network, flow.solution, behind)[1]
     return tuple(chain)

@@ -1,4 +1,4 @@
-"""Camera view of a tilted plane, by a homography through marked points.
+"""Fit the homography of a tilted camera to marked points; map plane points to pixels with it.
 
 Direct linear transform on normalised coordinates (Hartley 1997, doi 10.1109/34.601246), then
 least squares of the distances in the picture.

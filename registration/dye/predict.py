@@ -1,13 +1,13 @@
-"""Predict the flow that carries dye through a design, with or without its closed vessels."""
+"""Solve the 0D flow of 1 µL/s that carries dye through a design, with or without closed vessels."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 
 from design.hemodynamics import FlowConditions, solve_flow
-from design.hemodynamics.dye import CarryingFlow, carried_by
+from design.hemodynamics.dye import CarryingFlow, steady_transit
 from design.network import VesselNetwork
-from registration.dye.beside import Nodes, left_open, solve_beside
+from registration.dye.open_flow import Nodes, open_vessels, solve_open_flow
 
 _WATER = 1e-3
 
@@ -22,10 +22,10 @@ def carrying_flow(network: VesselNetwork, inlet: int | None) -> CarryingFlow:
     """
     inlets, outlets = _ends(network, inlet)
     conditions = FlowConditions(_WATER, inlet_flow_ul_s=1.0, inlets=inlets, outlets=outlets)
-    return carried_by(network, solve_flow(network, conditions), inlets)
+    return steady_transit(network, solve_flow(network, conditions), inlets)
 
 
-def carried_beside(
+def solve_without_closed(
     network: VesselNetwork, inlet: int | None, closed: Collection[int]
 ) -> CarryingFlow | None:
     """Solve the flow of 1 µL/s without the vessels that are closed.
@@ -39,10 +39,10 @@ def carried_beside(
         nothing is left that leads from an inlet to an outlet.
     """
     inlets, outlets = _ends(network, inlet)
-    left = left_open(network, inlets, outlets, closed)
+    left = open_vessels(network, inlets, outlets, closed)
     if not left.any():
         return None
-    return carried_by(network, solve_beside(network, _WATER, inlets, outlets, left), inlets)
+    return steady_transit(network, solve_open_flow(network, _WATER, inlets, outlets, left), inlets)
 
 
 def _ends(network: VesselNetwork, inlet: int | None) -> tuple[Nodes, Nodes]:

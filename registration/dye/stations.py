@@ -1,4 +1,4 @@
-"""Stations along the vessels at which a dye video is sampled, and their visibility."""
+"""Place sampling stations along the vessels in a dye video, with pixels no other vessel covers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dye concentration over time at each station of a dye video."""
+"""Read a dye video into dye over time at each station, camera shake and light drift taken out."""
 
 from __future__ import annotations
 
@@ -12,8 +12,14 @@ from numpy.typing import NDArray
 from design.network import VesselNetwork
 from registration.dye.film import Frame, film_frames
 from registration.dye.marks import FloatArray
+from registration.dye.stabilise import (
+    FloatImage,
+    Steadier,
+    ground_pixels,
+    has_enough_ground,
+    sample_picture,
+)
 from registration.dye.stations import DyeStations, place_stations
-from registration.dye.still import FloatImage, Steadier, enough_off, off_vessels, sample_picture
 from registration.dye.view import View
 from registration.errors import DyeError
 from registration.lens import Lens
@@ -92,8 +98,8 @@ class _Reader:
                 f"{path}: by the marks none of the vessels is seen in the picture of {size[1]} × "
                 f"{size[0]} pixels; check the marks' pixels and side"
             )
-        off, free = off_vessels(network, view, size), self.stations.free
-        self._steadier = Steadier(picture, off) if enough_off(off) else None
+        off, free = ground_pixels(network, view, size), self.stations.free
+        self._steadier = Steadier(picture, off) if has_enough_ground(off) else None
         self._at = self.stations.samples.reshape(-1, 2)
         self._weight = free / np.maximum(free.sum(axis=1, keepdims=True), 1)
         self._times: list[float] = []

@@ -1,4 +1,4 @@
-"""Compare perfusion seen in a dye video with the design."""
+"""Verdict on a dye video: pass, fail or undecided, by blocked vessels and late or early dye."""
 
 from __future__ import annotations
 

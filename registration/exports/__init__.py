@@ -1,4 +1,7 @@
-"""Exports for other programs: tables (CSV), surfaces and axes (VTP), volumes (NRRD)."""
+"""Exports for other programs: tables (CSV), surfaces and axes (VTP), volumes (NRRD).
+
+Goes in: a registration. Comes out: files. Begin with `tables.py`.
+"""
 
 from registration.exports.nrrd import nrrd_header, write_scan_nrrd
 from registration.exports.tables import vessel_rows, write_tables

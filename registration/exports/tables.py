@@ -1,4 +1,4 @@
-"""Export CSV tables of vessels, their sections and defects."""
+"""Write CSV tables of vessels, their sections, defects and geometric characteristics."""
 
 from __future__ import annotations
 

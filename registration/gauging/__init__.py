@@ -1,6 +1,9 @@
-"""Gauging of an aligned scan: surface deviation, vessel dimensions, defects.
+"""Measure an aligned scan: surface deviation, vessel sections, defects, flow as printed.
 
 Names are loaded when first asked for.
+
+Goes in: an aligned scan and the design's network. Comes out: sections, diameters and defects.
+Begin with `trace.py`.
 """
 
 from typing import TYPE_CHECKING
@@ -8,12 +11,11 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from registration.gauging.back import ScannedSurface, surface_points
-    from registration.gauging.brinks import without_brinks
     from registration.gauging.changes import find_changes
     from registration.gauging.closures import Ends, find_closures
     from registration.gauging.contrast import ContrastGauge, liquid_level, withdraw_sections
     from registration.gauging.defect import Defect, DefectKind
+    from registration.gauging.design_to_scan import ScannedSurface, surface_points
     from registration.gauging.deviation import (
         TOLERANCES_UM,
         Deviation,
@@ -22,10 +24,11 @@ if TYPE_CHECKING:
         share_within,
         summarise,
     )
+    from registration.gauging.edge_changes import drop_edge_changes
     from registration.gauging.gel_like import without_gel_like
     from registration.gauging.junctions import find_junction_changes
     from registration.gauging.ledges import with_ledges
-    from registration.gauging.parts import led_through, part_of, without_dead_ends
+    from registration.gauging.parts import connected_vessels, drop_dead_ends, sub_network
     from registration.gauging.perfusion import Perfusion, with_interval
     from registration.gauging.printed import MeasuredLumen, network_of_lumens, printed_network
     from registration.gauging.trace import VesselTrace, trace_vessels
@@ -43,26 +46,26 @@ __all__ = [
     "ScannedSurface",
     "VesselGauge",
     "VesselTrace",
+    "connected_vessels",
     "deviations",
+    "drop_dead_ends",
+    "drop_edge_changes",
     "find_changes",
     "find_closures",
     "find_junction_changes",
     "gauge_vessels",
     "hausdorff_p95_um",
-    "led_through",
     "liquid_level",
     "network_of_lumens",
-    "part_of",
     "printed_network",
     "share_within",
+    "sub_network",
     "summarise",
     "surface_points",
     "trace_vessels",
     "with_interval",
     "with_ledges",
     "withdraw_sections",
-    "without_brinks",
-    "without_dead_ends",
     "without_gel_like",
     "without_resistance",
 ]

@@ -1,4 +1,4 @@
-"""Find runs of sections wider or narrower than the rest of their vessel.
+"""Find bulges and stenoses: runs of sections wider or narrower than the rest of their vessel.
 
 A print as a whole may be off (shrinkage, spread beads, the segmentation's bias): that is the
 vessel's mean error, which `registration.judging` holds against its tolerance. Here each section is

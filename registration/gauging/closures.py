@@ -1,4 +1,4 @@
-"""Find gel in lumens: occlusions and missing vessels."""
+"""Find vessels closed by gel: occlusions with their ends, and missing vessels."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from registration.gauging.defect import Defect
 from registration.gauging.trace import VesselTrace
 from registration.segmentation import GelField
 from registration.uncertainty import ScanErrors
-
-FloatArray = NDArray[np.float64]
 
 MISSING_SHARE = 0.9
 """A vessel closed over this much of what was seen of it, clear of junctions, is missing."""

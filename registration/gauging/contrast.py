@@ -1,4 +1,4 @@
-"""Likelihood test of a section's centre: lumen or gel.
+"""Test section centres for gel or liquid; mark sections that are neither for sure as not seen.
 
 The mean evidence within 0.7 radii of the axis is held against both gel (1) and liquid. A section
 is called open only where gel is rejected, closed only where liquid is; else it isn't seen.
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from registration.alignment import Fit
 from registration.gauging.trace import VesselTrace
-from registration.segmentation import GelEvidence, told_apart
+from registration.segmentation import GelEvidence, are_separable
 from registration.segmentation.evidence import SIGMA_MM
 
 FloatArray = NDArray[np.float64]
@@ -72,18 +72,18 @@ def withdraw_sections(
 
 
 def _withdrawn(trace: VesselTrace, evidence: GelEvidence, liquid: float) -> VesselTrace:
-    told = told_sections(trace, evidence, liquid)
+    told = reliable_sections(trace, evidence, liquid)
     return replace(trace, seen=trace.seen & told, counted=trace.counted & told)
 
 
-def told_sections(trace: VesselTrace, evidence: GelEvidence, liquid: float) -> BoolArray:
+def reliable_sections(trace: VesselTrace, evidence: GelEvidence, liquid: float) -> BoolArray:
     """Return which sections are rightly called what they are called, (n,)."""
     mean, error = core_means(trace, evidence)
     scatter = evidence.scatter_at(trace.planes.centre)
     sides = np.where(
         trace.sections.open, mean < 1 - REJECTED * error, mean > liquid + REJECTED * error
     )
-    return np.asarray(sides & told_apart(1.0, liquid, np.minimum(scatter, error)))
+    return np.asarray(sides & are_separable(1.0, liquid, np.minimum(scatter, error)))
 
 
 def core_means(trace: VesselTrace, evidence: GelEvidence) -> tuple[FloatArray, FloatArray]:

@@ -1,4 +1,4 @@
-"""Defect record: a place where a print differs significantly from its design."""
+"""Record of a defect: kind, vessel, extent and size of a significant difference from the design."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signed deviation of the scanned surface from the design.
+"""Signed deviation of the scanned surface from the design, and its summary statistics.
 
 Sign: **positive where the lumen (or the space outside) reaches beyond the design**: the lumen is
 wider, the outer face worn; negative where gel stands in what should be free: the lumen is

@@ -1,4 +1,4 @@
-"""Places where the scanned outer faces stand out from the design: chips, pits, cavities, excess."""
+"""Find connected places of scanned outer faces off the design: chips, pits, cavities, excess."""
 
 from __future__ import annotations
 

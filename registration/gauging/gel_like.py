@@ -1,4 +1,4 @@
-"""Find what lies in a lumen that walls don't show: films, weak gel, sediment.
+"""Find open sections brightened by films, weak gel or sediment, and mark them as not seen.
 
 A film thinner than the blur, or something that scatters less than half as much as gel, never
 reaches the level at which walls are found: the sections it lies in look open. But it brightens the

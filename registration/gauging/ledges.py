@@ -1,4 +1,4 @@
-"""Correct section walls for bright reflections, using the wall's roughness.
+"""Correct section diameters for bright wall reflections, by the wall's roughness or profile.
 
 A reflection no brighter than gel can't be told from a wall that lies a little further out. Smooth
 walls send one back only where they face the light; rough ones have ledges that do, whichever way

@@ -1,4 +1,4 @@
-"""Deviation of a scanned surface, separately for lumens and outer faces."""
+"""Summarise the scanned surface's deviation separately for lumens and outer faces."""
 
 from __future__ import annotations
 

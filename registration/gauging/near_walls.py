@@ -1,4 +1,4 @@
-"""Find the surface points of a scan that lie on a vessel's wall, with their vessel."""
+"""Assign scanned surface points to the vessel station on whose wall they lie, if any."""
 
 from __future__ import annotations
 

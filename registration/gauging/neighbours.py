@@ -1,4 +1,4 @@
-"""Parts of a vessel's designed wall that lie inside other lumens."""
+"""Share of a vessel's designed wall at each station that lies in no other lumen."""
 
 from __future__ import annotations
 

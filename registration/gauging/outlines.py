@@ -1,4 +1,4 @@
-"""Outlines of a vessel's measured sections, for drawing."""
+"""Wall outlines of a vessel's measured sections, scaled to the reported diameter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rest of a vessel network after removing closed vessels and dead ends."""
+"""Cut a vessel network down to vessels that join inlet and outlet, without dead ends."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 
-def led_through(
+def connected_vessels(
     network: VesselNetwork, kept: BoolArray, inlets: tuple[int, ...], outlets: tuple[int, ...]
 ) -> BoolArray:
     """Of the kept vessels, those that hang together with an inlet and an outlet."""
@@ -25,7 +25,7 @@ def led_through(
     return np.asarray(kept & np.isin(label[network.vessel_nodes[:, 0]], both))
 
 
-def part_of(network: VesselNetwork, vessels: IntArray) -> tuple[VesselNetwork, dict[int, int]]:
+def sub_network(network: VesselNetwork, vessels: IntArray) -> tuple[VesselNetwork, dict[int, int]]:
     """A network of some of the vessels, and the new number of each of their nodes."""
     used, ends = np.unique(network.vessel_nodes[vessels], return_inverse=True)
     lines = [network.polyline(int(vessel)) for vessel in vessels]
@@ -41,7 +41,7 @@ def part_of(network: VesselNetwork, vessels: IntArray) -> tuple[VesselNetwork, d
     return part, {int(node): index for index, node in enumerate(used)}
 
 
-def without_dead_ends(network: VesselNetwork, kept: BoolArray, ends: IntArray) -> BoolArray:
+def drop_dead_ends(network: VesselNetwork, kept: BoolArray, ends: IntArray) -> BoolArray:
     """Of the kept vessels, those that don't lead to nowhere but ``ends``, the inlets and outlets.
 
     Nothing flows in a dead end; left in, it would be taken for an inlet or an outlet.

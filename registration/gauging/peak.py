@@ -1,4 +1,4 @@
-"""Height of a change of diameter at its peak, between stations and before the field's blur."""
+"""Estimate a diameter change's peak height and place between sections, with the blur undone."""
 
 from __future__ import annotations
 

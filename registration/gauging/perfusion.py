@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from design.errors import FlowError
 from design.hemodynamics import FlowConditions, resistance_at, solve_flow
 from design.network import VesselNetwork
-from registration.gauging.parts import led_through, part_of
+from registration.gauging.parts import connected_vessels, sub_network
 from registration.gauging.printed import printed_network
 from registration.gauging.trace import VesselTrace
 from registration.uncertainty import SectionErrors, pressure_interval
@@ -168,10 +168,10 @@ def _flow(
 ) -> tuple[FloatArray, float]:
     """Flow of each vessel, and the pressure drop, with some vessels taken out."""
     flow = np.zeros(network.vessel_count)
-    kept = led_through(network, kept, inlets, outlets)
+    kept = connected_vessels(network, kept, inlets, outlets)
     if not kept.any():
         return flow, float("nan")
-    part, number = part_of(network, np.flatnonzero(kept))
+    part, number = sub_network(network, np.flatnonzero(kept))
     sources = tuple(number[node] for node in inlets if node in number)
     sinks = tuple(number[node] for node in outlets if node in number)
     solution = solve_flow(

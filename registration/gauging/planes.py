@@ -1,4 +1,4 @@
-"""Cutting planes of each vessel, and which of them are clear of junctions."""
+"""Section planes across each vessel's axis in the scan's frame, and lengths taken by junctions."""
 
 from __future__ import annotations
 

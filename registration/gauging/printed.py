@@ -1,4 +1,4 @@
-"""Network with the measured lumens of a print."""
+"""Build a vessel network with the radii measured in a print, for its flow."""
 
 from __future__ import annotations
 

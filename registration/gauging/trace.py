@@ -1,4 +1,4 @@
-"""Cut a scanned vessel at many stations; hold the measured sections."""
+"""Measure cross-sections of every vessel in an aligned scan, at even stations on its axis."""
 
 from __future__ import annotations
 

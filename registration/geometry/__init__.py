@@ -1,6 +1,9 @@
-"""Reference frame of a report, and geometric characteristics in it (ISO 5459, ISO 1101).
+"""Part frame on datums (ISO 5459), and geometric characteristics measured in it (ISO 1101).
 
 Names are loaded when first asked for: a recipe needs the datums' names alone.
+
+Goes in: scanned faces and sections. Comes out: a frame, and zones of vessels and faces. Begin with
+`measure.py`.
 """
 
 from typing import TYPE_CHECKING
@@ -13,7 +16,7 @@ if TYPE_CHECKING:
     from registration.geometry.designed import check_designed
     from registration.geometry.faces import Face, outer_faces
     from registration.geometry.frame import Frame, best_fit
-    from registration.geometry.lay import lay_on_datums
+    from registration.geometry.lay_frame import lay_on_datums
     from registration.geometry.measure import characteristics, cuts_of
     from registration.geometry.scene import Cut, Scene
 

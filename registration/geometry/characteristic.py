@@ -1,4 +1,4 @@
-"""One geometric characteristic of a print (ISO 1101)."""
+"""Record of a geometric characteristic (ISO 1101): zone width and its 95 % interval."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Datum features by name, as given in a recipe or on the command line."""
+"""Parse datum names (face +x, axis 3, outlet 2, ports) from a recipe or the command line."""
 
 from __future__ import annotations
 

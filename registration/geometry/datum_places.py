@@ -1,4 +1,4 @@
-"""Position and uncertainty of each datum feature, and the frame's shift there."""
+"""Uncertainty of the part's frame at each datum, and its shift there from the best fit."""
 
 from __future__ import annotations
 

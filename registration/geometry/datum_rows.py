@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from registration.alignment import Fit
 from registration.errors import DatumError
@@ -19,8 +18,6 @@ from registration.geometry.mouth import mouth, mouth_rows
 from registration.geometry.nested import Rows
 from registration.geometry.scene import LEAST_POINTS, LEAST_SEEN, Scene
 from registration.geometry.setting import Setting
-
-FloatArray = NDArray[np.float64]
 
 _NEARLY = 0.94
 """Cosine of 20 degrees: a face looks a way when its normal is nearer to it."""

@@ -1,4 +1,4 @@
-"""Outer faces of a design, and the scanned surface on each."""
+"""Find a design's outer faces and the scanned points that belong to each."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.distance import ModelSurface
-from registration.gauging.back import surface_points
+from registration.gauging.design_to_scan import surface_points
 from registration.gauging.near_lumen import near_lumen
 from registration.geometry.planes import LEAST_SHARE, Plane, large_planes, plane_name
 from registration.segmentation import Segmentation

@@ -1,4 +1,4 @@
-"""Least-squares equations of datum features measured in a scan."""
+"""Least-squares equations that lay a scanned plane face or vessel axis on its designed one."""
 
 from __future__ import annotations
 

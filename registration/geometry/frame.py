@@ -1,4 +1,4 @@
-"""Reference frame of a report: a pose with its errors."""
+"""Record of the part's frame: pose and errors, with the interval of any place in it."""
 
 from __future__ import annotations
 

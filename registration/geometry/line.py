@@ -1,4 +1,4 @@
-"""Designed axis of one vessel."""
+"""Designed axis of one vessel: polyline, straightness, ends, nearest points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Geometric characteristics of a print in its reference frame."""
+"""Measure all geometric characteristics of a print: vessel axes, mouths, walls, outer faces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mouths of lumens as datum features: where an axis reaches its free end."""
+"""Extrapolate a lumen's axis to its mouth, and form the mouth's datum equations."""
 
 from __future__ import annotations
 

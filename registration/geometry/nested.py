@@ -1,4 +1,4 @@
-"""Lay a part's frame on datums one after the other (ISO 5459)."""
+"""Solve datum equations in order, each within the motions left free by those before (ISO 5459)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Large plane faces of a design, and their names."""
+"""Find the large plane faces of a design, and name them by direction."""
 
 from __future__ import annotations
 

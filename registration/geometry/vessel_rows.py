@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from registration.geometry.characteristic import Characteristic, Name, Zone
 from registration.geometry.line import Line
 from registration.geometry.lumen import Lumen
-
-FloatArray = NDArray[np.float64]
 
 POSITION = "position of the axis"
 LINE_PROFILE = "profile of a line, axis"

@@ -1,4 +1,4 @@
-"""Tolerance zones of a vessel's axis, its mouths and its wall."""
+"""Measure the zone widths (ISO 1101) of a vessel's axis, mouths and wall, with intervals."""
 
 from __future__ import annotations
 

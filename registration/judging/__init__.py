@@ -1,6 +1,9 @@
 """Judge a registration's sections, vessels and whole print against tolerances.
 
 Names are loaded when first asked for: a recipe needs the tolerances alone.
+
+Goes in: a registration's numbers and tolerances. Comes out: decisions and findings. Begin with
+`judge_registration.py`.
 """
 
 from typing import TYPE_CHECKING
@@ -9,9 +12,9 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from registration.judging.guard import Decision, worst_decision
-    from registration.judging.judged import RULE, judge, judge_plain
+    from registration.judging.judge_registration import RULE, judge, judge_plain
     from registration.judging.listing import list_findings
-    from registration.judging.pose import as_if_pose_sure, pose_in_doubt
+    from registration.judging.pose import decision_at_sure_pose, pose_in_doubt
     from registration.judging.tolerance import (
         Limit,
         Override,
@@ -29,7 +32,7 @@ __all__ = [
     "ToleranceError",
     "Tolerances",
     "VesselLimits",
-    "as_if_pose_sure",
+    "decision_at_sure_pose",
     "judge",
     "judge_plain",
     "list_findings",

@@ -1,4 +1,4 @@
-"""Compare a vessel's or a print's quantities with their tolerance limits."""
+"""Compare quantities of a vessel or a whole print with their tolerance limits."""
 
 from __future__ import annotations
 

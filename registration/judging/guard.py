@@ -1,4 +1,4 @@
-"""Decide conformity by guard bands (ISO 14253-1)."""
+"""Decide pass, fail or undecided by guard bands about the tolerance (ISO 14253-1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""List all findings of a registration."""
+"""Take the findings out of a registration's numbers, or its defects if it wasn't judged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decisions under an uncertain pose: a fail is never proven."""
+"""Turn judged fails into undecided if the part's pose is ambiguous."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def fails_withdrawn(judged: Record) -> dict[str, Any]:
     }
 
 
-def as_if_pose_sure(feature: Record) -> Record:
+def decision_at_sure_pose(feature: Record) -> Record:
     """Return a feature with the decision that it has if the pose is right."""
     return {**feature, "decision": "fail"} if feature.get("doubt") == "pose" else feature
 

@@ -41,12 +41,12 @@ def findings(
         Of their diameters.
     found : sequence of mapping
         Its bulges, stenoses and closures that were found without a tolerance. A change whose own
-        interval includes zero isn't listed (`denied`).
+        interval includes zero isn't listed (`is_refuted`).
     """
     changes = [
         change
         for change in (judged_change(row, band, limit, one) for one in found if one["kind"] in SIGN)
-        if not denied(band, change)
+        if not is_refuted(band, change)
     ]
     # What is known of a junction's own wall is measured otherwise than the sections beside it.
     alone = [one for one in changes if apart_from_sections(band, one)]
@@ -180,7 +180,7 @@ def judged_change(row: Record, band: Band, limit: Limit, change: Record) -> dict
     return own | _alone(row, limit, own)
 
 
-def denied(band: Band, change: Record) -> bool:
+def is_refuted(band: Band, change: Record) -> bool:
     """Return whether a judged change is no change by its own 95 % interval.
 
     Its sections that aren't a pass are listed as runs. Where none counts, as within a junction,

@@ -1,4 +1,4 @@
-"""Tolerances of a design, its vessels and their features."""
+"""Tolerances of a print: limits for all vessels, with overrides by vessel or kind."""
 
 from __future__ import annotations
 

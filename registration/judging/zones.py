@@ -1,4 +1,4 @@
-"""Decide on geometric characteristics (ISO 1101) with a tolerance."""
+"""Judge geometric characteristics (ISO 1101) against their tolerances: pass, fail, undecided."""
 
 from __future__ import annotations
 

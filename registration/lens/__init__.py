@@ -1,4 +1,8 @@
-"""Calibrate a camera with a ChArUco board: scale, distortion, undistorted pictures."""
+"""Calibrate a camera with a ChArUco board: scale, distortion, undistorted pictures.
+
+Goes in: pictures of a board. Comes out: a lens file, and undistorted pictures. Begin with
+`fit.py`.
+"""
 
 from registration.lens.board import Board, BoardView, board_picture, find_board
 from registration.lens.fit import fit_lens

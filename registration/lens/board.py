@@ -1,4 +1,4 @@
-"""A ChArUco board: chessboard whose white squares hold numbered markers (OpenCV's aruco)."""
+"""Draw a ChArUco board (chessboard with numbered markers), and find its corners in a picture."""
 
 from __future__ import annotations
 

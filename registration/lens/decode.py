@@ -1,4 +1,4 @@
-"""Read a picture file."""
+"""Read a PNG, TIFF, JPEG or BMP picture as an array of blue, green and red."""
 
 from __future__ import annotations
 

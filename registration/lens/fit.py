@@ -1,4 +1,4 @@
-"""Fit a camera's lens to pictures of a board."""
+"""Fit a camera's distortion, scale and focal length to pictures of a board."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A camera's lens: its distortion and scale, and its file."""
+"""Camera lens: take its distortion out of pictures and pixels; write and read its file."""
 
 from __future__ import annotations
 

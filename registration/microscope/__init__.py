@@ -1,4 +1,7 @@
-"""Measure a picture of a printed pattern: its position, line widths and gaps."""
+"""Measure a picture of a printed pattern: its position, line widths and gaps.
+
+Goes in: a picture and a pattern. Comes out: widths and gaps, mm. Begin with `view.py`.
+"""
 
 from registration.microscope.annotate import annotated
 from registration.microscope.gaps import Crossing, GapWidth, measure_gaps

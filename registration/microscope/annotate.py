@@ -1,4 +1,4 @@
-"""Draw the measurements into a picture, for visual checking."""
+"""Draw the found frame, line edges and gaps into a microscope picture, for checking by eye."""
 
 from __future__ import annotations
 

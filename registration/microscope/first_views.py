@@ -1,4 +1,4 @@
-"""Initial views of a printed pattern: its L-shaped corner among the largest objects found."""
+"""Propose first positions of a printed pattern: its L-shaped corner laid on the largest objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measure gaps between two printed lines in a microscope picture."""
+"""Measure the open width of gaps between printed lines in a microscope picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Picture of a print, reduced to the channel in which the ink stands out."""
+"""Read a picture of a print, choose the channel with most contrast, and mask the ink."""
 
 from __future__ import annotations
 

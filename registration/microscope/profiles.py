@@ -1,4 +1,4 @@
-"""Brightness profiles across printed lines in a picture, in the pattern's millimetres."""
+"""Sample brightness across printed lines in a picture; find the ink's height and middle."""
 
 from __future__ import annotations
 

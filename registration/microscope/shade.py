@@ -1,4 +1,4 @@
-"""Shade of a filament in a picture, and its diameter from the half-level width.
+"""Fit ink absorption and picture blur to line profiles; turn half-level widths into diameters.
 
 A filament of dyed ink that light goes through takes away 1 − e^(−μ c), c = 2√(r² − t²) the way
 through it at the distance t from its middle (Beer and Lambert). With a large μ that is a box, the

@@ -1,4 +1,4 @@
-"""Calibration pattern to find in a microscope picture, and the camera view of it."""
+"""Records of the calibration pattern to find in a picture, and of its found position."""
 
 from __future__ import annotations
 

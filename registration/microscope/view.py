@@ -1,4 +1,4 @@
-"""Find a printed calibration pattern in a picture by its frame, and scale it.
+"""Find a printed calibration pattern in a picture by its frame, and fit perspective and scale.
 
 The frame (`Target`) is two sides of a rectangle whole, left and bottom, and the halves of the other
 two that meet. Its L is the largest thing in the picture: its two ends are farthest apart, its

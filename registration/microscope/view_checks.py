@@ -1,4 +1,4 @@
-"""Check the view of a printed pattern in a picture: uneven scale, foreign ink."""
+"""Refuse a found pattern position with very uneven scale, or with foreign ink in its frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Optics of an OCT device: refraction, fan and bow distortion, and their calibration."""
+"""Calibrate an OCT device, and correct its scans for fan, bow, depth scale and refraction.
+
+Goes in: scans of a dot grid and a step. Comes out: a calibration file, and corrected scans. Begin
+with `beam.py`.
+"""
 
 from registration.optics.beam import Beam, OctCalibration
 from registration.optics.file import read_calibration, write_calibration
@@ -7,7 +11,7 @@ from registration.optics.grid_target import GridView, find_grid
 from registration.optics.refraction import refract, refraction_bound
 from registration.optics.step import Step, measure_step
 from registration.optics.surface import SampleSurface, find_surface, fit_surface
-from registration.optics.undistort import relaid, undistort
+from registration.optics.undistort import is_resampled, undistort
 
 __all__ = [
     "Beam",
@@ -20,11 +24,11 @@ __all__ = [
     "find_surface",
     "fit_grid",
     "fit_surface",
+    "is_resampled",
     "measure_step",
     "read_calibration",
     "refract",
     "refraction_bound",
-    "relaid",
     "undistort",
     "with_step",
     "write_calibration",

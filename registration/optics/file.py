@@ -1,4 +1,4 @@
-"""Calibration file of an OCT device (YAML)."""
+"""Write and read the YAML calibration file of an OCT device."""
 
 from __future__ import annotations
 

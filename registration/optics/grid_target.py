@@ -1,4 +1,4 @@
-"""Find a flat calibration target with a square lattice of dots in a scan."""
+"""Find the dots of a square-lattice calibration target in a scan, with row and column of each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibrate depth scale or group index from a scanned step of known height."""
+"""Measure the optical path between the two levels of a scanned step, for depth calibration."""
 
 from __future__ import annotations
 

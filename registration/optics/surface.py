@@ -1,4 +1,4 @@
-"""Fit the sample's surface in air as a smooth function of x and y."""
+"""Find the surface of a sample scanned through air, and fit a quadratic to it."""
 
 from __future__ import annotations
 

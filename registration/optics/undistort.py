@@ -86,7 +86,7 @@ def undistort(
     )
 
 
-def relaid(scan: Scan) -> bool:
+def is_resampled(scan: Scan) -> bool:
     """Whether a scan's voxels were laid out anew."""
     return any(note.startswith(_RELAID) for note in scan.notes)
 

@@ -1,10 +1,14 @@
-"""Overlay of a scan on the G-code, layer by layer: where gel was written and where it stands."""
+"""Compare a scan with its G-code by layer: coverage of written lines, gaps, misplaced gel, status.
+
+Goes in: a scan, its pose and a G-code job. Comes out: the numbers of each layer. Begin with
+`measure.py`.
+"""
 
 from registration.overlay.cut import Cutter, ScanCut
-from registration.overlay.find import PixelPatch
 from registration.overlay.lines import LayerLines, layers_of
 from registration.overlay.lumens import LumenSections
 from registration.overlay.measure import LayerNumbers, Limits, measure_layer
+from registration.overlay.patches import PixelPatch
 from registration.overlay.pose import Pose, align_pose, read_pose
 from registration.overlay.raster import Raster
 from registration.overlay.results import overlay_csv, overlay_dict

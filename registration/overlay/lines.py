@@ -1,4 +1,4 @@
-"""Printed lines of one G-code layer, in the part's frame."""
+"""Split a layered G-code job into layers of written lines, in the part's frame."""
 
 from __future__ import annotations
 

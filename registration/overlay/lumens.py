@@ -1,4 +1,4 @@
-"""Designed lumen area of a layer: the section at its middle."""
+"""Mask of the pixels inside the designed lumens at a given height of the part."""
 
 from __future__ import annotations
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, distance_transform_edt
 
 from registration.overlay.cut import ScanCut
-from registration.overlay.find import PixelPatch, spots
 from registration.overlay.lines import LayerLines
+from registration.overlay.patches import PixelPatch, spots
 from registration.overlay.raster import Raster
 
 IntArray = NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""Pose for cutting a scan into layers: from an earlier registration, or found now."""
+"""Read a scan's pose from an earlier registration.json, or align the scan with the design now."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scan overlay results of all layers, as JSON and CSV."""
+"""Convert a scan overlay's results by layer to JSON values and CSV."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import io
 from collections.abc import Sequence
 from typing import Any, Final
 
-from registration.overlay.find import PixelPatch
 from registration.overlay.measure import LayerNumbers
+from registration.overlay.patches import PixelPatch
 from registration.overlay.status import LayerStatus
 
 MOST_LINES: Final = 20

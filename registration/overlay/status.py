@@ -1,4 +1,4 @@
-"""Status of a layer in a scan: printed, not printed yet, missing, or not seen."""
+"""Layer status in a scan: printed, partly seen, under way, not printed, missing, not seen."""
 
 from __future__ import annotations
 

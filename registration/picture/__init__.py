@@ -1,6 +1,8 @@
-"""Pictures of networks, with vessels coloured by a quantity; drawn without a browser.
+"""Draw PNG pictures of a vessel network, coloured by a quantity, without a browser.
 
 Names are loaded when first asked for.
+
+Goes in: a network and a quantity. Comes out: pixels. Begin with `compose.py`.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Colours shared by the 3D views, the pictures and the drawings.
+"""Colour constants and scales shared by the 3D views, the pictures and the drawings.
 
 The diverging scale runs from blue over light grey to orange-brown, with equal lightness at equal
 distance from zero. Blue against orange stays apart in every common form of colour blindness, and

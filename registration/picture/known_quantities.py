@@ -1,4 +1,4 @@
-"""Quantities that colour a network's vessels: from network, flow and scan."""
+"""Collect the quantities to colour vessels by: radius, flow, pressure, shear, order, deviation."""
 
 from __future__ import annotations
 

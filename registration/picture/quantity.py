@@ -1,4 +1,4 @@
-"""Vessel quantity shown by colour, and its colour scale."""
+"""Values of a vessel quantity with their limits and colour scale, mapped to colours."""
 
 from __future__ import annotations
 

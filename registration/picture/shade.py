@@ -1,4 +1,4 @@
-"""Render tubes and a surface to a shaded picture."""
+"""Render vessel tubes, and the surface around them, to shaded pixels and a depth buffer."""
 
 from __future__ import annotations
 

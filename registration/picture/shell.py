@@ -1,4 +1,4 @@
-"""Render a translucent surface over the tubes, by its layers at each pixel."""
+"""Light let through at each pixel by the layers of a translucent surface over vessel tubes."""
 
 from __future__ import annotations
 

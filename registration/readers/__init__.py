@@ -1,4 +1,8 @@
-"""Scan file readers, selected by file content, whatever the name."""
+"""Read scan files of any known format, recognised by content, and mosaics; write TIFF.
+
+Goes in: a file or folder, and what the user states of it. Comes out: a `Scan`. Begin with
+`read.py`.
+"""
 
 from typing import TYPE_CHECKING
 

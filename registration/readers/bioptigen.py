@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array, FileVolume
 from registration.readers.limits import check_available
+from registration.readers.raw_result import Array, FileVolume
 from registration.readers.storage import fill_volume
 
 _MARK = b"FRAMEHEADER"

@@ -1,4 +1,4 @@
-"""Grey values that encode dB: the mapping from counts."""
+"""Convert a volume of grey values that encode dB to dB, by the window or slope stated of it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from registration.counts import CountLine
 from registration.errors import ScanFileError
-from registration.readers.found import Array
+from registration.readers.raw_result import Array
 from registration.readers.storage import empty
 
 COUNT_KEYS = ("db_range", "count_range", "counts_per_db", "db_at_zero")

@@ -16,17 +16,17 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.broken import reading
+from registration.readers.broken_files import scan_file_errors
 from registration.readers.dicom_geometry import (
     Stack,
     check_grey,
-    check_room,
+    check_header_sizes,
     line_of,
     rescaled,
     stack_frames,
 )
-from registration.readers.extras import need
-from registration.readers.found import Array, FileVolume
+from registration.readers.extras import import_extra
+from registration.readers.raw_result import Array, FileVolume
 
 MAGIC = b"DICM"
 _MOST_SLICES = 20_000
@@ -53,8 +53,8 @@ def read_dicom(path: Path) -> FileVolume:
         When it is broken, compressed in a way that isn't supported, not a grey volume, or its
         frames don't make a straight stack.
     """
-    with reading(path, "DICOM"):
-        data = need("pydicom", path).dcmread(path)
+    with scan_file_errors(path, "DICOM"):
+        data = import_extra("pydicom", path).dcmread(path)
         count = int(data.get("NumberOfFrames", 1))
         if count < 2:
             raise ScanFileError(f"{path}: holds one slice; give the folder that holds them all")
@@ -69,11 +69,11 @@ def read_dicom_folder(folder: Path) -> FileVolume:
     ScanFileError
         When the slices aren't of one series, don't make a straight stack, or one is broken.
     """
-    pydicom = need("pydicom", folder)
+    pydicom = import_extra("pydicom", folder)
     files = sorted(place for place in folder.iterdir() if place.is_file() and is_dicom(place))
     if not 2 <= len(files) <= _MOST_SLICES:
         raise ScanFileError(f"{folder}: {len(files)} DICOM slices aren't a volume")
-    with reading(folder, "DICOM"):
+    with scan_file_errors(folder, "DICOM"):
         slices = [pydicom.dcmread(file, stop_before_pixels=True) for file in files]
         _check_one_series(slices, files, folder)
         places = np.array([item.ImagePositionPatient for item in slices], dtype=np.float64)
@@ -122,7 +122,7 @@ def _check_one_series(slices: list[Any], files: list[Path], folder: Path) -> Non
 
 def _multiframe(data: Any, count: int, path: Path) -> FileVolume:
     check_grey(data, path)
-    check_room(data, count, path)
+    check_header_sizes(data, count, path)
     groups = list(data.get("PerFrameFunctionalGroupsSequence") or ())
     shared = list(data.get("SharedFunctionalGroupsSequence") or ())
     if groups and len(groups) != count:

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array
 from registration.readers.limits import ANY_RATIO, check_available
+from registration.readers.raw_result import Array
 from registration.readers.space import LPS, FileSpace, file_space
 from registration.readers.storage import empty
 
@@ -131,7 +131,7 @@ def check_grey(data: Any, path: Path) -> None:
         )
 
 
-def check_room(data: Any, count: int, path: Path) -> None:
+def check_header_sizes(data: Any, count: int, path: Path) -> None:
     """Hold the sizes in the header against the file."""
     shape = (count, int(data.Rows), int(data.Columns))
     ratio = ANY_RATIO if data.file_meta.TransferSyntaxUID.is_compressed else 1

@@ -9,7 +9,7 @@ from typing import Any
 from registration.errors import ScanFileError
 
 
-def need(module: str, path: Path) -> Any:
+def import_extra(module: str, path: Path) -> Any:
     """A module that only some formats need.
 
     Parameters

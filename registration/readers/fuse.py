@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from registration.readers.found import Array
+from registration.readers.raw_result import Array
 from registration.readers.storage import empty
 
 FloatArray = NDArray[np.float64]

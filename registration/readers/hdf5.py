@@ -1,4 +1,4 @@
-"""Read HDF5 (and MATLAB 7.3, which is HDF5), by h5py (extra ``scans``)."""
+"""Read a scan volume from HDF5 or a MATLAB 7.3 file, by h5py (extra ``scans``)."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.broken import reading
-from registration.readers.extras import need
-from registration.readers.found import Array, FileVolume
+from registration.readers.broken_files import scan_file_errors
+from registration.readers.extras import import_extra
 from registration.readers.limits import ANY_RATIO, bytes_of, check_available
 from registration.readers.metadata import NAMES
+from registration.readers.raw_result import Array, FileVolume
 from registration.readers.storage import empty
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -35,8 +35,8 @@ def read_hdf5(path: Path) -> FileVolume:
     ScanFileError
         When the file is broken, or holds no volume, or several of which none is named "volume".
     """
-    h5py = need("h5py", path)
-    with reading(path, "HDF5"), h5py.File(path, "r") as file:
+    h5py = import_extra("h5py", path)
+    with scan_file_errors(path, "HDF5"), h5py.File(path, "r") as file:
         volumes = _volumes(file, h5py)
         data = _the_one(volumes, path)
         # A link into another file is not followed: it could point anywhere.

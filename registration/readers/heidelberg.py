@@ -1,4 +1,4 @@
-"""Read Heidelberg Spectralis ``.vol``: header, fundus picture, B-scans of float32.
+"""Read the B-scan volume, voxel size and scan position from a Heidelberg Spectralis ``.vol``.
 
 Offsets and meanings as in FabianRathke/octSegmentation (``HDEVolImporter.m``) and MedVisBonn/eyepy
 (``he_vol``), which agree: 2048 bytes of header, SizeXSlo × SizeYSlo bytes of picture, then for each
@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array, FileVolume
 from registration.readers.limits import check_available
+from registration.readers.raw_result import Array, FileVolume
 from registration.readers.space import FileSpace
 from registration.readers.storage import fill_volume
 

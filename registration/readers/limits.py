@@ -1,4 +1,4 @@
-"""Check sizes in a file's header before memory is allocated."""
+"""Refuse scan sizes in a header that the file can't hold, before memory is allocated."""
 
 from __future__ import annotations
 

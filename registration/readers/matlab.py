@@ -1,4 +1,4 @@
-"""Read MATLAB ``.mat`` files of level 5; level 7.3 is HDF5.
+"""Read a scan volume from a MATLAB ``.mat`` file of level 5; level 7.3 is HDF5.
 
 Read by our own few lines, after MathWorks' public "MAT-File Format": SciPy's reader can crash the
 interpreter on broken bytes. A file is a header of 128 bytes and elements of ``uint32 type, uint32
@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.broken import reading
-from registration.readers.found import Array, FileVolume
+from registration.readers.broken_files import scan_file_errors
 from registration.readers.limits import DEFLATE_RATIO, bytes_of
 from registration.readers.metadata import NAMES
+from registration.readers.raw_result import Array, FileVolume
 
 MAGIC = b"MATLAB 5.0 MAT-file"
 
@@ -61,7 +61,7 @@ def read_matlab(path: Path) -> FileVolume:
     ScanFileError
         When the file is broken, or holds no volume, or several of which none is named "volume".
     """
-    with reading(path, "MATLAB file"):
+    with scan_file_errors(path, "MATLAB file"):
         data = np.memmap(path, np.uint8, "c")
         order = {b"IM": "<", b"MI": ">"}.get(bytes(data[126:128]))
         if order is None:

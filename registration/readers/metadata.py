@@ -1,4 +1,4 @@
-"""Metadata required of a scan, gathered from file, sidecar and user."""
+"""Merge a scan's metadata from file, sidecar and user, check it, and build the scan."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 
 from registration.errors import ScanFileError
 from registration.readers.decibels import COUNT_KEYS, in_decibels, layered, with_scale
-from registration.readers.found import Array, FileVolume
-from registration.readers.light import light_notes
+from registration.readers.intensity_checks import light_notes
 from registration.readers.orient import is_axes, rename_axes, to_scan_axes, unmirrored
+from registration.readers.raw_result import Array, FileVolume
 from registration.readers.storage import native
 from registration.scan import Scan
 from registration.space import Space

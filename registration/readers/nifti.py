@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.broken import reading
-from registration.readers.found import Array, FileVolume
+from registration.readers.broken_files import scan_file_errors
 from registration.readers.limits import DEFLATE_RATIO, check_available
+from registration.readers.raw_result import Array, FileVolume
 from registration.readers.space import LPS, FileSpace, file_space
 from registration.readers.units import millimetres
 
@@ -32,7 +32,7 @@ def read_nifti(path: Path) -> FileVolume:
     ScanFileError
         When the file is broken, has a time axis, or a unit that isn't known.
     """
-    with reading(path, "NIfTI"):
+    with scan_file_errors(path, "NIfTI"):
         image = _open(path)
         shape = tuple(int(size) for size in image.shape)
         while len(shape) > 3 and shape[-1] == 1:

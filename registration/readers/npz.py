@@ -10,10 +10,10 @@ import numpy as np
 from numpy.lib import format as npy
 
 from registration.errors import ScanFileError
-from registration.readers.broken import reading
-from registration.readers.found import Array, FileVolume
+from registration.readers.broken_files import scan_file_errors
 from registration.readers.limits import check_available
 from registration.readers.metadata import NAMES
+from registration.readers.raw_result import Array, FileVolume
 from registration.readers.storage import empty
 from registration.readers.zipped import available_bytes, read_into
 
@@ -26,7 +26,7 @@ def read_npz(path: Path) -> FileVolume:
     ScanFileError
         When the archive is broken or has no ``volume``.
     """
-    with reading(path, "archive"), zipfile.ZipFile(path) as archive:
+    with scan_file_errors(path, "archive"), zipfile.ZipFile(path) as archive:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
         if "volume" not in members:
             raise ScanFileError(f"{path}: has no array 'volume' (it has: {', '.join(members)})")

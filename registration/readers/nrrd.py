@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.broken import reading
-from registration.readers.found import Array, FileVolume
+from registration.readers.broken_files import scan_file_errors
 from registration.readers.limits import DEFLATE_RATIO, check_available
+from registration.readers.raw_result import Array, FileVolume
 from registration.readers.space import LPS, FileSpace, file_space
 from registration.readers.storage import mapped
 from registration.readers.units import millimetres
@@ -48,7 +48,7 @@ def read_nrrd(path: Path) -> FileVolume:
     """
     import nrrd  # only where such a file comes
 
-    with reading(path, "NRRD"), path.open("rb") as handle:
+    with scan_file_errors(path, "NRRD"), path.open("rb") as handle:
         header = nrrd.read_header(handle)
         return FileVolume(
             _volume(nrrd.read_data, handle, header, path),

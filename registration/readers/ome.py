@@ -10,7 +10,7 @@ from registration.readers.units import millimetres
 from registration.readers.xml import parse_xml
 
 
-def of_ome_xml(text: str, path: Path) -> dict[str, Any]:
+def read_ome_xml(text: str, path: Path) -> dict[str, Any]:
     """Read the first image's ``Pixels`` (OME schema 2016-06: sizes in µm by default).
 
     Raises

@@ -1,4 +1,4 @@
-"""Bring a file's axes into the scan's frame: order first, then handedness."""
+"""Reorder a scan file's axes to z, y, x and make them right-handed; check sizes for swaps."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array
+from registration.readers.raw_result import Array
 
 ORDER = "zyx"
 

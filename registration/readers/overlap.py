@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfftn, rfftn
 from scipy.ndimage import gaussian_filter
 
-from registration.readers.found import Array
+from registration.readers.raw_result import Array
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

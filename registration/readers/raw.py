@@ -1,4 +1,4 @@
-"""Read a raw binary volume whose layout is given by a sidecar file."""
+"""Read a raw binary volume, or raw OCT spectra, with the layout given by a sidecar file."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.found import FileVolume
 from registration.readers.limits import bytes_of
-from registration.readers.raw_spectra import spectra_said, volume_of_spectra
+from registration.readers.raw_result import FileVolume
+from registration.readers.raw_spectra import check_spectra_sidecar, volume_of_spectra
 from registration.readers.sidecar import RAW_KEYS, sidecar
 from registration.readers.storage import mapped
 
@@ -53,7 +53,7 @@ def read_raw(path: Path) -> FileVolume:
             f"{path}: spectra with the axes {said['axes']!r}; lay them out yxz: B-scans, A-scans, "
             "samples"
         )
-    return volume_of_spectra(numbers, spectra_said(said["spectra"], shape[2], path), path)
+    return volume_of_spectra(numbers, check_spectra_sidecar(said["spectra"], shape[2], path), path)
 
 
 def _shape(value: Any, path: Path) -> tuple[int, ...]:

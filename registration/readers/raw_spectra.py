@@ -1,4 +1,4 @@
-"""Read raw OCT spectra whose layout is given by a sidecar file; compute the volume."""
+"""Compute an OCT volume from raw spectra, by wavelengths and background given in a sidecar file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array, FileVolume
 from registration.readers.fourier import (
     WINDOWS,
     Floats,
@@ -20,6 +19,7 @@ from registration.readers.fourier import (
     place_of_wavelengths,
     profiles,
 )
+from registration.readers.raw_result import Array, FileVolume
 from registration.readers.storage import fill_volume
 
 SPECTRA_KEYS = (
@@ -73,7 +73,7 @@ def _profiled(spectra: Array, said: SpectraMetadata) -> Iterator[NDArray[np.floa
         yield profiles(counts - background, kernel)
 
 
-def spectra_said(said: Any, samples: int, path: Path) -> SpectraMetadata:
+def check_spectra_sidecar(said: Any, samples: int, path: Path) -> SpectraMetadata:
     """Check what a sidecar says of spectra.
 
     Raises

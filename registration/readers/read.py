@@ -23,8 +23,8 @@ from registration.readers import (
     tiff,
     zarr,
 )
-from registration.readers.found import FileVolume
 from registration.readers.metadata import ScanOverrides, build_scan
+from registration.readers.raw_result import FileVolume
 from registration.readers.sidecar import RAW_KEYS, find_sidecar, sidecar
 from registration.scan import Scan
 

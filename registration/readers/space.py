@@ -1,4 +1,4 @@
-"""Axis directions of a scan file: checked, named, mapped to the scan's frame."""
+"""Check a scan file's axis directions in space, and map the scan's frame into that space."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Store voxels in memory, or as a view of a file if too large."""
+"""Arrays for scan voxels: a view of the scan file, memory, or a temporary file if too large."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from registration.pages import drop_pages
-from registration.readers.found import Array
 from registration.readers.limits import IN_MEMORY_BYTES, bytes_of, check_available
+from registration.readers.raw_result import Array
 
 _COPY_BYTES = 1 << 20
 """Turned at a time where axes change places: what a core's cache holds."""

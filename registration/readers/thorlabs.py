@@ -1,4 +1,4 @@
-r"""Read Thorlabs ``.oct``: a zip archive of ``Header.xml`` and raw arrays.
+r"""Read processed intensity, or else raw spectra, from a Thorlabs ``.oct`` zip archive.
 
 What is known of the format, and from where:
 
@@ -31,11 +31,11 @@ import numpy as np
 
 from registration.errors import ScanFileError
 from registration.readers import thorlabs_raw
-from registration.readers.broken import reading
-from registration.readers.found import FileVolume
+from registration.readers.broken_files import scan_file_errors
 from registration.readers.limits import bytes_of
 from registration.readers.metadata import parse
 from registration.readers.orient import check_aspect
+from registration.readers.raw_result import FileVolume
 from registration.readers.xml import MOST_XML_BYTES, parse_xml
 from registration.readers.zipped import member_array
 
@@ -72,7 +72,7 @@ def read_thorlabs(path: Path) -> FileVolume:
     ScanFileError
         When the archive is broken, its sizes contradict each other, or it holds no volume.
     """
-    with reading(path, "archive"), zipfile.ZipFile(path) as archive:
+    with scan_file_errors(path, "archive"), zipfile.ZipFile(path) as archive:
         members = {plain_name(info): info for info in archive.infolist()}
         root = _header(archive, members[HEADER], path)
         data = members.get(INTENSITY)

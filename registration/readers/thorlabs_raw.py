@@ -1,4 +1,4 @@
-r"""Read raw spectra of a Thorlabs ``.oct`` that holds no processed intensity.
+r"""Compute linear intensity from the raw spectra of a Thorlabs ``.oct`` without processed data.
 
 One member ``data\SpectralN.data`` for each B-scan: A-scans of SizeZ samples of 16 bit, SizeX of
 them, among which the header's ApoRegion (without sample, for the background) and ScanRegion.
@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array
 from registration.readers.fourier import Floats, Spectrometer, profiles
+from registration.readers.raw_result import Array
 from registration.readers.storage import fill_volume
 from registration.readers.zipped import member_array
 

@@ -1,4 +1,4 @@
-"""Read TIFF stacks: our own, OME-TIFF, ImageJ's, and plain ones.
+"""Read TIFF stacks (our own, OME-TIFF, ImageJ's, plain), and write scans as TIFF.
 
 Ours carry the scan's metadata as JSON in the first ImageDescription.
 """
@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 import tifffile
 
-from design.files import replacing
+from design.files import atomic_replacement
 from registration.errors import ScanFileError
-from registration.readers.broken import reading
-from registration.readers.found import Array, FileVolume
+from registration.readers.broken_files import scan_file_errors
 from registration.readers.limits import (
     ANY_RATIO,
     DEFLATE_RATIO,
@@ -25,7 +24,8 @@ from registration.readers.limits import (
     check_available,
 )
 from registration.readers.metadata import SCHEMA, describe, parse
-from registration.readers.ome import of_ome_xml
+from registration.readers.ome import read_ome_xml
+from registration.readers.raw_result import Array, FileVolume
 from registration.readers.storage import fill_volume, mapped
 from registration.readers.units import millimetres
 from registration.scan import Scan
@@ -47,7 +47,7 @@ def read_tiff(path: Path) -> FileVolume:
         When the file is truncated or isn't a stack of equal grey images.
     """
     # Other files that an OME-TIFF names are never followed.
-    with reading(path, "TIFF"), tifffile.TiffFile(path, _multifile=False) as tiff:
+    with scan_file_errors(path, "TIFF"), tifffile.TiffFile(path, _multifile=False) as tiff:
         return FileVolume(_volume(tiff, path), _known(tiff, path))
 
 
@@ -134,7 +134,7 @@ def _known(tiff: tifffile.TiffFile, path: Path) -> dict[str, Any]:
     if SCHEMA in text:
         return {"axes": "zyx", **parse(text, str(path))}
     if tiff.is_ome and tiff.ome_metadata:
-        return of_ome_xml(tiff.ome_metadata, path)
+        return read_ome_xml(tiff.ome_metadata, path)
     if tiff.is_imagej:
         return _of_imagej(tiff, path)
     return {}
@@ -166,7 +166,7 @@ def write_scan_tiff(path: Path, scan: Scan, *, compress: bool = False) -> None:
     OSError
         When the disk is full or the folder can't be written.
     """
-    with replacing(path) as draft:
+    with atomic_replacement(path) as draft:
         tifffile.imwrite(
             draft,
             scan.volume,

@@ -1,4 +1,4 @@
-"""Length units of image files, in mm."""
+"""Convert the name of a length unit in an image file to millimetres."""
 
 from __future__ import annotations
 

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 from registration.errors import ScanFileError
-from registration.readers.found import Array, FileVolume
 from registration.readers.limits import bytes_of
 from registration.readers.metadata import SCHEMA, known_keys
+from registration.readers.raw_result import Array, FileVolume
 from registration.readers.storage import empty
 from registration.readers.units import millimetres
 from registration.readers.zarr_codecs import decode

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from registration.errors import ScanFileError
-from registration.readers.extras import need
+from registration.readers.extras import import_extra
 
 _BY_NUMCODECS = ("blosc", "zstd", "lz4")
 
@@ -52,7 +52,7 @@ def _decode(data: bytes, codec: dict[str, Any] | None, expected: int, path: Path
         except zlib.error as exc:
             raise ScanFileError(f"{path}: a broken chunk ({exc}); copy it again") from exc
     if name in _BY_NUMCODECS:
-        registry = need("numcodecs", path)
+        registry = import_extra("numcodecs", path)
         if name == "blosc" and _blosc_size(data) != expected:
             return b""
         try:

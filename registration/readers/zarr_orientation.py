@@ -1,4 +1,4 @@
-"""Read OME-Zarr's axis orientation: coordinateTransformations, anatomical (NGFF RFC-4)."""
+"""Read axis scale, translation and anatomical orientation (NGFF RFC-4) from OME-Zarr metadata."""
 
 from __future__ import annotations
 

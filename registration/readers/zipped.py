@@ -9,8 +9,8 @@ from typing import IO
 
 import numpy as np
 
-from registration.readers.found import Array
 from registration.readers.limits import DEFLATE_RATIO, check_available
+from registration.readers.raw_result import Array
 from registration.readers.storage import empty, mapped
 
 _PIECE = 16 << 20

@@ -1,6 +1,8 @@
-"""Report of a registration: one offline HTML file with tables, drawings and a 3D deviation map.
+"""Offline HTML and PDF reports of registrations, with pages for dye, plates, G-code and networks.
 
 Names are loaded when first asked for: what packs or words a report needs no plotting library.
+
+Goes in: report.json's numbers and surfaces. Comes out: HTML. Begin with `page.py`.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Uncertainty budgets as a table of the report."""
+"""Report table of uncertainty budgets: each quantity's main terms and its 95 % interval."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Blank figure in the report's style, and its SVG export."""
+"""Blank matplotlib figures in the report's style, single or in rows, and their SVG export."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dye report page: verdict, pictures, arrivals and a table of vessels."""
+"""Write the HTML page of an evaluated dye video: verdict, pictures, arrivals, vessel table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of the report package.
+"""Exception class of the report package, for input that can't be shown.
 
 ::
 

@@ -1,4 +1,4 @@
-"""Figures of the registration report, as SVG."""
+"""SVG figures of the report: deviation histogram, vessel diameters against design, network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of findings: the raw B-scan through each, with designed and found contours."""
+"""Figures of each defect found: raw B-scan and section, with designed and found contours."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from registration.judging import list_findings
 from registration.report.drawing import styled, to_svg
@@ -21,7 +20,6 @@ from registration.views import FindingView, SectionStack, Views
 from registration.views.findings import Panel
 from registration.views.mesh_cut import join_lines
 
-FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 DESIGN: Final = "#36b3ec"

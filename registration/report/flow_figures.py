@@ -1,4 +1,4 @@
-"""Figure of flow and pressure waves at a network's inlets and outlets."""
+"""SVG figures of vessel flow: pressure and flow waves, model fidelities, spread of flows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of measured deviation: distribution, diameters along vessels, layers."""
+"""SVG figures of measured deviation: share within tolerance, diameters along vessels, layers."""
 
 from __future__ import annotations
 

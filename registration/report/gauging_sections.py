@@ -1,4 +1,4 @@
-"""Report parts on defects, topology and perfusion of the print, where available."""
+"""Report tables and facts: defects, overlap with the design, topology, perfusion as printed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Key figures at the top of the report."""
+"""Pick the report's key figures: RMS deviation, open vessels, worst error, pressure, time."""
 
 from __future__ import annotations
 

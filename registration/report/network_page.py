@@ -1,4 +1,4 @@
-"""HTML page of a network in its tissue, as an interactive 3D view."""
+"""Write an HTML page of a vessel network in its tissue, as an interactive 3D view."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Network data of the 3D view: polylines and the quantities that colour them."""
+"""Vessel network as data of the 3D view: polylines, colours; thinnest left out if too many."""
 
 from __future__ import annotations
 

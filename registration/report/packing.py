@@ -1,4 +1,4 @@
-"""Encode arrays as short text inside an HTML page.
+"""Encode arrays and 3D surfaces as compressed base64 text inside an HTML page.
 
 Little-endian integers, deflated (RFC 1950) and in base64; the browser undoes both by itself
 (``DecompressionStream``).

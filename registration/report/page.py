@@ -17,7 +17,7 @@ from registration.judging import list_findings
 from registration.picture.colours import NO_DATA, samples
 from registration.picture.pressures import point_pressure
 from registration.report import sections
-from registration.report.added import AddedSection
+from registration.report.added_section import AddedSection
 from registration.report.budget_table import budget_table
 from registration.report.figures import diameter_figure, histogram_figure, network_figure
 from registration.report.finding_figures import finding_figures, views_note

@@ -1,4 +1,4 @@
-"""Report page of a plate job: plate, wells, results of the scanned ones."""
+"""Write the HTML page of a well plate job: plate picture, wells, results of scanned wells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measurement record as facts for page and PDF."""
+"""List the measurement record (operator, instrument, certificate, temperature) as report facts."""
 
 from __future__ import annotations
 

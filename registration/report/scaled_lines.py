@@ -1,4 +1,4 @@
-"""Draw lines whose width scales with the drawing, for matplotlib figures."""
+"""Draw lines in matplotlib figures at their true width in mm, to the drawing's scale."""
 
 from __future__ import annotations
 

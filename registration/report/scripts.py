@@ -1,4 +1,4 @@
-"""Scripts of an HTML page: inlined modules, import map, data blocks, content security policy.
+"""Embed scripts in an HTML page: inlined modules, import map, data, content security policy.
 
 ES modules can't be loaded from files beside a page opened by ``file://``. Here every module is a
 ``data:`` URL under a bare name of the import map, so that they import each other as usual.

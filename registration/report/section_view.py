@@ -1,4 +1,4 @@
-"""Data of the report's section viewer: any measured section, by a click on its plot."""
+"""Pack pictures and numbers of measured vessel sections for the report page's section viewer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read parts of report.json for the report's page; missing ones are left out."""
+"""Turn parts of report.json into facts and tables for page and PDF; missing ones are left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Surface to show in the report's 3D view."""
+"""Data class of a surface in the report's 3D view: mesh, vertex values, colour limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Report part on reference frame and geometric characteristics."""
+"""Report table of ISO 1101 tolerance zones and decisions, and facts of the reference frame."""
 
 from __future__ import annotations
 

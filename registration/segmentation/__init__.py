@@ -1,6 +1,9 @@
-"""Segmentation: from a scanned volume to the surface between gel and lumen."""
+"""Segmentation: from a scanned volume to the surface between gel and lumen.
 
-from registration.segmentation.evidence import GelEvidence, gel_evidence, told_apart
+Goes in: a `Scan`. Comes out: a surface mesh, and a field of gel. Begin with `segment.py`.
+"""
+
+from registration.segmentation.evidence import GelEvidence, are_separable, gel_evidence
 from registration.segmentation.segment import Segmentation, SegmentationOptions, segment
 from registration.segmentation.volume import GelField, Strength
 
@@ -10,7 +13,7 @@ __all__ = [
     "Segmentation",
     "SegmentationOptions",
     "Strength",
+    "are_separable",
     "gel_evidence",
     "segment",
-    "told_apart",
 ]

@@ -23,7 +23,6 @@ from registration.segmentation.first_light import LIT, REACH_MM, blocks_of, firs
 from registration.segmentation.walls import Sides, smoothed
 from registration.segmentation.working import Working
 
-FloatArray = NDArray[np.float64]
 FloatVolume = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 

@@ -106,7 +106,7 @@ class GelEvidence:
         return np.asarray(self.offset + self.slope * found)
 
 
-def told_apart(
+def are_separable(
     gel: FloatArray | float, liquid: FloatArray | float, scatter: FloatArray | float
 ) -> NDArray[np.bool_]:
     """Return whether two levels lie far enough from each other, in standard deviations.

@@ -1,4 +1,4 @@
-"""Kernels on whole scan volumes: binning, smoothing, local levels."""
+"""Kernels on scan volumes: bin, smooth, interpolate coarse fields, normalise between levels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from kernels import jit, pjit
 from registration.scan import Scan
 from registration.segmentation.volume import Volume
 
-FloatArray = NDArray[np.float64]
 FloatVolume = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 Weights = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]

@@ -1,4 +1,4 @@
-"""Initial light attenuation model of a scan, fitted alternately with its voxel classes."""
+"""First estimate of the light at each OCT voxel, fitted in turns with gel and liquid classes."""
 
 from __future__ import annotations
 

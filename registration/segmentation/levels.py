@@ -1,4 +1,4 @@
-"""Grey levels of gel and lumens, and a test for contrast between them."""
+"""Find the grey levels of gel and lumens, and refuse a scan without contrast between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compensate attenuation and shadows along OCT A-scans.
+"""Estimate the light left at each voxel along OCT A-scans, to undo attenuation and shadows.
 
 Vermeer et al. 2014 (10.1364/BOE.5.000322): what a voxel sends back, I_i, over the light that
 still is on its way there is its attenuation coefficient; and that light is what comes back from
@@ -41,7 +41,7 @@ EVEN_MM = 0.5
 """The incoming light is taken as even over about this distance."""
 
 
-def light_left(
+def remaining_light(
     signal: FloatVolume, step_mm: float, floor: float, pixel_mm: FloatArray, depth_down: bool
 ) -> tuple[FloatVolume, float]:
     """Light at every voxel of an OCT volume whose noise floor has been taken off.

@@ -1,4 +1,4 @@
-"""Slowly varying level of selected voxels around each place of a scan."""
+"""Smooth local mean of selected voxels' values around each place of a scan, on a coarse grid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Surface mesh of the segmented gel: marks unseen parts, drops specks."""
+"""Extract the surface mesh of segmented gel; mark parts not truly seen; drop specks."""
 
 from __future__ import annotations
 

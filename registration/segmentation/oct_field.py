@@ -27,7 +27,7 @@ from registration.segmentation.bright_liquid import (
 )
 from registration.segmentation.even_light import even_signal, without_glare
 from registration.segmentation.filters import bin_mean, normalise
-from registration.segmentation.light import light_left, share_of_gel
+from registration.segmentation.light import remaining_light, share_of_gel
 from registration.segmentation.local_level import local_level
 from registration.segmentation.reflections import without_lines
 from registration.segmentation.response import depth_response
@@ -94,7 +94,7 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
     response = depth_response(dull, noise, working, scan.depth_down)[:, None, None]
     signal /= response
     dull /= response
-    light, typical = light_left(dull, step, 3 * noise, working.voxel_mm[:2], scan.depth_down)
+    light, typical = remaining_light(dull, step, 3 * noise, working.voxel_mm[:2], scan.depth_down)
     light *= np.float32(typical)
     light = even_signal(dull, light, working)
     both = None

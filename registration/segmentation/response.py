@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from registration.segmentation.filters import bin_mean
-from registration.segmentation.light import light_left, share_of_gel
+from registration.segmentation.light import remaining_light, share_of_gel
 from registration.segmentation.working import Working
 
 FloatArray = NDArray[np.float64]
@@ -104,7 +104,7 @@ def depth_response(
 def _gel(down: FloatVolume, response: FloatArray, noise: float, size: FloatArray) -> Gel:
     """Blocks of gel by the model of light, with a response; `noise` is a block's."""
     even = (down / response[:, None, None]).astype(np.float32)
-    light, typical = light_left(even, float(size[0]), 6 * noise, size[:0:-1], True)
+    light, typical = remaining_light(even, float(size[0]), 6 * noise, size[:0:-1], True)
     share = even / (light * np.float32(typical))
     gel = share > 0.5
     above = (np.cumsum(gel, axis=0) - 0.5 * gel) * float(size[0])

@@ -1,4 +1,4 @@
-"""Bias of half-level walls by speckle and clipped bright voxels.
+"""Compute the shift of OCT walls that speckle and clipping of bright voxels cause.
 
 Of speckle with a gamma law of mean m and L looks a cap c leaves m P(L + 1, c L / m) +
 c Q(L, c L / m), P and Q the regularised incomplete gamma functions. Gel loses more by that than

@@ -1,4 +1,4 @@
-"""Segmented working volume: gel field around its threshold, and its position in the scan."""
+"""Data classes of a segmented scan: gel field with threshold, OCT signal; trilinear sampling."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Topology of the printed lumens, compared with the design's graph."""
+"""Compare printed lumens with the design: components and loops, leaks, bridges, overlap.
+
+Goes in: a segmented scan and the design. Comes out: Betti numbers, leaks, overlap. Begin with
+`compare.py`.
+"""
 
 from registration.topology.compare import Faults, Topology, compare_topology, graph_betti
 from registration.topology.euler import Betti, betti_numbers

@@ -76,7 +76,7 @@ def grow(
 
     Notes
     -----
-    A step costs its length times `price` of both ends' mean. Voxels wait in buckets by their cost
+    A step costs its length times `path_cost` of both ends' mean. Voxels wait in buckets by cost
     (Dial 1969, 10.1145/363269.363610), each narrower than the cheapest step, so that their order
     within one doesn't matter. Kept in one kernel for speed.
     """
@@ -89,7 +89,7 @@ def grow(
     apart, ways = _neighbours(along_y, along_z, step)
     came = np.full(size, _NONE, dtype=np.uint8)  # which step led to each voxel
     # No step costs less than a bucket is wide: what lies in one is settled when its turn comes.
-    width = 0.99 * step * price(0.0)
+    width = 0.99 * step * path_cost(0.0)
     top = np.full(int(most / width) + 2, -1, dtype=np.int64)
     voxel, count = _begins(label, mean, known)
     below, offer = np.arange(-1, len(voxel) - 1), np.zeros(len(voxel), dtype=np.float32)
@@ -110,7 +110,7 @@ def grow(
                 if known[other, 0] <= cost:
                     continue
                 both = known[other, 1] if first else 0.5 * (own + known[other, 1])
-                there = np.float32(cost + ways[k] * price(both))
+                there = np.float32(cost + ways[k] * path_cost(both))
                 if there >= most or there > known[other, 0]:
                     continue
                 if there == known[other, 0]:
@@ -205,7 +205,7 @@ def _outside(number: int, ny: int, nx: int) -> int:
 
 
 @jit
-def price(mean: float) -> float:
+def path_cost(mean: float) -> float:
     """Cost of a mm where the evidence has this mean: its square, so that ways go round gel."""
     return max(mean, 0.0) ** 2 + 0.03
 

@@ -1,4 +1,4 @@
-"""Grid in the part's frame: designed lumen, and free space in the scan."""
+"""Sample design and scan on one voxel grid in the part's frame: designed lumen, scanned void."""
 
 from __future__ import annotations
 

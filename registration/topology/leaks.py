@@ -15,12 +15,8 @@ from registration.gauging.changes import bordered
 from registration.gauging.defect import Defect, Doubt
 from registration.gauging.trace import VesselTrace
 from registration.segmentation import GelField
-from registration.segmentation.evidence import SIGMA_MM, GelEvidence, told_apart
-from registration.topology.grid import LumenGrid
-from registration.topology.shade import may_be_shade
-from registration.topology.swollen_joints import SwollenJoint, swelling
-from registration.topology.way_width import outline_width, width
-from registration.topology.ways import (
+from registration.segmentation.evidence import SIGMA_MM, GelEvidence, are_separable
+from registration.topology.gel_paths import (
     LEAST_MM,
     OUTSIDE,
     SURE,
@@ -28,12 +24,14 @@ from registration.topology.ways import (
     Scene,
     averaged,
     designed_gel,
-    find_ways,
+    find_gel_paths,
 )
+from registration.topology.grid import LumenGrid
+from registration.topology.path_width import outline_width, width
+from registration.topology.shade import may_be_shade
+from registration.topology.swollen_joints import SwollenJoint, swelling
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _FULL = np.ones((3, 3, 3), dtype=np.bool_)
 
@@ -107,9 +105,9 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     clear = 2 * search.wall_mm + SIGMA_MM
     gel = designed_gel(grid, search.surface, search.model_is_lumen, clear)
     mean, scatter = averaged(grid, search.evidence, search.fit)
-    told = told_apart(1.0, search.liquid, scatter.astype(np.float64))
+    told = are_separable(1.0, search.liquid, scatter.astype(np.float64))
     scene = Scene(grid, gel, mean, told, search.liquid, clear)
-    ways = [_measured(way, scene, search) for way in find_ways(scene, search.false_alarm)]
+    ways = [_measured(way, scene, search) for way in find_gel_paths(scene, search.false_alarm)]
     # What stands out from the gel right beside it; a face that lies elsewhere doesn't.
     ways = [f for f in ways if f[1] > LEAST_MM / 3 and (f[0].significance > SURE or f[1] > f[2])]
     swollen = [swelling(way, search.network, search.field, search.fit, clear) for way, *_ in ways]

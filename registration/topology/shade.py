@@ -1,4 +1,4 @@
-"""Reject gel paths that a bubble's or particle's shadow explains.
+"""Test for leak paths that may be only the shadow of a bubble or particle in OCT.
 
 Air in water sends back some thirty decibels more than gel's walls do (Fresnel: 2 % at an index of
 1 against 1.33, 0.001 % at 1.34 against 1.33), and little light passes it. Gel below it looks like
@@ -15,7 +15,7 @@ from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.segmentation.evidence import GLARE, SIGMA_MM
 from registration.segmentation.glints import Glints
-from registration.topology.ways import LeakPath, Scene, fullest
+from registration.topology.gel_paths import LeakPath, Scene, mid_evidence
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -53,7 +53,7 @@ def may_be_shade(
     index = np.round((way.path - grid.origin_mm) / grid.step_mm).astype(np.int64)[:, ::-1]
     index = np.clip(index, 0, np.array(scene.mean.shape) - 1)
     mean = np.nan_to_num(scene.mean[tuple(index.T)].astype(np.float64), nan=1.0)
-    return bool(np.where(shaded, 1.0, mean).mean() >= fullest(scene.liquid))
+    return bool(np.where(shaded, 1.0, mean).mean() >= mid_evidence(scene.liquid))
 
 
 def _below(path: FloatArray, glints: FloatArray, reach: float, down: int) -> BoolArray:

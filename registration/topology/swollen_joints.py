@@ -1,4 +1,4 @@
-"""Tell a joint that swells into its crotch from a bridge beside it.
+"""Tell a vessel junction that bulges into its fork from a bridge between the vessels.
 
 Two vessels that meet at a node are one lumen there. Liquid between them is a bridge only where it
 goes round gel; where it doesn't, the joint itself reaches farther out than designed, as
@@ -17,8 +17,8 @@ from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.segmentation import GelField
 from registration.topology.euler import betti_numbers, without_specks
+from registration.topology.gel_paths import OUTSIDE, LeakPath
 from registration.topology.grid import LumenGrid, lay_grid
-from registration.topology.ways import OUTSIDE, LeakPath
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -1,4 +1,8 @@
-"""Uncertainty of scan measurements by the GUM: terms, budgets, 95 % intervals."""
+"""Uncertainty of scan measurements by the GUM: terms, budgets, 95 % intervals.
+
+Goes in: standard uncertainties of scan and fit. Comes out: budgets and intervals. Begin with
+`budget.py`.
+"""
 
 from registration.uncertainty.budget import (
     Budget,

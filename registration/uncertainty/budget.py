@@ -1,4 +1,4 @@
-"""Uncertainty budgets after the GUM (JCGM 100:2008)."""
+"""Combine uncertainty terms into a budget with 95 % interval, after the GUM (JCGM 100:2008)."""
 
 from __future__ import annotations
 

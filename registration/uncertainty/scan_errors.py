@@ -1,4 +1,4 @@
-"""Common errors of all measurements of one scan: walls, depth, lateral scale."""
+"""Estimate the standard uncertainties common to a whole scan: walls, depth, lateral scale."""
 
 from __future__ import annotations
 

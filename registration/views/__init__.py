@@ -1,6 +1,9 @@
 """Raw pictures from a scan for the report: B-scans and sections with designed and found contours.
 
 Names are loaded when first asked for.
+
+Goes in: a scan and its judged registration. Comes out: pictures with contours. Begin with
+`take_pictures.py`.
 """
 
 from typing import TYPE_CHECKING
@@ -11,7 +14,7 @@ if TYPE_CHECKING:
     from registration.views.file import load_views, save_views
     from registration.views.findings import FindingView
     from registration.views.stack import SectionStack
-    from registration.views.take import Views, add_scan_places, take_views
+    from registration.views.take_pictures import Views, add_scan_places, take_views
 
 __all__ = [
     "FindingView",

@@ -1,4 +1,4 @@
-"""Save and load a registration's pictures in a run folder."""
+"""Save and load a registration's report pictures as one ``.npz`` file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from design.files import write_bytes
 from registration.views.findings import FindingView, Panel
 from registration.views.stack import SectionStack
-from registration.views.take import Views
+from registration.views.take_pictures import Views
 
 _PANELS = ("b_scan", "reslice")
 _ARRAYS = ("grey", "extent_mm", "mark_mm", "design", "measured")

@@ -1,4 +1,4 @@
-"""Picture of the raw B-scan through a finding, with designed and found contours."""
+"""Cut a raw picture of the scan through a defect, with designed and found contours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of raw cross-sections of all vessels, with designed and found contours."""
+"""Pictures of the raw scan across each vessel at measured sections, with the found contours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Write scan files: Thorlabs ``.oct``, OME-Zarr, and (with its reader) TIFF."""
+"""Write a scan to a file: Thorlabs ``.oct``, OME-Zarr or TIFF.
+
+Goes in: a `Scan`. Comes out: a file. Begin with `write.py`.
+"""
 
 from registration.writers.ome_zarr import write_scan_zarr
 from registration.writers.thorlabs import write_scan_oct

@@ -1,4 +1,4 @@
-"""Write OME-Zarr (NGFF 0.4 on Zarr 2) without a library: one level, zlib chunks."""
+"""Write a scan as OME-Zarr (NGFF 0.4 on Zarr 2) without a library: one level, zlib chunks."""
 
 from __future__ import annotations
 

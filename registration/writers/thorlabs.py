@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 import numpy as np
 from numpy.typing import NDArray
 
-from design.files import replacing
+from design.files import atomic_replacement
 from registration.errors import RegistrationError
 from registration.readers.metadata import describe
 from registration.readers.thorlabs import OURS
@@ -43,7 +43,10 @@ def write_scan_oct(path: Path, scan: Scan) -> None:
         raise RegistrationError(
             f"{path}: a .oct file holds OCT, not {scan.modality}; write a TIFF or OME-Zarr"
         )
-    with replacing(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_STORED) as archive:
+    with (
+        atomic_replacement(path) as draft,
+        zipfile.ZipFile(draft, "w", zipfile.ZIP_STORED) as archive,
+    ):
         archive.writestr(_entry("Header.xml"), tostring(_header(scan), encoding="utf-8"))
         with archive.open(_entry(_MEMBER), "w", force_zip64=True) as handle:
             _write_intensity(handle, scan)

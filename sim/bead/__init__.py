@@ -3,6 +3,9 @@
 From the plunger's motion to the flow out of the needle (`flow`), from there to what lies where
 (`predict`), and what bath and needle do with it (`bath`, `drag`). Each says what it models, by
 which source, and which of its constants nobody measured.
+
+Goes in: executed motion, an ink, a needle. Comes out: where ink lies, and how thick. Begin with
+`predict.py`.
 """
 
 from sim.bead.advance import Advance, advance_of
@@ -12,7 +15,7 @@ from sim.bead.flow import NozzleFlow, nozzle_flow
 from sim.bead.nozzle import Nozzle, nozzle_of
 from sim.bead.pieces import Pieces, cut
 from sim.bead.predict import Bead, predict_bead
-from sim.bead.voxels import laid_deposit
+from sim.bead.voxels import bead_deposit
 
 __all__ = [
     "Advance",
@@ -24,10 +27,10 @@ __all__ = [
     "Pieces",
     "Trail",
     "advance_of",
+    "bead_deposit",
     "crevice",
     "cut",
     "drag",
-    "laid_deposit",
     "nozzle_flow",
     "nozzle_of",
     "predict_bead",

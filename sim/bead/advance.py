@@ -1,4 +1,4 @@
-"""Pressure advance of the firmware: how far it moves the plunger ahead of E.
+"""Compute the plunger's lead over E by the firmware's pressure advance, per executed move.
 
 With advance K the plunger stands at E + K dE/dt while a move pushes ink along a way. Known by
 Marlin as M900 K, by RepRapFirmware as M572 S, by Klipper as SET_PRESSURE_ADVANCE ADVANCE=; it may
@@ -76,7 +76,7 @@ def _factors(program: Program, gcode: bytes, printer: Printer) -> FloatArray:
 
 def _plunger_per_mm(program: Program, *, across: bool) -> FloatArray:
     """Travel of the plunger over way of the tip, where a row pushes on its way, else 0."""
-    begin = np.vstack([program.start[None, :3], program.target[:-1, :3]])[: len(program)]
+    begin = program.before[:, :3]
     way = program.target[:, :3] - begin
     length = np.linalg.norm(way, axis=1)
     counts = (program.pushed > 0) & (length > 1e-6)

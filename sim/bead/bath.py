@@ -1,4 +1,4 @@
-"""Effect of the bath on a filament: swelling, settling, tail behind the needle.
+"""Predict a filament's fate in the bath: swelling, settling, open crevice behind the needle.
 
 Settling. A horizontal cylinder of diameter D in a Bingham fluid carries F/L = 11.94 τ_y D before it
 moves: 4√2 + 2π, the slip-line limit of a rough cylinder (Randolph & Houlsby, Géotechnique 34 (1984)
@@ -22,12 +22,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles import Bath, Ink, Needle
 from sim.bead.predict import Bead
-
-FloatArray = NDArray[np.float64]
 
 GRAVITY: Final = 9.81
 """m/s²."""

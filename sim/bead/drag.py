@@ -1,4 +1,4 @@
-"""Upper bound on how far the shaft pushes written ink aside, for warnings.
+"""Roughly estimate the displacement of earlier ink by the passing needle shaft, to warn of it.
 
 A needle that moves through a yield-stress bath carries the bath beside it along; the yielded zone
 is about as wide as the needle (Grosskopf et al., ACS Appl. Mater. Interfaces 10 (2018) 23353;

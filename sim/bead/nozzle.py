@@ -1,4 +1,4 @@
-"""Pressure model between plunger and bath: compliance, needle, ink yield pressure.
+"""Constants of ink flow from plunger to needle tip: lag, needle resistance, yield pressure.
 
 Syringe, plunger and ink give way by C µL/Pa; the needle resists. With P the pressure behind it,
 
@@ -6,16 +6,16 @@ Syringe, plunger and ink give way by C µL/Pa; the needle resists. With P the pr
 
 so that V = C P, the ink that is held back, follows dV/dt = Q_plunger − (V − V_y)/τ with τ = R C.
 τ is what `printctl calibrate lag` measures. P_y = 4 τ_y L/d is what a yield stress holds in the
-needle (`firmware_profiles.held_pa`). R is the needle's secant resistance at the flow of the job,
-P(Q)/Q less P_y of a Herschel-Bulkley ink (`firmware_profiles.rheology`): a power-law ink is taken
-as linear around that flow, as its measured τ is.
+needle (`firmware_profiles.yield_pressure_pa`). R is the needle's secant resistance at the job's
+flow, P(Q)/Q less P_y of a Herschel-Bulkley ink (`firmware_profiles.rheology`): a power-law ink is
+taken as linear around that flow, as its measured τ is.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from firmware_profiles import Ink, Needle, held_pa, pressure_pa
+from firmware_profiles import Ink, Needle, pressure_pa, yield_pressure_pa
 
 
 @dataclass(frozen=True)
@@ -48,5 +48,5 @@ def nozzle_of(ink: Ink, needle: Needle | None, lag_s: float, flow_ul_s: float) -
     """Constants for an ink and a needle around a flow (µL/s); without a needle the lag alone."""
     if needle is None or flow_ul_s <= 0:
         return Nozzle(lag_s)
-    held = held_pa(ink, needle)
+    held = yield_pressure_pa(ink, needle)
     return Nozzle(lag_s, (pressure_pa(ink, needle, flow_ul_s) - held) / flow_ul_s, held)

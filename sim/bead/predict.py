@@ -1,4 +1,4 @@
-"""Predict deposited ink from motion: where, when, how thick.
+"""Predict the deposited ink from executed motion and needle flow: place, time, line width.
 
 Modelled
 --------

@@ -6,9 +6,10 @@ import numpy as np
 
 from sim.bead.predict import Bead
 from sim.deposit.lay import Deposit, deposit_of_areas
+from sim.deposit.strands import Strands
 
 
-def laid_deposit(bead: Bead, voxel_mm: float, swell: float = 1.0) -> Deposit:
+def bead_deposit(bead: Bead, voxel_mm: float, swell: float = 1.0) -> Deposit:
     """Lay a predicted bead into voxels, oozed threads included; drops aren't.
 
     Parameters
@@ -26,11 +27,13 @@ def laid_deposit(bead: Bead, voxel_mm: float, swell: float = 1.0) -> Deposit:
     """
     chosen = np.flatnonzero(bead.lays)
     grown = swell**2 if bead.style == "embedded" else swell
-    return deposit_of_areas(
+    area = bead.area_mm2[chosen] * grown
+    lines = Strands(
         bead.pieces.start[chosen],
         bead.pieces.end[chosen],
-        bead.area_mm2[chosen] * grown,
-        voxel_mm,
-        bead.style,
-        standing_ul=bead.dropped_ul,
+        area * bead.pieces.length[chosen],
+        area,
+        bead.stroke[chosen],
+        bead.line[chosen],
     )
+    return deposit_of_areas(lines, voxel_mm, bead.style, standing_ul=bead.dropped_ul)

@@ -1,4 +1,4 @@
-"""Controller board of a simulated printer: its parts, its reset and its kill."""
+"""Controller board of a simulated printer: assembles its parts; reset and emergency stop."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from sim.board.machine import Machine
 from sim.board.waits import Steps
 from sim.board.wire import BITS_PER_BYTE, Wire
 from sim.board.work import BoardWork
-from sim.faults.bad_line import BadLine
+from sim.faults.cable import FaultyCable
+from sim.faults.clock_pace import Pace
 from sim.faults.fault_file import Fault
 from sim.faults.gauge import Gauge
-from sim.faults.pace import Pace
 from sim.program.gcode import Command
 from sim.program.words import WORDS
 
@@ -70,7 +70,7 @@ class Controller(ABC):
         Set by a fault; whoever owns the port closes it.
     back_after_s : float or None
         After how long it is plugged in again; None for never.
-    bad_line : BadLine
+    bad_line : FaultyCable
         The cable, for whoever owns the port.
     pace : Pace
         The board's clock against the host's, for whoever owns the port.
@@ -100,7 +100,7 @@ class Controller(ABC):
         self.plan = FaultPlan(faults)
         self.unplugged = False
         self.back_after_s: float | None = None
-        self.bad_line = BadLine()
+        self.bad_line = FaultyCable()
         self.pace = Pace()
         self.job: Job | None = None
         self.gauges: dict[str, Gauge] = {}

@@ -1,4 +1,4 @@
-"""Apply planned faults to a simulated board."""
+"""Apply a planned fault to a simulated board: reset, kill, unplugging, lost ok, noise, stall."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Schedule a simulated board's faults: which is due when."""
+"""Schedule a simulated board's faults, each due once, by line, clock or bytes received."""
 
 from __future__ import annotations
 

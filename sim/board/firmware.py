@@ -1,4 +1,4 @@
-"""Firmware-specific part of a simulated board: messages, commands, line numbers, kill."""
+"""Base class of a simulated board's firmware: messages, commands, line numbers, kill."""
 
 from __future__ import annotations
 

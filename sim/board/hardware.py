@@ -1,4 +1,4 @@
-"""Processing speed of a simulated board."""
+"""Constants of a simulated ATmega2560 board: processing times, sensors wired, bed slope."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Straight moves and arcs (G0 to G3) of a simulated board, and its G92."""
+"""Execute G0 to G3 (straight moves, arcs) and G92 on a simulated board."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def arc_of(
     return begin[None] if count < 0 else points[:count]
 
 
-def rename_place(board: Controller) -> None:
+def set_position(board: Controller) -> None:
     """G92: give the position other numbers; nothing moves and nothing is said."""
     motion = board.machine.motion
     before = float(motion.modal["position"][0, 3])

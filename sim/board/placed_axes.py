@@ -1,4 +1,4 @@
-"""Homed axes of a simulated board, whose firmware moves no other axis."""
+"""Track the homed axes of a simulated board, and refuse moves of others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Interface of a simulated printer: bytes in, bytes out, in virtual time, no I/O.
+"""Base class of simulated printers: bytes in, bytes out, in virtual time, no I/O.
 
 Modelled of any board, whatever its firmware:
 
@@ -8,7 +8,7 @@ Modelled of any board, whatever its firmware:
 - planner, stepper and their times (`sim.motion.planner`), step counters, G92 as a shift of the
   workspace; heaters with thermal mass; settings that are stored;
 - faults that it is told to have (`sim.faults.fault_file`), and a bad cable
-  (`sim.faults.bad_line`) for whoever owns the port.
+  (`sim.faults.cable`) for whoever owns the port.
 
 What a firmware does with that is its family's (`sim.board.firmware`, `sim/families/`).
 

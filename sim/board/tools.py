@@ -1,4 +1,4 @@
-"""Silent tool change of a simulated board: firmware that leaves motion to macros."""
+"""Change heads on a simulated board without motion or reply: new plunger, shifted offsets."""
 
 from __future__ import annotations
 

@@ -1,9 +1,13 @@
-"""Independent check of the needle's shaft against written ink, for embedded jobs."""
+"""Independent check of the needle's shaft against written ink, for embedded jobs.
+
+Goes in: an embedded job, its network, its needles. Comes out: violations by line and vessel. Begin
+with `check.py`.
+"""
 
 from sim.clearance.check import check_clearance
 from sim.clearance.contact import ShaftContact
 from sim.clearance.heads import KINDS
-from sim.clearance.joints import OwnOverlap
+from sim.clearance.joints import DesignedOverlap
 from sim.clearance.motion import LineSources, NeedleMotion, motion_of
 from sim.clearance.needle import NeedleBody
 from sim.clearance.network import WrittenNetwork
@@ -14,10 +18,10 @@ __all__ = [
     "KINDS",
     "Clearance",
     "ClearanceError",
+    "DesignedOverlap",
     "LineSources",
     "NeedleBody",
     "NeedleMotion",
-    "OwnOverlap",
     "ShaftContact",
     "WrittenNetwork",
     "check_clearance",

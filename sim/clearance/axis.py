@@ -1,4 +1,4 @@
-"""Split vessel centrelines and find the closest pieces of neighbours."""
+"""Find the arc length on a vessel's centreline nearest to given points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check the needle's shaft against written ink, from G-code alone.
+"""Check each move's needle shaft for contact with ink written before, from the G-code's motion.
 
 Ink is kept as filaments in the order of time, their radius from what the plunger really pushes over
 the length on which it does. For every move of every needle (writes, travels, lifts, changes of

@@ -1,4 +1,4 @@
-"""Results of the shaft clearance check, by job line and by vessel."""
+"""Turn the shaft search's raw hits into a result: contacts by G-code line, head and vessel."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sim.clearance.bodies import Ink, Tips
 from sim.clearance.contact import ShaftContact
 from sim.clearance.heads import KINDS, LIFT, Head, kinds_of
-from sim.clearance.joints import OwnOverlap
+from sim.clearance.joints import DesignedOverlap
 from sim.clearance.motion import NONE, NeedleMotion
 from sim.clearance.pieces import Pieces
 from sim.clearance.result import Clearance
@@ -38,7 +38,7 @@ class SearchInput:
         near: Found,
         apart: Found,
         hits: Found,
-        overlaps: tuple[OwnOverlap, ...],
+        overlaps: tuple[DesignedOverlap, ...],
         clearance_mm: float,
     ) -> Clearance:
         """Of what the search found: (moves,) and (hits,) of `FOUND`."""

@@ -1,4 +1,4 @@
-"""Rows of a job by head: passes, move kinds, and positions along vessels."""
+"""Sort a job's moves by head: write, travel or lift; strokes; positions along vessels."""
 
 from __future__ import annotations
 

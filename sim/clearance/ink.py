@@ -1,4 +1,4 @@
-"""Written ink as filaments, for the shaft check."""
+"""Model written ink as filaments, radii from pushed volume and design, for the shaft check."""
 
 from __future__ import annotations
 

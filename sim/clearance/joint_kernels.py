@@ -1,4 +1,4 @@
-"""Find ink near the writing needle that belongs to its joint (compiled).
+"""Test ink near the needle for belonging to a joint, exempt from the shaft check (compiled).
 
 A joint reaches J = sqrt(2) (R + r) + overlap from where the tip is, or from a place where two
 vessels meet (`sim.clearance.joints`): R the bare tip's radius, r the larger filament's, or the

@@ -1,4 +1,4 @@
-"""Joints of a network: nodes, and places where vessel filaments overlap."""
+"""Find a network's joints for the shaft check: nodes, and overlaps of vessel filaments."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Cells begin at such a part of one, where no spot of a straight vessel of round l
 
 
 @dataclass(frozen=True)
-class OwnOverlap:
+class DesignedOverlap:
     """Two vessels without a common node whose filaments are one body in the design.
 
     Attributes
@@ -43,7 +43,7 @@ class OwnOverlap:
 
 def joints_of(
     network: WrittenNetwork, radius_mm: float, overlap_radii: float
-) -> tuple[Joints, tuple[OwnOverlap, ...]]:
+) -> tuple[Joints, tuple[DesignedOverlap, ...]]:
     """What counts as a joint for a shaft, and which of it no node explains, the deepest first."""
     found = overlaps_of(network, radius_mm, overlap_radii)
     cells = np.floor(found.along / _GRAIN_MM + _GRAIN_FROM)
@@ -80,7 +80,7 @@ def _at_nodes(network: WrittenNetwork) -> FloatArray:
     return np.array(rows, dtype=np.float64).reshape(-1, 5)
 
 
-def _told(network: WrittenNetwork, found: Overlaps) -> tuple[OwnOverlap, ...]:
+def _told(network: WrittenNetwork, found: Overlaps) -> tuple[DesignedOverlap, ...]:
     """Once for each pair; vessels that leave a node side by side overlap for a while anyway."""
     ends = network.vessel_nodes[found.vessel]
     shared = (ends[:, 0, :, None] == ends[:, 1, None, :]).any(axis=(1, 2))
@@ -89,7 +89,7 @@ def _told(network: WrittenNetwork, found: Overlaps) -> tuple[OwnOverlap, ...]:
     order = order[~shared[order]]
     once = np.unique(found.vessel[order], axis=0, return_index=True)[1]
     return tuple(
-        OwnOverlap(
+        DesignedOverlap(
             int(found.vessel[k, 0]),
             int(found.vessel[k, 1]),
             round(float(found.overlap[k]), 4),

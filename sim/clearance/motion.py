@@ -1,4 +1,4 @@
-"""Motion of all needles by program row, and the rows that write."""
+"""Tip motion of every needle by G-code row, and the rows that write, from a dry run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Needle body: the envelope of a vertical shaft above its tip."""
+"""Needle shape for the shaft check: upright shaft, tip cone and hub around the tip's axis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Overlaps of a network's filaments in the design, away from its nodes."""
+"""Find overlaps of a network's filaments in the design, away from their common nodes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Passes of one needle, with each row's distance to the pass ends before and after."""
+"""Number a needle's unbroken writing strokes; path length from each move to stroke ends."""
 
 from __future__ import annotations
 

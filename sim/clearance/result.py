@@ -1,4 +1,4 @@
-"""Result of the shaft check for a whole job."""
+"""Result of the shaft check for a whole job: nearest approach of each move, JSON summary."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.clearance.contact import ShaftContact, pairs_of
-from sim.clearance.joints import OwnOverlap
+from sim.clearance.joints import DesignedOverlap
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -35,7 +35,7 @@ class Clearance:
     crossings, grazes : tuple of ShaftContact
         The deepest first, one for each move and vessel: where the needle is in the ink, and where
         it keeps less than the clearance.
-    overlaps : tuple of OwnOverlap
+    overlaps : tuple of DesignedOverlap
         Of the network itself, the deepest first: the shaft passes there as through a joint.
     written : int
         Filament pieces that were looked at.
@@ -53,7 +53,7 @@ class Clearance:
     place_mm: FloatArray
     crossings: tuple[ShaftContact, ...]
     grazes: tuple[ShaftContact, ...]
-    overlaps: tuple[OwnOverlap, ...]
+    overlaps: tuple[DesignedOverlap, ...]
     written: int
     clearance_mm: float
 

@@ -1,4 +1,4 @@
-"""Kernel: check every move against all ink before it, by squares of the xy plane."""
+"""Search all ink written before each move for the shaft's nearest approach (compiled)."""
 
 from __future__ import annotations
 

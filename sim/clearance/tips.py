@@ -1,4 +1,4 @@
-"""Motion of all needle tips, with the ink that each writes, leaves or approaches."""
+"""Pieces of every needle's motion for the shaft check: vessel written or left, vessel gone to."""
 
 from __future__ import annotations
 

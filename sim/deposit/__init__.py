@@ -1,1 +1,4 @@
-"""Ink that a simulated print lays: strands from executed motion, layer by layer, as voxels."""
+"""Lay the ink of a simulated print into voxels, from executed motion: layered or embedded.
+
+Goes in: executed motion. Comes out: voxels of ink. Begin with `lay.py`.
+"""

@@ -1,4 +1,4 @@
-"""Ink deposit of the simulated printer, computed from its executed motion.
+"""Compute the ink deposit in voxels from the simulated printer's executed motion.
 
 Modelled
 --------
@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from sim.deposit.kernels import paint_filaments, paint_layers, stack_layers, writing_runs
 from sim.deposit.levels import level_areas, level_heights, written_levels
+from sim.deposit.strands import Strands
 from sim.errors import DepositError
 from sim.motion.executed import ExecutedMotion
 
@@ -99,16 +100,6 @@ class Deposit:
         return replace(self, volume=volume, origin_mm=self.origin_mm + low * self.voxel_mm)
 
 
-@dataclass(frozen=True)
-class _Lines:
-    """Blocks that write: ends (n, 3) and cross-section (n,)."""
-
-    start: FloatArray
-    end: FloatArray
-    area_mm2: FloatArray
-    written_ul: float
-
-
 def deposit(
     executed: ExecutedMotion,
     plunger_area_mm2: float,
@@ -145,12 +136,14 @@ def deposit(
     _check_positive(plunger_area_mm2=plunger_area_mm2, voxel_mm=voxel_mm, smoothing_mm=smoothing_mm)
     plunger = executed.plunger_end - executed.plunger_start
     length = np.linalg.norm(executed.end - executed.start, axis=1)
-    lines = _dosed_lines(executed, length, plunger, plunger_area_mm2, smoothing_mm, plunger_step_mm)
-    standing = float(plunger.sum()) * plunger_area_mm2 - lines.written_ul
+    lines, written = _dosed_lines(
+        executed, length, plunger, plunger_area_mm2, smoothing_mm, plunger_step_mm
+    )
+    standing = float(plunger.sum()) * plunger_area_mm2 - written
     chosen = style or _style(lines)
     box = _box(lines, chosen)
     volume, origin = _painted(lines, chosen, voxel_mm, box)
-    return Deposit(volume, origin, voxel_mm, chosen, lines.written_ul, standing)
+    return Deposit(volume, origin, voxel_mm, chosen, written, standing)
 
 
 def deposit_of_heads(
@@ -180,21 +173,22 @@ def deposit_of_heads(
         As of `deposit`.
     """
     steps: Sequence[float | None] = plunger_step_mm or [None] * len(executed)
-    all_lines, standing = [], []
+    all_lines, doses, standing = [], [], []
     for motion, area, step in zip(executed, plunger_area_mm2, steps, strict=True):
         _check_positive(plunger_area_mm2=area, voxel_mm=voxel_mm, smoothing_mm=smoothing_mm)
         plunger = motion.plunger_end - motion.plunger_start
         length = np.linalg.norm(motion.end - motion.start, axis=1)
-        lines = _dosed_lines(motion, length, plunger, area, smoothing_mm, step)
+        lines, written = _dosed_lines(motion, length, plunger, area, smoothing_mm, step)
         all_lines.append(lines)
-        standing.append(float(plunger.sum()) * area - lines.written_ul)
-    chosen = style or _style(_joined(all_lines))
+        doses.append(written)
+        standing.append(float(plunger.sum()) * area - written)
+    chosen = style or _style(Strands.joined(all_lines))
     boxes = [_box(lines, chosen) for lines in all_lines]
     box = np.array([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
     found = []
-    for lines, left in zip(all_lines, standing, strict=True):
+    for lines, written, left in zip(all_lines, doses, standing, strict=True):
         volume, origin = _painted(lines, chosen, voxel_mm, box)
-        found.append(Deposit(volume, origin, voxel_mm, chosen, lines.written_ul, left))
+        found.append(Deposit(volume, origin, voxel_mm, chosen, written, left))
     return tuple(found)
 
 
@@ -226,9 +220,7 @@ def unite_deposits(deposits: Sequence[Deposit]) -> Deposit:
 
 
 def deposit_of_areas(
-    start: FloatArray,
-    end: FloatArray,
-    area_mm2: FloatArray,
+    lines: Strands,
     voxel_mm: float,
     style: Style,
     standing_ul: float = 0.0,
@@ -237,8 +229,7 @@ def deposit_of_areas(
 
     Parameters
     ----------
-    start, end : (n, 3) float64, mm
-    area_mm2 : (n,) float64, mm²
+    lines : Strands
     voxel_mm : float, mm
     style : "layered" or "embedded"
     standing_ul : float, µL
@@ -250,21 +241,11 @@ def deposit_of_areas(
         When there are no lines, or the grid would be too large.
     """
     _check_positive(voxel_mm=voxel_mm)
-    if not len(area_mm2):
+    if not len(lines):
         raise DepositError("no ink is laid along any way, so nothing was deposited")
-    written = float((np.linalg.norm(end - start, axis=1) * area_mm2).sum())
-    lines = _Lines(start, end, area_mm2, written)
+    written = float((lines.length * lines.area_mm2).sum())
     volume, origin = _painted(lines, style, voxel_mm, _box(lines, style))
     return Deposit(volume, origin, voxel_mm, style, written, standing_ul)
-
-
-def _joined(parts: Sequence[_Lines]) -> _Lines:
-    return _Lines(
-        np.concatenate([part.start for part in parts]),
-        np.concatenate([part.end for part in parts]),
-        np.concatenate([part.area_mm2 for part in parts]),
-        sum(part.written_ul for part in parts),
-    )
 
 
 def _check_positive(**values: float) -> None:
@@ -280,7 +261,8 @@ def _dosed_lines(
     plunger_area: float,
     smoothing: float,
     step: float | None,
-) -> _Lines:
+) -> tuple[Strands, float]:
+    """Lines of the blocks that write, and what they dose, µL."""
     pushed = plunger[(plunger > 0) & (length > 1e-9)].sum()
     if pushed <= 0:
         raise DepositError(
@@ -299,12 +281,15 @@ def _dosed_lines(
     area = _smoothed_area(stretch, length[chosen], plunger[chosen] * plunger_area, smoothing)
     kept = area > 0
     chosen = chosen[kept]
-    return _Lines(
+    lines = Strands(
         executed.start[chosen],
         executed.end[chosen],
+        plunger[chosen] * plunger_area,
         area[kept],
-        float(plunger[chosen].sum()) * plunger_area,
+        run[chosen],
+        executed.line[chosen],
     )
+    return lines, float(plunger[chosen].sum()) * plunger_area
 
 
 def _plunger_quantum(plunger: FloatArray) -> float:
@@ -334,12 +319,12 @@ def _smoothed_area(
     return np.asarray(taken / (high - low))
 
 
-def _style(lines: _Lines) -> Style:
+def _style(lines: Strands) -> Style:
     flat = np.abs(lines.end[:, 2] - lines.start[:, 2]).max() < 1e-3
     return "layered" if flat and len(written_levels(lines.end[:, 2])) > 1 else "embedded"
 
 
-def _in_levels(lines: _Lines) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
+def _in_levels(lines: Strands) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
     """Levels, their lines' heights, the level of each line, and its half width."""
     levels = written_levels(lines.end[:, 2])
     area = level_areas(levels, lines.end[:, 2], lines.area_mm2)
@@ -348,7 +333,7 @@ def _in_levels(lines: _Lines) -> tuple[FloatArray, FloatArray, IntArray, FloatAr
     return levels, height, layer, lines.area_mm2 / height[layer] / 2
 
 
-def _box(lines: _Lines, style: Style) -> FloatArray:
+def _box(lines: Strands, style: Style) -> FloatArray:
     """Lowest and highest place that ink reaches, (2, 3), mm."""
     low = np.minimum(lines.start, lines.end).min(axis=0)
     high = np.maximum(lines.start, lines.end).max(axis=0)
@@ -362,7 +347,7 @@ def _box(lines: _Lines, style: Style) -> FloatArray:
 
 
 def _painted(
-    lines: _Lines, style: Style, voxel: float, box: FloatArray
+    lines: Strands, style: Style, voxel: float, box: FloatArray
 ) -> tuple[NDArray[np.uint8], FloatArray]:
     origin, shape = _grid(box[0], box[1], voxel)
     if style == "embedded":

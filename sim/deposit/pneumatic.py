@@ -1,4 +1,4 @@
-"""Ink of a pneumatic head, deposited along the path by valve time.
+"""Lay a pneumatic head's ink into voxels, by the valve's open time along the path.
 
 The flow is steady while the valve stands open, so a block gets flow times its time: a corner at
 which the head slows down gets more. Within one block ink is spread evenly, though the head slows

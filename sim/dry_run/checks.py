@@ -110,7 +110,7 @@ def sent_length(program: Program) -> NDArray[np.int64]:
 
 def _deltas(program: Program) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Way of each row on each axis; its length, in space or else of the plunger; if it moves."""
-    before = np.vstack([program.start, program.target[:-1]])[: len(program)]
+    before = program.before
     delta = np.abs(program.target - before)
     path = np.sqrt(np.square(delta[:, :3]).sum(axis=1))
     length = np.where(path > 0, path, delta[:, 3])
@@ -131,7 +131,7 @@ def demanded_speed(program: Program) -> FloatArray:
 def _first_short(program: Program, printer: Printer) -> int:
     """Line of the first move of fewer steps than the planner's least; 0 for none."""
     steps = _steps(program, printer)
-    before = np.vstack([program.start, program.target[:-1]])[: len(program)]
+    before = program.before
     way = np.abs(np.rint(program.target * steps) - np.rint(before * steps)).max(axis=1, initial=0.0)
     short = (program.kind == MOVE) & (way > 0) & (way < printer.min_steps_per_segment)
     return int(program.line[int(short.argmax())]) if short.any() else 0

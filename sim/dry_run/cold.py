@@ -1,4 +1,4 @@
-"""Cold-extrusion check at each row of a program, for printers without a hot end."""
+"""Mark each G-code row's plunger motion as allowed or barred by the cold-extrusion lock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Feed a G-code program to the simulated planner at the rate of a real link."""
+"""Run a G-code program through the simulated planner at a real link's rate; time and starving."""
 
 from __future__ import annotations
 

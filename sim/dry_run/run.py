@@ -30,7 +30,7 @@ from sim.program.gcode import Program
 from sim.program.modal import MOVE
 from sim.program.written import read_written
 from sim.reading.named_commands import NamedCommand
-from sim.reading.others import Others, other_lines
+from sim.reading.other_lines import Others, other_lines
 
 FloatArray = NDArray[np.float64]
 

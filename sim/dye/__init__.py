@@ -1,4 +1,8 @@
-"""Simulated dye video: dye driven through a transparent print, filmed from one side."""
+"""Simulated dye video: dye driven through a transparent print, filmed from one side.
+
+Goes in: a network, its occlusions and flow. Comes out: a video whose answer is known. Begin with
+`film.py`.
+"""
 
 from sim.dye.camera import DyeCamera
 from sim.dye.film import Disturbance, Dye, DyeFilm, film_frames, write_film

@@ -1,4 +1,4 @@
-"""Discover the simulated printers of all firmware families.
+"""Find the simulated printer class of the firmware that a printer's profile names.
 
 A family's folder may hold ``printer.py``, whose ``PRINTER`` plays its firmware.
 """

@@ -1,1 +1,5 @@
-"""Faults planned for a simulated printer: cable, clock, gauge."""
+"""Planned faults of a simulated printer: fault file, cable, clock; and a simulated gauge.
+
+Goes in: a fault file. Comes out: a cable, a clock or a gauge that misbehaves as planned. Begin
+with `fault_file.py`.
+"""

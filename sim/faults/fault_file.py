@@ -1,4 +1,4 @@
-"""Planned faults of a simulated printer and its cable, from code or a file.
+"""Read planned faults of a simulated printer and its cable from a YAML file or short text.
 
 A fault file is YAML::
 

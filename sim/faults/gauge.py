@@ -1,4 +1,4 @@
-"""Simulated gauge of force or pressure: a ramp over time."""
+"""Simulated force or pressure gauge: answers an M command by a ramp over time."""
 
 from __future__ import annotations
 

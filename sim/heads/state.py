@@ -1,4 +1,4 @@
-"""Heads in a G-code file: the one in use, the raised ones, and each tip's position.
+"""Follow print heads through a G-code file: raised ones, tip positions, doubtful head changes.
 
 A firmware that is told by T which head to use can still do something else than the file's author
 meant: T that it doesn't know leaves the old head in use, an offset of its own moves what the file
@@ -24,7 +24,6 @@ from sim.program.modal import SET_POSITION, TOOL
 from sim.reading.named_commands import NamedCommand
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _COUNTS: Final = re.compile(rb"E[-+.\d]")
 
@@ -53,7 +52,7 @@ class Heads:
     def tips(self, program: Program, number: int) -> FloatArray:
         """Tip of one head before and after each row, (n, 2, 3), mm, raised or not."""
         ends = program.target[:, :3]
-        begins = np.vstack([program.start[None, :3], ends[:-1]])[: len(ends)]
+        begins = program.before[:, :3]
         found = np.stack([begins, ends], axis=1) + self.offset_mm[number]
         found[:, :, 2] += np.where(self.raised[:, number], self.lift_mm[number], 0.0)[:, None]
         return np.asarray(found)

@@ -1,4 +1,4 @@
-"""Valve commands of a pneumatic head in a G-code file.
+"""Find a pneumatic head's valve commands in G-code, and the times of ink flow.
 
 Which commands those are the profile says (`dispenser`: opens, closes); a line is one of them if it
 has the same command and words, in any order. The same command with the same address (what both

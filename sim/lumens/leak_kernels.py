@@ -1,4 +1,4 @@
-"""Find connected gaps in a layered print that leak (compiled).
+"""Find gaps between lines of a layered print that join lumens or lead outside (compiled).
 
 A layer is seen in pixels whose middles a disc of the leak's width could stand on without touching
 a line. Pixels in a row that are alike are a run; runs that touch, within a layer or from layer to
@@ -16,7 +16,6 @@ from sim.lumens.ray_kernels import stadium_span
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 ShortArray = NDArray[np.int32]
-ByteArray = NDArray[np.uint8]
 
 TISSUE = -1
 """Group of a run outside every designed lumen."""

@@ -1,4 +1,4 @@
-"""Planner block: size, speed limits, junction speed with the block before.
+"""Compute a planner block from a move: steps, speed and acceleration limits, junction speed.
 
 Speeds and lengths are 32-bit floats, as they are in the firmware.
 """

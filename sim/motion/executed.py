@@ -1,4 +1,4 @@
-"""Executed motion of the simulated printer, at its motors."""
+"""Data class of the simulated printer's executed motion: tip, plunger, times; save and load."""
 
 from __future__ import annotations
 

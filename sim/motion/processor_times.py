@@ -1,4 +1,4 @@
-"""Time that a board's processor takes to plan moves: blocks, corners, trapezoids.
+"""Constants: an 8-bit board's processor time to plan a move (block, corner, trapezoid).
 
 Of Marlin bugfix-2.1.x on an ATmega2560 at 16 MHz; measured as `sim.dry_run.line_times` tells.
 """

@@ -1,4 +1,4 @@
-"""Pulse times of Marlin's stepper, from its trapezoid as the interrupt walks it.
+"""Pulse times of Marlin's stepper interrupt over a block's trapezoidal speed profile.
 
 The interrupt of an 8-bit board runs on a 16-bit timer at 2 MHz. After each pulse it works out the
 rate of the next one from the time spent accelerating so far and turns it into a timer interval by

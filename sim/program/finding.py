@@ -1,4 +1,4 @@
-"""Finding of the G-code simulation: one kind of problem in a file."""
+"""Data class of a problem found in a G-code file: line, kind, message, value and limit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""G-code reader shared by all parts of the product.
+"""Read a G-code file into a table of moves with modal state resolved, or one line into words.
 
 `read_gcode` takes a whole file in one compiled pass (about a million lines a second) and gives
 moves with all modal state resolved; `parse_line` takes one line for those who answer it. Both
@@ -181,6 +181,11 @@ class Program:
 
     def __len__(self) -> int:
         return len(self.line)
+
+    @property
+    def before(self) -> FloatArray:
+        """Where each row begins: the target of the row before, (n, 4), mm."""
+        return np.vstack([self.start[None, :], self.target])[: len(self)]
 
     @property
     def pushed(self) -> FloatArray:

@@ -102,7 +102,7 @@ def _next_comment(text: bytes, at: int) -> int:
     return found + 1 if found >= 0 else -1
 
 
-def said_start(text: bytes, printer: Printer) -> tuple[float, float, float] | None:
+def declared_start(text: bytes, printer: Printer) -> tuple[float, float, float] | None:
     """Where the file itself says that the tip stands before it moves (G92 X Y Z), mm."""
     for line in text[: 100 * _BEFORE_MOVING].split(b"\n")[:_BEFORE_MOVING]:
         try:

@@ -1,4 +1,4 @@
-"""Commands known to a printer's firmware family, by code or by name.
+"""Check that a printer's firmware knows a command, by code or by name.
 
 What a machine knows beyond its family's commands its profile names (`extra_commands`).
 """

@@ -1,4 +1,4 @@
-"""Parsed G-code line."""
+"""Data class of a parsed G-code line: code, words, named parameters, and the text to send."""
 
 from __future__ import annotations
 

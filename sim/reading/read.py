@@ -7,9 +7,9 @@ from typing import Final
 
 from firmware_profiles import Printer
 from firmware_profiles.families import find_family
+from sim.reading.ambiguity import check_meaning
 from sim.reading.faults import refusal
 from sim.reading.line import BLANK, GcodeLine
-from sim.reading.meaning import check_meaning
 from sim.reading.named import named_line
 from sim.reading.numbers import words_of
 from sim.reading.plain import PLAIN_MOVE, plain_move

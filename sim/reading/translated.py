@@ -1,4 +1,4 @@
-"""Program file in another language, translated to G-code words for the reader."""
+"""Data class of a non-G-code program file translated to G-code words."""
 
 from __future__ import annotations
 

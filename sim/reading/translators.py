@@ -1,4 +1,4 @@
-"""Discover the translators of program files that aren't G-code.
+"""Find the translator of a printer's program files that aren't G-code.
 
 A family's folder may hold ``reading.py``, whose ``translate`` puts a file in another language into
 the words of G-code.

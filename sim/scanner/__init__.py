@@ -1,10 +1,13 @@
-"""Simulated scanners: volumes of the simulated deposit."""
+"""Simulated OCT and micro-CT scans of an ink deposit, with random pose and planted defects.
+
+Goes in: deposited ink. Comes out: a volume, its units and the truth. Begin with `oct.py`.
+"""
 
 from sim.scanner.defects import Defect, with_defects
 from sim.scanner.microct import MicroCtOptions, simulate_microct
 from sim.scanner.oct import OctOptions, simulate_oct
+from sim.scanner.output import ScannerOutput
 from sim.scanner.placing import Placing
-from sim.scanner.scanned import ScannerOutput
 
 __all__ = [
     "Defect",

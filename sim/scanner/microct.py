@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from kernels import pjit
 from sim.deposit.lay import Deposit
+from sim.scanner.output import ScannerOutput, check_range
 from sim.scanner.placing import Placing, place
 from sim.scanner.sampling import blurred, index_map, lookup, random_bits
-from sim.scanner.scanned import ScannerOutput, check_range
 
 FloatArray = NDArray[np.float64]
 

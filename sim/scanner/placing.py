@@ -1,4 +1,4 @@
-"""Random pose of the part under the simulated scanner."""
+"""Draw a random pose and shrinkage of the part, and its field of view, for a simulated scan."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.errors import ScannerError
-from sim.scanner.scanned import check_range
+from sim.scanner.output import check_range
 
 FloatArray = NDArray[np.float64]
 

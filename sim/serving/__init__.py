@@ -1,1 +1,5 @@
-"""Simulated printer as a separate process: its port, its loop, its kernels in advance."""
+"""Serve the simulated printer as a process of its own: port, loop, kernels compiled ahead.
+
+Goes in: a profile and a port. Comes out: a process that any host can print on. Begin with
+`serve.py`.
+"""

@@ -1,4 +1,4 @@
-"""Port of the simulated printer: a pseudo-terminal, or TCP without one."""
+"""Port of the simulated printer: a pseudo-terminal, or a local TCP socket."""
 
 from __future__ import annotations
 

@@ -131,6 +131,7 @@ def test_true_rough_diameters_are_those_of_the_field_that_is_scanned():
     assert np.std(np.subtract(row["rough_diameter_um"], row["diameter_um"])[4:-4]) > 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("design", first_of(["drum", "curved"]))
 def test_a_short_plug_closes_a_vessel_of_many_pieces(design):
     given = asked(design, "--plug=1,0.5744,0.1865", "--shrink", "1,1,1")
@@ -203,6 +204,7 @@ def bridge(vessels, one, other, place):
     return start + np.linspace(0, 1, 200)[:, None] * (end - start)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", first_of(sorted(BRIDGES)))
 def test_no_bridge_runs_through_a_third_vessel_or_outside(name, tmp_path):
     if name in SHARED:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from design.files import replacing, write_text
+from design.files import atomic_replacement, write_text
 
 
 def test_success_replaces_the_old_file(tmp_path: Path) -> None:
@@ -19,7 +19,7 @@ def test_success_replaces_the_old_file(tmp_path: Path) -> None:
 def test_full_disk_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     write_text(path, "old")
-    with pytest.raises(OSError, match="full"), replacing(path) as draft:
+    with pytest.raises(OSError, match="full"), atomic_replacement(path) as draft:
         draft.write_text("half")
         raise OSError(errno.ENOSPC, "disk full")
     assert path.read_text() == "old"

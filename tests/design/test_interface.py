@@ -7,14 +7,14 @@ import pytest
 
 import design
 import registration
-from design.on_demand import handed_on
+from design.on_demand import exported_names
 
 QUICK = "import design.files, registration, sys; print('trimesh' in sys.modules)"
 
 
 @pytest.mark.parametrize("package", [design, registration])
 def test_a_package_hands_on_what_it_names(package):
-    assert sorted(handed_on(package.__name__)) == sorted(package.__all__)
+    assert sorted(exported_names(package.__name__)) == sorted(package.__all__)
 
 
 @pytest.mark.parametrize("package", [design, registration])

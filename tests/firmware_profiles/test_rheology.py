@@ -9,7 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware_profiles import Ink, Needle, flow_ul_s, held_pa, load, pressure_pa, wall_stress_pa
+from firmware_profiles import (
+    Ink,
+    Needle,
+    flow_ul_s,
+    load,
+    pressure_pa,
+    wall_stress_pa,
+    yield_pressure_pa,
+)
 
 INK, NEEDLE = load(Ink, "collagen_fresh"), load(Needle, "30g")
 
@@ -62,7 +70,7 @@ def test_newtonian_is_hagen_and_poiseuille_s() -> None:
 
 def test_bingham_is_buckingham_and_reiner_s() -> None:
     plastic, pressure = ink(2.0, 1.0, 50.0), 60e3
-    phi = held_pa(plastic, NEEDLE) / pressure
+    phi = yield_pressure_pa(plastic, NEEDLE) / pressure
     newtonian = math.pi * 0.16**4 * pressure / (128 * 2.0 * 12.7)
     expected = newtonian * (1 - 4 / 3 * phi + phi**4 / 3)
     assert flow_ul_s(plastic, NEEDLE, pressure) == pytest.approx(expected)
@@ -70,9 +78,9 @@ def test_bingham_is_buckingham_and_reiner_s() -> None:
 
 def test_nothing_flows_below_what_the_yield_stress_holds() -> None:
     fluid = ink(20.0, 0.5, 80.0)
-    held = held_pa(fluid, NEEDLE)
+    held = yield_pressure_pa(fluid, NEEDLE)
     assert held == pytest.approx(4 * 80 * 12.7 / 0.16)
     assert flow_ul_s(fluid, NEEDLE, held) == 0
     assert flow_ul_s(fluid, NEEDLE, 1.01 * held) > 0
     assert pressure_pa(fluid, NEEDLE, 0.0) == pytest.approx(held)
-    assert held_pa(ink(20.0), NEEDLE) == 0
+    assert yield_pressure_pa(ink(20.0), NEEDLE) == 0

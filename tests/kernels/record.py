@@ -24,7 +24,7 @@ from rich.console import Console
 
 from design.errors import GrowthError
 from kernels.files import read_whole
-from kernels.folder import kernel_of
+from kernels.folder import ALL, FOR_KERNELS, kernel_of
 from kernels.key import called_kernels, signature_text
 from kernels.needed import NeededKernel, resolve_name, types_of, types_text, write
 from printctl.pipeline.run import design_recipe, run_recipe
@@ -95,8 +95,12 @@ def _printctl(*words: object) -> None:
 
 
 def run_fresh(scratch: Path) -> None:
-    """A planar print in layers, whole, with all kinds of flow."""
+    """A planar print in layers, whole."""
     _printctl("run", EXAMPLES / "planar_fresh.yaml", "--out", scratch / "planar")
+
+
+def pulse_and_oxygen(scratch: Path) -> None:
+    """The same with what a recipe may ask for beside: flow that pulses, waves, oxygen."""
     _run(LAYERED, scratch)
 
 
@@ -133,12 +137,12 @@ def flow_in_3d(scratch: Path) -> None:
 
 def mend(scratch: Path) -> None:
     """What takes crossings away from unions: two tetrahedra pushed into one another."""
-    from design.solids.mend import without_crossings
+    from design.solids.mend import mend_surface
 
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
     vertices = np.concatenate([corners, corners + [0.25, 0.125, 0.0625]])
-    without_crossings(vertices, np.concatenate([faces, faces + 4]), 1e-3)
+    mend_surface(vertices, np.concatenate([faces, faces + 4]), 1e-3)
 
 
 def register(scratch: Path) -> None:
@@ -160,6 +164,7 @@ def slice_mesh(scratch: Path) -> None:
 
 WORKS: Final[dict[str, Callable[[Path], None]]] = {
     "run fresh": run_fresh,  # first: the others take its files
+    "pulse and oxygen": pulse_and_oxygen,
     "run embedded": run_embedded,
     "design": design,
     "polish": polish,
@@ -175,21 +180,25 @@ WORKS: Final[dict[str, Callable[[Path], None]]] = {
 def record() -> None:
     """Do each work in a process of its own, and write the list."""
     by: dict[tuple[str, str], set[str]] = {}
+    entries: set[tuple[str, str]] = set()
     with tempfile.TemporaryDirectory() as folder:
         for work in WORKS:
-            for one in _done_alone(work, Path(folder)):
+            for one, entry in _done_alone(work, Path(folder)):
                 by.setdefault(one, set()).add(work)
+                entries |= {one} if entry else set()
             print(work, sum(work in works for works in by.values()), "kernels", flush=True)
-    rows = [NeededKernel(kernel, takes, frozenset(works)) for (kernel, takes), works in by.items()]
+    rows = [NeededKernel(*one, frozenset(works), one in entries) for one, works in by.items()]
     write(sorted(rows, key=lambda one: (_calls(one), one.kernel, one.takes)))
 
 
-def _done_alone(work: str, scratch: Path) -> list[tuple[str, str]]:
+def _done_alone(work: str, scratch: Path) -> list[tuple[tuple[str, str], bool]]:
+    """Kernels with types, and whether Python called them."""
     cache = scratch / "caches" / work
     environment = {"PRINTCTL_CACHE": str(cache), "PRINTCTL_DATA": str(scratch / "data")}
     command = [sys.executable, "-m", "tests.kernels.record", work, str(scratch)]
     subprocess.run(command, check=True, cwd=ROOT, env=os.environ | environment)
-    return sorted(one for file in cache.rglob("*.nbc") if (one := row(file)) is not None)
+    found = [(row(file), not file.name.endswith(FOR_KERNELS)) for file in cache.rglob(f"*{ALL}")]
+    return sorted((one, entry) for one, entry in found if one is not None)
 
 
 def row(file: Path) -> tuple[str, str] | None:

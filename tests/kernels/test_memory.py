@@ -10,14 +10,14 @@ import pytest
 
 KEPT_THEN_GIVEN_BACK = """
 import numpy as np
-from kernels import freed_memory_kept
+from kernels import keep_freed_memory
 from pathlib import Path
 
 def held():
     return 4096 * int(Path("/proc/self/statm").read_text().split()[1])
 
 before = held()
-with freed_memory_kept():
+with keep_freed_memory():
     for _ in range(3):
         large = np.ones(12_000_000)
         del large

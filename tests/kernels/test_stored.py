@@ -228,6 +228,7 @@ def test_kernels_of_one_name_from_two_processes_are_told_apart(tmp_path: Path) -
     assert _python(tmp_path, "import two; print(two.fa(3), two.fb(3))") == "14.0 49.0"
 
 
+@pytest.mark.slow
 def test_kernels_that_call_each_other_are_compiled_in_each_process(tmp_path: Path) -> None:
     (tmp_path / "ring.py").write_text(RING)
     for _ in range(2):
@@ -251,6 +252,7 @@ print(type(made(2.0)) is Point)
 """
 
 
+@pytest.mark.slow
 def test_a_script_is_compiled_each_time(tmp_path: Path) -> None:
     for _ in range(2):
         assert _python(tmp_path, SCRIPT) == "True"

@@ -10,7 +10,7 @@ from pkgutil import iter_modules
 
 import pytest
 
-from design.on_demand import handed_on
+from design.on_demand import exported_names
 from printctl.pipeline.names import WHOLE_NAMES
 from printctl.pipeline.sequences import WHOLE
 from printctl.web.rooms import ROOMS
@@ -69,7 +69,7 @@ def loaded_by(*modules: str) -> set[str]:
         ("printctl.station",),
         ("printctl.link.__main__",),
         ("printctl.link.client",),
-        ("printctl.web.stop_door.__main__",),
+        ("printctl.web.stop_process.__main__",),
         ("printctl.recipe",),
         ("printctl.cli.register",),
         ("printctl.web.app", "nicegui", *PAGES),
@@ -79,7 +79,7 @@ def loaded_by(*modules: str) -> set[str]:
         "station's client",
         "link",
         "link's client",
-        "stop door",
+        "stop process",
         "recipe",
         "help of register",
         "server",
@@ -111,7 +111,7 @@ def test_a_name_on_demand_brings_what_it_needs():
 @pytest.mark.parametrize("package", ON_DEMAND)
 def test_each_name_that_is_handed_on_can_be_had_and_is_no_modules(package):
     room = import_module(package)
-    homes = handed_on(package)
+    homes = exported_names(package)
     assert set(homes) == set(room.__all__)
     assert not set(homes) & {
         found.name for found in iter_modules([str(Path(room.__file__).parent)])

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from design.solids.solid import Solid
 from registration.alignment import AlignmentOptions, align
-from registration.alignment.contest import off_where_told
+from registration.alignment.compare_poses import deviation_where_different
 from registration.distance import ModelSurface
 from registration.errors import AlignmentError
 from registration.uncertainty import ScanErrors
@@ -75,8 +75,8 @@ def test_mirrored_points_are_refused_though_one_dimple_alone_tells(construct: So
 def test_a_pose_is_off_by_its_residuals_where_two_poses_differ() -> None:
     mine, other = np.full(1000, 0.01), np.full(1000, 0.01)
     mine[:100], other[:100] = -0.12, 0.4
-    assert off_where_told(mine, other) == pytest.approx(0.12)
-    assert off_where_told(mine, mine) == 0.0
+    assert deviation_where_different(mine, other) == pytest.approx(0.12)
+    assert deviation_where_different(mine, mine) == 0.0
 
 
 def test_walls_of_unknown_errors_prove_no_mirror_image(construct: Solid) -> None:

@@ -10,13 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from design.solids.solid import Solid
 from registration.alignment import Alignment, AlignmentOptions, align
-from registration.alignment.cover import cover
 from registration.alignment.freedoms import loose_freedoms
-from registration.alignment.motion import lay_words, motion_words
+from registration.alignment.motion import motion_words, orientation_words
+from registration.alignment.rotations import spread_rotations
 from registration.distance import ModelSurface
 from registration.errors import AlignmentError
 from tests.registration.parts import corners, planar_construct, rod, solid
 from tests.registration.test_alignment import surface_points
+from tests.slower import first_of
 
 FloatArray = NDArray[np.float64]
 SIZE = np.array([16.0, 8.0, 3.0])
@@ -58,7 +59,11 @@ def tilted(rotation: FloatArray, seed: int) -> FloatArray:
     ("rotation", "lay"),
     [
         (TURNED_OVER, "turned over"),
-        (Rotation.from_euler("y", 90, degrees=True).as_matrix(), "on its side"),
+        pytest.param(
+            Rotation.from_euler("y", 90, degrees=True).as_matrix(),
+            "on its side",
+            marks=pytest.mark.slow,
+        ),
         (Rotation.from_euler("xz", [-90, 40], degrees=True).as_matrix(), "on its side"),
         (Rotation.from_rotvec([1.1, 0.7, -0.9]).as_matrix(), ""),
     ],
@@ -76,7 +81,7 @@ def test_a_mirrored_part_is_refused_however_it_lies(construct: Solid) -> None:
         aligned(construct, points, tilted(TURNED_OVER, 2))
 
 
-@pytest.mark.parametrize("share", [0.5, 0.36])
+@pytest.mark.parametrize("share", first_of([0.5, 0.36]))
 def test_a_part_of_the_part_lands(construct: Solid, share: float) -> None:
     points = surface_points(construct, 40_000, 3)
     points = points[points[:, 0] < share * SIZE[0]]
@@ -113,7 +118,7 @@ def test_one_mark_tells_where_it_is_seen_and_is_asked_for_where_it_is_not() -> N
     assert any("x 1." in doubt and "wasn't seen" in doubt for doubt in found.doubts), found.doubts
 
 
-@pytest.mark.parametrize("off_mm", [0.18, 0.24, 0.29])
+@pytest.mark.parametrize("off_mm", first_of([0.18, 0.24, 0.29]))
 def test_a_face_that_is_off_never_leaves_a_pose_sure(construct: Solid, off_mm: float) -> None:
     points = surface_points(construct, 20_000, 7)
     points[points[:, 2] < 0.05, 2] -= off_mm
@@ -145,7 +150,7 @@ def test_depth_of_a_part_on_its_side_is_its_own_axis(construct: Solid) -> None:
 
 
 def test_cover_leaves_no_orientation_farther_than_a_descent_reaches() -> None:
-    turns = Rotation.from_matrix(cover(1500)).as_quat()
+    turns = Rotation.from_matrix(spread_rotations(1500)).as_quat()
     other = Rotation.random(300, random_state=0).as_quat()
     apart = 2 * np.arccos(np.clip(np.abs(other @ turns.T), 0, 1)).min(axis=1)
     assert np.rad2deg(apart).max() < 20
@@ -157,7 +162,9 @@ def test_motions_and_lays_in_words() -> None:
     moved = replace_shift(np.eye(4), [0, 1.5, 0])
     assert motion_words(moved, np.zeros(3)) == "a shift of 1.50 mm along y"
     assert motion_words(np.diag([-1.0, 1, 1, 1]), np.zeros(3)) == "mirrored along x"
-    assert lay_words(np.array([0, 0, 1.0])).startswith("turned over (light entered at its low z")
+    assert orientation_words(np.array([0, 0, 1.0])).startswith(
+        "turned over (light entered at its low z"
+    )
 
 
 def replace_shift(motion: FloatArray, shift: list[float]) -> FloatArray:

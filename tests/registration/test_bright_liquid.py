@@ -70,6 +70,7 @@ def test_one_class_of_values_is_not_split_into_two() -> None:
     assert split_classes(np.concatenate([one, other])).middle == pytest.approx(0.7, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_scan_from_below_is_the_same_turned_round() -> None:
     down = scan(0.4)
     up = replace(down, volume=down.volume[::-1].copy(), depth_down=False)

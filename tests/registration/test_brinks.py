@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from registration.gauging import Defect, VesselTrace, without_brinks
+from registration.gauging import Defect, VesselTrace, drop_edge_changes
 from registration.gauging.defect import DefectKind
 
 ALONG = (np.arange(40) + 0.5) * 0.1
@@ -38,4 +38,4 @@ def test_a_bridge_takes_the_changes_at_its_own_end_in_each_vessel(
 ) -> None:
     traces = trace(0, 0.0, 1), trace(1, 1.0, -1)
     bridge, change = defect("bridge", 0, 0.9, other=1), defect("bulge", vessel, at)
-    assert without_brinks([change], [bridge], traces) == ([change] if kept else [])
+    assert drop_edge_changes([change], [bridge], traces) == ([change] if kept else [])

@@ -118,6 +118,7 @@ def test_half_stenosis_is_found_with_its_size() -> None:
     assert found[0].at_mm == pytest.approx(2.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_stenosis_over_most_of_a_vessel_isnt_taken_for_its_usual_width() -> None:
     narrow = lambda v, along: np.full_like(along, -0.06 * (v == CHANNEL))  # noqa: E731
     found = findings(block(narrow, noise=NOISE)).defects
@@ -181,6 +182,7 @@ def test_threshold_grows_with_the_noise() -> None:
     assert loud == []
 
 
+@pytest.mark.slow
 def test_defects_on_the_brink_of_what_was_seen_say_so() -> None:
     whole = block(filled=plug(2.3, 5.2), noise=NOISE)
     # The field of view ends 4 mm along the channel.

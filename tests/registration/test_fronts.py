@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from registration.topology.fronts import BARRIER, UNREACHED, grow, price
+from registration.topology.fronts import BARRIER, UNREACHED, grow, path_cost
 
 STEP, MOST = 0.05, 0.4
 SHAPE = (7, 9, 11)
@@ -46,7 +46,7 @@ def naive(
             # A wall has no evidence of its own.
             both = 0.5 * (mean[here] + mean[there]) if here in before else mean[there]
             length = STEP * np.sqrt(float(np.abs(way).sum()))
-            new = np.float32(value + length * price(float(both)))
+            new = np.float32(value + length * path_cost(float(both)))
             if new < MOST and new < cost.get(there, np.inf):
                 cost[there], before[there] = new, here
                 heapq.heappush(waiting, (new, there))

@@ -51,6 +51,7 @@ def errors(fit: Fit) -> np.ndarray:
     return np.array([*middle, *(fit.scale[:2] - 1), fit.offset_mm])
 
 
+@pytest.mark.slow
 def test_intervals_cover_errors_that_whole_patches_share() -> None:
     rng = np.random.default_rng(0)
     covered, widths, found = [], [], []

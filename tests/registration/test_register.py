@@ -132,6 +132,7 @@ def test_upside_down_scan_ends_with_a_reason(
         register_scan(turned, planar_construct(), planar_network(), FAST)
 
 
+@pytest.mark.slow
 def test_network_of_another_frame_is_refused(
     planar: tuple[ScannerOutput, RegistrationReport],
 ) -> None:
@@ -163,6 +164,7 @@ def test_bright_lumens_are_found_when_told() -> None:
         register_scan(scan, solid(lumens(network)), network)
 
 
+@pytest.mark.slow
 def test_occluded_vessel_is_found_closed_and_its_neighbours_open() -> None:
     network = bent_network()
     cut = network.nodes.copy()

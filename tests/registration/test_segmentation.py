@@ -14,7 +14,7 @@ from registration.segmentation.filters import (
     smooth,
 )
 from registration.segmentation.levels import sparse_levels
-from registration.segmentation.light import light_left
+from registration.segmentation.light import remaining_light
 from registration.segmentation.local_level import local_level
 from registration.segmentation.nets import surface
 
@@ -110,7 +110,7 @@ def test_light_compensation_gives_the_filled_share_times_the_attenuation(
 ) -> None:
     signal = gel_block(tilt, 0.8, 0.045)
     turned = signal if depth_down else signal[::-1].copy()
-    light, typical = light_left(turned, 0.045, 1.0, np.array([0.06, 0.06]), depth_down)
+    light, typical = remaining_light(turned, 0.045, 1.0, np.array([0.06, 0.06]), depth_down)
     share = (turned / light)[:, 6] / 0.8
     share = share if depth_down else share[::-1]
     assert typical == pytest.approx(0.8, rel=0.05)

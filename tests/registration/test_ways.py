@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from registration.segmentation import GelField, Segmentation, gel_evidence, told_apart
+from registration.segmentation import GelField, Segmentation, are_separable, gel_evidence
 from registration.segmentation.volume import Strength
 from registration.topology import leaks
-from registration.topology.ways import _scores, find_ways
+from registration.topology.gel_paths import _scores, find_gel_paths
 from tests.registration.phantom import CHANNEL, VOXEL, WIDE, block
 from tests.registration.test_defects import findings, hole
 from tests.slower import first_of
@@ -108,9 +108,9 @@ def test_evidence_is_one_in_gel_whatever_the_depth() -> None:
 
 
 def test_levels_nearer_than_four_deviations_arent_told_apart() -> None:
-    assert told_apart(1.0, 0.15, 0.06)
-    assert not told_apart(1.0, 0.86, 0.06)
-    assert not told_apart(1.0, 0.15, np.nan)
+    assert are_separable(1.0, 0.15, 0.06)
+    assert not are_separable(1.0, 0.86, 0.06)
+    assert not are_separable(1.0, 0.15, np.nan)
 
 
 def test_longest_ways_that_are_all_real_stand_out_still() -> None:
@@ -127,8 +127,8 @@ def test_a_wide_way_is_gauged_about_its_middle(monkeypatch: pytest.MonkeyPatch) 
     aside = np.array([0.12, 0.0, 0.0])
     monkeypatch.setattr(
         leaks,
-        "find_ways",
-        lambda *given: [replace(way, path=way.path + aside) for way in find_ways(*given)],
+        "find_gel_paths",
+        lambda *given: [replace(way, path=way.path + aside) for way in find_gel_paths(*given)],
     )
     way = hole((5.0, 1.2, 1.3), (5.0, 3.2, 1.3), 0.18)
     found = findings(speckled(block(extra=way), 0.15)).defects

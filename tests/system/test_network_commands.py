@@ -48,6 +48,7 @@ def refused(done: subprocess.CompletedProcess[str], code: int, *words: str) -> N
         assert word in done.stderr
 
 
+@pytest.mark.slow
 def test_lattice_and_tree_are_measured_alike_in_one_tissue(lattice: Path) -> None:
     grid = printctl("measure", "run", "--json", "--samples", "20000", cwd=lattice)
     assert grid.returncode == 0, grid.stderr

@@ -38,7 +38,7 @@ def called(told: str, **by: float) -> bytes:
     "data",
     [
         pytest.param(DATA, id="tells its place"),
-        pytest.param(called("G92 X30 E0", X=-20), id="X alone, elsewhere"),
+        pytest.param(called("G92 X30 E0", X=-20), id="X alone, elsewhere", marks=pytest.mark.slow),
         pytest.param(called("G92 Z0 E0", Z=-10), id="Z alone, from 0", marks=pytest.mark.slow),
         pytest.param(
             called("G92 X0 Y0 E0", X=-50, Y=-50), id="X and Y from 0", marks=pytest.mark.slow

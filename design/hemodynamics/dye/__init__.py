@@ -1,6 +1,9 @@
-"""Dye transport in a vessel network: front, concentration curves, and video frame-rate check."""
+"""Predict dye arrival times and concentrations in a network; check a video's frame interval.
 
-from design.hemodynamics.dye.carried import CarryingFlow, carried_by, downstream, ends_along
+Goes in: a network and its steady flow. Comes out: arrival times and concentration curves. Begin
+with `front.py`.
+"""
+
 from design.hemodynamics.dye.curves import dye_curves
 from design.hemodynamics.dye.frames import FrameCheck, check_frames
 from design.hemodynamics.dye.front import (
@@ -12,6 +15,12 @@ from design.hemodynamics.dye.front import (
     front_table,
     mean_age,
 )
+from design.hemodynamics.dye.transit_times import (
+    CarryingFlow,
+    downstream_order,
+    flow_ends,
+    steady_transit,
+)
 
 __all__ = [
     "CARRIED_BELOW",
@@ -20,12 +29,12 @@ __all__ = [
     "CarryingFlow",
     "DyeFront",
     "FrameCheck",
-    "carried_by",
     "check_frames",
-    "downstream",
+    "downstream_order",
     "dye_curves",
     "dye_front",
-    "ends_along",
+    "flow_ends",
     "front_table",
     "mean_age",
+    "steady_transit",
 ]

@@ -1,4 +1,4 @@
-"""Dye concentration at stations along vessels, carried by Poiseuille's velocity profile.
+"""Compute dye concentration over time at stations in vessels after a step at the inlets.
 
 No diffusion (Taylor 1953, doi 10.1098/rspa.1953.0139), flows that mix wholly at nodes. With T the
 mean transit to a place in a tube, volume over flow, a step at its entrance gives there the area
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import exp1
 
-from design.hemodynamics.dye.carried import STILL, CarryingFlow, downstream, ends_along
+from design.hemodynamics.dye.transit_times import STILL, CarryingFlow, downstream_order, flow_ends
 from design.network import FloatArray, IntArray, VesselNetwork
 
 ComplexArray = NDArray[np.complex128]
@@ -61,11 +61,11 @@ def dye_curves(
     window = np.sinc(np.arange(len(s)) / len(s)) / (s * step)
     at_nodes = _nodes(network, flow, s)
     curves: FloatArray = np.zeros((len(vessel), _STEPS))
-    for k in downstream(network, flow.solution).tolist():
+    for k in downstream_order(network, flow.solution).tolist():
         here = np.flatnonzero(vessel == k)
         if len(here) == 0:
             continue
-        first, _ = ends_along(network, flow.solution, k)
+        first, _ = flow_ends(network, flow.solution, k)
         second, third = _integrals(np.outer(share[here] * flow.transit_s[k] / 2.0, s))
         passed = second if mean == "area" else 2.0 * third
         back = np.fft.irfft(passed * at_nodes[first] * window, axis=1)[:, :_STEPS]
@@ -80,8 +80,8 @@ def _nodes(network: VesselNetwork, flow: CarryingFlow, s: ComplexArray) -> Compl
     entering = flow.earliest_s == 0.0
     found[entering] = 1.0
     # Falling pressure: all that enters a node is known before anything leaves it.
-    for k in downstream(network, flow.solution).tolist():
-        first, last = ends_along(network, flow.solution, k)
+    for k in downstream_order(network, flow.solution).tolist():
+        first, last = flow_ends(network, flow.solution, k)
         begun = found[first] if entering[first] else found[first] / into[first]
         passed = 2.0 * _integrals(s * flow.transit_s[k] / 2.0)[1]
         rate = abs(float(flow.solution.flow[k]))

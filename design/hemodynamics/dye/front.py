@@ -1,4 +1,4 @@
-"""Arrival times of the dye front in each vessel: its tip and its mean; effect of diffusion.
+"""Compute arrival times of a dye front in each vessel; class each by diffusion's effect.
 
 The tip runs on the axis at twice the mean speed, so that it is through a vessel in T/2; the mean
 takes T. Both add up along a way, since flows mix at nodes and some of what comes goes on along the
@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from design.hemodynamics.dye.carried import STILL, CarryingFlow, downstream, ends_along
 from design.hemodynamics.dye.curves import dye_curves
+from design.hemodynamics.dye.transit_times import STILL, CarryingFlow, downstream_order, flow_ends
 from design.network import FloatArray, VesselNetwork
 
 DYE_DIFFUSIVITY: Final = 4e-4
@@ -122,8 +122,8 @@ def mean_age(network: VesselNetwork, carried: CarryingFlow) -> FloatArray:
     total, into = np.zeros((2, len(network.nodes)))
     entering = carried.earliest_s == 0.0
     age = np.where(entering, 0.0, np.inf)
-    for k in downstream(network, solution).tolist():
-        first, last = ends_along(network, solution, k)
+    for k in downstream_order(network, solution).tolist():
+        first, last = flow_ends(network, solution, k)
         rate = abs(float(solution.flow[k]))
         total[last] += rate * (age[first] + carried.transit_s[k])
         into[last] += rate

@@ -1,6 +1,9 @@
-"""Viscosity of a fluid: Newtonian, by shear rate, or by the vessel's diameter.
+"""Fluid viscosity models: Newtonian, shear-rate dependent, or blood by vessel diameter.
 
 Names are loaded when first asked for: a Newtonian fluid needs no splines.
+
+Goes in: a fluid's constants, a radius, a shear rate. Comes out: apparent viscosity, Pa·s. Begin
+with `fluid.py`.
 """
 
 from typing import TYPE_CHECKING

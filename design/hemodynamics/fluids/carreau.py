@@ -1,4 +1,4 @@
-"""The Carreau-Yasuda fluid in a tube, by the Weissenberg-Rabinowitsch-Mooney relation.
+"""Apparent viscosity of a Carreau-Yasuda fluid in tube flow, by the Rabinowitsch relation.
 
 μ(γ̇) = μ_∞ + (μ_0 - μ_∞) (1 + (λγ̇)^a)^((n-1)/a) (Yasuda, Armstrong & Cohen 1981, doi
 10.1007/BF01513059; Carreau's own has a = 2). In a tube the stress goes linearly from 0 to τ_w, and

@@ -1,4 +1,4 @@
-"""Fluid interface: apparent viscosity of a fluid in a tube.
+"""Interface of fluids (apparent viscosity in tube flow), and the Newtonian fluid.
 
 With Γ = 4Q/(πr³), the wall shear rate of a Newtonian fluid of the same flow, steady laminar flow
 of any fluid whose viscosity follows the shear rate has a wall stress that depends on Γ alone

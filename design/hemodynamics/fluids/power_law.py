@@ -1,4 +1,4 @@
-"""Power-law fluid in a tube, τ = K γ̇ⁿ."""
+"""Apparent viscosity of a power-law fluid, τ = K γ̇ⁿ, in tube flow."""
 
 from __future__ import annotations
 

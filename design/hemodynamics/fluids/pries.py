@@ -1,4 +1,4 @@
-"""Blood in narrow vessels: the in vivo law of Pries et al. 1994."""
+"""Viscosity of blood by vessel radius and haematocrit: the in vivo law of Pries et al. 1994."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernel: Pries' relative viscosity of blood for many radii, as used by tree growth."""
+"""Compute Pries' relative blood viscosity for an array of vessel radii (compiled)."""
 
 from __future__ import annotations
 

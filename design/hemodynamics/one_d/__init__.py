@@ -1,4 +1,8 @@
-"""1D flow: waves of area and flow along compliant vessels."""
+"""Solve 1D pulse-wave flow in compliant vessels; summarise it; write svOneDSolver input.
+
+Goes in: a network and pulsatile conditions. Comes out: one periodic cycle of flow and pressure.
+Begin with `solve.py`.
+"""
 
 from design.hemodynamics.one_d.options import OneDOptions
 from design.hemodynamics.one_d.solution import OneDSolution

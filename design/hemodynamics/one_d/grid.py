@@ -1,4 +1,4 @@
-"""Finite-volume cells along a network's vessels, for 1D flow."""
+"""Cut vessels into finite-volume cells with rest areas and wall stiffness, for 1D flow."""
 
 from __future__ import annotations
 

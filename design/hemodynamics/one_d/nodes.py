@@ -1,4 +1,4 @@
-"""Junction and boundary conditions of the 1D network."""
+"""Set up node arrays of the 1D solver from junctions and inlet and outlet conditions."""
 
 from __future__ import annotations
 

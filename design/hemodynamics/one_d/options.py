@@ -1,4 +1,4 @@
-"""Options of the 1D (pulse wave) flow solver."""
+"""Options of the 1D flow solver: resolution, velocity profile, wall viscosity, convergence."""
 
 from __future__ import annotations
 

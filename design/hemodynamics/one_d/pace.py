@@ -1,4 +1,4 @@
-"""Choose the number of time steps per cycle of the 1D flow solver."""
+"""Choose the 1D solver's number of time steps per cycle from the fastest wave."""
 
 from __future__ import annotations
 

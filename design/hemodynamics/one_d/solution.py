@@ -1,4 +1,4 @@
-"""Periodic solution of 1D flow: one cycle, sampled evenly."""
+"""Data class of one periodic cycle of 1D flow, with velocity, wall shear, Reynolds number."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class OneDSolution:
         Into each vessel at its first node, and out of it at its last.
     pressure, flow, area : (v, t) float64, Pa, µL/s, mm²
         Amid each vessel.
-    pressure_low, pressure_high, area_low, area_high : (v,) float64, Pa, mm²
+    pressure_low, pressure_high : (v,) float64, Pa
         Extremes anywhere in a vessel.
     rest_area : (v,) float64, mm²
         Amid each vessel, at no pressure.
@@ -52,8 +52,6 @@ class OneDSolution:
     area: FloatArray
     pressure_low: FloatArray
     pressure_high: FloatArray
-    area_low: FloatArray
-    area_high: FloatArray
     rest_area: FloatArray
     probes: ProbeWaves | None
     change: FloatArray

@@ -22,7 +22,12 @@ from design.hemodynamics.one_d.pace import STABLE, foreseen_rate, steps_for, wav
 from design.hemodynamics.one_d.periodic import Acceleration
 from design.hemodynamics.one_d.record import Lines
 from design.hemodynamics.one_d.solution import OneDSolution
-from design.hemodynamics.one_d.start import first_state, foresee, lumped_state, with_small
+from design.hemodynamics.one_d.start import (
+    first_state,
+    lumped_extremes,
+    lumped_state,
+    with_small_changes,
+)
 from design.hemodynamics.one_d.tube_law import check_compliant
 from design.hemodynamics.probes import Probes, ProbeWaves, midpoints
 from design.hemodynamics.vessel.inertance import plug_inertance
@@ -106,7 +111,7 @@ def solve_one_d(
             np.concatenate([places.vessel, options.probes.vessel]),
             np.concatenate([places.fraction, options.probes.fraction]),
         )
-    problem = pose(network, conditions, options)
+    problem = set_up_problem(network, conditions, options)
     changes: list[float] = []
     rate, faster = problem.rate, Acceleration(problem.grid)
     for cycle in range(options.most_cycles):
@@ -126,7 +131,9 @@ def solve_one_d(
     )
 
 
-def pose(network: VesselNetwork, conditions: PulsatileConditions, options: OneDOptions) -> Problem:
+def set_up_problem(
+    network: VesselNetwork, conditions: PulsatileConditions, options: OneDOptions
+) -> Problem:
     """Cut the network into cells and find where to begin.
 
     Raises
@@ -140,8 +147,8 @@ def pose(network: VesselNetwork, conditions: PulsatileConditions, options: OneDO
     speed = wave_speed(plug_inertance(network, conditions.density), compliance, network.lengths())
     grid = make_grid(network, conditions, options, period, speed)
     lumped = lumped_state(network, conditions, grid, dict(options.reflection), options.samples)
-    seen = foresee(network, lumped)
-    grid = with_small(grid, seen)
+    seen = lumped_extremes(network, lumped)
+    grid = with_small_changes(grid, seen)
     state = first_state(network, grid, nodes, slot, lumped)
     return Problem(grid, nodes, slot, waves, period, state, foreseen_rate(grid, seen))
 
@@ -234,8 +241,6 @@ def _solution(
         area=lines.waves[2, :count],
         pressure_low=least[0],
         pressure_high=most[0],
-        area_low=least[2],
-        area_high=most[2],
         rest_area=grid.area[middle],
         probes=probes,
         change=change,

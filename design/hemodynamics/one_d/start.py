@@ -1,4 +1,4 @@
-"""Initial state of the 1D flow solver: the lumped (0D) model's periodic state at cycle start."""
+"""Compute the 1D solver's initial state from the periodic 0D solution of the same network."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from design.hemodynamics.zero_d.pulsatile.conditions import (
 )
 from design.hemodynamics.zero_d.pulsatile.solution import (
     PulsatileSolution,
+    cycle_extremes,
     solve_pulsatile,
-    swing,
 )
 from design.network import FloatArray, IntArray, VesselNetwork
 
@@ -85,17 +85,19 @@ def _with_resistances(
     return found
 
 
-def foresee(network: VesselNetwork, lumped: PulsatileSolution) -> LumpedForecast:
+def lumped_extremes(network: VesselNetwork, lumped: PulsatileSolution) -> LumpedForecast:
     """Extremes of each vessel in the lumped model."""
-    low, high = swing(lumped, lumped.pressure)
+    low, high = cycle_extremes(lumped, lumped.pressure)
     ends = network.vessel_nodes
-    flows = [np.abs(x) for q in (lumped.flow_in, lumped.flow_out) for x in swing(lumped, q)]
+    flows = [
+        np.abs(x) for q in (lumped.flow_in, lumped.flow_out) for x in cycle_extremes(lumped, q)
+    ]
     return LumpedForecast(
         low[ends].min(axis=1), high[ends].max(axis=1), np.max(flows, axis=0, initial=0.0)
     )
 
 
-def with_small(grid: Grid, seen: LumpedForecast) -> Grid:
+def with_small_changes(grid: Grid, seen: LumpedForecast) -> Grid:
     """The grid, knowing which changes are small."""
     swings = _SMALL * np.maximum(seen.high - seen.low, 1e-300)
     flows = _SMALL * np.maximum(seen.flow, 1e-300)

@@ -1,4 +1,4 @@
-"""Write a network under pulsatile conditions as svOneDSolver's input, in cm, g, s.
+"""Write a network with pulsatile conditions as an svOneDSolver input file, in cm, g, s.
 
 The cards are those of its input file guide (SimVascular/svOneDSolver on GitHub,
 docs/source/content/inputFileGuide.rst). What differs there, read from its sources

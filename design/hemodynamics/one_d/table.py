@@ -1,4 +1,4 @@
-"""Table of a 1D flow solution, one row per vessel."""
+"""Make a table of each vessel's pressures, flows and wall shear from a 1D flow solution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tube law: pressure from cross-section, p = K (√(A/A₀) - 1), K the wall's stiffness in Pa.
+"""Compute wall stiffness K of vessels for the 1D tube law p = K (√(A/A₀) - 1).
 
 Both walls give a widening in proportion to the pressure, so both have this law, and it has the
 compliance dA/dp = 2 A₀/K at rest that the lumped model has:

@@ -1,4 +1,8 @@
-"""Transport of oxygen and other solutes: carried by vessels, diffusing and consumed in tissue."""
+"""Solve steady oxygen transport: carried in vessels, diffusing and consumed in tissue.
+
+Goes in: a tissue, a network and its steady flow. Comes out: concentration in tissue and vessels.
+Begin with `solve.py`.
+"""
 
 from design.hemodynamics.oxygen.conditions import OxygenConditions, assumptions
 from design.hemodynamics.oxygen.refine import solve_refined

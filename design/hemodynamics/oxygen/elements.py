@@ -1,4 +1,4 @@
-"""Cut vessels into short elements and assign each to the tissue grid cells that it supplies."""
+"""Cut vessels into short elements coupled to tissue grid cells; lumen share of each cell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""BiCGStab solver for a nearly symmetric, matrix-free linear system."""
+"""Solve a matrix-free linear system by BiCGStab with a preconditioner."""
 
 from __future__ import annotations
 

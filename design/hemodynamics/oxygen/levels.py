@@ -1,4 +1,4 @@
-"""Diffusion operator on the tissue grid, and on the coarser grids of multigrid.
+"""Diffusion conductances of the tissue grid and coarser multigrid levels; smoothing sweeps.
 
 A cell gives to its neighbour D h (c - c'), the finite volume of a cube; between tissue and
 anything else nothing passes. Coarse cells are eight fine ones; their faces conduct half of what

@@ -1,4 +1,4 @@
-"""A V-cycle of multigrid: an approximate inverse for the Krylov solver."""
+"""Precondition the oxygen solver's linear system by a multigrid V-cycle on the tissue grid."""
 
 from __future__ import annotations
 

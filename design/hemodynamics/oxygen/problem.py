@@ -1,4 +1,4 @@
-"""Discretised oxygen problem on one grid: residual of each cell and its derivatives."""
+"""Oxygen equations on one tissue grid: residual of each cell, its derivative, preconditioner."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solve for oxygen on successively finer grids and estimate the discretisation error."""
+"""Solve for oxygen on finer and finer grids; return the finest and the next coarser solution."""
 
 from __future__ import annotations
 

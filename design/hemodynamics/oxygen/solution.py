@@ -1,4 +1,4 @@
-"""Solution of an oxygen problem: fields and vessel values."""
+"""Data class of a steady oxygen solution: tissue field, vessel values, mass balance."""
 
 from __future__ import annotations
 

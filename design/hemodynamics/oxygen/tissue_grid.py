@@ -1,4 +1,4 @@
-"""Regular grid of tissue cells for the oxygen solver."""
+"""Make the oxygen solver's regular grid of tissue cells from a box or a tissue."""
 
 from __future__ import annotations
 

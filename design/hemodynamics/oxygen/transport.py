@@ -1,4 +1,4 @@
-"""Steady advection of a solute along the vessels, solved in one sweep in flow direction."""
+"""Carry a solute along vessels in steady flow: one sweep in flow direction, wall exchange."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write a field on the oxygen grid as VTK XML image data (`.vti`) for ParaView."""
+"""Write the oxygen concentration in the tissue as VTK image data (`.vti`) for ParaView."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mass-transfer resistance between a vessel's blood stream and the grid cells around it.
+"""Compute the solute exchange coefficient of each vessel piece with the tissue grid around it.
 
 A vessel thinner than a cell is no boundary that the grid sees. Its flux is laid on the grid as a
 smooth source and what the grid then says at the vessel is read with the same weights, so that the

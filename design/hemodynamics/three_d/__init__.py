@@ -1,4 +1,8 @@
-"""3D flow in lumens: meshing and finite elements (extra ``flow3d``)."""
+"""3D flow in lumens by finite elements: mesh, solve steady or pulsatile, wall shear, export.
+
+Goes in: a network, or a lumen's surface, and conditions. Comes out: velocity and pressure in the
+lumen. Begin with `steady.py`.
+"""
 
 from design.hemodynamics.three_d.compare import ErrorEstimate, estimate_error
 from design.hemodynamics.three_d.harmonic import solve_harmonics

@@ -1,4 +1,4 @@
-"""Sample points along the centrelines of a network's vessels."""
+"""Place points along vessel centrelines at a spacing proportional to the radius."""
 
 from __future__ import annotations
 

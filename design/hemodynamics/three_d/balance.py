@@ -1,4 +1,4 @@
-"""Pressure and power at the ports of a 3D lumen mesh."""
+"""Compute mean port pressures and the power balance of a 3D flow solution."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ def port_pressures(room: Spaces, unknowns: FloatArray) -> FloatArray:
     _, pressure = state_of(room, unknowns).components
     return np.array(
         [
-            over_port(room, k, pressure) / over_port(room, k, room.ng.CoefficientFunction(1.0))
+            integrate_over_port(room, k, pressure)
+            / integrate_over_port(room, k, room.ng.CoefficientFunction(1.0))
             for k in range(len(room.outward))
         ]
     )
 
 
-def over_port(room: Spaces, port: int, function: Any) -> float:
+def integrate_over_port(room: Spaces, port: int, function: Any) -> float:
     """Integral over a port."""
     region = room.mesh.Boundaries(port_name(port))
     return float(room.ng.Integrate(function, room.mesh, definedon=region, order=3 * room.order))
@@ -43,6 +44,6 @@ def energy_of(room: Spaces, plan: PortPlan, unknowns: FloatArray) -> Energy:
     head = pressure + 0.5 * plan.density * velocity * velocity
     traction = plan.viscosity_pa_s * (ng.BoundaryFromVolumeCF(slope) * normal)
     leaving = head * (velocity * normal) - traction * velocity
-    ends = -sum(over_port(room, k, leaving) for k in range(len(room.outward)))
+    ends = -sum(integrate_over_port(room, k, leaving) for k in range(len(room.outward)))
     taken = ng.Integrate(ng.InnerProduct(slope, slope), room.mesh, order=2 * room.order)
     return Energy(float(ends), plan.viscosity_pa_s * float(taken))

@@ -1,4 +1,4 @@
-"""Solve finite-element systems bordered by a few unknown port pressures.
+"""Solve finite-element linear systems together with a few unknown port pressures, by GMRES.
 
     A x + B λ = r,    Bᵀ x - D λ = s
 

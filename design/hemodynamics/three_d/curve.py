@@ -21,7 +21,7 @@ _LEVELLINGS: Final = 3
 """Rounds after which faces lie on the shape in the mean, to some 1e-5 of a radius."""
 
 
-def curved(
+def curve_edges(
     surface: LabelledSurface,
     points: FloatArray,
     tets: IntArray,

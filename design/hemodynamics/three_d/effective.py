@@ -1,4 +1,4 @@
-"""Effective vessel resistances found by 3D flow, returned to the lumped (0D) model.
+"""Derive vessel resistances and radii from a 3D solution, so that 0D gives the same flows.
 
 Along a vessel, clear of the junctions, a lumen resists as Poiseuille says of its own section. At
 the junctions it doesn't: fillets and overlapping lumens widen them, turning and developing flow
@@ -83,7 +83,7 @@ class Gap:
     pressure: float
 
 
-def effective(
+def effective_network(
     network: VesselNetwork, conditions: FlowConditions, solution: ThreeDSolution
 ) -> Effective:
     """Resistances and radii of a network such that 0D gives what was found in 3D.
@@ -127,7 +127,7 @@ def effective(
     )
 
 
-def gap(network: VesselNetwork, conditions: FlowConditions, found: Effective) -> Gap:
+def flow_error(network: VesselNetwork, conditions: FlowConditions, found: Effective) -> Gap:
     """How far 0D of ``network`` (the nominal one, or `Effective.network`) is from 3D.
 
     Raises

@@ -1,4 +1,4 @@
-"""Finite-element engine of 3D flow, imported only when needed."""
+"""Import the finite-element library NGSolve on demand, with a given number of threads."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def load_engine() -> Any:
 
 
 @contextmanager
-def working(threads: int = THREADS) -> Iterator[Any]:
+def engine_threads(threads: int = THREADS) -> Iterator[Any]:
     """The engine, with so many threads."""
     ngsolve = load_engine()
     ngsolve.SetNumThreads(threads)

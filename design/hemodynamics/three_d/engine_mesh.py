@@ -1,4 +1,4 @@
-"""A lumen's mesh in the finite-element engine: straight tetrahedra and a curving deformation."""
+"""Convert a lumen mesh to an NGSolve mesh: straight tetrahedra with a curving deformation."""
 
 from __future__ import annotations
 

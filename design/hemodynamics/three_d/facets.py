@@ -1,4 +1,4 @@
-"""Smooth wall shape through a triangulated lumen surface."""
+"""Smooth wall through a triangulated lumen surface, for remeshing and curved elements."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.geometry import TriangleTree, build_triangle_tree
-from design.geometry.feet import nearest_feet
+from design.geometry.nearest_points import nearest_feet
 from design.geometry.surface import Surface
 from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.lumen_mesh import MeshPort

@@ -1,4 +1,4 @@
-"""Pulsatile Stokes flow in 3D, solved harmonic by harmonic.
+"""Solve pulsatile Stokes flow in a 3D lumen, harmonic by harmonic.
 
 Without convection the problem is linear, so that u(t) = Re Σ u_k exp(i ω_k t) with i ω_k ϱ in
 place of the derivative in time: the periodic state itself, without time steps and their error. It
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.three_d.bordered import BorderBlocks, solve_bordered
-from design.hemodynamics.three_d.engine import working
+from design.hemodynamics.three_d.engine import engine_threads
 from design.hemodynamics.three_d.engine_mesh import engine_mesh
 from design.hemodynamics.three_d.inflow import harmonics_of
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
@@ -62,7 +62,7 @@ def solve_harmonics(
     period = common_period(plan.waveforms())
     if period is None:
         raise FlowError("nothing changes in time: all waveforms are constant; solve_steady does it")
-    with working(how.threads) as ng:
+    with engine_threads(how.threads) as ng:
         room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), how.order, plan.inflow)
         number = _numbers(plan, period, clock.steps)
         omega = 2.0 * np.pi * number / period

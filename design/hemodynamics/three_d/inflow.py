@@ -1,4 +1,4 @@
-"""Time-varying inlet velocity profiles over one cycle."""
+"""Make inlet velocity profiles over one cycle (Womersley or Poiseuille) for 3D flow."""
 
 from __future__ import annotations
 

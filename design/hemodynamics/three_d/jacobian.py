@@ -1,4 +1,4 @@
-"""Check curved tetrahedra for one-to-one maps, and straighten those that fail.
+"""Check curved tetrahedra for folding by bounds of the Jacobian; straighten those that fold.
 
 A quadratic tetrahedron's Jacobian determinant is a cubic. Written in Bernstein polynomials, it
 lies between the least and greatest of its 20 coefficients everywhere in the element (Johnen,

@@ -1,4 +1,4 @@
-"""Lagrange finite elements on tetrahedra: basis functions and quadrature.
+"""Lagrange elements on tetrahedra: shape functions, gradients and quadrature rules.
 
 Nodes of degree k have barycentric coordinates α/k with |α| = k. The polynomial that is 1 at one
 and 0 at the others is Π over the four corners c of Π over j < α_c of (k λ_c - j)/(j + 1), Silvester

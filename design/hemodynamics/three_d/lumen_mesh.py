@@ -1,4 +1,4 @@
-"""Lumen mesh of curved (quadratic) tetrahedra: the common input of all 3D flow solvers."""
+"""Data class of a lumen mesh: quadratic tetrahedra, wall and ports, for all 3D solvers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pulsatile 3D flow in a lumen, time-stepped until periodic.
+"""Solve pulsatile 3D flow in a lumen by time steps until the cycle repeats.
 
 Second-order backward differences, (3 u' - 4 u + u⁻)/(2 Δt), with convection implicit: Newton from
 the extrapolation 3 (u - u⁻) + u⁼ takes a step or two, each by Krylov steps with one factor of the
@@ -15,7 +15,7 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.three_d.bordered import BorderBlocks
-from design.hemodynamics.three_d.engine import CURVED, working
+from design.hemodynamics.three_d.engine import CURVED, engine_threads
 from design.hemodynamics.three_d.engine_mesh import engine_mesh
 from design.hemodynamics.three_d.inflow import Inflow, inflow_of
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
@@ -28,7 +28,7 @@ from design.hemodynamics.three_d.record import Record, Stepping
 from design.hemodynamics.three_d.sections import Section
 from design.hemodynamics.three_d.solution import ThreeDWaves
 from design.hemodynamics.three_d.steady import check_laminar, columns_of, steady_problem
-from design.hemodynamics.three_d.stokes import Convection, Spaces, Stokes, spaces, through
+from design.hemodynamics.three_d.stokes import Convection, Spaces, Stokes, matrix_operator, spaces
 from design.hemodynamics.waveforms.waveform import common_period, cycle_times
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.network import FloatArray
@@ -70,7 +70,7 @@ def march_flow(
     if period is None:
         raise FlowError("nothing changes in time: all waveforms are constant; solve_steady does it")
     check_laminar(mesh, plan, plan.flow.at(cycle_times(period, clock.steps)), plan.inflow)
-    with working(how.threads) as ng:
+    with engine_threads(how.threads) as ng:
         room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), how.order, plan.inflow)
         first = steady_problem(room, mesh, plan, how)
         begun = solve_newton(first, how.tolerance, float("nan")).unknowns
@@ -133,7 +133,7 @@ def _mass(room: Spaces, factor: float) -> Any:
     form += factor * u * v * room.ng.dx(bonus_intorder=CURVED)
     form.Assemble()
     state, answer = form.mat.CreateColVector(), form.mat.CreateColVector()
-    inner, count = through(form.mat, state, answer), room.velocity.ndof
+    inner, count = matrix_operator(form.mat, state, answer), room.velocity.ndof
 
     def applied(values: FloatArray) -> FloatArray:
         found = np.zeros_like(values)

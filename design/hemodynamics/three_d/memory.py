@@ -1,4 +1,4 @@
-"""Estimate the memory that a 3D flow solution needs, before solving."""
+"""Estimate the memory of a 3D flow solution; refuse one too large for the computer."""
 
 from __future__ import annotations
 

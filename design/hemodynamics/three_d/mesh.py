@@ -1,4 +1,4 @@
-"""Mesh a network's lumens with curved tetrahedra."""
+"""Mesh a network's lumens with curved tetrahedra, a port at each free end."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.three_d.axes import axis_places
-from design.hemodynamics.three_d.curve import curved
+from design.hemodynamics.three_d.curve import curve_edges
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.surface import wall_surface
 from design.hemodynamics.three_d.surface_check import check_surface
@@ -82,4 +82,4 @@ def lumen_mesh(network: VesselNetwork, options: MeshOptions | None = None) -> Lu
     spacing = INSIDE * min(options.edge_ratio, _COARSEST)
     inside, size, _ = axis_places(network, spacing)
     points, tets = fill(surface, inside, size, options.growth)
-    return curved(surface, points, tets, wall, wall.ports)
+    return curve_edges(surface, points, tets, wall, wall.ports)

@@ -1,4 +1,4 @@
-"""Newton's method for steady 3D flow: damped, and continued from slow flow if necessary."""
+"""Solve the steady 3D Navier–Stokes equations by damped Newton steps from Stokes flow."""
 
 from __future__ import annotations
 

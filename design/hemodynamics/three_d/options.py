@@ -1,4 +1,4 @@
-"""Options of 3D flow."""
+"""Options of the 3D flow solver: element order, convection, density, tolerance, memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow-pressure relations of outlets (resistance, Windkessel) in each time step of 3D flow.
+"""Outlet models (resistance, Windkessel) as flow-pressure laws for each 3D time step.
 
 A Windkessel's inner pressure obeys C ṗ_c = Q - (p_c - p_d)/R_d, and p = R_p Q + p_c. With second-
 order backward differences it is a resistance in each step, p = Z Q + h, which is solved with the

@@ -1,4 +1,4 @@
-"""Boundary condition of each port of a 3D mesh, derived from those of the lumped (0D) model.
+"""Translate a network's flow conditions, steady or pulsatile, to the ports of its 3D mesh.
 
 A port either has a velocity profile of a given flow, or a uniform traction: minus its pressure
 times its normal. With the Laplace form of viscosity that pressure is the mean pressure over a flat

@@ -1,4 +1,4 @@
-"""Developed velocity profile in a port's actual cross-section.
+"""Solve for the developed velocity profile over a port's actual cross-section.
 
 Steady developed flow through a section obeys -Δψ = 1 with 0 at the rim (Poiseuille's parabola in
 a circle); an oscillation i ω ϱ/μ ψ - Δψ = 1 (Womersley's in a circle). Both are solved for on the

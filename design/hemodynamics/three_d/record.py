@@ -1,4 +1,4 @@
-"""Time-stepping options and the recorded cycle of pulsatile 3D flow."""
+"""Record one cycle of pulsatile 3D flow (ports, sections, fields); time-stepping options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Residence time (age) of fluid in a lumen, from the 3D flow.
+"""Compute the residence time (age) of fluid throughout a lumen from a steady 3D flow.
 
 Age a obeys ∇·(u a) - D Δa = 1: it grows by a second each second, is carried, and spreads by
 diffusion. Fluid comes in with age 0; nothing spreads through walls and ports. The weak form
@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics.three_d.engine import working
+from design.hemodynamics.three_d.engine import engine_threads
 from design.hemodynamics.three_d.engine_mesh import engine_mesh, port_name
 from design.hemodynamics.three_d.options import FlowOptions
 from design.hemodynamics.three_d.sample import sample_function
@@ -74,7 +74,7 @@ def residence_time(
     if not np.any(solution.port_flow):
         raise FlowError("nothing flows, so that fluid stays for ever; give a flow")
     field = solution.field
-    with working(how.threads) as ng:
+    with engine_threads(how.threads) as ng:
         inner = engine_mesh(ng, field.mesh)
         room = spaces(ng, inner, len(field.mesh.ports), field.order, None)
         velocity = _velocity(room, solution)

@@ -1,4 +1,4 @@
-"""Convert between finite-element unknowns and arrays of velocity and pressure."""
+"""Sample velocity and pressure at the mesh nodes from a finite-element solution vector."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flow and pressure through cross-sections of a 3D flow mesh, as sums over a slab of elements.
+"""Compute flow and mean pressure at vessel cross-sections from a 3D flow solution.
 
 For any function χ of the distance s along a direction that rises from 0 to 1 over a slab, the flow
 through every section in it is ∫ u·∇χ, whatever the lumen's shape, since the wall is tight: exact

@@ -1,4 +1,4 @@
-"""3D flow solution as plain arrays, readable without the finite-element engine."""
+"""Data classes of 3D flow solutions, steady or over a cycle: fields, wall shear, power."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solve steady 3D flow in a lumen."""
+"""Solve steady Navier–Stokes or Stokes flow in a 3D lumen mesh."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.three_d.balance import energy_of, port_pressures
 from design.hemodynamics.three_d.bordered import BorderBlocks
-from design.hemodynamics.three_d.engine import working
+from design.hemodynamics.three_d.engine import engine_threads
 from design.hemodynamics.three_d.engine_mesh import engine_mesh
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.memory import check_memory
@@ -62,7 +62,7 @@ def solve_steady(
     plan = plan_of(mesh, conditions, how)
     check_memory(mesh, how)
     check_laminar(mesh, plan, np.array([mean(plan.flow)]), plan.inflow)
-    with working(how.threads) as ng:
+    with engine_threads(how.threads) as ng:
         room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), how.order, plan.inflow)
         problem = steady_problem(room, mesh, plan, how)
         found = solve_newton(problem, how.tolerance, _reynolds_scale(mesh, plan))

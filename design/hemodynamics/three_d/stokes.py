@@ -1,4 +1,4 @@
-"""Taylor–Hood elements of a lumen: spaces, matrices, factors and the ports' vectors.
+"""Assemble and factorise the 3D Stokes equations in Taylor–Hood elements; convection terms.
 
 Velocities of degree k and pressures of degree k - 1, continuous, on curved tetrahedra (Taylor &
 Hood 1973, doi 10.1016/0045-7930(73)90027-3). The weak form is
@@ -89,9 +89,9 @@ class Stokes:
         self._form = form.Assemble()
         self._factor = form.mat.Inverse(both.FreeDofs(), inverse="sparsecholesky")
         source, target = form.mat.CreateColVector(), form.mat.CreateColVector()
-        self._with_slack = through(form.mat, source, target)
-        self._slack = through(*_pressure_mass(both, _SLACK / viscosity, ng))
-        self.solve = through(self._factor, source, target)
+        self._with_slack = matrix_operator(form.mat, source, target)
+        self._slack = matrix_operator(*_pressure_mass(both, _SLACK / viscosity, ng))
+        self.solve = matrix_operator(self._factor, source, target)
 
     def times(self, values: NDArray[Any]) -> NDArray[Any]:
         """The operator itself, without slack: cheaper to take out than to hold a second matrix."""
@@ -112,7 +112,7 @@ class Stokes:
         state.vec.FV().NumPy()[:] = values
         form.AssembleLinearization(state.vec)
         factor = form.mat.Inverse(both.FreeDofs(), inverse="umfpack")
-        return through(factor, state.vec, state.vec.CreateVector())
+        return matrix_operator(factor, state.vec, state.vec.CreateVector())
 
     def _add_to(self, form: Any, u: Any, p: Any, v: Any, q: Any) -> None:
         ng = self.spaces.ng
@@ -123,7 +123,9 @@ class Stokes:
         form += (-ng.div(v) * p - ng.div(u) * q) * dx
 
 
-def through(matrix: Any, source: Any, target: Any) -> Callable[[NDArray[Any]], NDArray[Any]]:
+def matrix_operator(
+    matrix: Any, source: Any, target: Any
+) -> Callable[[NDArray[Any]], NDArray[Any]]:
     """The engine's matrix as a function of arrays, by these two of its vectors."""
     read, write = source.FV().NumPy(), target.FV().NumPy()
 
@@ -199,7 +201,7 @@ class Convection:
         """Its derivative there, as a function of changes."""
         self._in.FV().NumPy()[:] = values[: self.spaces.velocity.ndof]
         self._form.AssembleLinearization(self._in)
-        return self._padded(through(self._form.mat, self._in.CreateVector(), self._out))
+        return self._padded(matrix_operator(self._form.mat, self._in.CreateVector(), self._out))
 
     def _padded(
         self, inner: Callable[[NDArray[Any]], NDArray[Any]]

@@ -9,7 +9,7 @@ import numpy as np
 from design.errors import FlowError
 from design.geometry.crossings import find_crossings
 from design.hemodynamics.three_d.axes import axis_places
-from design.hemodynamics.three_d.curve import curved
+from design.hemodynamics.three_d.curve import curve_edges
 from design.hemodynamics.three_d.cut_ends import cut_ends
 from design.hemodynamics.three_d.facets import facet_wall
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
@@ -88,7 +88,7 @@ def surface_mesh(
     _check(surface, network)
     inside, size, _ = axis_places(network, INSIDE * options.edge_ratio)
     filled, tets = fill(surface, inside, size, options.growth)
-    return curved(surface, filled, tets, wall, cut.ports)
+    return curve_edges(surface, filled, tets, wall, cut.ports)
 
 
 def _check(surface: LabelledSurface, network: VesselNetwork) -> None:

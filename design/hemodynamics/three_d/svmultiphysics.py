@@ -1,4 +1,4 @@
-"""Write a lumen under pulsatile conditions as svMultiPhysics' input, in cm, g, s.
+"""Write a lumen mesh with pulsatile conditions as a svMultiPhysics case, in cm, g, s.
 
 svMultiPhysics (before: svFSIplus) knows no units; SimVascular's cases are in cm, g, s, where a
 pressure is in dyn/cm², and its tolerances are made for such numbers.

@@ -1,4 +1,4 @@
-"""Write a lumen as SimVascular's mesh-complete folder: linear tetrahedra in VTK XML, in cm."""
+"""Write a lumen mesh as SimVascular's mesh-complete folder: linear tetrahedra in VTK, in cm."""
 
 from __future__ import annotations
 

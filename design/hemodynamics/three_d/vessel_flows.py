@@ -1,4 +1,4 @@
-"""Flow in each vessel of a 3D solution, corrected to conserve mass at the nodes.
+"""Compute the flow in each vessel from a 3D solution, with mass conserved at the nodes.
 
 Amid a vessel that is shorter than the junctions at its ends a section cuts a fork, and what passes
 through it isn't the vessel's flow. Ports and sections clear of junctions are exact; what flows in
@@ -38,7 +38,7 @@ def vessel_flows(network: VesselNetwork, solution: ThreeDSolution) -> FloatArray
     """
     amid = probe_steady(network, midpoints(network), solution.field).flow
     ports = solution.field.mesh.ports
-    return conserving(network, amid, ports, solution.port_flow[:, None])[:, 0]
+    return conserve_mass(network, amid, ports, solution.port_flow[:, None])[:, 0]
 
 
 def is_clear(network: VesselNetwork) -> BoolArray:
@@ -47,7 +47,7 @@ def is_clear(network: VesselNetwork) -> BoolArray:
     return np.asarray((parts[:, 0] < _CLEAR) & (parts[:, 1] > 1.0 - _CLEAR))
 
 
-def conserving(
+def conserve_mass(
     network: VesselNetwork, amid: FloatArray, ports: Sequence[MeshPort], port_flow: FloatArray
 ) -> FloatArray:
     """Flows (v, t) nearest to those ``amid`` the vessels that the nodes leave nothing of.

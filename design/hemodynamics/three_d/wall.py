@@ -1,4 +1,4 @@
-"""Signed distance field of a network's lumen wall, rounded at the junctions."""
+"""Signed distance from a network's lumen walls, rounded at junctions; project points on them."""
 
 from __future__ import annotations
 

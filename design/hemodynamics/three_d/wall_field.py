@@ -1,4 +1,4 @@
-"""Signed distance from the lumen wall and its gradient (compiled)."""
+"""Compute signed distances from lumen walls, and project points onto them (compiled)."""
 
 from __future__ import annotations
 

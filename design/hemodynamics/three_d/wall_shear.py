@@ -1,4 +1,4 @@
-"""Wall shear from a 3D velocity field: its gradient at the wall's nodes.
+"""Compute wall shear at the wall's mesh nodes from the gradient of a 3D velocity field.
 
 Of what was tried on a pipe (docs/flow.md), the direct gradient of cubic velocities is within 0.1 %
 where projections and consistent forces aren't, or cost a solve.

@@ -1,4 +1,4 @@
-"""Shorten vessels to their part upstream of a flow probe."""
+"""Cut vessels off at flow probes, and return the parts upstream of them."""
 
 from __future__ import annotations
 

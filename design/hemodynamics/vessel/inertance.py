@@ -1,4 +1,4 @@
-"""Inertance: pressure that accelerates the fluid in a vessel."""
+"""Compute each vessel's inertance: pressure drop per rate of change of flow."""
 
 from __future__ import annotations
 

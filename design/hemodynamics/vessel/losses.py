@@ -1,4 +1,4 @@
-"""Pressure lost to inertia: at bifurcations, and behind stenoses. Steady flow."""
+"""Coefficients of pressure losses at bifurcations and stenoses, in steady flow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Per-vessel coefficients and results of steady flow, integrated along the centreline points."""
+"""Compute each vessel's Poiseuille resistance; mean velocity and wall shear from its flow."""
 
 from __future__ import annotations
 

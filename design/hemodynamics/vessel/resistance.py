@@ -1,4 +1,4 @@
-"""Hydraulic resistance of vessels by Poiseuille's law."""
+"""Compute the hydraulic resistance of each vessel by Poiseuille's law."""
 
 from __future__ import annotations
 

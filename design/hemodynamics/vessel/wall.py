@@ -1,4 +1,4 @@
-"""Vessel walls: compliance, the gain in lumen volume per pressure.
+"""Vessel wall models (rigid, thin elastic, thick gel): compliance and pulse wave velocity.
 
 Compliance C = dV/dp in µL/Pa, at the radius of rest (small strains).
 """

@@ -1,5 +1,6 @@
-"""Oscillating flow in a rigid pipe, Womersley 1955, doi 10.1113/jphysiol.1955.sp005276.
+"""Womersley factors: pressure drop and wall shear of oscillating flow over Poiseuille's.
 
+In a rigid pipe, after Womersley 1955, doi 10.1113/jphysiol.1955.sp005276.
 With α² = r² ω ϱ/μ and F = 2 J₁(i^{3/2} α) / (i^{3/2} α J₀(i^{3/2} α)), the pressure drop per
 flow is that of Poiseuille times i α²/(8 (1 - F)), and the wall shear per flow that of Poiseuille
 times i α² F/(8 (1 - F)). Both factors go to 1 for α → 0.

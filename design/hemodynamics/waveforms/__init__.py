@@ -1,4 +1,7 @@
-"""Periodic flow and pressure waveforms."""
+"""Periodic waveforms of flow or pressure: constant, sine, samples; from names or CSV files.
+
+Goes in: a name, or a CSV file. Comes out: a periodic waveform. Begin with `waveform.py`.
+"""
 
 from design.hemodynamics.waveforms.read import read_waveform
 from design.hemodynamics.waveforms.shapes import SHAPES, shape

@@ -1,4 +1,4 @@
-"""Read a waveform from a user's CSV file."""
+"""Read a periodic waveform from the time column and another of a user's CSV file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Standard flow waveforms of hearts and pumps, normalised to mean 1."""
+"""Standard flow waveforms of hearts and pumps by name, scaled to a given mean."""
 
 from __future__ import annotations
 

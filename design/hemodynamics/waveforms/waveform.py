@@ -1,4 +1,4 @@
-"""Periodic waveforms: constant, sinusoidal, or interpolated between samples."""
+"""Periodic waveform classes: constant, sinusoidal, or interpolated between samples."""
 
 from __future__ import annotations
 

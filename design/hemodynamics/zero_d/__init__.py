@@ -1,1 +1,5 @@
-"""Lumped (0D) flow: steady, pulsatile (`pulsatile`), svZeroDSolver's files (`svzerod`)."""
+"""Solve lumped (0D) flow in networks, steady or pulsatile; exchange files with svZeroDSolver.
+
+Goes in: a network and boundary conditions. Comes out: pressure at nodes, flow of vessels. Begin
+with `steady.py`.
+"""

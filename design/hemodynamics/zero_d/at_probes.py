@@ -1,4 +1,4 @@
-"""Lumped (0D) solutions at probes, for comparison with other flow solvers.
+"""Evaluate 0D solutions at probes along vessels: pressure and flow, to compare with 1D, 3D.
 
 Along a vessel the pressure falls as the resistance before the probe does, exactly for tapers and
 bends of the polyline. In rigid walls the flow is the same along a vessel at every moment, and both

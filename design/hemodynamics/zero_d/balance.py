@@ -1,4 +1,4 @@
-"""Adjust the radii of connections so that every loop carries its share of the flow."""
+"""Adjust radii of vessels connecting two trees so that each carries its share of the flow."""
 
 from __future__ import annotations
 

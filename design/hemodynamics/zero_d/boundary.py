@@ -1,4 +1,4 @@
-"""Boundary conditions at a network's nodes; refuse sets that leave a part undetermined."""
+"""Apply boundary conditions to a network's nodes: known and unknown pressures, flows in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steady 0D flow solution of a network."""
+"""Data class of a steady 0D flow solution: node pressures, vessel flows, wall shear."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steady 0D flow with nonlinear pressure drops (non-Newtonian fluid, inertial losses).
+"""Solve steady 0D flow by Newton's method for non-Newtonian fluids or inertial losses.
 
 Newton's method on the vessels' laws Δp = f(Q): each step is a linear network in which a vessel has
 the resistance f'(Q) and a source of pressure f(Q) - f'(Q) Q, solved as steady flow is. Every law

@@ -1,4 +1,4 @@
-"""Sensitivity of flows to radii: exact derivatives of the linear problem."""
+"""Compute steady 0D flows and their exact derivatives by vessel radii."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compare each vessel's wall shear with the range that the cells want."""
+"""Classify each vessel's wall shear as below, inside or above a wanted range."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ShearBand:
             )
 
 
-def places(solution: FlowSolution, band: ShearBand) -> NDArray[np.str_]:
+def classify_shear(solution: FlowSolution, band: ShearBand) -> NDArray[np.str_]:
     """Where each vessel's wall shear lies, (v,): below, inside or above."""
     shear = np.abs(solution.wall_shear)
     return np.array(PLACES)[(shear >= band.low_pa).astype(int) + (shear > band.high_pa)]
@@ -49,7 +49,7 @@ def band_summary(
     ``verdict`` is where `ENOUGH` of the area lies, and ``mixed`` where nowhere does; wall shear is
     that at each vessel's mean radius.
     """
-    where, measured = places(solution, band), integrals(network)
+    where, measured = classify_shear(solution, band), integrals(network)
     amounts = {
         "vessels": np.ones(network.vessel_count),
         "length": measured[0],

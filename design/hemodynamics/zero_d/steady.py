@@ -1,4 +1,4 @@
-"""Solve steady 0D flow in any graph of vessels."""
+"""Solve steady 0D flow in any graph of vessels for node pressures and vessel flows."""
 
 from __future__ import annotations
 

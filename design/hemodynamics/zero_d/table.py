@@ -1,4 +1,4 @@
-"""Write a flow solution as a CSV table, one row per vessel."""
+"""Make the per-vessel table of a steady 0D flow solution; write and read it as CSV."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from design.files import write_text
 from design.hemodynamics.zero_d.flow import FlowSolution
-from design.hemodynamics.zero_d.shear_band import ShearBand, places
+from design.hemodynamics.zero_d.shear_band import ShearBand, classify_shear
 from design.hemodynamics.zero_d.validity import poiseuille_holds, reynolds
 from design.network import VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN, WATER_DENSITY
@@ -54,7 +54,7 @@ def flow_table(
     if solution.loss is not None:
         table["loss_pa"] = solution.loss
     if band is not None:
-        table["wall_shear_band"] = places(solution, band)
+        table["wall_shear_band"] = classify_shear(solution, band)
     return table
 
 

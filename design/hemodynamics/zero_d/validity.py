@@ -1,4 +1,4 @@
-"""Check that Poiseuille's law holds in a vessel."""
+"""Check each vessel for laminar, developed flow (Poiseuille); refuse absurd pressure drops."""
 
 from __future__ import annotations
 

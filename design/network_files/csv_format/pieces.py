@@ -1,4 +1,4 @@
-"""Rows of a `network.csv` as arrays, with line numbers for error messages.
+"""Parse `network.csv` text into checked arrays of vessel pieces with their line numbers.
 
 Columns: ``vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree``. Pieces that
 meet share a node number; designed flow runs from node0 to node1. Radii are in mm always, as their

@@ -1,4 +1,4 @@
-"""Read `network.csv`."""
+"""Read a vessel network from a `network.csv` file."""
 
 from __future__ import annotations
 

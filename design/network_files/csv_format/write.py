@@ -1,4 +1,4 @@
-"""Write `network.csv`."""
+"""Write a vessel network to a `network.csv` file, in mm."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from design.errors import NetworkError
-from design.files import replacing
+from design.files import atomic_replacement
 from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
 from design.network_files.csv_format.pieces import COLUMNS, GAP_MM
 
@@ -37,7 +37,7 @@ def write_network_csv(path: Path, network: VesselNetwork) -> None:
     vessel_of_point = np.repeat(np.arange(network.vessel_count), np.diff(network.offset))
     first = np.flatnonzero(vessel_of_point[:-1] == vessel_of_point[1:])
     vessel = vessel_of_point[first]
-    with replacing(path) as draft, draft.open("w", encoding="utf-8", newline="") as out:
+    with atomic_replacement(path) as draft, draft.open("w", encoding="utf-8", newline="") as out:
         # The csv module writes floats by repr, the shortest text that gives the same bits.
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(COLUMNS)

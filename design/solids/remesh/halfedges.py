@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from design.errors import SolidError
 from kernels import jit
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 

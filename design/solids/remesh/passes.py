@@ -1,4 +1,4 @@
-"""Remeshing passes over a surface's edges: split, collapse, flip and relax.
+"""Remesh steps on a triangle surface: split, collapse or flip edges, relax vertices.
 
 The scheme of Botsch & Kobbelt 2004 ("A remeshing approach to multiresolution modeling"), with a
 wanted length at every vertex, and with rims between labels that stay.

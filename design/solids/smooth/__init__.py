@@ -1,1 +1,5 @@
-"""Smooth surfaces of vessel junctions: single ones, and groups of overlapping ones."""
+"""Build a network's lumen as one closed surface with rounded junctions.
+
+Goes in: a network. Comes out: its lumen as one closed surface with rounded junctions. Begin with
+`assemble.py`.
+"""

@@ -1,4 +1,4 @@
-"""Sew tubes, single junctions and groups of overlapping junctions to one closed surface."""
+"""Sew meshes of tubes, single junctions and overlapping junctions to one closed surface."""
 
 from __future__ import annotations
 
@@ -14,10 +14,16 @@ from design.solids.chains import Chain
 from design.solids.facets import area_factor
 from design.solids.manifolds import to_manifold
 from design.solids.smooth.conflicts import overlapping_runs
-from design.solids.smooth.crowd import COARSER_BALLS, LostRingError, ball, stub, unite_parts
-from design.solids.smooth.crowd_walls import crowd_rounding
-from design.solids.smooth.layout import End, Layout, first_piece, keep_clear_of_balls, swallow
-from design.solids.smooth.round_crowd import round_seams
+from design.solids.smooth.group_walls import crowd_rounding
+from design.solids.smooth.layout import End, Layout, absorb_runs, first_piece, keep_clear_of_balls
+from design.solids.smooth.overlap_group import (
+    COARSER_BALLS,
+    LostRingError,
+    ball,
+    connecting_tube,
+    unite_parts,
+)
+from design.solids.smooth.round_seams import round_seams
 from design.solids.smooth.star import star_mesh
 from design.solids.topology import is_closed
 from design.solids.tube import EndShape, tube_mesh
@@ -33,7 +39,7 @@ _LEAST_EDGE = 0.05
 _MOST_POINTS = 6000
 
 _TRIES = 3
-"""Of taking more vessels into a crowd, before all are."""
+"""Of taking more vessels into a group, before all are."""
 
 _SLIVER = 1e-4
 """Of the thinnest radius: what facets that nearly coincide leave between them, and what would
@@ -84,7 +90,7 @@ class Sewing:
 
 
 def sew_parts(
-    layout: Layout, shapes: list[tuple[EndShape, EndShape]], tolerance_mm: float
+    layout: Layout, shapes: list[tuple[EndShape, EndShape]]
 ) -> tuple[FloatArray, FaceArray]:
     """Make all parts and sew them to one closed surface.
 
@@ -93,7 +99,6 @@ def sew_parts(
     layout : Layout
     shapes : list of pairs
         How each run ends where it isn't joined.
-    tolerance_mm : float, mm
 
     Returns
     -------
@@ -101,24 +106,23 @@ def sew_parts(
     faces : (m, 3) int64
     """
     overlaps = overlapping_runs(layout)
-    swallow(layout, np.unique(overlaps).tolist())
+    absorb_runs(layout, np.unique(overlaps).tolist())
     for _ in range(_TRIES):
-        vertices, faces, torn = _sewn(layout, shapes, overlaps, tolerance_mm)
+        vertices, faces, torn = _sewn(layout, shapes, overlaps)
         if not torn and is_closed(faces):
             return vertices, faces
         # Vessels lie in one another's end planes there: take in those around as well.
-        swallow(layout, torn or range(len(layout.runs)))
-    swallow(layout, range(len(layout.runs)))
-    return _sewn(layout, shapes, overlaps, tolerance_mm)[:2]
+        absorb_runs(layout, torn or range(len(layout.runs)))
+    absorb_runs(layout, range(len(layout.runs)))
+    return _sewn(layout, shapes, overlaps)[:2]
 
 
 def _sewn(
     layout: Layout,
     shapes: list[tuple[EndShape, EndShape]],
     overlaps: NDArray[np.int64],
-    tolerance_mm: float,
 ) -> tuple[FloatArray, FaceArray, list[int]]:
-    """As `sew_parts`, and the runs around crowds that couldn't be parted from the rest."""
+    """As `sew_parts`, and the runs around groups that couldn't be parted from the rest."""
     keep_clear_of_balls(layout)
     sewing = Sewing()
     torn: list[int] = []
@@ -126,14 +130,14 @@ def _sewn(
     failed = [
         joint
         for joint in range(len(layout.ends))
-        if not layout.crowded(joint) and not _lone(layout, joint, sewing, tolerance_mm)
+        if not layout.crowded(joint) and not _lone(layout, joint, sewing)
     ]
     if failed:
         layout.forced.update(failed)
-        return _sewn(layout, shapes, overlaps, tolerance_mm)
+        return _sewn(layout, shapes, overlaps)
     for joints, runs in _crowds(layout, overlaps):
         try:
-            _crowd(layout, joints, runs, overlaps, shapes, sewing, tolerance_mm)
+            _crowd(layout, joints, runs, overlaps, shapes, sewing)
         except LostRingError:
             torn += [run for joint in joints for run, _ in layout.ends[joint]]
     return np.concatenate(sewing.vertices), np.concatenate(sewing.faces), torn
@@ -182,12 +186,13 @@ def _trimmed(layout: Layout, index: int) -> Chain:
     return Chain(points, radius, run.node)
 
 
-def _lone(layout: Layout, joint: int, sewing: Sewing, tolerance_mm: float) -> bool:
+def _lone(layout: Layout, joint: int, sewing: Sewing) -> bool:
     """Sew in a junction that stands alone; False where it can't be made that way."""
     ends, walls = layout.ends[joint], layout.walls[joint].copy()
     wide = np.array([area_factor(layout.facets[run]) for run, _ in ends])
     walls[:, 7:9] *= wide[:, None]
     walls[:, 9] = 1.0 / np.sqrt(1.0 + walls[:, 8] ** 2)
+    thin = float(walls[:, 7].min())
     rings = [sewing.rings[end] for end in ends]
     known = np.concatenate(rings)
     ring_of = np.repeat(np.arange(len(ends)), [len(ring) for ring in rings])
@@ -197,8 +202,8 @@ def _lone(layout: Layout, joint: int, sewing: Sewing, tolerance_mm: float) -> bo
         np.array([layout.reach[end] for end in ends]),
         sewing.place(known),
         ring_of,
-        _MIDDLES * tolerance_mm,
-        _LEAST_EDGE * float(walls[:, 7].min()),
+        _MIDDLES * layout.facets_of.at(thin),
+        _LEAST_EDGE * thin,
         _MOST_POINTS,
     )
     if status or not _fits(faces, ring_of, len(known)):
@@ -262,13 +267,12 @@ def _crowd(
     overlaps: NDArray[np.int64],
     shapes: list[tuple[EndShape, EndShape]],
     sewing: Sewing,
-    tolerance_mm: float,
 ) -> None:
-    """Sew in the union of what is in a crowd."""
+    """Sew in the union of what is in a group."""
     wanted = layout.fillet_ratio > 0.0 or bool(layout.fillet_mm)
     rounds = wanted and not layout.sharp.intersection(joints)
     # Facets of a ball that is to be rounded must lie as near to it as a tube's.
-    fineness = tolerance_mm / COARSER_BALLS if rounds else tolerance_mm
+    finer = COARSER_BALLS if rounds else 1.0
     parts: list[Manifold] = []
     winding = set(overlaps[overlaps[:, 0] == overlaps[:, 1], 0].tolist())
     for index in runs:
@@ -276,12 +280,13 @@ def _crowd(
     rings: list[NDArray[np.int64]] = []
     for joint in joints:
         centre = layout.walls[joint][0, :3]
-        parts.append(ball(centre, float(layout.ball[joint]), fineness))
+        radius = float(layout.ball[joint])
+        parts.append(ball(centre, radius, layout.facets_of, finer))
         for (index, end), wall in zip(layout.ends[joint], layout.walls[joint], strict=True):
             if not layout.swallowed[index]:
                 ring, reach = sewing.rings[index, end], layout.reach[index, end]
                 near = wall[7] / (wall[7] + wall[8] * reach)
-                parts.append(stub(centre, float(near), sewing.place(ring), reach))
+                parts.append(connecting_tube(centre, float(near), sewing.place(ring), reach))
                 rings.append(ring)
     thin = _thinnest(layout, joints, runs)
     places = [sewing.place(ring) for ring in rings]
@@ -291,7 +296,7 @@ def _crowd(
     for ring, index_of in zip(rings, where, strict=True):
         known[index_of] = ring
     if rounds:
-        what = crowd_rounding(layout, joints, runs, shapes, tolerance_mm)
+        what = crowd_rounding(layout, joints, runs, shapes, layout.facets_of.at(thin))
         vertices, faces = round_seams(vertices, faces, known >= 0, what)
         known = np.concatenate([known, np.full(len(vertices) - len(known), -1)])
     sewing.sew(vertices, faces, known)

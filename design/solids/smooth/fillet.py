@@ -1,4 +1,4 @@
-"""Distance fields of vessels at a junction, and the rolling-ball fillet between them.
+"""Compute distances from a junction's vessel walls, rounded by a rolling-ball fillet.
 
 Rounding is a morphological closing: of the space outside all vessels, whatever a ball of the
 fillet's radius ρ can't reach is filled. Where two vessels go on in one line the ball reaches the
@@ -250,10 +250,3 @@ def shoot(walls: FloatArray, rho: float, directions: FloatArray, away: FloatArra
                 low, f_low = t, f
                 f_high *= 0.5
         away[m] = t
-
-
-@jit
-def errors(walls: FloatArray, rho: float, points: FloatArray, found: FloatArray) -> None:
-    """Rounded distance at each of ``points`` (m, 3), into ``found`` (m,), mm."""
-    for m in range(len(points)):
-        found[m] = rounded_distance(walls, rho, points[m, 0], points[m, 1], points[m, 2])

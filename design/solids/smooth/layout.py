@@ -10,10 +10,10 @@ import numpy as np
 
 from design.network import FloatArray, VesselNetwork
 from design.solids.chains import Chain
-from design.solids.facets import facet_count
+from design.solids.facets import Facets
 from design.solids.runs import split_runs
 from design.solids.smooth.fillet import wall_rows
-from design.solids.smooth.reach import reaches
+from design.solids.smooth.tube_start import reaches
 
 End = tuple[int, int]
 """A run, and which of its ends: 0 the first, 1 the last."""
@@ -22,7 +22,7 @@ _TUBE_LEFT = 0.1
 """Radii of plain tube that must stay between two junctions."""
 
 _BALL_REACH = 1.05
-"""Radii of a junction's ball from it to a crowd's ring, which the ball mustn't pass through."""
+"""Radii of a junction's ball from it to a group's ring, which the ball mustn't pass through."""
 
 _FILLETS = (1.0, 0.5, 0.25, 0.1)
 """Shares of the wanted fillet that are tried where there is little room."""
@@ -47,14 +47,16 @@ class Layout:
     fillet_ratio : float
     fillet_mm : float, mm, or None
         What was asked for; the length counts where it is given.
+    facets_of : Facets
+        How near to its arc a facet lies.
     reach : dict of (run, end) to float, mm
         Where the plain tube begins, from the junction at that end.
     swallowed : list of bool
-        Runs without room for a plain tube: whole parts of a crowd.
+        Runs without room for a plain tube: whole parts of a group.
     forced : set of int
-        Junctions that make a crowd of their own, having failed alone.
+        Junctions that make a group of their own, having failed alone.
     sharp : set of int
-        Junctions whose crowds aren't rounded, having failed to be.
+        Junctions whose groups aren't rounded, having failed to be.
     """
 
     runs: list[Chain]
@@ -65,6 +67,7 @@ class Layout:
     fillet: list[float]
     fillet_ratio: float = 0.0
     fillet_mm: float | None = None
+    facets_of: Facets = field(default_factory=Facets)
     reach: dict[End, float] = field(default_factory=dict)
     swallowed: list[bool] = field(default_factory=list)
     forced: set[int] = field(default_factory=set)
@@ -75,16 +78,16 @@ class Layout:
         return {end: joint for joint, ends in enumerate(self.ends) for end in ends}
 
     def crowded(self, joint: int) -> bool:
-        """Whether a junction is to be made in a crowd."""
+        """Whether a junction is to be made in a group."""
         return joint in self.forced or any(self.swallowed[run] for run, _ in self.ends[joint])
 
 
 def lay_out(
-    network: VesselNetwork, tolerance_mm: float, fillet_ratio: float, fillet_mm: float | None
+    network: VesselNetwork, facets_of: Facets, fillet_ratio: float, fillet_mm: float | None
 ) -> Layout:
     """Part a network into runs and junctions, and give each its fillet and reach."""
-    runs, balls = split_runs(network, tolerance_mm)
-    facets = [facet_count(float(run.radius.max()), tolerance_mm) for run in runs]
+    runs, balls = split_runs(network, facets_of.tolerance_mm)
+    facets = [facets_of.count(float(run.radius.max())) for run in runs]
     meeting: dict[bytes, list[End]] = defaultdict(list)
     for index, run in enumerate(runs):
         for end in (0, 1):
@@ -95,7 +98,9 @@ def lay_out(
         fillet_mm if fillet_mm is not None else fillet_ratio * float(rows[:, 7].min())
         for rows in walls
     ]
-    layout = Layout(runs, facets, balls.radius, ends, walls, wanted, fillet_ratio, fillet_mm)
+    layout = Layout(
+        runs, facets, balls.radius, ends, walls, wanted, fillet_ratio, fillet_mm, facets_of
+    )
     _give_room(layout)
     return layout
 
@@ -185,8 +190,8 @@ def _settle(layout: Layout, joint: int, least: dict[End, float]) -> None:
             layout.reach[end] = x
 
 
-def swallow(layout: Layout, more: Iterable[int]) -> None:
-    """Make ``more`` runs whole parts of a crowd."""
+def absorb_runs(layout: Layout, more: Iterable[int]) -> None:
+    """Make ``more`` runs whole parts of a group."""
     for run in more:
         layout.swallowed[run] = True
         for end in (0, 1):
@@ -194,7 +199,7 @@ def swallow(layout: Layout, more: Iterable[int]) -> None:
 
 
 def keep_clear_of_balls(layout: Layout) -> None:
-    """Move the rings of crowds out of the balls in their junctions; swallow runs without room."""
+    """Move the rings of groups out of the balls in their junctions; absorb runs without room."""
     joints = range(len(layout.ends))
     while True:
         tight = []
@@ -214,4 +219,4 @@ def keep_clear_of_balls(layout: Layout) -> None:
                     tight.append(run)
         if not tight:
             return
-        swallow(layout, tight)
+        absorb_runs(layout, tight)

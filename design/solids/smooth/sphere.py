@@ -1,4 +1,4 @@
-"""Delaunay triangles of directions: the convex hull of points on the unit sphere, grown by one.
+"""Delaunay triangulation of points on the unit sphere, by inserting one point at a time.
 
 Points are put in one after another: the triangle around a new one is parted in three, and edges
 are flipped while a neighbour's far corner stands over the plane of a triangle (Lawson 1977). On

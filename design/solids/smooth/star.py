@@ -1,4 +1,4 @@
-"""Triangulate the star-shaped surface around one junction.
+"""Triangulate the rounded wall of one vessel junction by rays from its centre.
 
 All vessels of a junction hold its point and are convex, so their union is star-shaped about it, and
 so is its closing by a ball: each direction meets the surface once. Triangles of directions, drawn

@@ -1,4 +1,4 @@
-"""Triangulate directions around a vessel junction (compiled)."""
+"""Insert ray directions into a vessel junction's triangulation of them (compiled)."""
 
 from __future__ import annotations
 

@@ -1,17 +1,11 @@
-"""Split junction triangles that deviate from the surface (compiled)."""
+"""Add ray directions to a junction's triangulation at triangles off the wall (compiled)."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from design.solids.smooth.fillet import rounded_distance
-from design.solids.smooth.star_looks import at_ring, owner
 from design.solids.smooth.star_net import CAP, SEAM, Junction, Net, gap, unit
+from design.solids.smooth.star_rays import at_ring, owner
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @jit

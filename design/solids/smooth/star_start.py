@@ -1,4 +1,4 @@
-"""Initial triangulation of directions around a vessel junction (compiled)."""
+"""Start a junction's triangulation: directions of tube rings, axes and wall seams (compiled)."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from math import cos, sin, sqrt
 import numpy as np
 
 from design.solids.smooth.fillet import shoot
-from design.solids.smooth.reach import across_axis
 from design.solids.smooth.sphere import insert, start
-from design.solids.smooth.star_looks import at_ring, first_clear, owner
 from design.solids.smooth.star_net import CAP, SEAM, Junction, Net, blur, inserted, unit
+from design.solids.smooth.star_rays import at_ring, first_clear, owner
+from design.solids.smooth.tube_start import across_axis
 from kernels import jit
 
 _SCAFFOLD = 24

@@ -1,4 +1,7 @@
-"""Corrections of a design's geometry from earlier prints (print compensation)."""
+"""Correct a design's geometry by deviations of earlier prints: scale, lumens, positions.
+
+Goes in: a design and corrections. Comes out: the corrected design. Begin with `corrections.py`.
+"""
 
 from design.toolpath.correction.checks import check_outside, check_walls
 from design.toolpath.correction.corrections import NEUTRAL, Corrections

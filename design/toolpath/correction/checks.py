@@ -1,4 +1,4 @@
-"""Check that compensated lumens keep walls thick enough to print.
+"""Refuse compensated lumens that leave walls between them, or to the outside, too thin.
 
 A design may be tighter somewhere than the method likes: it was accepted as it is. Refused is what
 a correction makes too thin.

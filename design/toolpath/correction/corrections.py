@@ -1,4 +1,4 @@
-"""Correct a design's geometry for printing: scale, lumen widths and vessel positions."""
+"""Correct a network for printing: scale, lumen radii and vessel positions, within bounds."""
 
 from __future__ import annotations
 

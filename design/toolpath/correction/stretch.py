@@ -1,4 +1,4 @@
-"""Scale a part by one factor along each axis."""
+"""Scale points, solids and networks about a centre by a separate factor for each axis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Embedded writing: filaments along the vessels' centrelines inside a bath."""
+"""Plan embedded writing: ink filaments along the vessels' centrelines inside a bath.
+
+Goes in: a network and a needle. Comes out: a `Toolpath` and a report. Begin with `plan.py`.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -8,10 +11,10 @@ if TYPE_CHECKING:
     from design.toolpath.embedded.bundles import Bundles, bundled
     from design.toolpath.embedded.filament import check_thinnest, check_vessels
     from design.toolpath.embedded.heads import EmbeddedHeads
-    from design.toolpath.embedded.held import held_diameter_mm
     from design.toolpath.embedded.options import EmbeddedOptions
     from design.toolpath.embedded.plan import EmbeddedPlan, embedded_toolpath, plan_embedded
     from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
+    from design.toolpath.embedded.supported_thickness import supported_diameter_mm
 
 __all__ = [
     "Bundles",
@@ -25,8 +28,8 @@ __all__ = [
     "check_thinnest",
     "check_vessels",
     "embedded_toolpath",
-    "held_diameter_mm",
     "plan_embedded",
+    "supported_diameter_mm",
 ]
 
 __getattr__ = on_demand(__name__)

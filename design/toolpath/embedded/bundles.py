@@ -1,4 +1,4 @@
-"""Vessels wider than one filament: strands side by side that merge into one lumen.
+"""Divide vessels wider than one filament into parallel strands that merge into one lumen.
 
 A strand is a vessel of its own to the planner. Strands of a bundle lie on a hexagonal lattice
 around the axis, so near to each other that they overlap by 0.3 of their radius: more than the

@@ -1,4 +1,4 @@
-"""Choose where to cut a vessel when all unwritten stretches obstruct each other."""
+"""Choose the part of a vessel to write next if all unwritten stretches block each other."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.rules import Rules
 from design.toolpath.embedded.stretches import Stretches, step_of, vertex
-from design.toolpath.embedded.walk import Progress, unwalk, walk
+from design.toolpath.embedded.walk import Progress, undo_write, write_stretch
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
@@ -85,7 +85,7 @@ def _watched(stretches: Stretches, count: int) -> tuple[IntArray, IntArray]:
 def _gain(part: int, watched: IntArray, follows: IntArray, elements: Elements, rules: Rules,
           progress: Progress, stretches: Stretches) -> tuple[int, int]:  # fmt: skip
     """Stretches that a part sets free in turn, less twice what it leaves; and its size."""
-    size, stop = walk(part // 2, step_of(part), elements, rules, progress)
+    size, stop = write_stretch(part // 2, step_of(part), elements, rules, progress)
     done = [(part, size)]
     queue = [0][:0]
     at, freed = 0, 0
@@ -96,15 +96,15 @@ def _gain(part: int, watched: IntArray, follows: IntArray, elements: Elements, r
             start = queue.pop()
             if progress.written[start // 2]:
                 continue
-            count, end = walk(start // 2, step_of(start), elements, rules, progress)
+            count, end = write_stretch(start // 2, step_of(start), elements, rules, progress)
             if end < 0:
                 freed += 1
                 done.append((start, count))
             else:
-                unwalk(start // 2, step_of(start), count, rules, progress)
+                undo_write(start // 2, step_of(start), count, rules, progress)
     for k in range(len(done) - 1, -1, -1):
         start, count = done[k]
-        unwalk(start // 2, step_of(start), count, rules, progress)
+        undo_write(start // 2, step_of(start), count, rules, progress)
     left = (1 if stop >= 0 else 0) + (1 if stretches.place[part] < 0 else 0)
     return freed - 2 * left, size
 

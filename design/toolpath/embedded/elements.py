@@ -1,4 +1,4 @@
-"""Divide a network into short straight elements, the units of embedded planning."""
+"""Divide a network into short straight elements, the units that embedded planning orders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Depth to which the needle's shaft enters one vessel element while it writes another."""
+"""Compute the depth of the needle's shaft in one vessel's ink while it writes another."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Extensions of the needle's passes beyond their ends, and what the shaft would hit there."""
+"""Find ink that the needle's shaft would hit if a writing stroke were extended past its end."""
 
 from __future__ import annotations
 
@@ -158,13 +158,13 @@ class ChosenExtensions(NamedTuple):
     size: IntArray
 
 
-def none_kept(room: int) -> ChosenExtensions:
+def empty_extensions(room: int) -> ChosenExtensions:
     """No extension yet, with room for so many."""
     places, values = np.zeros((room, 2, 3)), np.zeros((room, 4))
     return ChosenExtensions(places, values, np.zeros((room, 3), np.int64), np.zeros(1, np.int64))
 
 
-def keep(kept: ChosenExtensions, extension: Extension, element: int, when: int) -> None:
+def add_extension(kept: ChosenExtensions, extension: Extension, element: int, when: int) -> None:
     """Add one."""
     row = int(kept.size[0])
     kept.place[row] = extension.start, extension.tip
@@ -174,7 +174,7 @@ def keep(kept: ChosenExtensions, extension: Extension, element: int, when: int) 
 
 
 @jit
-def tangled(
+def crossing_extension(
     extension: Extension, when: int, kept: ChosenExtensions, meetings: Meetings, needle: Needle
 ) -> int:
     """Element of a kept extension of which one's shaft meets the other's ink; -1 for none."""

@@ -1,4 +1,4 @@
-"""Filament law of embedded writing: ink volume and speed for a wanted thickness."""
+"""Compute ink volume and speed for a filament's thickness; refuse vessels too thin or thick."""
 
 from __future__ import annotations
 

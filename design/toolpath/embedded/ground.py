@@ -1,4 +1,4 @@
-"""Height map of written ink under the needle, for clearance of travel moves."""
+"""Map the height of written ink, to find the highest ink under a travel move."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Assignment of vessels to heads, each with its own needle and ink."""
+"""Data class of each vessel's print head with its needle and ink; clearances of all heads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Improve the order of embedded writing passes in rounds, adding rules for open joints."""
+"""Find the order of writing strokes with fewest shaft conflicts and open joints, in rounds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.merge import fewest
 from design.toolpath.embedded.rules import Rules, one_way, with_more
 from design.toolpath.embedded.schedule import Pass, Scheduler
-from design.toolpath.embedded.travel import with_shorter_ways
+from design.toolpath.embedded.travel import shorten_travels
 from design.toolpath.toolpath import IntArray
 
 ROUNDS, PATIENCE = 8, 3
@@ -79,7 +79,7 @@ def _best_round(scheduler: Scheduler, rules: Rules, joiner: Joiner, way: _Way) -
         if way.merge:
             passes = fewest(passes, elements, asked, head, random)
         if way.shorten:
-            passes = with_shorter_ways(passes, elements, asked, head)
+            passes = shorten_travels(passes, elements, asked, head)
         one = _judged(passes, rules, joiner)
         if best is None or _score(one) < _score(best):
             best, since = one, 0

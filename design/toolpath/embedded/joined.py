@@ -1,4 +1,4 @@
-"""Embedded writing passes with the overlaps at their joints, and the joints that failed."""
+"""Data classes of writing strokes with overlaps at their joints, and of joints that failed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Close the joints of embedded writing passes: extend each end into the ink that it meets.
+"""Close the joints of writing strokes: extend each stroke's ends into the ink they meet.
 
 A pass that begins or ends where ink lies goes on straight by the overlap. Where the shaft would
 pass through other ink there, or later ones through the overlap, the earlier of the two goes on
@@ -16,12 +16,12 @@ from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.extensions import (
     NEVER,
     Extension,
+    add_extension,
     barred,
     barring,
-    keep,
+    crossing_extension,
+    empty_extensions,
     meets,
-    none_kept,
-    tangled,
 )
 from design.toolpath.embedded.joined import BrushedOverlap, JoinedPasses, WeakJoint
 from design.toolpath.embedded.meetings import Meetings
@@ -107,7 +107,7 @@ class _Round:
         self._when = np.full(len(joiner.elements.end), NEVER, dtype=np.int64)
         for number, one in enumerate(passes):
             self._when[one.elements()] = number
-        self._kept = none_kept(2 * len(joiner.elements.end) + 2)
+        self._kept = empty_extensions(2 * len(joiner.elements.end) + 2)
         self._ends: dict[int, list[_End]] = {}  # passes that end at each point
         self._inked: dict[int, int] = {}  # the element last written at each point
 
@@ -235,7 +235,7 @@ class _Round:
         brushes = barred(extension, now, *about).tolist() if not entered else []
         met = [BrushedOverlap(element, k, k in entered) for k in bars.tolist()]
         order = 2 * end.number + end.last
-        other = tangled(extension, order, self._kept, scene.meetings, needle.bare())
+        other = crossing_extension(extension, order, self._kept, scene.meetings, needle.bare())
         if other >= 0:
             met.append(BrushedOverlap(element, int(other), True))
         return _Extended(
@@ -290,5 +290,5 @@ class _Round:
         far = out.beyond if end.last else out.before
         far[end.number] = max(far[end.number], one.length)
         out.overlapped += 1
-        keep(self._kept, one.extension, end.element, 2 * end.number + end.last)
+        add_extension(self._kept, one.extension, end.element, 2 * end.number + end.last)
         out.brushed += one.barred + one.brushed

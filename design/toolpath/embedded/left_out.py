@@ -1,4 +1,4 @@
-"""Vessels omitted from embedded writing, because any order would drive the needle into ink."""
+"""Choose vessels to leave unwritten because the needle would enter ink in any order."""
 
 from __future__ import annotations
 

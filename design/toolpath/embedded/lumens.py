@@ -1,4 +1,4 @@
-"""Group strands of one lumen, exempt from shaft crossings among themselves.
+"""Exempt strands of one wide vessel from shaft rules among themselves; report by vessel.
 
 Of vessels written as one filament each all this changes nothing.
 """

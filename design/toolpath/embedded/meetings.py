@@ -1,4 +1,4 @@
-"""Places where vessels meet (nodes and touching filaments), whose ink counts as one joint."""
+"""List the places of vessels that count as a joint with another: nodes, touching filaments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Envelope of a vertical needle above its tip, and the reach of a joint."""
+"""Needle geometry: free radius at each height above the tip, distance from the shaft."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of writing vessels along their centrelines."""
+"""Options of embedded writing along centrelines: needle, clearance, speeds, flow, overlaps."""
 
 from __future__ import annotations
 

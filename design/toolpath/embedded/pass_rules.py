@@ -1,4 +1,4 @@
-"""Precedence rules between whole passes of embedded writing."""
+"""Derive precedence rules of whole writing strokes from the rules of their vessel elements."""
 
 from __future__ import annotations
 

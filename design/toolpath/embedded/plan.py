@@ -1,4 +1,4 @@
-"""Plan embedded writing of a network: divide, order, close joints, write."""
+"""Plan embedded writing of a network: order its vessels, close joints, return the toolpath."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.network import VesselNetwork
-from design.toolpath.embedded.account import Entry, WrittenMoves, account
 from design.toolpath.embedded.bundles import Bundles
 from design.toolpath.embedded.elements import Elements, elements_of, longest_mm
 from design.toolpath.embedded.entering import TOUCH_MM
+from design.toolpath.embedded.exempt_ink import exempt_lengths
 from design.toolpath.embedded.heads import EmbeddedHeads
 from design.toolpath.embedded.improve import order_passes
 from design.toolpath.embedded.joined import JoinedPasses, WeakJoint
@@ -25,7 +25,7 @@ from design.toolpath.embedded.recovery import add_recovery_dwells
 from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
 from design.toolpath.embedded.rules import find_rules
 from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.spared import spared_of
+from design.toolpath.embedded.shaft_contacts import Entry, WrittenMoves, find_shaft_contacts
 from design.toolpath.embedded.squares import ElementSquares, squares_of
 from design.toolpath.embedded.touches import Touches, touches
 from design.toolpath.embedded.walk import Leg
@@ -34,7 +34,7 @@ from design.toolpath.toolpath import MoveKind, Toolpath
 
 
 @dataclass(frozen=True)
-class InkMet:
+class ShaftEncounters:
     """What the shaft meets, as in `EmbeddedReport`."""
 
     crossings: tuple[Crossing, ...]
@@ -49,7 +49,7 @@ class _Written:
     toolpath: Toolpath
     joined: JoinedPasses
     writer: FilamentWriter
-    met: InkMet
+    met: ShaftEncounters
 
 
 @dataclass(frozen=True)
@@ -119,13 +119,15 @@ class Scene:
         toolpath = add_recovery_dwells(writer.builder.build(), recovery_s, heads.shaft_mm)
         return _Written(toolpath, joined, writer, self.met(toolpath, writer, heads))
 
-    def met(self, toolpath: Toolpath, writer: FilamentWriter, heads: EmbeddedHeads) -> InkMet:
+    def met(
+        self, toolpath: Toolpath, writer: FilamentWriter, heads: EmbeddedHeads
+    ) -> ShaftEncounters:
         """What the shaft meets on a path: the bare needle, and what it must keep free."""
         laid = WrittenMoves(*self.lumens.of_design(*writer.laid()))
-        spared = spared_of(self.design, self.collisions, self.lumens.lumen_mm)
+        spared = exempt_lengths(self.design, self.collisions, self.lumens.lumen_mm)
         look = max(one.clearance_mm for one in heads.options)
-        found = account(toolpath, laid, spared, heads.needles(), look)
-        return InkMet(
+        found = find_shaft_contacts(toolpath, laid, spared, heads.needles(), look)
+        return ShaftEncounters(
             crossings=_by_vessels([one for one in found if one.depth_mm > TOUCH_MM], toolpath),
             grazes=_by_vessels([one for one in found if one.depth_mm <= TOUCH_MM], toolpath),
             merged=_merged(self.design, self.collisions),

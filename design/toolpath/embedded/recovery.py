@@ -1,4 +1,4 @@
-"""Delay passes that cross a fresh crevice until the bath has closed behind the needle.
+"""Insert dwells before strokes through a crevice that the needle left, until the bath closes.
 
 A needle that moves through a yield-stress bath leaves a crevice, which closes within a time of the
 bath's own. Ink written into an open one runs up along it. So before a pass the needle waits, above

@@ -1,4 +1,4 @@
-"""Report of an embedded plan: times, passes, crossings, open joints and omitted vessels."""
+"""Data classes of an embedded plan's report: times, crossings, open joints, omitted vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Precedence of vessel elements: what must be written before the shaft passes there.
+"""Find pairs of vessel elements to be written in order, so that the shaft enters no ink.
 
 With the tip at b the shaft fills all above b within its radius. An element with its axis at a and
 radius r is hit when it lies within shaft and r of b in the plan, and its top is above b. The lower

@@ -1,4 +1,4 @@
-"""Schedule the passes of embedded writing: few, short travels, no ink in the shaft's way.
+"""Order vessel elements into few writing strokes, short travels, no ink in the shaft's way.
 
 What is written never bars anything else, it only sets free; so a stretch that can be written from
 end to end may be written at once, and one that can't had better wait. Where all wait for each
@@ -25,7 +25,7 @@ from design.toolpath.embedded.stretches import (
     vertex,
 )
 from design.toolpath.embedded.trails import Ends, ends_of, first_of, going_on
-from design.toolpath.embedded.walk import Leg, Progress, start_walk, walk
+from design.toolpath.embedded.walk import Leg, Progress, start_walk, write_stretch
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
@@ -133,7 +133,7 @@ def _extend(start: int, found: list[tuple[int, int, int, int]], ends: Ends, head
     """Add a pass: what leads to a stretch, the stretch, and what goes on from where it ends."""
     stop, first = -1, 1
     for one in first_of(start, ends, head, elements, rules, progress, stretches):
-        size, stop = walk(one // 2, step_of(one), elements, rules, progress)
+        size, stop = write_stretch(one // 2, step_of(one), elements, rules, progress)
         found.append((first, one // 2, step_of(one), size))
         first = 0
     while stop < 0:

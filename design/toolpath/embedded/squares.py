@@ -1,4 +1,4 @@
-"""Spatial index of vessel elements in squares of the xy plane."""
+"""Sort vessel elements into squares of the xy plane, to look up those near a place."""
 
 from __future__ import annotations
 

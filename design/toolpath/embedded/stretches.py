@@ -1,4 +1,4 @@
-"""Unwritten stretches of vessels, and whether each can be written in one stroke."""
+"""Track unwritten stretches of vessels, and test if each can be written in one stroke."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.rules import Rules
-from design.toolpath.embedded.walk import Progress, unwalk, walk
+from design.toolpath.embedded.walk import Progress, undo_write, write_stretch
 from design.toolpath.toolpath import IntArray
 from kernels import jit
 
@@ -107,9 +107,9 @@ def is_whole(start: int, elements: Elements, rules: Rules, progress: Progress,
         return True
     if stop >= 0 and progress.waiting[stop] > stretches.until[start]:
         return False
-    count, stop = walk(start // 2, step_of(start), elements, rules, progress)
+    count, stop = write_stretch(start // 2, step_of(start), elements, rules, progress)
     inside = progress.waiting[stop] if stop >= 0 else 0
-    unwalk(start // 2, step_of(start), count, rules, progress)
+    undo_write(start // 2, step_of(start), count, rules, progress)
     stretches.stop[start] = stop
     if stop >= 0:
         # What the stretch itself would have set free before it came there doesn't count.

@@ -1,4 +1,4 @@
-"""Continue embedded writing passes through nodes: pair the vessel stretches that meet there."""
+"""Extend a writing stroke through nodes by the straightest unwritten vessel stretches."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from design.toolpath.embedded.elements import Elements
 from design.toolpath.embedded.rules import Rules
 from design.toolpath.embedded.stretches import Stretches, is_whole, step_of, vertex
-from design.toolpath.embedded.walk import Progress, unwalk, walk
+from design.toolpath.embedded.walk import Progress, undo_write, write_stretch
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
 
@@ -128,8 +128,8 @@ def going_on(element: int, step: int, ends: Ends, head: IntArray, elements: Elem
                 best, most = start, straight
         if best < 0:
             return -1, 0
-        count, stop = walk(best // 2, step_of(best), elements, rules, progress)
+        count, stop = write_stretch(best // 2, step_of(best), elements, rules, progress)
         if stop < 0 and count:
             return best, count
-        unwalk(best // 2, step_of(best), count, rules, progress)
+        undo_write(best // 2, step_of(best), count, rules, progress)
         tried.append(best)

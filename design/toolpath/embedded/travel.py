@@ -1,4 +1,4 @@
-"""Shorten travels between embedded writing passes by reordering and reversing them.
+"""Reorder and reverse writing strokes for shorter travels, with precedence rules kept.
 
 Or-opt (Or 1976) with precedence: runs of up to `RUN` passes go where they make the way shortest, as
 long as every rule between two passes is kept.
@@ -26,7 +26,7 @@ OTHER_HEAD_MM = 1000.0
 Flags = NDArray[np.bool_]
 
 
-def with_shorter_ways(
+def shorten_travels(
     passes: list[Pass], elements: Elements, rules: Rules, head: IntArray
 ) -> list[Pass]:
     """The passes in an order, and each in the direction, that makes the ways between them short."""

@@ -1,4 +1,4 @@
-"""Write a vessel's elements in sequence until ordering rules or ink bar it."""
+"""Mark vessel elements as written in a row until a precedence rule, or written ink, stops it."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ def start_walk(rules: Rules, out: NDArray[np.bool_] | None = None) -> Progress:
 
 
 @jit
-def walk(
+def write_stretch(
     element: int, step: int, elements: Elements, rules: Rules, progress: Progress
 ) -> tuple[int, int]:
     """Write from an element on until the vessel ends, or ink, or what must wait.
 
     Returns how many, and the element that must wait; -1 where none stands in the way. What is
-    written is marked in `progress`; `unwalk` takes it back.
+    written is marked in `progress`; `undo_write` takes it back.
     """
     vessel = elements.vessel[element]
     low, high = elements.first[vessel], elements.first[vessel + 1]
@@ -81,8 +81,8 @@ def walk(
 
 
 @jit
-def unwalk(element: int, step: int, count: int, rules: Rules, progress: Progress) -> None:
-    """Take back what `walk` wrote."""
+def undo_write(element: int, step: int, count: int, rules: Rules, progress: Progress) -> None:
+    """Take back what `write_stretch` wrote."""
     for n in range(count):
         here = element + step * n
         progress.written[here] = False

@@ -1,4 +1,4 @@
-"""Convert ordered embedded writing passes to moves: overlaps at ends, lowest safe travels."""
+"""Convert ordered writing strokes to toolpath moves: end overlaps, lowest safe travels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""FRESH printing: layers of lines in a support bath, with the lumens kept open."""
+"""Slice solids into FRESH layers of lines in a support bath, with the lumens kept open.
+
+Goes in: a solid and options. Comes out: layers of moves and a report. Begin with `plan.py`.
+"""
 
 from typing import TYPE_CHECKING
 

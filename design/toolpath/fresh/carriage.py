@@ -1,4 +1,4 @@
-"""Travel and head changes between the parts of a FRESH layer.
+"""Lay out a FRESH layer's moves head by head, with travels and head changes between.
 
 In a layer the head in use writes first, then the others: a layer costs as many changes as it has
 other heads. What is done at a change is the G-code writer's (up, raise, choose, lower, across,

@@ -1,4 +1,4 @@
-"""Remove short moves from wall paths without approaching a contour.
+"""Remove moves too short for the firmware from wall paths, without narrowing lumens.
 
 Firmware merges moves shorter than its least, and cuts the corner into the lumen where it likes.
 Here a short move goes by its two neighbours being drawn out until they meet, where the path bends
@@ -34,7 +34,7 @@ _MOST_SIDES, _TURNS = 16, 6
 ROUNDS = 12
 
 
-def without_short_moves(
+def remove_short_moves(
     paths: Paths, least_mm: float, width_mm: float, *, beside_ink: bool = False
 ) -> Paths:
     """Take moves shorter than ``least_mm`` out of the walls, where `TOLERANCE` lets that be.

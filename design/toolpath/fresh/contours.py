@@ -1,4 +1,4 @@
-"""Contours of a layer's section as flat arrays with inward normals."""
+"""Convert a layer's section to contour arrays with inward normals; sample points on them."""
 
 from __future__ import annotations
 

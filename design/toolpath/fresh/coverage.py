@@ -1,4 +1,4 @@
-"""Measure how much of a layer's area its printed lines cover.
+"""Measure the areas of a layer covered, left empty or overrun by its printed lines.
 
 Lines count as stadiums: all points within half a width of the centreline.
 """

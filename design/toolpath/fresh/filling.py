@@ -1,4 +1,4 @@
-"""Infill options of a FRESH part."""
+"""Options of infill inside a FRESH part's walls: pattern, density, angles."""
 
 from __future__ import annotations
 

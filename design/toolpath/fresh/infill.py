@@ -1,4 +1,4 @@
-"""Infill: parallel adjoining lines, clipped to a region by scan conversion.
+"""Fill a layer's region with straight parallel infill lines, clipped by scan conversion.
 
 A line is a strip one width high. Where the region ends inside a strip, along a boundary nearly
 parallel to the lines, a whole line would leave or overfill up to half a width; there a line of

@@ -1,4 +1,4 @@
-"""Join a layer's paths and the travels between them to rows of moves.
+"""Convert a layer's ordered paths to moves, with links, hops, retractions between them.
 
 Between two paths the needle goes level where they are near and no lumen lies between (a link);
 else the plunger is relieved and the needle hops, just clear of the fresh ink, or rises higher

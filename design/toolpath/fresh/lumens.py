@@ -1,4 +1,4 @@
-"""Refuse lumens too small for the layer height and line width."""
+"""Refuse a network with lumens too small for the layer height and line width."""
 
 from __future__ import annotations
 

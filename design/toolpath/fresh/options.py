@@ -1,4 +1,4 @@
-"""Options of writing FRESH layers."""
+"""Options of FRESH layers: layer height, line width, walls, infill, speeds, retraction."""
 
 from __future__ import annotations
 

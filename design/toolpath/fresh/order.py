@@ -1,4 +1,4 @@
-"""Order of a layer's paths: few and short travels, walls from the lumens outward."""
+"""Order a layer's paths for short travels: walls from the lumens outward, then infill."""
 
 from __future__ import annotations
 

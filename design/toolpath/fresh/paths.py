@@ -1,4 +1,4 @@
-"""Paths of one layer as flat arrays: points and line widths."""
+"""Data class of one layer's paths as flat arrays: points, line widths, role; join several."""
 
 from __future__ import annotations
 

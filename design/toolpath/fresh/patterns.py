@@ -1,4 +1,4 @@
-"""Curved infill patterns: gyroid and concentric."""
+"""Make curved infill paths in a layer's region: gyroid or concentric."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slice a solid into FRESH layers: sections, walls, infill, order, travels."""
+"""Slice a solid into FRESH layers: from sections, walls and infill to a toolpath and report."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from manifold3d import CrossSection
 from design.errors import ToolpathError
 from design.solids.solid import Solid
 from design.toolpath.fresh.carriage import Carriage, LayerMoves, Section
-from design.toolpath.fresh.coarsen import without_short_moves
+from design.toolpath.fresh.coarsen import remove_short_moves
 from design.toolpath.fresh.coverage import FINENESS, Coverage, measure_coverage
 from design.toolpath.fresh.filling import Filling
 from design.toolpath.fresh.infill import infill_paths
@@ -230,7 +230,7 @@ def _section_paths(
 ) -> Paths:
     width, origin = options.spacing_mm, origin + options.inset_mm
     walls = build_walls(material, width, options.walls, options.least_line)
-    outlines = without_short_moves(walls.paths, options.least_move_mm, width, beside_ink=beside_ink)
+    outlines = remove_short_moves(walls.paths, options.least_move_mm, width, beside_ink=beside_ink)
     shares = cut.shares(walls.inside, options.filling)
     return join([outlines, *(_infill(share, layer, way, options, origin) for share, way in shares)])
 

@@ -1,4 +1,4 @@
-"""Regions of a part with their own infill or their own head."""
+"""Divide each layer's section among regions with their own infill or their own head."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Report of FRESH layers: lengths, volumes, times and coverage."""
+"""Add up lengths, volumes, times and coverage of FRESH layers for the report."""
 
 from __future__ import annotations
 

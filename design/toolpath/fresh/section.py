@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import shapely
 from manifold3d import CrossSection, Error, JoinType, Manifold, Mesh, OpType
 
 from design.errors import ToolpathError
@@ -145,14 +144,6 @@ def _is_convex(piece: CrossSection) -> bool:
 def rings(section: CrossSection) -> list[FloatArray]:
     """Closed contours, each (k, 2) mm without a repeated last point; holes run clockwise."""
     return [np.asarray(ring, dtype=np.float64) for ring in section.to_polygons() if len(ring) > 2]
-
-
-def boundary(section: CrossSection) -> shapely.MultiLineString:
-    """All contours as prepared lines, to ask what crosses them."""
-    closed = [np.vstack([ring, ring[:1]]) for ring in rings(section)]
-    lines = shapely.multilinestrings([shapely.linestrings(ring) for ring in closed])
-    shapely.prepare(lines)
-    return lines
 
 
 def manifold_of(solid: Solid, what: str) -> Manifold:

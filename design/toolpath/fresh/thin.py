@@ -1,4 +1,4 @@
-"""Wall paths in thin places, where the material has no room for two full-width lines.
+"""Lay narrower wall lines in material too thin for two lines of full width.
 
 Two walls of width w stand side by side where the material is 2 w thick. Where it is thinner their
 centrelines come nearer to each other than w and would put the same ink down twice. There both
@@ -13,8 +13,8 @@ import shapely
 from numpy.typing import NDArray
 
 from design.toolpath.fresh.contours import Contours, Samples, sample
+from design.toolpath.fresh.largest_disc import measure_room
 from design.toolpath.fresh.paths import Paths, Role, gather, join
-from design.toolpath.fresh.room import measure_room
 from design.toolpath.toolpath import FloatArray, IntArray
 
 BoolArray = NDArray[np.bool_]

@@ -1,4 +1,4 @@
-"""Wall paths: lines of fixed width along every contour, from the contour into the material."""
+"""Lay wall lines of fixed width along every contour of a layer, inside the material."""
 
 from __future__ import annotations
 

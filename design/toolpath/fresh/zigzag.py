@@ -34,15 +34,6 @@ UNEQUAL = 0.67
 
 
 @dataclass(frozen=True)
-class _Written:
-    """Infill paths in the order and the direction of writing; as in `Paths`."""
-
-    points: FloatArray
-    width_mm: FloatArray
-    offset: IntArray
-
-
-@dataclass(frozen=True)
 class _Joints:
     """What could join each line to the next, (n - 1,) each.
 
@@ -82,28 +73,27 @@ def zigzag(
     lines = sequence.path[fills]
     if len(lines) < 2:
         return paths, sequence
-    joined = _joined(
+    made = _joined(
         _as_written(paths, lines, sequence.backward[fills]), obstacle, joint_mm, least_mm
     )
-    count, shift = len(joined.offset) - 1, len(paths.points)
-    made = Paths(
-        joined.points,
-        joined.width_mm,
-        joined.offset,
-        np.zeros(count, dtype=np.bool_),
-        np.full(count, int(Role.INFILL), dtype=np.int64),
-        np.zeros(count, dtype=np.int64),
-    )
+    count, shift = len(made), len(paths.points)
     rest = Sequence(sequence.path[~fills], sequence.first[~fills], sequence.backward[~fills])
     chains = Sequence(
         len(paths) + np.arange(count),
-        shift + joined.offset[:-1],
+        shift + made.offset[:-1],
         np.zeros(count, dtype=np.bool_),
     )
     return join([paths, made]), rest.then(chains)
 
 
-def _as_written(paths: Paths, lines: IntArray, backward: NDArray[np.bool_]) -> _Written:
+def _infill(points: FloatArray, width_mm: FloatArray, offset: IntArray) -> Paths:
+    """Open paths in the order and the direction of writing."""
+    count = len(offset) - 1
+    role, level = np.full(count, int(Role.INFILL), dtype=np.int64), np.zeros(count, dtype=np.int64)
+    return Paths(points, width_mm, offset, np.zeros(count, dtype=np.bool_), role, level)
+
+
+def _as_written(paths: Paths, lines: IntArray, backward: NDArray[np.bool_]) -> Paths:
     low, size = paths.offset[lines], np.diff(paths.offset)[lines]
     offset = np.concatenate([[0], np.cumsum(size)])
     step = np.arange(offset[-1]) - np.repeat(offset[:-1], size)
@@ -112,10 +102,10 @@ def _as_written(paths: Paths, lines: IntArray, backward: NDArray[np.bool_]) -> _
     place = np.where(turned, first - step, first + step)
     # A width belongs to the line that comes to a point; a path's first has none.
     comes = np.where(turned & (step > 0), place + 1, place)
-    return _Written(paths.points[place], paths.width_mm[comes], offset)
+    return _infill(paths.points[place], paths.width_mm[comes], offset)
 
 
-def _joined(lines: _Written, obstacle: Cells, joint_mm: float, least_mm: float) -> _Written:
+def _joined(lines: Paths, obstacle: Cells, joint_mm: float, least_mm: float) -> Paths:
     first, last = lines.offset[:-1], lines.offset[1:] - 1
     joints = _joints(lines, joint_mm, least_mm)
     along = _along(lines)
@@ -128,26 +118,26 @@ def _joined(lines: _Written, obstacle: Cells, joint_mm: float, least_mm: float) 
     points, width = lines.points.copy(), lines.width_mm.copy()
     points[last[:-1][made]], points[first[1:][made]] = begin[made], end[made]
     width[first[1:][made]] = joints.width_mm[made]
-    return _Written(points, width, lines.offset[np.concatenate([[True], ~made, [True]])])
+    return _infill(points, width, lines.offset[np.concatenate([[True], ~made, [True]])])
 
 
-def _length(lines: _Written) -> FloatArray:
+def _length(lines: Paths) -> FloatArray:
     way = lines.points[lines.offset[1:] - 1] - lines.points[lines.offset[:-1]]
     return np.asarray(np.hypot(way[:, 0], way[:, 1]))
 
 
-def _along(lines: _Written) -> FloatArray:
+def _along(lines: Paths) -> FloatArray:
     way = lines.points[lines.offset[1:] - 1] - lines.points[lines.offset[:-1]]
     return np.asarray(way / np.maximum(_length(lines), 1e-12)[:, None])
 
 
-def _least_left(lines: _Written, along: FloatArray, least_mm: float) -> FloatArray:
+def _least_left(lines: Paths, along: FloatArray, least_mm: float) -> FloatArray:
     """What must be left of each line: a move that isn't merged with the one after it."""
     axis = np.maximum(np.abs(along).max(axis=1), np.sqrt(0.5))
     return np.maximum(LEAST_LEFT * lines.width_mm[lines.offset[1:] - 1], least_mm / axis)
 
 
-def _joints(lines: _Written, joint_mm: float, least_mm: float) -> _Joints:
+def _joints(lines: Paths, joint_mm: float, least_mm: float) -> _Joints:
     """Joints between each line and the next one."""
     first, last = lines.offset[:-1], lines.offset[1:] - 1
     along, length = _along(lines), _length(lines)

@@ -1,14 +1,18 @@
-"""G-code writers, one per firmware, behind one interface."""
+"""Write a toolpath as G-code in the dialect of the printer's firmware.
+
+Goes in: a toolpath, a printer, a syringe. Comes out: G-code with the map of its lines. Begin with
+`write.py`.
+"""
 
 from typing import TYPE_CHECKING
 
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from design.toolpath.gcode.grain import clear_mm, joint_mm, least_move_mm
     from design.toolpath.gcode.job import Gcode, GcodeOptions
-    from design.toolpath.gcode.labels import labelled
+    from design.toolpath.gcode.labels import add_labels
     from design.toolpath.gcode.load import HeadLoad
+    from design.toolpath.gcode.resolution import clear_mm, joint_mm, least_move_mm
     from design.toolpath.gcode.save import save_gcode
     from design.toolpath.gcode.write import stream_gcode, write_gcode
 
@@ -16,9 +20,9 @@ __all__ = [
     "Gcode",
     "GcodeOptions",
     "HeadLoad",
+    "add_labels",
     "clear_mm",
     "joint_mm",
-    "labelled",
     "least_move_mm",
     "save_gcode",
     "stream_gcode",

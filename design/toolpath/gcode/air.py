@@ -1,4 +1,4 @@
-"""G-code of a pneumatic head: feed rates that fit its flow, and valve commands.
+"""Adapt G-code to a pneumatic head: feed rates that suit its flow, valve commands.
 
 The pressure fixes the flow Q, so a move of length l that is to lay the volume V must take V/Q: its
 speed is Q l/V, whatever the toolpath asked for. The valve opens and closes while the head stands

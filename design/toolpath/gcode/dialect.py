@@ -1,4 +1,4 @@
-"""G-code dialect of a printer's firmware."""
+"""Choose the G-code dialect of a printer's firmware."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""G-code of a job for several heads: tip offsets, and changes of head.
+"""Write a job's G-code for a printer with several heads: tip offsets, changes of head.
 
 The toolpath says which head makes each move; its places are the tip's. What is written is the
 carriage's place, the tip's less the head's offset (`firmware_profiles.Head.offset_mm`): the header
@@ -20,13 +20,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from design.errors import ToolpathError
+from design.toolpath.gcode.approach import approach_commands, at_height, begin_of
 from design.toolpath.gcode.commands import Stops, join_stops, stops
 from design.toolpath.gcode.job import Gcode, GcodeOptions
 from design.toolpath.gcode.load import HeadLoad, IdleHead
 from design.toolpath.gcode.marks import Context, Marks, marks_of
 from design.toolpath.gcode.render import Table
 from design.toolpath.gcode.table import JobPosition, counted_from, declare_position, tabulate
-from design.toolpath.gcode.trip import at_height, begin_of, way_in
 from design.toolpath.gcode.writer import Writer
 from design.toolpath.toolpath import FloatArray, IntArray, MoveKind, Toolpath
 from firmware_profiles import Printer, Syringe
@@ -152,7 +152,7 @@ class HeadsWriter(Writer):
             lines.say(*_moved(one, to_raise=True))
         lines.say(first.head.select, *_moved(first, to_raise=False))
         self._chosen = True
-        way = way_in(begin, to, self._top, first.printer, options)
+        way = approach_commands(begin, to, self._top, first.printer, options)
         if number != 0:  # the change goes down itself
             way = way.where(np.array([True, True, False]))
         blind = options.start_mm is None

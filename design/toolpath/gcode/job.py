@@ -1,4 +1,4 @@
-"""G-code text with the map from each line to the design part that it prints."""
+"""Data classes: G-code with the map from lines to design parts, and the writer's options."""
 
 from __future__ import annotations
 

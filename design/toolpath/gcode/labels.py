@@ -1,4 +1,4 @@
-"""Add comments to G-code where a labelled move begins."""
+"""Insert a comment into G-code before the first line of each labelled move."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _PLAIN: Final = str.maketrans({";": ",", "\n": " ", "µ": "u", "°": " deg "})
 """What would end a comment, or is no ASCII."""
 
 
-def labelled(gcode: Gcode, labels: Mapping[int, str], comment: str = ";") -> Gcode:
+def add_labels(gcode: Gcode, labels: Mapping[int, str], comment: str = ";") -> Gcode:
     r"""The same lines with a comment before the first line of each move that has a label.
 
     Parameters

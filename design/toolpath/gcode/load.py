@@ -1,4 +1,4 @@
-"""Syringe and ink of one head in a multi-head job, and the head's state between its moves."""
+"""Data classes of one head in a multi-head job: syringe and ink, state while it is idle."""
 
 from __future__ import annotations
 

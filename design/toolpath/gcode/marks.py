@@ -1,4 +1,4 @@
-"""Comments that mark where a job may be interrupted: layer and pass ends, reload points.
+"""Find where a print may pause (layer or pass end, reload point); put comments there in G-code.
 
 ========== ====================================================================================
 mark       after the lines above it

@@ -1,4 +1,4 @@
-"""Merge extruding moves that are too short for the firmware's planner.
+"""Merge extruding moves shorter than the firmware's planner accepts, with least corner cutting.
 
 Marlin drops a block of fewer than its least steps and adds it to the next one: a corner is cut
 where the firmware likes. Here those vertices stay that leave moves long enough and cut off least

@@ -1,4 +1,4 @@
-"""Number of decimals of each G-code word."""
+"""Choose the decimals of X, Y, Z and E in G-code from the printer's steps per mm."""
 
 from __future__ import annotations
 

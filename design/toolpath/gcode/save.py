@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.files import replacing
+from design.files import atomic_replacement
 from design.toolpath.gcode.job import Gcode
 
 
@@ -32,7 +32,7 @@ def save_gcode(
     """
     lines = 0
     source, move, kind, counts = [], [], [], "layer"
-    with replacing(path) as draft, replacing(map_path) as map_draft:
+    with atomic_replacement(path) as draft, atomic_replacement(map_path) as map_draft:
         with draft.open("wb") as handle:
             for part in parts:
                 handle.write(part.data)

@@ -1,4 +1,4 @@
-"""Tabulate a toolpath's commands: words that change, as integers in their last digit."""
+"""Convert commands to a table of integer G-code words, only those that change."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from design.errors import ToolpathError
 from design.toolpath.gcode.air import at_flow, valve_lines
+from design.toolpath.gcode.approach import approach_commands, begin_of, departure_commands
 from design.toolpath.gcode.commands import Stops, join_stops, stops
 from design.toolpath.gcode.dialect import dialect_of
 from design.toolpath.gcode.job import Gcode, GcodeOptions
@@ -15,7 +16,6 @@ from design.toolpath.gcode.marks import Context, Marks, marks_of
 from design.toolpath.gcode.numbers import decimals_for
 from design.toolpath.gcode.render import Table, render
 from design.toolpath.gcode.table import JobPosition, declare_position, place_text, tabulate
-from design.toolpath.gcode.trip import begin_of, way_in, way_out
 from design.toolpath.toolpath import FloatArray, MoveKind, Toolpath
 from firmware_profiles import Printer, Syringe
 
@@ -113,9 +113,13 @@ class Writer:
         parts = [body]
         if first:
             start = toolpath.start[0] + place
-            parts.insert(0, way_in(begin_of(start, options), start, self._top, printer, options))
+            parts.insert(
+                0, approach_commands(begin_of(start, options), start, self._top, printer, options)
+            )
         if last:
-            parts.append(way_out(body.position[-1], self._top, printer, syringe, options))
+            parts.append(
+                departure_commands(body.position[-1], self._top, printer, syringe, options)
+            )
         return join_stops(parts)
 
     def _marks(self, toolpath: Toolpath, table: Table, *, last: bool) -> Marks:

@@ -1,4 +1,4 @@
-"""Find all pairs of capsules closer than a clearance, by grid cells."""
+"""Find all pairs of vessel pieces (capsules) closer than a clearance, by grid cells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find collisions: pairs of a network's pieces closer than the required clearance."""
+"""Find pairs of a network's pieces closer than the clearance; refuse a network with any."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from design.errors import NetworkError
 from design.network import VesselNetwork
 from design.vasculature.collisions.close_pairs import close_pairs
-from design.vasculature.collisions.ways import ways_between
+from design.vasculature.collisions.path_length import ways_between
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

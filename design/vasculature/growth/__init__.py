@@ -1,1 +1,4 @@
-"""Trees grown by constrained constructive optimisation, one or several in a tissue."""
+"""Grow one or several vessel trees in a tissue by constrained constructive optimisation.
+
+Goes in: a tissue, a root and options. Comes out: a grown tree. Begin with `grow.py`.
+"""

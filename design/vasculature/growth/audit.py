@@ -1,4 +1,4 @@
-"""Audit a grown tree: allowed radius of every segment, and segments that exceed theirs."""
+"""Compute the allowed radius of every segment of a grown tree; count segments too wide."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 
 from design.tissue.depth import least_depth_along
-from design.vasculature.growth.fit import seven, widening
+from design.vasculature.growth.clearances import Clearances, neighbours_of
+from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import REACH, CellIndex
 from design.vasculature.growth.joints import limit_children, limit_smaller_child
-from design.vasculature.growth.room import Room, neighbours_of
 from kernels import jit
 
 
 @jit
-def measure_room(
-    segments: Any, count: int, index: CellIndex, room: Room, smallest: float, joints: bool
+def measure_allowed_radii(
+    segments: Any, count: int, index: CellIndex, room: Clearances, smallest: float, joints: bool
 ) -> int:
     """Derive every segment's allowed radius from tissue and neighbours.
 
@@ -43,9 +43,9 @@ def measure_room(
 
 @jit
 def measure_changed(
-    segments: Any, count: int, index: CellIndex, room: Room, smallest: float, joints: bool
+    segments: Any, count: int, index: CellIndex, room: Clearances, smallest: float, joints: bool
 ) -> None:
-    """Derive the allowed radius, as `measure_room`, of those segments alone whose own is inf."""
+    """Derive allowed radii as `measure_allowed_radii`, where a segment's own is inf."""
     changed = np.zeros(count, np.bool_)
     for i in range(count):
         changed[i] = segments[i].allowed == np.inf
@@ -62,8 +62,8 @@ def measure_changed(
             most = REACH * s.radius + room.wall
             depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
             s.allowed = min(s.allowed, depth - room.wall)
-        skip = seven(i, parent, sibling, left, right, -1, -1)
-        free = widening(
+        skip = seven_integers(i, parent, sibling, left, right, -1, -1)
+        free = growth_factor(
             index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True
         )
         s.allowed = min(s.allowed, free * s.radius)

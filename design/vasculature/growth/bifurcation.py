@@ -1,4 +1,4 @@
-"""Least-cost branch point on a segment, with the tree's cost linearised at the root."""
+"""Find the least-cost branch point on a segment for a new terminal, by a linear cost model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-r"""Cost of a vessel tree, in a form that allows cheap incremental updates.
+r"""Compute a vessel tree's cost from sums per segment that are cheap to update as it grows.
 
 A segment that feeds terminals of the relative flows q_t has the flow n = Σ q_t, in units of the
 mean terminal's; with equal terminal flows n is their number. Of the quantities of Karch et al.

@@ -1,4 +1,4 @@
-"""Points on a tissue's surface with enough depth below for a wide root vessel."""
+"""Find surface points with the deepest tissue below, as roots of wide trees."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ FloatArray = NDArray[np.float64]
 
 _SAMPLES = 2000
 _APART = 0.1
-"""Least distance between two roots, over the diagonal of the tissue's bounds."""
 
 _STEPS = 40
 
 
-def deep_roots(tissue: Tissue, count: int, seed: int) -> tuple[FloatArray, FloatArray]:
+def deep_roots(
+    tissue: Tissue, count: int, seed: int, apart: float = _APART
+) -> tuple[FloatArray, FloatArray]:
     """Places on the surface below which the tissue is deepest, deepest first.
 
     A root is as wide as Murray's law makes it, and so are its first branches: a printable tree
@@ -28,8 +29,10 @@ def deep_roots(tissue: Tissue, count: int, seed: int) -> tuple[FloatArray, Float
     ----------
     tissue : Tissue
     count : int
-        How many at most; each is a tenth of the tissue's diagonal from the others.
+        How many at most.
     seed : int
+    apart : float
+        Least distance of any two, over the diagonal of the tissue's bounds.
 
     Returns
     -------
@@ -43,11 +46,11 @@ def deep_roots(tissue: Tissue, count: int, seed: int) -> tuple[FloatArray, Float
     depth = -tissue.grid.distance(line.reshape(-1, 3)).reshape(line.shape[:2])
     stays = np.logical_and.accumulate(depth > 0, axis=1)
     deepest = np.where(stays, depth, 0.0).max(axis=1)
-    apart = _APART * float(np.linalg.norm(np.ptp(tissue.bounds, axis=0)))
+    least = apart * float(np.linalg.norm(np.ptp(tissue.bounds, axis=0)))
     chosen: list[int] = []
     for n in np.argsort(-deepest, kind="stable"):
         away = np.linalg.norm(points[chosen] - points[n], axis=1)
-        if deepest[n] > 0 and (away >= apart).all():
+        if deepest[n] > 0 and (away >= least).all():
             chosen.append(int(n))
         if len(chosen) == count:
             break

@@ -1,4 +1,4 @@
-"""Finish a grown tree: terminal flows, final radii and ratios."""
+"""Finish a grown tree: set terminal flows by demand, final radii and radius ratios."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check that a bifurcation fits: in the tissue, between neighbours, as a joint."""
+"""Check that a trial bifurcation fits: in the tissue, between neighbours, as a joint."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 from design.geometry import point_segment, segment_segment
 from design.tissue.depth import depth_along
+from design.vasculature.growth.clearances import Clearances, TrialBifurcation, neighbours_of
 from design.vasculature.growth.index import REACH, CellIndex, cell_range
 from design.vasculature.growth.joints import joint_fits
-from design.vasculature.growth.room import Room, TrialBifurcation, neighbours_of
 from kernels import jit
 
 LEAVES = 1.5
@@ -20,14 +20,14 @@ Seven = tuple[np.int64, np.int64, np.int64, np.int64, np.int64, np.int64, np.int
 
 
 @jit
-def seven(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any) -> Seven:
+def seven_integers(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any) -> Seven:
     """Make a tuple of equal integers, whatever their widths."""
     wide = np.int64
     return (wide(a), wide(b), wide(c), wide(d), wide(e), wide(f), wide(g))
 
 
 @jit
-def both_widen(room: Room, away: float, one: float, two: float) -> float:
+def pair_growth_factor(room: Clearances, away: float, one: float, two: float) -> float:
     """Factor by which vessels ``away`` (mm) from each other could both widen until they collide."""
     both = one + two
     factor = away / (both + room.ratio * min(one, two))
@@ -66,10 +66,10 @@ def away_from_trunk(
 
 
 @jit
-def widening(
+def growth_factor(
     index: CellIndex,
     segments: Any,
-    room: Room,
+    room: Clearances,
     ax: float,
     ay: float,
     az: float,
@@ -131,7 +131,7 @@ def widening(
                     )
                     if s.given != 0:
                         d = away_from_trunk(s, ax, ay, az, bx, by, bz, radius, d)
-                    factor = both_widen(room, d, radius, s.radius)
+                    factor = pair_growth_factor(room, d, radius, s.radius)
                     if factor < least:
                         least = factor
                         if least < room.reserve and not record:
@@ -143,7 +143,14 @@ def widening(
 
 @jit
 def in_tissue(
-    room: Room, ax: float, ay: float, az: float, bx: float, by: float, bz: float, radius: float
+    room: Clearances,
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    radius: float,
 ) -> bool:
     """Whether a capsule keeps its distance from the tissue's surface."""
     need = room.reserve * radius + room.wall
@@ -151,7 +158,7 @@ def in_tissue(
 
 
 @jit
-def fits(index: CellIndex, segments: Any, room: Room, fork: TrialBifurcation) -> bool:
+def fits(index: CellIndex, segments: Any, room: Clearances, fork: TrialBifurcation) -> bool:
     """Whether a fork fits everywhere; the cheap tests first."""
     if not joint_fits(segments, room, fork):
         return False
@@ -167,22 +174,22 @@ def fits(index: CellIndex, segments: Any, room: Room, fork: TrialBifurcation) ->
     if s.given == 0 and not in_tissue(room, bx, by, bz, s.dx, s.dy, s.dz, fork.low):
         return False
     parent, sibling, left, right = neighbours_of(segments, i)
-    skip = seven(i, -1, -1, -1, -1, -1, -1)
+    skip = seven_integers(i, -1, -1, -1, -1, -1, -1)
     if (
-        widening(index, segments, room, bx, by, bz, tx, ty, tz, fork.new, skip, False)
+        growth_factor(index, segments, room, bx, by, bz, tx, ty, tz, fork.new, skip, False)
         < room.reserve
     ):
         return False
     if s.given != 0:
         return True
-    skip = seven(i, parent, sibling, -1, -1, -1, -1)
+    skip = seven_integers(i, parent, sibling, -1, -1, -1, -1)
     if (
-        widening(index, segments, room, s.px, s.py, s.pz, bx, by, bz, fork.up, skip, False)
+        growth_factor(index, segments, room, s.px, s.py, s.pz, bx, by, bz, fork.up, skip, False)
         < room.reserve
     ):
         return False
-    skip = seven(i, left, right, -1, -1, -1, -1)
+    skip = seven_integers(i, left, right, -1, -1, -1, -1)
     return bool(
-        widening(index, segments, room, bx, by, bz, s.dx, s.dy, s.dz, fork.low, skip, False)
+        growth_factor(index, segments, room, bx, by, bz, s.dx, s.dy, s.dz, fork.low, skip, False)
         >= room.reserve
     )

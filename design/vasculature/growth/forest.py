@@ -1,4 +1,4 @@
-"""Several trees in one tissue that don't touch: artery, vein and lymph, or competing inlets."""
+"""Grow several trees in one tissue without contact: artery, vein and lymph, or several inlets."""
 
 from __future__ import annotations
 
@@ -67,7 +67,9 @@ class _Stem:
 
 
 def grow_forest(
-    tissue: Tissue, roots: Sequence[RootSpec | GrowthOptions]
+    tissue: Tissue,
+    roots: Sequence[RootSpec | GrowthOptions],
+    plots: Sequence[Surroundings] | None = None,
 ) -> tuple[VesselTree, ...]:
     """Grow trees in turn, each clear of the others.
 
@@ -81,6 +83,8 @@ def grow_forest(
     tissue : Tissue
     roots : sequence of RootSpec or GrowthOptions
         Bare options make a tree that has the whole tissue to itself.
+    plots : sequence of Surroundings, optional
+        The territory of each tree, in place of those that follow from the numbers of terminals.
 
     Returns
     -------
@@ -104,7 +108,7 @@ def grow_forest(
             continue
         options[number] = _with_root(tissue, wish, stems)
         stems.append(_stem(tissue, options[number]))
-    plots = _territories(tissue, roots, options, stems)
+    plots = plots or _territories(tissue, roots, options, stems)
     error: DesignError = GrowthError("not tried")
     for attempt in range(ATTEMPTS):
         growths = [

@@ -1,4 +1,4 @@
-"""State of one growing tree: its arrays, lists, and candidate terminals."""
+"""Arrays of one tree during growth: segments, spatial index, points for new terminals."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.tissue import Tissue
+from design.vasculature.growth.clearances import Clearances
 from design.vasculature.growth.final_tree import final_tree
 from design.vasculature.growth.index import CellIndex, empty_index
-from design.vasculature.growth.make_index import CELL, index_segments, room_of
+from design.vasculature.growth.make_index import CELL, clearances_of, index_segments
 from design.vasculature.growth.points import GivenPoints, Sampler
-from design.vasculature.growth.room import Room
 from design.vasculature.growth.sample import Samples, depth_first
 from design.vasculature.growth.state import SEGMENT
 from design.vasculature.growth.step import CANDIDATES, PROGRESS, Scale
@@ -42,7 +42,7 @@ class GrowthState:
     tissue: Tissue
     options: GrowthOptions
     others: Surroundings
-    room: Room
+    room: Clearances
     scale: Scale
     segments: NDArray[np.void]
     progress: NDArray[np.void]
@@ -89,7 +89,7 @@ class GrowthState:
             tissue,
             options,
             others,
-            room_of(tissue, options),
+            clearances_of(tissue, options),
             Scale(drop, root, spread, goal, volume, patience),
             np.concatenate([own, others.records()]) if others.count else own,
             progress,
@@ -166,7 +166,7 @@ class GrowthState:
             ends = [stage.terminals for stage in stages[:-1]]
             now = int(np.searchsorted(ends, self.terminals, side="right"))
             wish = self.options.at_stage(stages[now])
-        self.room = room_of(self.tissue, wish)
+        self.room = clearances_of(self.tissue, wish)
         if now != self.stage:
             self.stage = now
             self.sampler = Sampler.by(self.tissue, wish, self.others.owns)

@@ -1,4 +1,4 @@
-"""Grid index of a tree's segments, to find those that a capsule may touch."""
+"""Index a tree's segments by grid cells, to find those near a point or capsule."""
 
 from __future__ import annotations
 

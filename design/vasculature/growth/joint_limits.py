@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from design.vasculature.growth.room import neighbours_of
+from design.vasculature.growth.clearances import neighbours_of
 from design.vasculature.limits import Limits
 from kernels import jit
 

@@ -6,8 +6,13 @@ from typing import Any
 
 from design.geometry import point_segment
 from design.vasculature.growth.bifurcation import distance
+from design.vasculature.growth.clearances import (
+    Clearances,
+    TrialBifurcation,
+    kept_apart,
+    neighbours_of,
+)
 from design.vasculature.growth.joint_limits import fork_within_limits, joint_within_limits
-from design.vasculature.growth.room import Room, TrialBifurcation, kept_apart, neighbours_of
 from kernels import jit
 
 GOES = -1.0
@@ -15,7 +20,9 @@ GOES = -1.0
 
 
 @jit
-def ends_clear(room: Room, tip: Any, radius: float, begin: Any, end: Any, other: float) -> bool:
+def ends_clear(
+    room: Clearances, tip: Any, radius: float, begin: Any, end: Any, other: float
+) -> bool:
     """Whether a vessel's end keeps clear of a vessel that it shares its other node with.
 
     With the room's reserve on both radii, for they go on growing: joints that just parted when
@@ -35,7 +42,7 @@ def ends_clear(room: Room, tip: Any, radius: float, begin: Any, end: Any, other:
 
 
 @jit
-def joint_fits(segments: Any, room: Room, fork: TrialBifurcation) -> bool:
+def joint_fits(segments: Any, room: Clearances, fork: TrialBifurcation) -> bool:
     """Whether a fork's three pieces are long enough, and part from each other and at their ends."""
     s = segments[fork.segment]
     p, d = (s.px, s.py, s.pz), (s.dx, s.dy, s.dz)
@@ -62,7 +69,7 @@ def joint_fits(segments: Any, room: Room, fork: TrialBifurcation) -> bool:
 
 @jit
 def _still_parted(
-    segments: Any, room: Room, fork: TrialBifurcation, p: Any, b: Any, d: Any
+    segments: Any, room: Clearances, fork: TrialBifurcation, p: Any, b: Any, d: Any
 ) -> bool:
     """Whether the joints at either end of the parted segment bear the pieces it leaves there."""
     parent, sibling, left, right = neighbours_of(segments, fork.segment)
@@ -87,7 +94,7 @@ def _still_parted(
 
 
 @jit
-def limit_smaller_child(segments: Any, room: Room, i: int) -> None:
+def limit_smaller_child(segments: Any, room: Clearances, i: int) -> None:
     """Allow the smaller child of a joint that breaks the room's limits nothing: it must go."""
     if not room.limits.on or joint_within_limits(segments, room.limits, i):
         return
@@ -101,7 +108,7 @@ def limit_smaller_child(segments: Any, room: Room, i: int) -> None:
 
 
 @jit
-def limit_children(segments: Any, room: Room, left: Any, right: Any, parent: Any) -> None:
+def limit_children(segments: Any, room: Clearances, left: Any, right: Any, parent: Any) -> None:
     """Lower the ``allowed`` radii of a segment's children to where they still part.
 
     Each must end clear of its sibling and its parent, and be long enough for its radius. Where
@@ -132,7 +139,7 @@ def away_from(tip: Any, other: Any) -> float:
 
 
 @jit
-def largest_radius_beside(room: Room, away: float, other: float) -> float:
+def largest_radius_beside(room: Clearances, away: float, other: float) -> float:
     """Largest radius of a vessel ``away`` from another of radius ``other``, all in mm."""
     free = away - other
     # The kept distance goes by the thinner of the two, whichever that comes out to be.

@@ -1,10 +1,10 @@
-"""Build a growing tree's segment index, and its clearances from the options."""
+"""Build a growing tree's segment index; make its clearances from the options."""
 
 from __future__ import annotations
 
 from design.tissue import Tissue
+from design.vasculature.growth.clearances import MARGIN, Clearances
 from design.vasculature.growth.index import CellIndex, empty_index
-from design.vasculature.growth.room import MARGIN, Room
 from design.vasculature.growth.state import Segments
 from design.vasculature.growth.step import list_all, list_from
 from design.vasculature.options import GrowthOptions
@@ -15,7 +15,7 @@ CELL = 1.2
 
 
 def index_segments(
-    bounds: FloatArray, cell_mm: float, segments: Segments, own: int, others: int, room: Room
+    bounds: FloatArray, cell_mm: float, segments: Segments, own: int, others: int, room: Clearances
 ) -> CellIndex:
     """An index of the first ``own`` segments and the last ``others``, with room to spare."""
     end = len(segments)
@@ -29,9 +29,9 @@ def index_segments(
         entries *= 2
 
 
-def room_of(tissue: Tissue, options: GrowthOptions) -> Room:
+def clearances_of(tissue: Tissue, options: GrowthOptions) -> Clearances:
     """The distances and limits that the options ask for."""
-    return Room(
+    return Clearances(
         tissue.grid.arrays,
         options.clearance_mm,
         options.clearance_mm,

@@ -1,4 +1,4 @@
-"""Candidate positions of new terminals: sampled by demand, or given by the user."""
+"""Draw candidate positions of new terminals by demand, or take those given by the user."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def _named(at: FloatArray, which: NDArray[np.int64], away: FloatArray) -> str:
     return "; ".join(parts) + (f" (and {more} more)" if more > 0 else "")
 
 
-def in_the_way(segments: Segments, points: FloatArray, most: int) -> NDArray[np.int64]:
+def obstructing_segments(segments: Segments, points: FloatArray, most: int) -> NDArray[np.int64]:
     """Segments nearest to any of the points, ``most`` for each; of those that may go."""
     free = np.flatnonzero((segments["given"] == 0) & (segments["parent"] >= 0))
     begin, end = (

@@ -1,4 +1,4 @@
-"""Grow the largest printable tree: as asked, or as far as needle and walls allow."""
+"""Grow a tree to the terminals asked for, or as many as printable lumens and walls allow."""
 
 from __future__ import annotations
 

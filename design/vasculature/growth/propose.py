@@ -1,4 +1,4 @@
-"""Propose where a new terminal joins the tree: the cheapest feasible branch point."""
+"""Find the cheapest feasible branch point that joins a new terminal to the tree."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from design.vasculature.growth.bifurcation import best_place, distance, split_value
+from design.vasculature.growth.clearances import Clearances, TrialBifurcation
 from design.vasculature.growth.cost import ENOUGH, Sprout, climb
 from design.vasculature.growth.fit import fits
 from design.vasculature.growth.index import CellIndex
-from design.vasculature.growth.room import Room, TrialBifurcation
 from design.vasculature.options import Law
 from design.vasculature.penalty import PenaltyArrays, weigh_rise
 from kernels import jit
@@ -235,7 +235,7 @@ def model(s: Any, b: Any, t: Any, slopes: Any, sprout: Sprout, law: Law) -> floa
 def propose(
     segments: Any,
     index: CellIndex,
-    room: Room,
+    room: Clearances,
     penalty: PenaltyArrays,
     law: Law,
     limit: float,

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from design.tissue.depth import depth_along
-from design.vasculature.growth.fit import seven, widening
+from design.vasculature.growth.clearances import Clearances, neighbours_of
+from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.growth.joint_limits import end_fits, start_fits
 from design.vasculature.growth.joints import GOES
 from design.vasculature.growth.retip import move_tip, tip_near
-from design.vasculature.growth.room import Room, neighbours_of
 from design.vasculature.growth.state import place, refresh_upwards
 from design.vasculature.options import Law
 from kernels import jit
@@ -26,7 +26,7 @@ FEW = 4
 
 @jit
 def prune(
-    segments: Any, count: int, index: CellIndex, room: Room, law: Law, smallest: float
+    segments: Any, count: int, index: CellIndex, room: Clearances, law: Law, smallest: float
 ) -> int:
     """Take terminals away until no segment is wider than allowed; return the new count.
 
@@ -72,7 +72,7 @@ def prune(
 
 @jit
 def _thin_out(
-    segments: Any, i: int, goal: int, gone: Any, index: CellIndex, room: Room, law: Law
+    segments: Any, i: int, goal: int, gone: Any, index: CellIndex, room: Clearances, law: Law
 ) -> bool:
     """Take single terminals from a branch until it feeds ``goal``; False when they don't do."""
     tips = np.empty(segments[i].terminals, np.int32)
@@ -120,7 +120,7 @@ def _smaller_end(segments: Any, i: int) -> int:
 
 @jit
 def _take(
-    segments: Any, i: int, gone: Any, index: CellIndex, room: Room, law: Law, smallest: float
+    segments: Any, i: int, gone: Any, index: CellIndex, room: Clearances, law: Law, smallest: float
 ) -> None:
     """Take a branch away; where no straight is left for its sibling, all but one terminal of it.
 
@@ -146,7 +146,7 @@ def _take(
 
 @jit
 def _leave_one(
-    segments: Any, i: int, gone: Any, index: CellIndex, room: Room, law: Law, smallest: float
+    segments: Any, i: int, gone: Any, index: CellIndex, room: Clearances, law: Law, smallest: float
 ) -> bool:
     """Make a branch one terminal with a tip that fits; False when there is none."""
     one = i
@@ -181,7 +181,7 @@ def _join(segments: Any, parent: int, kept: int, taken: int, gone: Any, law: Law
 
 @jit
 def _straight_fits(
-    segments: Any, index: CellIndex, room: Room, parent: int, kept: int, taken: int
+    segments: Any, index: CellIndex, room: Clearances, parent: int, kept: int, taken: int
 ) -> bool:
     """Whether ``parent`` and ``kept`` can be one straight segment once ``taken`` is gone."""
     a, b = segments[parent], segments[kept]
@@ -197,8 +197,10 @@ def _straight_fits(
     if depth_along(room.grid, a.px, a.py, a.pz, b.dx, b.dy, b.dz, need) < need:
         return False
     above, aunt, _, _ = neighbours_of(segments, parent)
-    skip = seven(parent, kept, taken, above, aunt, b.left, b.right)
-    free = widening(index, segments, room, a.px, a.py, a.pz, b.dx, b.dy, b.dz, radius, skip, False)
+    skip = seven_integers(parent, kept, taken, above, aunt, b.left, b.right)
+    free = growth_factor(
+        index, segments, room, a.px, a.py, a.pz, b.dx, b.dy, b.dz, radius, skip, False
+    )
     return bool(free >= 1.0)
 
 

@@ -1,15 +1,15 @@
-"""Error messages for tree growth that runs out of room."""
+"""Compose the error message for tree growth that runs out of room."""
 
 from __future__ import annotations
 
 from design.errors import GrowthError
-from design.vasculature.growth.room import Room
+from design.vasculature.growth.clearances import Clearances
 from design.vasculature.growth.step import Scale
 from design.vasculature.options import GrowthOptions
 
 
-def no_room(
-    terminals: int, options: GrowthOptions, scale: Scale, room: Room, patience: int
+def out_of_room_error(
+    terminals: int, options: GrowthOptions, scale: Scale, room: Clearances, patience: int
 ) -> GrowthError:
     """The error that says how many terminals fit, and what might help."""
     smallest = options.smallest_radius_mm

@@ -8,11 +8,11 @@ import numpy as np
 
 from design.geometry import point_segment
 from design.vasculature.growth.bifurcation import distance
+from design.vasculature.growth.clearances import Clearances, kept_apart, neighbours_of
 from design.vasculature.growth.cost import from_gamma, to_gamma
-from design.vasculature.growth.fit import in_tissue, seven, widening
+from design.vasculature.growth.fit import growth_factor, in_tissue, seven_integers
 from design.vasculature.growth.index import REACH, CellIndex, insert
 from design.vasculature.growth.joint_limits import start_fits
-from design.vasculature.growth.room import Room, kept_apart, neighbours_of
 from design.vasculature.growth.state import place, refresh, refresh_upwards
 from design.vasculature.options import Law
 from kernels import jit
@@ -28,7 +28,7 @@ WAYS = 48
 
 @jit
 def tip_near(
-    segments: Any, i: int, index: CellIndex, room: Room, law: Law, weight: float, least: float
+    segments: Any, i: int, index: CellIndex, room: Clearances, law: Law, weight: float, least: float
 ) -> tuple[bool, tuple[float, float, float]]:
     """A tip that fits for branch ``i``, were it a terminal of flow times viscosity ``weight``.
 
@@ -64,7 +64,13 @@ def tip_near(
 
 @jit
 def retip_thin(
-    segments: Any, count: int, index: CellIndex, room: Room, law: Law, points: Any, least: float
+    segments: Any,
+    count: int,
+    index: CellIndex,
+    room: Clearances,
+    law: Law,
+    points: Any,
+    least: float,
 ) -> None:
     """Move each terminal whose allowed radius is 0 to one of ``points`` that makes it wide enough.
 
@@ -80,7 +86,7 @@ def retip_thin(
 
 @jit
 def _nearest_tip(
-    segments: Any, i: int, index: CellIndex, room: Room, law: Law, points: Any, least: float
+    segments: Any, i: int, index: CellIndex, room: Clearances, law: Law, points: Any, least: float
 ) -> int:
     s = segments[i]
     shortest, best = np.inf, -1
@@ -109,7 +115,9 @@ def _tip_radius(segments: Any, i: int, weight: float, length: float, law: Law) -
 
 
 @jit
-def _tip_fits(segments: Any, i: int, index: CellIndex, room: Room, t: Any, radius: float) -> bool:
+def _tip_fits(
+    segments: Any, i: int, index: CellIndex, room: Clearances, t: Any, radius: float
+) -> bool:
     s = segments[i]
     parent, sibling, _, _ = neighbours_of(segments, i)
     for n in (parent, sibling):
@@ -127,13 +135,15 @@ def _tip_fits(segments: Any, i: int, index: CellIndex, room: Room, t: Any, radiu
         return False
     if not in_tissue(room, s.px, s.py, s.pz, t[0], t[1], t[2], radius):
         return False
-    skip = seven(i, parent, sibling, -1, -1, -1, -1)
-    free = widening(index, segments, room, s.px, s.py, s.pz, t[0], t[1], t[2], radius, skip, False)
+    skip = seven_integers(i, parent, sibling, -1, -1, -1, -1)
+    free = growth_factor(
+        index, segments, room, s.px, s.py, s.pz, t[0], t[1], t[2], radius, skip, False
+    )
     return bool(free >= room.reserve)
 
 
 @jit
-def move_tip(segments: Any, i: int, index: CellIndex, room: Room, law: Law, t: Any) -> None:
+def move_tip(segments: Any, i: int, index: CellIndex, room: Clearances, law: Law, t: Any) -> None:
     """Put a terminal's tip elsewhere, and list it there besides."""
     s = segments[i]
     place(segments, i, (s.px, s.py, s.pz), (t[0], t[1], t[2]))

@@ -1,4 +1,4 @@
-"""Stem of a tree: the root's entry into the tissue, and its length."""
+"""Place a tree's stem (the root's entry into the tissue), and lengthen one too short."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from design.errors import RootError, TissueError
 from design.tissue import Tissue
-from design.vasculature.growth.room import Room
+from design.vasculature.growth.clearances import Clearances
 from design.vasculature.growth.state import Segments, place, refresh
 from design.vasculature.options import GrowthOptions, Law
 
@@ -81,12 +81,12 @@ def stem(
     return point, point + along[end] * direction
 
 
-def stem_is_short(segments: Segments, room: Room) -> bool:
+def stem_is_short(segments: Segments, room: Clearances) -> bool:
     """Whether the root's segment is shorter than its radius asks for."""
     return bool(segments[0]["length"] < room.length_to_radius * segments[0]["radius"])
 
 
-def lengthen_stem(segments: Segments, room: Room, law: Law) -> None:
+def lengthen_stem(segments: Segments, room: Clearances, law: Law) -> None:
     """Move the root's bifurcation on along the stem; the audit that follows judges it there."""
     s = segments[0]
     begin = np.array([s["px"], s["py"], s["pz"]])

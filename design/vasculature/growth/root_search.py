@@ -1,4 +1,4 @@
-"""Search for the root on the surface that serves the tissue at least cost."""
+"""Find the root on a tissue's surface of least tree cost, by growing small trial trees."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Target points for growth inside the tissue, sorted for memory locality."""
+"""Keep target points that lie inside the tissue, sorted; renumber segments by branch."""
 
 from __future__ import annotations
 

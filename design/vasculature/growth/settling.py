@@ -1,4 +1,4 @@
-"""Consistent radii and viscosities of a tree: viscosity depends on diameter."""
+"""Make a tree's radii and its diameter-dependent blood viscosities agree, by iteration."""
 
 from __future__ import annotations
 

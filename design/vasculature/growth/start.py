@@ -1,4 +1,4 @@
-"""Start a tree: its stem and its first two terminals."""
+"""Start a tree: connect its stem to the first two terminals that fit."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 from design.geometry import point_segment
 from design.vasculature.growth.bifurcation import distance
+from design.vasculature.growth.clearances import Clearances, kept_apart
 from design.vasculature.growth.fit import in_tissue
 from design.vasculature.growth.joint_limits import angles_fit, shares_fit
-from design.vasculature.growth.room import Room, kept_apart
 from design.vasculature.growth.sample import Samples
 from design.vasculature.growth.state import place, refresh
 from design.vasculature.options import Law
@@ -19,7 +19,7 @@ from kernels import jit
 
 @jit
 def first_pair(
-    segments: Any, room: Room, law: Law, root_radius: float, samples: Samples, least: float
+    segments: Any, room: Clearances, law: Law, root_radius: float, samples: Samples, least: float
 ) -> bool:
     """Grow the stem's two first terminals from two of the samples; False when none fit.
 
@@ -67,7 +67,7 @@ def first_pair(
 
 
 @jit
-def _stands(room: Room, stem: Any, t: Any, radius: float, root_radius: float) -> bool:
+def _stands(room: Clearances, stem: Any, t: Any, radius: float, root_radius: float) -> bool:
     """Whether a vessel from the stem's end to ``t`` is in the tissue and leaves the stem."""
     gap = radius + root_radius + kept_apart(room, radius, root_radius)
     away, _ = point_segment(t[0], t[1], t[2], stem.px, stem.py, stem.pz, stem.dx, stem.dy, stem.dz)

@@ -1,4 +1,4 @@
-"""State of a tree during growth: one record per segment."""
+"""Segment records of a growing tree: update flows and cost upwards, radii downwards."""
 
 from __future__ import annotations
 

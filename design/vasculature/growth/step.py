@@ -1,4 +1,4 @@
-"""One growth step: propose where a new terminal joins the tree, and commit it."""
+"""Grow a tree terminal by terminal: take the best branch point, add it, update radii."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 
 from design.tissue.depth import least_depth_along
 from design.tissue.grid import read
+from design.vasculature.growth.clearances import Clearances, neighbours_of
 from design.vasculature.growth.cost import Sprout
-from design.vasculature.growth.fit import seven, widening
+from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import REACH, CellIndex, insert, nearest_segments
 from design.vasculature.growth.propose import propose
-from design.vasculature.growth.room import Room, neighbours_of
 from design.vasculature.growth.sample import Samples
 from design.vasculature.growth.settling import follow_radii
 from design.vasculature.growth.state import place, refresh, refresh_upwards, spread_down
@@ -116,23 +116,27 @@ def thinnest(terminals: int, root_radius: float, law: Law, scale: Scale) -> floa
 
 
 @jit
-def settle(segments: Any, index: CellIndex, room: Room, i: int) -> bool:
+def set_allowed_radius(segments: Any, index: CellIndex, room: Clearances, i: int) -> bool:
     """Derive how wide segment ``i`` may grow and list it; False when the index is full."""
     s = segments[i]
     if s.given != 0:
         s.allowed = np.inf
         return insert(index, i, s, REACH * s.radius + room.clearance)
     parent, sibling, left, right = neighbours_of(segments, i)
-    skip = seven(i, parent, sibling, left, right, -1, -1)
+    skip = seven_integers(i, parent, sibling, left, right, -1, -1)
     most = REACH * s.radius + room.wall
     depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
-    free = widening(index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True)
+    free = growth_factor(
+        index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, True
+    )
     s.allowed = min(depth - room.wall, free * s.radius)
     return insert(index, i, s, REACH * s.radius + room.clearance)
 
 
 @jit
-def commit(segments: Any, count: int, index: CellIndex, room: Room, law: Law, fork: Any) -> bool:
+def commit(
+    segments: Any, count: int, index: CellIndex, room: Clearances, law: Law, fork: Any
+) -> bool:
     """Part the fork's segment and add the terminal as segments ``count`` and ``count + 1``.
 
     The segment itself becomes the upper part; the lower part takes its children. Returns False
@@ -162,9 +166,9 @@ def commit(segments: Any, count: int, index: CellIndex, room: Room, law: Law, fo
     refresh(segments, lower, law)
     refresh(segments, tip, law)
     refresh_upwards(segments, i, law)
-    done = settle(segments, index, room, i)
-    done = settle(segments, index, room, lower) and done
-    return settle(segments, index, room, tip) and done
+    done = set_allowed_radius(segments, index, room, i)
+    done = set_allowed_radius(segments, index, room, lower) and done
+    return set_allowed_radius(segments, index, room, tip) and done
 
 
 @jit
@@ -211,7 +215,7 @@ def derive_radii(segments: Any, progress: Any, law: Law, scale: Scale) -> None:
 def grow(
     segments: Any,
     index: CellIndex,
-    room: Room,
+    room: Clearances,
     law: Law,
     scale: Scale,
     penalty: PenaltyArrays,
@@ -271,13 +275,13 @@ def grow(
 
 
 @jit
-def list_all(segments: Any, count: int, index: CellIndex, room: Room) -> bool:
+def list_all(segments: Any, count: int, index: CellIndex, room: Clearances) -> bool:
     """List all segments in an empty index; False when it runs out of room."""
     return list_from(segments, 0, count, index, room)
 
 
 @jit
-def list_from(segments: Any, first: int, end: int, index: CellIndex, room: Room) -> bool:
+def list_from(segments: Any, first: int, end: int, index: CellIndex, room: Clearances) -> bool:
     """List segments ``first`` to ``end`` in an index; False when it runs out of room."""
     for i in range(first, end):
         s = segments[i]

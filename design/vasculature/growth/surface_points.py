@@ -1,4 +1,4 @@
-"""Points spread over a tissue's surface by area, where roots may enter."""
+"""Sample points uniformly on a tissue's surface, with inward normals, as possible roots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Surroundings of a growing tree: vessels of other trees, and its own tissue territory."""
+"""Vessels of other trees that a growing tree keeps clear of, and its share of the tissue."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.vasculature.growth.fit import seven, widening
+from design.vasculature.growth.clearances import Clearances
+from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import CellIndex
-from design.vasculature.growth.room import Room
 from design.vasculature.growth.state import SEGMENT
 from kernels import jit
 
@@ -57,17 +57,17 @@ class Surroundings:
 
 @jit
 def clear_of(
-    segments: Any, index: CellIndex, room: Room, begin: Any, points: Any, radius: float
+    segments: Any, index: CellIndex, room: Clearances, begin: Any, points: Any, radius: float
 ) -> Any:
     """Whether capsules from ``begin`` (3,) to each of ``points`` (n, 3) clear all that is listed.
 
     The index must list the vessels of others alone.
     """
     free = np.zeros(len(points), np.bool_)
-    skip = seven(-1, -1, -1, -1, -1, -1, -1)
+    skip = seven_integers(-1, -1, -1, -1, -1, -1, -1)
     for n in range(len(points)):
         t = points[n]
         x, y, z = begin[0], begin[1], begin[2]
-        least = widening(index, segments, room, x, y, z, t[0], t[1], t[2], radius, skip, False)
+        least = growth_factor(index, segments, room, x, y, z, t[0], t[1], t[2], radius, skip, False)
         free[n] = least >= room.reserve
     return free

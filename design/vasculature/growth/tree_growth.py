@@ -1,4 +1,4 @@
-"""Growth loop of one tree: add terminals, audit radii and repair."""
+"""Grow one tree to its goal: add terminals, check allowed radii, repair; in a loop."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import GrowthError, RootError
-from design.vasculature.growth.audit import measure_changed, measure_room
+from design.vasculature.growth.audit import measure_allowed_radii, measure_changed
+from design.vasculature.growth.clearances import MARGIN, MARGIN_AT_MOST, MARGIN_LEFT
 from design.vasculature.growth.final_tree import final_radii, share_by_demand
 from design.vasculature.growth.growth_state import ALL_AROUND, GrowthState
-from design.vasculature.growth.make_index import just_below, room_of
-from design.vasculature.growth.points import GivenPoints, in_the_way
+from design.vasculature.growth.make_index import clearances_of, just_below
+from design.vasculature.growth.points import GivenPoints, obstructing_segments
 from design.vasculature.growth.prune import prune
-from design.vasculature.growth.refusals import no_room
+from design.vasculature.growth.refusals import out_of_room_error
 from design.vasculature.growth.retip import retip_thin
-from design.vasculature.growth.room import MARGIN, MARGIN_AT_MOST, MARGIN_LEFT
 from design.vasculature.growth.root import lengthen_stem, stem, stem_is_short
 from design.vasculature.growth.sample import Samples
 from design.vasculature.growth.start import first_pair
@@ -145,20 +145,22 @@ class TreeGrowth(GrowthState):
             )
             # Points in the order of a curve fail together: a whole lot of them must.
             if self.given is None and self.progress["since"][0] > max(_PATIENCE, len(samples.at)):
-                raise no_room(self.terminals, self.options, self.scale, self.room, _PATIENCE)
+                raise out_of_room_error(
+                    self.terminals, self.options, self.scale, self.room, _PATIENCE
+                )
 
     def _relist(self) -> None:
         """List everything anew, and measure the room that each segment has."""
         self._reindex()
         # By the limits of the audit: those that a later stage sets for its own joints would close
         # the earlier ones'.
-        room = room_of(self.tissue, self.options.mildest())
+        room = clearances_of(self.tissue, self.options.mildest())
         if self.progress["careful"][0]:
             # The audit has measured all but what was pruned since.
             measure_changed(self.segments, self.count, self.index, room, 0.0, True)
         else:
             # Neighbours' shares have changed since each segment's room was measured.
-            measure_room(self.segments, self.count, self.index, room, 0.0, False)
+            measure_allowed_radii(self.segments, self.count, self.index, room, 0.0, False)
         derive_radii(self.segments, self.progress, self.options.law, self.scale)
 
     def _more(self) -> Samples:
@@ -181,7 +183,7 @@ class TreeGrowth(GrowthState):
             raise given.unreached(missing, self.tissue)
         s = self.segments[: self.count]
         s["allowed"] = np.inf
-        s["allowed"][in_the_way(s, given.at[missing], 1 + passes // 5)] = 0.0
+        s["allowed"][obstructing_segments(s, given.at[missing], 1 + passes // 5)] = 0.0
         self._reindex()
         try:
             self._prune()
@@ -207,13 +209,13 @@ class TreeGrowth(GrowthState):
         for its radius, nor a joint that breaks the limits.
         """
         smallest = self.options.smallest_radius_mm
-        self.room = room_of(self.tissue, self.options.mildest())
+        self.room = clearances_of(self.tissue, self.options.mildest())
         if self.sampler.flows:
             share_by_demand(self.segments, self.count, self.tissue, self.options, self.others.owns)
         final_radii(self.segments, self.count, self.options, self.scale)
         self._reindex()
         least = just_below(smallest or 0.0)
-        left = measure_room(self.segments, self.count, self.index, self.room, least, True)
+        left = measure_allowed_radii(self.segments, self.count, self.index, self.room, least, True)
         return int(left) + self._stem_is_short()
 
     def _stem_is_short(self) -> bool:

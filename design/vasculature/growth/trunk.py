@@ -1,4 +1,4 @@
-"""Start a tree from an existing artery: its segments stay, new branches leave it."""
+"""Turn an existing artery into the fixed trunk of a tree to be grown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lay the connecting curves between matched terminals one by one; retry those that failed."""
+"""Lay a connecting vessel between each pair of matched terminals; retry those that failed."""
 
 from __future__ import annotations
 

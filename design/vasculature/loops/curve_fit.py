@@ -1,4 +1,4 @@
-"""Fit a curve between two terminals and compute its cost (compiled)."""
+"""Check a connecting curve against obstacles, and compute its radius and cost (compiled)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Choose the cheapest feasible Bézier curve between two terminals (compiled)."""
+"""Choose the cheapest Bézier curve between two terminals that clears all else (compiled)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.loops.curve_fit import (
@@ -18,8 +17,6 @@ from design.vasculature.loops.curve_fit import (
     weigh,
 )
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
 
 PIECES = 10
 """Straight pieces of a Bézier curve at most."""

@@ -1,4 +1,4 @@
-"""Options of connecting vessels between trees."""
+"""Options of the vessels that connect trees' terminals: clearance, bends, cost weights."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Close arterial and venous trees into loops: every terminal joined to one of the other side."""
+"""Join every arterial terminal to a venous one by a curved vessel, for closed loops."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Matching of arterial with venous terminals."""
+"""Match arterial with venous terminals one to one, with least total distance."""
 
 from __future__ import annotations
 

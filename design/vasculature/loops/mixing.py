@@ -1,4 +1,4 @@
-"""Mixing networks: terminals of three and more trees that meet at shared nodes."""
+"""Join terminals of three or more trees, one of each, at common mixing nodes."""
 
 from __future__ import annotations
 

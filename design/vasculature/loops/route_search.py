@@ -1,4 +1,4 @@
-"""Shortest collision-free route between two terminals on a lattice, by A*."""
+"""Search the shortest collision-free route between two terminals on a lattice, by A*."""
 
 from __future__ import annotations
 

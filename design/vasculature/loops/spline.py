@@ -1,4 +1,4 @@
-"""Fit a composite cubic curve to a route: uniform B-spline, relaxed within clearances."""
+"""Smooth a route to a cubic B-spline, relaxed as far as clearances allow (compiled)."""
 
 from __future__ import annotations
 

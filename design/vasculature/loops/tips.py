@@ -1,4 +1,4 @@
-"""Tips of trees: terminals at which connecting vessels begin and end."""
+"""Terminals of trees for connecting vessels: place, allowed directions, shortening."""
 
 from __future__ import annotations
 

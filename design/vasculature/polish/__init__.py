@@ -1,4 +1,7 @@
-"""Polish: lower a grown tree's cost as a whole, under the constraints it was grown with."""
+"""Optimise a grown tree afterwards: move branch points and branches to lower its cost.
+
+Goes in: a grown tree. Comes out: the same terminals at less cost. Begin with `polish.py`.
+"""
 
 from design.vasculature.polish.cost import tree_volume
 from design.vasculature.polish.options import PolishOptions

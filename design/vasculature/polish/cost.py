@@ -1,4 +1,4 @@
-r"""A finished tree's exact cost, and its gradient with respect to every branch point.
+r"""Compute a finished tree's exact cost and its gradient by branch point positions.
 
 With a mean terminal flow q and a fixed pressure drop Δp the cost Σ ℓᵘ r^λ of a whole tree is
 (q/Δp)^(λ/4) K_root (`growth.cost`), the volume for u = 1, λ = 2 times π. It depends on
@@ -24,7 +24,6 @@ from math import pi
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.vasculature.growth.cost import joined_load, to_gamma, to_lambda, to_u
 from design.vasculature.growth.state import SEGMENT, Segments, refresh_all, spread_down
@@ -32,8 +31,6 @@ from design.vasculature.options import Law
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
 
 
 def law_of(tree: VesselTree, length_exponent: float = 1.0, radius_exponent: float = 2.0) -> Law:

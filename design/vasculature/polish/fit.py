@@ -1,4 +1,4 @@
-"""Check a moved branch point: tissue, neighbours and the joints around it."""
+"""Check that a moved branch point fits: in the tissue, between neighbours, at its joints."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Any
 
 from design.geometry import point_segment
 from design.vasculature.growth.bifurcation import distance
-from design.vasculature.growth.fit import in_tissue, seven, widening
+from design.vasculature.growth.clearances import Clearances, kept_apart, neighbours_of
+from design.vasculature.growth.fit import growth_factor, in_tissue, seven_integers
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.growth.joint_limits import node_within_limits
-from design.vasculature.growth.room import Room, kept_apart, neighbours_of
 from kernels import jit
 
 JOINT = 1.01
@@ -35,7 +35,7 @@ def length_of(a: Any, b: Any) -> float:
 
 
 @jit
-def elbow(room: Room, at: Any, a: Any, ra: float, b: Any, rb: float) -> float:
+def elbow(room: Clearances, at: Any, a: Any, ra: float, b: Any, rb: float) -> float:
     """Room between two segments from one node to ``a`` and ``b``, over their radii.
 
     The far end of each must clear the other; negative where one doesn't.
@@ -47,13 +47,13 @@ def elbow(room: Room, at: Any, a: Any, ra: float, b: Any, rb: float) -> float:
 
 
 @jit
-def stretch(room: Room, length: float, radius: float) -> float:
+def stretch(room: Clearances, length: float, radius: float) -> float:
     """Room between a length and the shortest allowed, over the radius."""
     return length / (JOINT * radius) - room.length_to_radius
 
 
 @jit
-def slack_above(segments: Any, room: Room, i: int, end: Any, radius: float) -> float:
+def slack_above(segments: Any, room: Clearances, i: int, end: Any, radius: float) -> float:
     """Least room at the near end of segment ``i`` if it ended at ``end``."""
     parent, sibling, _, _ = neighbours_of(segments, i)
     if parent < 0:
@@ -67,7 +67,7 @@ def slack_above(segments: Any, room: Room, i: int, end: Any, radius: float) -> f
 
 
 @jit
-def slack_below(segments: Any, room: Room, i: int, begin: Any, radius: float) -> float:
+def slack_below(segments: Any, room: Clearances, i: int, begin: Any, radius: float) -> float:
     """Least room at the far end of segment ``i`` if it began at ``begin``."""
     s = segments[i]
     if s.left < 0:
@@ -81,7 +81,7 @@ def slack_below(segments: Any, room: Room, i: int, begin: Any, radius: float) ->
 
 
 @jit
-def node_slack(segments: Any, room: Room, i: int, b: Any, radii: Any) -> float:
+def node_slack(segments: Any, room: Clearances, i: int, b: Any, radii: Any) -> float:
     """Least room in the joints that move with the far end of segment ``i`` to ``b``.
 
     ``radii`` are those of the segment, its left and its right child.
@@ -103,7 +103,7 @@ def node_slack(segments: Any, room: Room, i: int, b: Any, radii: Any) -> float:
 
 @jit
 def node_fits(
-    index: CellIndex, segments: Any, room: Room, i: int, b: Any, radii: Any, joint: float
+    index: CellIndex, segments: Any, room: Clearances, i: int, b: Any, radii: Any, joint: float
 ) -> bool:
     """Whether the far end of segment ``i`` may move to ``b``; the cheap tests first.
 
@@ -123,27 +123,29 @@ def node_fits(
     if not in_tissue(room, b[0], b[1], b[2], c[0], c[1], c[2], radii[2]):
         return False
     parent, sibling, _, _ = neighbours_of(segments, i)
-    skip = seven(i, parent, sibling, left, right, -1, -1)
+    skip = seven_integers(i, parent, sibling, left, right, -1, -1)
     if not _clear(index, segments, room, p, b, radii[0], skip):
         return False
-    skip = seven(i, left, right, segments[left].left, segments[left].right, -1, -1)
+    skip = seven_integers(i, left, right, segments[left].left, segments[left].right, -1, -1)
     if not _clear(index, segments, room, b, a, radii[1], skip):
         return False
-    skip = seven(i, left, right, segments[right].left, segments[right].right, -1, -1)
+    skip = seven_integers(i, left, right, segments[right].left, segments[right].right, -1, -1)
     return _clear(index, segments, room, b, c, radii[2], skip)
 
 
 @jit
 def _clear(
-    index: CellIndex, segments: Any, room: Room, a: Any, b: Any, radius: float, skip: Any
+    index: CellIndex, segments: Any, room: Clearances, a: Any, b: Any, radius: float, skip: Any
 ) -> bool:
-    free = widening(index, segments, room, a[0], a[1], a[2], b[0], b[1], b[2], radius, skip, False)
+    free = growth_factor(
+        index, segments, room, a[0], a[1], a[2], b[0], b[1], b[2], radius, skip, False
+    )
     return bool(free >= room.reserve)
 
 
 @jit
 def capsule_fits(
-    index: CellIndex, segments: Any, room: Room, a: Any, b: Any, radius: float, skip: Any
+    index: CellIndex, segments: Any, room: Clearances, a: Any, b: Any, radius: float, skip: Any
 ) -> bool:
     """Whether a capsule from ``a`` to ``b`` is in the tissue and clear of all but ``skip``."""
     if not in_tissue(room, a[0], a[1], a[2], b[0], b[1], b[2], radius):

@@ -1,4 +1,4 @@
-"""Topology optimisation of a tree: cut a branch and graft it where total cost is lower.
+"""Cut each branch off a tree and graft it onto another segment if total cost falls.
 
 The move is the subtree transfer of Guy et al. 2019 (doi 10.1109/TBME.2019.2942313) and Jessen et
 al. 2024 (arXiv 2410.06002), with the exact cost of the whole tree: cutting leaves a straight
@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from design.vasculature.growth.clearances import Clearances, TrialBifurcation, neighbours_of
 from design.vasculature.growth.cost import joined_load
 from design.vasculature.growth.index import REACH, CellIndex, insert, nearest_segments
-from design.vasculature.growth.room import Room, TrialBifurcation, neighbours_of
 from design.vasculature.options import Law
 from design.vasculature.polish.cost import fork_slopes, relengthened, walk_up
 from design.vasculature.polish.fit import far_end, length_of, near_end
 from design.vasculature.polish.graft_fit import branch_fits, fork_fits, straight_fits, way_fits
 from design.vasculature.polish.relax import GAIN, all_radii
-from design.vasculature.polish.topology import attach, cut_branch, detach, is_below, uncut
+from design.vasculature.polish.topology import attach, cut_branch, detach, is_below, undo_cut
 from kernels import jit
 
 CANDIDATES = 10
@@ -153,7 +153,7 @@ def _rank(
 def _try_fork(
     segments: Any,
     index: CellIndex,
-    room: Room,
+    room: Clearances,
     law: Law,
     flow_over_drop: float,
     fork: TrialBifurcation,
@@ -177,7 +177,7 @@ def _try_fork(
 
 
 @jit
-def _list_anew(segments: Any, index: CellIndex, room: Room, i: Any) -> bool:
+def _list_anew(segments: Any, index: CellIndex, room: Clearances, i: Any) -> bool:
     """List a moved segment; how wide it may grow is unknown until the next audit."""
     s = segments[i]
     s.allowed = np.inf
@@ -188,7 +188,7 @@ def _list_anew(segments: Any, index: CellIndex, room: Room, i: Any) -> bool:
 def graft_branch(
     segments: Any,
     index: CellIndex,
-    room: Room,
+    room: Clearances,
     law: Law,
     flow_over_drop: float,
     c: Any,
@@ -229,7 +229,7 @@ def graft_branch(
                     listed = _list_anew(segments, index, room, i)
                     done = done and listed
                 return 1 if done else 2
-    uncut(segments, p, a, c, saved, law)
+    undo_cut(segments, p, a, c, saved, law)
     return 0
 
 
@@ -237,7 +237,7 @@ def graft_branch(
 def graft(
     segments: Any,
     index: CellIndex,
-    room: Room,
+    room: Clearances,
     law: Law,
     flow_over_drop: float,
     branches: Any,

@@ -1,4 +1,4 @@
-"""Check whether a branch fits at its new parent, and whether the vessels left behind do."""
+"""Check that a branch fits at its new parent, and that the vessels left behind still fit."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from design.vasculature.growth.fit import seven
+from design.vasculature.growth.clearances import Clearances, TrialBifurcation, neighbours_of
+from design.vasculature.growth.fit import seven_integers
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.growth.joint_limits import end_fits, losing_fits, start_fits
 from design.vasculature.growth.joints import joint_fits
-from design.vasculature.growth.room import Room, TrialBifurcation, neighbours_of
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import (
     capsule_fits,
@@ -26,7 +26,7 @@ from kernels import jit
 
 @jit
 def fork_fits(
-    index: CellIndex, segments: Any, room: Room, fork: TrialBifurcation, c: Any, gone: Any
+    index: CellIndex, segments: Any, room: Clearances, fork: TrialBifurcation, c: Any, gone: Any
 ) -> bool:
     """Whether branch ``c`` fits on the fork's segment; ``gone`` is no obstacle any more."""
     i = int(fork.segment)
@@ -44,19 +44,19 @@ def fork_fits(
     if room.limits.on and not end_fits(segments, room.limits, c, b):
         return False
     parent, sibling, left, right = neighbours_of(segments, i)
-    skip = seven(i, c, gone, branch.left, branch.right, -1, -1)
+    skip = seven_integers(i, c, gone, branch.left, branch.right, -1, -1)
     if not capsule_fits(index, segments, room, b, t, fork.new, skip):
         return False
-    skip = seven(i, c, gone, parent, sibling, -1, -1)
+    skip = seven_integers(i, c, gone, parent, sibling, -1, -1)
     if not capsule_fits(index, segments, room, p, b, fork.up, skip):
         return False
-    skip = seven(i, c, gone, left, right, -1, -1)
+    skip = seven_integers(i, c, gone, left, right, -1, -1)
     return bool(capsule_fits(index, segments, room, b, d, fork.low, skip))
 
 
 @jit
 def straight_fits(
-    index: CellIndex, segments: Any, room: Room, p: Any, c: Any, gone: Any, radius: float
+    index: CellIndex, segments: Any, room: Clearances, p: Any, c: Any, gone: Any, radius: float
 ) -> bool:
     """Whether the straight left by `cut` fits."""
     s = segments[p]
@@ -76,7 +76,7 @@ def straight_fits(
     ):
         return False
     parent, sibling, left, right = neighbours_of(segments, p)
-    skip = seven(p, c, gone, parent, sibling, left, right)
+    skip = seven_integers(p, c, gone, parent, sibling, left, right)
     return bool(capsule_fits(index, segments, room, a, b, radius, skip))
 
 

@@ -1,4 +1,4 @@
-"""Options of polishing (post-growth optimisation of) a tree."""
+"""Options of polishing (optimising after growth) a tree: limits, rounds, tolerance."""
 
 from __future__ import annotations
 

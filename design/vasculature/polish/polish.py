@@ -1,4 +1,4 @@
-"""Polish a grown tree: relax all its branch points, then graft branches where they cost less."""
+"""Lower a grown tree's cost: relax all its branch points, then graft branches elsewhere."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from design.vasculature.collisions.collide import collisions
 from design.vasculature.convert import tree_to_network
 from design.vasculature.polish.cost import tree_volume
 from design.vasculature.polish.options import PolishOptions
-from design.vasculature.polish.workbench import Bench
+from design.vasculature.polish.working_arrays import Bench
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
 

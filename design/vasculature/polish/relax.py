@@ -1,4 +1,4 @@
-"""Move branch points towards lower cost, in sweeps over the whole tree."""
+"""Move branch points of a tree towards lower cost, in sweeps over the whole tree."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from design.vasculature.growth.clearances import Clearances
 from design.vasculature.growth.cost import joined_load
 from design.vasculature.growth.index import REACH, CellIndex, insert
-from design.vasculature.growth.room import Room
 from design.vasculature.growth.state import place, refresh, refresh_upwards, spread_down
 from design.vasculature.options import Law
 from design.vasculature.polish.cost import fork_slopes, relengthened, walk_up
@@ -97,7 +97,7 @@ def best_node(segments: Any, i: int, law: Law) -> tuple[float, float, float]:
 
 @jit
 def commit_node(
-    segments: Any, index: CellIndex, room: Room, law: Law, i: int, b: Any, radii: Any
+    segments: Any, index: CellIndex, room: Clearances, law: Law, i: int, b: Any, radii: Any
 ) -> bool:
     """Move the far end of segment ``i``; False when the index is full."""
     s = segments[i]
@@ -120,7 +120,7 @@ def commit_node(
 def _try_node(
     segments: Any,
     index: CellIndex,
-    room: Room,
+    room: Clearances,
     law: Law,
     flow_over_drop: float,
     i: int,
@@ -159,7 +159,7 @@ def _aside(here: Any, to: Any, way: float, angle: float) -> tuple[float, float, 
 def relax_node(
     segments: Any,
     index: CellIndex,
-    room: Room,
+    room: Clearances,
     law: Law,
     flow_over_drop: float,
     i: int,
@@ -194,7 +194,7 @@ def relax_node(
 def relax(
     segments: Any,
     index: CellIndex,
-    room: Room,
+    room: Clearances,
     law: Law,
     flow_over_drop: float,
     nodes: Any,

@@ -1,4 +1,4 @@
-"""Push branch points aside until slightly too wide vessels fit again."""
+"""Move branch points of a polished tree until vessels slightly too wide fit again."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from design.vasculature.growth.clearances import Clearances
 from design.vasculature.growth.index import CellIndex
-from design.vasculature.growth.room import Room
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import far_end, node_fits, node_slack
 from design.vasculature.polish.relax import commit_node, node_value
@@ -29,7 +29,7 @@ DIRECTIONS = np.array(
 
 @jit
 def push_wide(
-    segments: Any, index: CellIndex, room: Room, law: Law, flow_over_drop: float
+    segments: Any, index: CellIndex, room: Clearances, law: Law, flow_over_drop: float
 ) -> tuple[int, bool]:
     """Push the ends of all segments that are wider than allowed to where they fit.
 
@@ -61,7 +61,7 @@ def push_wide(
 
 @jit
 def _push(
-    segments: Any, index: CellIndex, room: Room, law: Law, flow_over_drop: float, i: int
+    segments: Any, index: CellIndex, room: Clearances, law: Law, flow_over_drop: float, i: int
 ) -> int:
     """Push the far end of segment ``i``: 0 no place, 1 done, 2 done and index full."""
     s = segments[i]
@@ -79,7 +79,7 @@ def _push(
 def _push_to(
     segments: Any,
     index: CellIndex,
-    room: Room,
+    room: Clearances,
     law: Law,
     flow_over_drop: float,
     i: int,

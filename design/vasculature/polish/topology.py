@@ -1,10 +1,10 @@
-"""Cut a branch off a tree and graft it elsewhere, with undo."""
+"""Elementary edits of a tree: cut a branch off, attach it to another segment, undo either."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from design.vasculature.growth.room import TrialBifurcation, neighbours_of
+from design.vasculature.growth.clearances import TrialBifurcation, neighbours_of
 from design.vasculature.growth.state import place, refresh, refresh_upwards
 from design.vasculature.options import Law
 from design.vasculature.polish.fit import far_end, near_end
@@ -41,7 +41,7 @@ def cut_branch(segments: Any, c: Any, saved: Any, law: Law) -> int:
 
 
 @jit
-def uncut(segments: Any, p: Any, a: Any, c: Any, saved: Any, law: Law) -> None:
+def undo_cut(segments: Any, p: Any, a: Any, c: Any, saved: Any, law: Law) -> None:
     """Undo `cut_branch`."""
     segments[p], segments[a], segments[c] = saved[0], saved[1], saved[2]
     if segments[a].left >= 0:

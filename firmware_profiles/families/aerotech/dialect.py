@@ -1,4 +1,4 @@
-"""G-code dialect of Aerotech controllers; not verified on a machine.
+"""G-code dialect for an Aerotech A3200 or Automation1 controller; not verified on a machine.
 
 The file is loaded by the controller's own software. Automation1's help
 (help.aerotech.com/automation1, "G-Code Programming"): G90; G76, time in seconds, so that F is mm/s;

@@ -1,4 +1,4 @@
-"""Facts about Aerotech controllers, which run a program file and accept no streamed lines."""
+"""Aerotech's family record: known codes, dialect; runs program files, takes no streamed lines."""
 
 from __future__ import annotations
 

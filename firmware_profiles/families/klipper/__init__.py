@@ -1,4 +1,7 @@
-"""Klipper: firmware family package."""
+"""Klipper firmware: known commands, G-code dialect, safety rules and link protocol.
+
+Its `FAMILY` stands in `facts`. Begin with `facts.py`.
+"""
 
 from firmware_profiles.families.klipper.facts import FAMILY
 

@@ -1,4 +1,4 @@
-"""Commands that Klipper knows, with their parameters.
+"""Table of the commands that Klipper knows, with their parameters.
 
 ``gcode.py``, ``gcode_move.py``, ``toolhead.py``, ``extruder.py``, ``heaters.py``, ``fan.py`` and
 docs/G-Codes.md: what a printer.cfg with an extruder, a bed and a fan gives. Macros and commands of

@@ -1,4 +1,4 @@
-"""Facts about Klipper, as a firmware family.
+"""Klipper's family record: dialect, allowed extra commands, queries, resets, idle timeout, heads.
 
 Sources: ``idle_timeout.py``, ``force_move.py``, ``gcode_move.py``, ``kinematics/extruder.py``,
 ``toolhead.py``, docs/Kinematics.md (pressure advance).

@@ -1,4 +1,4 @@
-"""Klipper link protocol; follows the firmware's source, untested on hardware.
+"""Klipper link protocol: one plain line until its ok, no resends; untested on hardware.
 
 Facts (Klipper `klippy/gcode.py`, version of 2025): a line number is skipped and a checksum taken
 off unchecked; each line gets an ``ok``, after ``!! <why>`` where the command failed and after

@@ -1,4 +1,4 @@
-"""Doubt about the last line that Marlin accepted: phases, time limits and evidence."""
+"""Collect replies while the last line accepted by Marlin is unsure; check if its answers agree."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
-from firmware_profiles.families import question
+from firmware_profiles.families import harmless_query
 from firmware_profiles.families.marlin.replies import (
     ORDER_ERROR,
     Kind,
@@ -16,7 +16,7 @@ from firmware_profiles.families.marlin.replies import (
     unknown_command,
 )
 
-QUESTION: Final = question.QUESTION
+QUESTION: Final = harmless_query.QUESTION
 RENUMBER: Final = b"\n" + frame(0, b"M110 N0")
 
 

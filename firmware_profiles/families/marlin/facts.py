@@ -1,4 +1,4 @@
-"""Facts about Marlin, as a firmware family.
+"""Marlin's family record: protocol, codes, dialect, pre-job queries, idle timeout, heads.
 
 Sources: https://marlinfw.org/meta/gcode/ (M85, M302, M900, M218); the recorded bugfix-2.1.x (M503
 S0, M211, M220: ``FR:100%``, M221: ``E0 Flow: 100%``, M111: ``DEBUG:DRYRUN``, M302 ``Cold extrudes

@@ -1,4 +1,4 @@
-"""Send two lines at once to Marlin: the rule that permits it without loss or duplication.
+"""Decide if two G-code lines may leave for Marlin at once, and the bytes held back of the second.
 
 Either two lines leave in *one* write and only when nothing is in flight; the next leave when both
 are acknowledged. So a reply's way back (a USB adapter holds it for 1 to 16 ms) is paid for once in

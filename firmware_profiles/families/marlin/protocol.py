@@ -1,4 +1,4 @@
-"""Marlin's link protocol (1.1 to 2.1): numbered lines, resends, recovery from every doubt.
+"""Marlin's serial protocol (1.1 to 2.1): numbered lines, resends, recovery of the last line taken.
 
 Every line, manual commands too, is ``N<number> <command>*<xor>``. The printer takes line N only
 after line N-1, so lines can be neither doubled nor swapped by sending one again; what remains is
@@ -39,9 +39,9 @@ from firmware_profiles.families.line_errors import LineErrors
 from firmware_profiles.families.link_protocol import Event
 from firmware_profiles.families.link_timing import Timing
 from firmware_profiles.families.marlin.doubt import RENUMBER, Phase, QueryGoal
-from firmware_profiles.families.marlin.doubting import DoubtResolver
-from firmware_profiles.families.marlin.hearing import ReplyHandler
+from firmware_profiles.families.marlin.doubt_resolver import DoubtResolver
 from firmware_profiles.families.marlin.pairing import Pairing
+from firmware_profiles.families.marlin.reply_handler import ReplyHandler
 from firmware_profiles.families.marlin.sender import Sender
 from firmware_profiles.families.marlin.state import LineState, Wording
 

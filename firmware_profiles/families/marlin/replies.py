@@ -1,4 +1,4 @@
-"""Parse Marlin's reply lines, and frame the lines sent to it. Pure functions."""
+"""Classify Marlin's reply lines; frame outgoing commands with line number and checksum."""
 
 from __future__ import annotations
 

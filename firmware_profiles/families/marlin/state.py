@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from firmware_profiles.families.line_errors import LineErrors
 from firmware_profiles.families.link_protocol import Event, Fault
 from firmware_profiles.families.link_timing import Timing
+from firmware_profiles.families.marlin.bit_flips import guard_command
 from firmware_profiles.families.marlin.doubt import QUESTION, DoubtEvidence, Phase, QueryGoal
-from firmware_profiles.families.marlin.guarding import guarded
 from firmware_profiles.families.marlin.pairing import Pairing
 from firmware_profiles.families.marlin.replies import Reply, classify
 from firmware_profiles.families.marlin.tokens import Tokens
@@ -39,7 +39,7 @@ class Wording:
     classify: Callable[[bytes], Reply] = classify
     two_resends: bool = False
     make_tokens: type[Tokens] = Tokens
-    guard: Callable[[bytes], bytes] = guarded
+    guard: Callable[[bytes], bytes] = guard_command
 
 
 @dataclass(eq=False, slots=True)

@@ -1,4 +1,4 @@
-"""Synchronisation tokens: texts that Marlin echoes after it has executed all earlier lines.
+"""Make and recognise M118 texts that Marlin echoes once it has processed all earlier lines.
 
 An ``ok`` doesn't say which line it answers, and may come at any later time. So after a doubt no ok
 is believed until a token (``M118 E1 at 33.2``) has come back: commands are carried out in the order

@@ -1,4 +1,4 @@
-"""Facts about Prusa-Firmware, a fork of Marlin 1; not verified on a board.
+"""Prusa-Firmware's family record: Marlin's with codes added and missing; not verified on a board.
 
 Source: ``Marlin_main.cpp``. M85 as Marlin's; M302 knows S alone, 0 where it isn't given.
 It isn't known to have M410, and the time for which

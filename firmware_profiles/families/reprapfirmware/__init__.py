@@ -1,4 +1,7 @@
-"""RepRapFirmware: firmware family package."""
+"""RepRapFirmware (Duet): known commands, G-code dialect, safety rules and link protocol.
+
+Its `FAMILY` stands in `facts`. Begin with `facts.py`.
+"""
 
 from firmware_profiles.families.reprapfirmware.facts import FAMILY
 

@@ -1,4 +1,4 @@
-"""Commands that RepRapFirmware knows, with their parameters.
+"""Table of the commands that RepRapFirmware knows, with their parameters.
 
 Every ``case`` of ``GCodes2.cpp`` (3.5) but M667, which it refuses; a macro file of a command's
 name makes it known, too. Words: 3.x ``GCodes*.cpp``.

@@ -1,4 +1,4 @@
-"""Facts about RepRapFirmware (Duet); not verified on a board.
+"""RepRapFirmware's family record: syntax, dialect, queries, heads; not verified on a board.
 
 Sources: RepRapFirmware 3.5 ``GCodes2.cpp`` (M302 P1 as Marlin's; M85 is taken and does nothing, M84
 S lowers the idle motors' current only; M203 in mm/min; G92 X Y Z makes the axes count as homed,

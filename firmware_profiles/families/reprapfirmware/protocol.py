@@ -1,4 +1,4 @@
-"""RepRapFirmware (Duet) link protocol; follows the firmware's source, untested on hardware.
+"""RepRapFirmware link protocol: CRC-16 lines, position asked after silence; untested on hardware.
 
 Facts (RepRapFirmware `StringParser.cpp`, 3.x): with ``N`` in front a line is checked, by an XOR of
 one to three digits or a CRC-16 of five; one that fails is dropped without a word, neither ok nor

@@ -1,4 +1,7 @@
-"""Smoothieware: firmware family package."""
+"""Smoothieware: known commands, G-code dialect, safety rules and link protocol.
+
+Its `FAMILY` stands in `facts`. Begin with `facts.py`.
+"""
 
 from firmware_profiles.families.smoothieware.facts import FAMILY
 

@@ -1,4 +1,4 @@
-"""Facts about Smoothieware; not verified on a board.
+"""Smoothieware's family record: known codes, syntax, queries, resets; not verified on a board.
 
 Sources: https://smoothieware.org/supported-g-codes, ``Robot.cpp``, ``GcodeDispatch.cpp``. No
 timeout; it extrudes cold, and answers ok to what it doesn't know. What M220 and M221 have set it

@@ -1,4 +1,8 @@
-"""Calibration prints (lines, spiral, joint, bridge, comb) and sheets for their measurements."""
+"""Calibration prints (lines, spiral, joint, bridge, comb) and sheets for their measurements.
+
+Goes in: printer, ink, needle and speeds. Comes out: a test print, its drawing, a sheet to fill in.
+Begin with `plan.py`.
+"""
 
 from printctl.calibration.patterns.files import PatternSetUp, WrittenPattern, read_pattern
 from printctl.calibration.patterns.lines import LineSeries, lines_pattern, spiral_pattern

@@ -1,4 +1,4 @@
-"""Read and write a calibration pattern's file: the printed lines, printer, ink and needle."""
+"""Read and write a calibration pattern's JSON file: strokes, printer, syringe, ink and needle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbered drawing of a calibration pattern, for use beside the dish or the microscope."""
+"""Draw a calibration pattern with numbered lines (SVG), for use beside dish or microscope."""
 
 from __future__ import annotations
 

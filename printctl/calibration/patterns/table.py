@@ -1,4 +1,4 @@
-"""CSV sheet for typing in the widths measured on a calibration pattern."""
+"""Write the CSV sheet for a calibration pattern's measurements, blank or filled in."""
 
 from __future__ import annotations
 

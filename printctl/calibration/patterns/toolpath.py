@@ -1,4 +1,4 @@
-"""Convert a calibration pattern to moves of the needle."""
+"""Convert a calibration pattern to a toolpath: prime, write, relieve and lift for each stroke."""
 
 from __future__ import annotations
 

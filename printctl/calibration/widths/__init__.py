@@ -1,10 +1,17 @@
-"""Ink properties from a calibration print's widths, measured in a picture or typed in."""
+"""Fit ink properties to a calibration print's widths, gaps and bridges, typed or from a picture.
 
-from printctl.calibration.widths.answer import Answer, Change, Replies, Widths
+Goes in: a pattern and its measured widths. Comes out: properties of the ink. Begin with `fit.py`.
+"""
+
 from printctl.calibration.widths.factors import GivenValues
 from printctl.calibration.widths.fit import fit_replies, fit_widths
-from printctl.calibration.widths.seen import MeasuredPicture, PictureFacts, measure_picture
-from printctl.calibration.widths.typed import typed_replies, typed_widths
+from printctl.calibration.widths.picture_widths import (
+    MeasuredPicture,
+    PictureFacts,
+    measure_picture,
+)
+from printctl.calibration.widths.result import Answer, Change, Replies, Widths
+from printctl.calibration.widths.typed_sheet import typed_replies, typed_widths
 
 __all__ = [
     "Answer",

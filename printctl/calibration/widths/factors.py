@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from printctl.calibration.estimate import Estimate
 from printctl.calibration.patterns import WrittenPattern
-from printctl.calibration.widths.answer import Change
+from printctl.calibration.widths.result import Change
 from printctl.errors import UsageError
 
 _FLOW = (0.2, 5.0)

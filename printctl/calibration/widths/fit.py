@@ -1,4 +1,4 @@
-"""Fit the constants of each kind of calibration pattern."""
+"""Choose and run the fit for a calibration pattern: lines, spiral, comb, joints or bridges."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import replace
 from typing import Final
 
 from printctl.calibration.patterns import WrittenPattern
-from printctl.calibration.widths.answer import Answer, Replies, Widths
 from printctl.calibration.widths.factors import GivenValues
 from printctl.calibration.widths.lines import fit_lines
 from printctl.calibration.widths.meetings import fit_bridge, fit_comb, fit_joint
+from printctl.calibration.widths.result import Answer, Replies, Widths
 from printctl.calibration.widths.spiral import fit_spiral
 
 VAGUE: Final = 0.05

@@ -10,7 +10,7 @@ import numpy as np
 
 from printctl.calibration.estimate import Estimate, fit_line
 from printctl.calibration.patterns import WrittenPattern
-from printctl.calibration.widths.answer import Answer, Change, FloatArray, Replies
+from printctl.calibration.widths.result import Answer, Change, FloatArray, Replies
 
 OPEN: Final = 0.8
 """Of the ways across a gap that must be open for it to be."""
@@ -107,7 +107,7 @@ def fit_joint(written: WrittenPattern, replies: Replies) -> Answer:
 
 
 def fit_bridge(written: WrittenPattern, replies: Replies) -> Answer:
-    """Longest span that held."""
+    """Estimate the longest unsupported bridge from measured spans."""
     return _yes_no(
         written,
         replies,

@@ -18,9 +18,9 @@ from scipy.optimize import least_squares
 
 from printctl.calibration.estimate import Estimate, fit_line, quantile
 from printctl.calibration.patterns import WrittenPattern
-from printctl.calibration.widths.answer import Answer, FloatArray, Widths
 from printctl.calibration.widths.factors import GivenValues, factors
 from printctl.calibration.widths.lines import shares_along
+from printctl.calibration.widths.result import Answer, FloatArray, Widths
 from printctl.errors import UsageError
 
 _FEWEST: Final = 8

@@ -12,7 +12,7 @@ from firmware_profiles import Needle, Syringe, load
 from printctl.calibration.estimate import Estimate
 from printctl.calibration.lag import Lag, LagPattern, expected_width, fit_lag
 from printctl.calibration.patterns import CLEAR, Pattern, WrittenPattern
-from printctl.calibration.widths.answer import END, Change, FloatArray, Widths
+from printctl.calibration.widths.result import END, Change, FloatArray, Widths
 from printctl.errors import UsageError
 
 

@@ -1,4 +1,7 @@
-"""3D flow on MPI ranks: find the engine's Python, start the ranks or write a batch script."""
+"""Run a 3D flow case on MPI ranks with a FEniCSx Python found here, or write a Slurm script.
+
+Goes in: a case folder. Comes out: its result, or a script for a cluster. Begin with `run.py`.
+"""
 
 from printctl.flow.ranks.engine import Engine, find_engine
 from printctl.flow.ranks.run import run_on_ranks

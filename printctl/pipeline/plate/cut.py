@@ -1,4 +1,4 @@
-"""Cut one well's part out of the executed motion of a whole plate."""
+"""Cut one well's moves out of the executed motion of a simulated plate print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulate the G-code of a plate: all checks of a single part's job, and of each well."""
+"""Simulate a plate's G-code, and check it as a single part's job and well by well."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from printctl.preflight import (
     Check,
     PrintTime,
     bath_checks,
+    compare_well_moves,
     gcode_checks,
     read_wells,
     refuse_failed,
-    same_as_alone,
     shaft_checks,
     viability_checks,
     viability_facts,
@@ -163,7 +163,9 @@ def _as_alone(run: PlateRun, program: Program, of_line: NDArray[np.int64]) -> li
         rows = of_line[program.line - 1] == number
         moved = run.place_of(well) - of.place_mm
         checks.append(
-            same_as_alone(well.name, (program, rows), jobs[of.folder.name], moved, whole.printer)
+            compare_well_moves(
+                well.name, (program, rows), jobs[of.folder.name], moved, whole.printer
+            )
         )
     failed = [check for check in checks if not check.passed]
     return failed or [max(checks, key=lambda check: check.value)]

@@ -1,4 +1,4 @@
-"""Check that a part fits into a well, before planning."""
+"""Refuse a part too wide for its well with the needle's clearance, before planning."""
 
 from __future__ import annotations
 

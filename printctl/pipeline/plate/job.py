@@ -1,4 +1,4 @@
-"""Combine the toolpaths of all wells into the job of a plate."""
+"""Join the toolpaths of all wells into one plate job; write its G-code and line map."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from design.toolpath import Toolpath
 from design.toolpath.file import load_toolpath
-from design.toolpath.gcode import Gcode, labelled, save_gcode, stream_gcode
+from design.toolpath.gcode import Gcode, add_labels, save_gcode, stream_gcode
 from design.toolpath.gcode.dialect import dialect_of
-from design.toolpath.wells import Trip, led_to, place_in_well, written_ul
+from design.toolpath.wells import Trip, place_in_well, with_approach, written_ul
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.plate.job_map import (
     bundles_of,
@@ -126,7 +126,7 @@ def _parts(
         laid.written_ul.append(written_ul(path) / doses)
         way = 0
         if at is not None:
-            path, way = led_to(path, at, _trip(run, before, of))
+            path, way = with_approach(path, at, _trip(run, before, of))
         laid.first.append(laid.moves + way)
         laid.moves += len(path)
         laid.after.append(laid.moves)
@@ -152,7 +152,7 @@ def _marked(
         report((number + 1) / len(run.wells), f"well {well.name}")
         first, after = laid.first[number], laid.after[number]
         texts = {first: f"WELL:{well.name} {well.label}", after: f"WELL_END:{well.name}"}
-        found = labelled(part, texts, comment)
+        found = add_labels(part, texts, comment)
         inside = (found.line_move >= first) & (found.line_move < after)
         laid.well_of_line.append(np.where(inside, number, NOWHERE).astype(np.int16))
         yield found

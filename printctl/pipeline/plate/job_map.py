@@ -1,4 +1,4 @@
-"""Map of a plate job's lines to wells, strands and design parts."""
+"""Arrays for a plate job's line map: the well of each G-code line, and all wells' vessels."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def bundles_of(run: PlateRun) -> WellBundles | None:
     owner = [one.owner + first for one, first in zip(each, vessels, strict=False)]
     places = [run.place_of(well) for well in run.wells]
     strands = [one.network.moved(place) for one, place in zip(each, places, strict=True)]
-    return WellBundles(each, Bundles(beside_each_other(strands), np.concatenate(owner)))
+    return WellBundles(each, Bundles(combine_networks(strands), np.concatenate(owner)))
 
 
 def first_sources(bundles: WellBundles | None) -> Iterator[int]:
@@ -81,7 +81,7 @@ def written_in_all(run: PlateRun, bundles: WellBundles) -> dict[str, NDArray[Any
         written_beside(run.run_of(well), own, ahead=False)
         for well, own in zip(run.wells, bundles.each, strict=True)
     ]
-    whole = beside_each_other(
+    whole = combine_networks(
         [run.run_of(well).written_network.moved(run.place_of(well)) for well in run.wells]
     )
     found = {f"network_{name}": getattr(whole, name) for name in _NETWORK}
@@ -92,7 +92,7 @@ def written_in_all(run: PlateRun, bundles: WellBundles) -> dict[str, NDArray[Any
     return found | {"needles_mm": each[0]["needles_mm"], "place_mm": np.zeros(3)}
 
 
-def beside_each_other(networks: Sequence[VesselNetwork]) -> VesselNetwork:
+def combine_networks(networks: Sequence[VesselNetwork]) -> VesselNetwork:
     """Networks that don't touch as one, their vessels one after another."""
     nodes = np.append(0, np.cumsum([len(one.nodes) for one in networks]))
     points = np.append(0, np.cumsum([len(one.points) for one in networks]))

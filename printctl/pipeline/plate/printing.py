@@ -1,4 +1,4 @@
-"""Print stage of a plate, with progress by well."""
+"""Print stage of a plate: a single part's print stage, its progress naming the current well."""
 
 from __future__ import annotations
 

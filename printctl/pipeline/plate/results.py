@@ -1,4 +1,4 @@
-"""Results of a plate's run: report.html, report.json, wells.csv, plate.svg."""
+"""Collect a plate run's results; write report.html, report.json, wells.csv and plate.svg."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from printctl.pipeline.plate.printing import print_stage
 from printctl.pipeline.plate.results import collect_plate, write_results, write_table
 from printctl.pipeline.plate.wells import PlateRun, make_folders, plate_run
 from printctl.pipeline.sequences import DESIGN, JOB
-from printctl.pipeline.stage import Stage, run_as_one, run_stages
+from printctl.pipeline.stage import Stage, run_stages, run_under_one_bar
 from printctl.pipeline.stages import registration, report, scan
 from printctl.pipeline.stages.toolpath import PATH
 
@@ -79,7 +79,7 @@ def _job(whole: RunContext) -> PlateRun:
 def _each(run: PlateRun, stages: Sequence[Stage], what: str) -> None:
     for context in run.runs.values():
         try:
-            run_as_one(context, stages, run.whole.bars, f"{context.title} {what}")
+            run_under_one_bar(context, stages, run.whole.bars, f"{context.title} {what}")
         except SafetyError as exc:
             well = next(well for well in run.wells if well.name == context.title)
             raise SafetyError(f"well {well.name} ({well.label}): {exc}") from exc

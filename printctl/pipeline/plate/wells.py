@@ -1,4 +1,4 @@
-"""Read a recipe's plate: the printed wells, and a run folder for each."""
+"""Set up a recipe's wells: the variant, position and run folder of each printed well."""
 
 from __future__ import annotations
 

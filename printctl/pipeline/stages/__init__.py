@@ -1,1 +1,4 @@
-"""Pipeline stages, one file each: inputs, dependencies, work."""
+"""Pipeline stages, one file each: inputs, dependencies, work.
+
+Goes in: a `RunContext`. Comes out: a stage's files in the run folder. Begin with `toolpath.py`.
+"""

@@ -26,6 +26,7 @@ from printctl.preflight import (
     accepted_text,
     bath_checks,
     budget_of,
+    check_each_head,
     chemistry_check,
     dish_checks,
     floor_check,
@@ -35,7 +36,6 @@ from printctl.preflight import (
     held_check,
     ink_use,
     needle_check,
-    of_each_head,
     placed_failures,
     read_written,
     refuse_failed,
@@ -91,7 +91,7 @@ def all_checks(context: RunContext, run: DryRun) -> list[Check]:
     needles = [one.needle for one in context.loads]
     return [
         *gcode_checks(run, printer),
-        *of_each_head(run, printer, lambda k, view, one: of_head(context, view, one, k, ink_ul)),
+        *check_each_head(run, printer, lambda k, view, one: of_head(context, view, one, k, ink_ul)),
         *head_checks(run, printer, dish, needles),
         *common,
     ]

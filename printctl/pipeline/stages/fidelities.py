@@ -1,4 +1,4 @@
-"""Stage 3b: 3D flow, and comparison of fidelities, if the recipe asks for it."""
+"""Stage 3b: 3D flow, and comparison of 0D, 1D and 3D flow, if the recipe asks for it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 from design.hemodynamics import PulsatileConditions
 from design.lattices import build_lattice
 from printctl.flow import pulsatile_conditions
-from printctl.flow.beside import set_beside
 from printctl.flow.fidelities import Case, solve_fidelities
+from printctl.flow.lattice_comparison import compare_with_lattice
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import flow
@@ -28,7 +28,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     if asked_for is not None and asked_for.lattice is not None:
         # In the design's size and at its flow: that is what both were made for.
         lattice = build_lattice(context.tissue, asked_for.lattice.options())
-        found.summary["beside"], files = set_beside(
+        found.summary["beside"], files = compare_with_lattice(
             context.folder, context.designed_network, lattice, context.designed_conditions
         )
         found.files += files

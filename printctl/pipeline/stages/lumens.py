@@ -1,4 +1,4 @@
-"""Stage 7: check in the G-code that each vessel is open and leak-free.
+"""Stage 6b: check in the G-code that each vessel is open and leak-free.
 
 A compensated print is held against the network as it is to be written, since that is what its lines
 should leave open; the scan will be held against the design.
@@ -18,7 +18,6 @@ from printctl.bead import written_filaments
 from printctl.errors import SafetyError
 from printctl.lumens import (
     FilamentCheck,
-    Filaments,
     LumenCheck,
     Writing,
     check_filaments,
@@ -33,6 +32,7 @@ from printctl.pipeline.stages.toolpath import of_heads, plain_job
 from printctl.progress import Report
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
+from sim.deposit.strands import Strands
 from sim.dry_run.run import dry_run
 
 LUMENS: Final = "lumens.json"
@@ -104,7 +104,7 @@ def hold(context: RunContext, report: Report) -> LumenCheck | FilamentCheck:
     return check_filaments(ideal, after, context.written_network, context.place_mm, LEAK_MM)
 
 
-def _filaments(context: RunContext, gcode: bytes, writing: Writing) -> tuple[Filaments, Filaments]:
+def _filaments(context: RunContext, gcode: bytes, writing: Writing) -> tuple[Strands, Strands]:
     """As the file says and as motors do it; of a compensated job as planned and as predicted."""
     if not compensates(context):
         return read_filaments(gcode, writing)

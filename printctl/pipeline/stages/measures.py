@@ -1,4 +1,4 @@
-"""Stage 3b: measure the network's supply of the tissue, as designed and as printable."""
+"""Stage 3c: measure the network's supply of the tissue: distances to lumens, supply over demand."""
 
 from __future__ import annotations
 

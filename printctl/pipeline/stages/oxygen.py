@@ -1,4 +1,4 @@
-"""Stage 3c: oxygen in vessels and tissue, if the recipe asks for it."""
+"""Stage 3d: oxygen in vessels and tissue, if the recipe asks for it."""
 
 from __future__ import annotations
 

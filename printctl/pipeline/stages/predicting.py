@@ -13,7 +13,7 @@ from printctl.bead import (
     Mounting,
     OutputFiles,
     VesselDiameters,
-    of_bundles,
+    merge_bundles,
     predict_job,
     prediction_facts,
     vessel_diameters,
@@ -104,7 +104,7 @@ def _held(
 ) -> VesselDiameters:
     factor = swell(one.mounting.ink)[0]
     found = vessel_diameters(bead, source, bundles.network, context.place_mm, factor)
-    return found if bundles.is_plain else of_bundles(found, bundles.owner)
+    return found if bundles.is_plain else merge_bundles(found, bundles.owner)
 
 
 def _uncompensated(context: RunContext) -> VesselDiameters:

@@ -1,4 +1,4 @@
-"""Stage 7: print, through a link process."""
+"""Stage 7: print the job through a separate link process, and follow it to its end."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
 from printctl.link import Care, PrintOutcome
 from printctl.link.families import refuse_unsent
-from printctl.link.finding import named_port
+from printctl.link.port_detection import named_port
 from printctl.link.retreat import Retreat
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
@@ -25,7 +25,7 @@ from printctl.printing import (
     simulated_printer,
     usable_mm,
 )
-from printctl.printing.executed import is_whole
+from printctl.printing.executed_note import is_complete_record
 from printctl.progress import Report
 from printctl.recipe.making import SimulatedScan
 from printctl.run_folder.artefacts import GCODE
@@ -167,7 +167,7 @@ def load_finished_print(context: RunContext) -> tuple[dict[str, Any], Sequence[s
     if not isinstance(context.scan_part, SimulatedScan):
         return summary, []
     job = digest_file(gcode)
-    if not is_whole(context.folder / EXECUTED, job, context.printer):
+    if not is_complete_record(context.folder / EXECUTED, job, context.printer):
         raise PrinterFailedError(
             f"what the motors did in that print isn't known ({EXECUTED} is missing, broken off, or "
             "of another version), so its scan can't be simulated; print it again on the simulated "

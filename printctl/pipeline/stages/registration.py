@@ -14,10 +14,10 @@ from design.files import write_text
 from design.solids import Solid
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.measurement_record import Corrections, add_record
+from printctl.pipeline.pose_error import pose_error
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.scan import TRUTH, digest_user_files, load_scan, scan_name
 from printctl.pipeline.tracing import by_layer, made_by, read_job
-from printctl.pipeline.truth import pose_error
 from printctl.progress import Report
 from printctl.recipe.making import FileScan, Fresh, SimulatedScan
 from printctl.recipe.record import RecordPart
@@ -39,7 +39,7 @@ from registration import (
 )
 from registration.geometry import check_designed, read_datums
 from registration.judging import judge
-from registration.optics import relaid
+from registration.optics import is_resampled
 from registration.result import SIGN
 from registration.views import add_scan_places, save_views, take_views
 from registration.walls_file import read_walls
@@ -87,7 +87,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     report(0.9, "writing")
     write_text(context.folder / NUMBERS, json.dumps(summary, indent=1, allow_nan=False) + "\n")
     write_deviation(context.folder / DEVIATION, found)
-    views = take_views(scan, model, found, summary, not relaid(scan))
+    views = take_views(scan, model, found, summary, not is_resampled(scan))
     save_views(context.folder / VIEWS, views)
     names = write_exports(context.folder, scan, context.network, (found, summary))
     if isinstance(context.scan_part, SimulatedScan):
@@ -119,7 +119,8 @@ def add_traces(summary: dict[str, Any], context: RunContext, found: Registration
         context.place_mm,
     )
     # What was written, back in the design's size, where the scan's deviations and defects are.
-    job = replace(job, start=stretch.back(job.start), end=stretch.back(job.end))
+    moves = replace(job.moves, start=stretch.back(job.moves.start), end=stretch.back(job.moves.end))
+    job = replace(job, moves=moves)
     if isinstance(part, Fresh):
         line_mm = part.line_um * 1e-3
         summary["by_layer"] = by_layer(found, job)

@@ -11,14 +11,14 @@ from design.files import write_text
 from design.hemodynamics import read_flow_csv
 from printctl.bead import PLAYED
 from printctl.flow import TABLE, WAVES, read_waves
-from printctl.flow.beside import PICTURE
 from printctl.flow.fidelities import COMPARED, SEEN
+from printctl.flow.lattice_comparison import PICTURE
 from printctl.gcode_view import Pushing
 from printctl.link.print_identity import print_identity
 from printctl.oxygen import CAPTION, SLICE
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.layer_pictures import layer_pictures
-from printctl.pipeline.outlined import outlined_design
+from printctl.pipeline.outlines import outlined_design
 from printctl.pipeline.stages.measures import key_numbers
 from printctl.pipeline.stages.printing import JOURNAL_FOLDER
 from printctl.pipeline.verdict import verdict

@@ -1,4 +1,4 @@
-"""Stage 8: read the scan, or simulate one of the simulated print."""
+"""Stage 8: read the user's scan, or simulate a scan of the simulated print."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from design.files import write_text
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.filled import Filled
+from printctl.pipeline.head_contents import Filled
 from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
@@ -26,7 +26,7 @@ from registration.corrected import corrected_scan
 from registration.errors import RegistrationError
 from registration.readers import is_mosaic, listed_files
 from registration.writers import write_scan
-from sim.bead import laid_deposit
+from sim.bead import bead_deposit
 from sim.deposit.lay import Deposit, deposit, deposit_of_heads, unite_deposits
 from sim.deposit.pneumatic import pneumatic_deposit
 from sim.dry_run.run import dry_run
@@ -151,12 +151,12 @@ def predicted_ink(
     x, y, z = context.start_mm.tolist()
     run = dry_run(gcode, context.printer, (x, y, z))
     bead = predicted_of_motion(context, run, gcode, motion).bead
-    return laid_deposit(bead, voxel_mm, math.sqrt(more))
+    return bead_deposit(bead, voxel_mm, math.sqrt(more))
 
 
 def area_mm2(filled: Filled) -> float:
     """What comes out for a way of the plunger: the writer pushes more where less comes out."""
-    return math.pi / 4 * filled.syringe.inner_mm**2 * filled.ink.flow_factor
+    return filled.syringe.area_mm2 * filled.ink.flow_factor
 
 
 def inks_of(

@@ -6,18 +6,14 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from design.solids import surface_genus, validate_file
+from design.solids import surface_genus, validate_files
 from printctl.pipeline.built_solids import built_solids
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.solid_files import checkable, write_solids
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
 from printctl.recipe.growth import NamedNetwork
-from printctl.run_folder.artefacts import LUMEN, NETWORK, SOLID, SURFACE
-
-SOLID_3MF = "solid.3mf"
-NAMES = (LUMEN, SOLID, SOLID_3MF)
-"""Files by default."""
+from printctl.run_folder.artefacts import NETWORK, SOLID, SURFACE
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
@@ -26,7 +22,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     report(0.6, "writing")
     names, steps = write_solids(context, built)
     report(0.8, "reading back")
-    checks = {name: validate_file(context.folder / name) for name in names if checkable(name)}
+    checks = validate_files([context.folder / name for name in names if checkable(name)])
     for check in checks.values():
         check.require_valid()
         if check.crossing_faces:

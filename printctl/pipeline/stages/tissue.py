@@ -1,4 +1,4 @@
-"""Stage 1: load or build the tissue."""
+"""Stage 1: load or build the tissue volume, and write its surface."""
 
 from __future__ import annotations
 

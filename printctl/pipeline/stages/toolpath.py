@@ -42,16 +42,16 @@ from design.toolpath.gcode import (
 )
 from firmware_profiles import Bath, Printer, Syringe
 from printctl.errors import UsageError
-from printctl.pipeline.compensated import (
+from printctl.pipeline.apply_compensation import (
     check_compensation,
     compensation_facts,
     solid_dependence,
     written_solid,
 )
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.early import refuse_early
+from printctl.pipeline.early_refusals import refuse_early
 from printctl.pipeline.facts import heads_dump
-from printctl.pipeline.filled import Filled, needle_options
+from printctl.pipeline.head_contents import Filled, needle_options
 from printctl.pipeline.heads import layer_lines_um
 from printctl.pipeline.lag import ahead_of_lag, measured_lag_s, relief_ul
 from printctl.pipeline.priming import primed

@@ -1,4 +1,4 @@
-"""Stage 2: the vessel network: a named one, one from a file, or a grown one."""
+"""Stage 2: load a shipped or given vessel network, or grow one, and write it."""
 
 from __future__ import annotations
 
@@ -13,17 +13,23 @@ from scipy.spatial import cKDTree
 from design.anatomy.network import curved_network
 from design.hemodynamics import scaled_network
 from design.lattices import build_lattice
-from design.network import VesselKind, VesselNetwork
+from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
-from design.tissue import check_supplied
 from design.vasculature import (
     check_network,
+    check_parts,
     collisions,
+    parts_to_network,
     planar_four_vessel,
-    tree_to_network,
 )
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.growing import anatomic_trees, closed_loop, grown_tree, said_of
+from printctl.pipeline.growing import (
+    anatomic_trees,
+    closed_loop,
+    grown_parts,
+    loops_report,
+    supply_report,
+)
 from printctl.pipeline.growth_source import read_given
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
@@ -75,28 +81,29 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
             network, clearance = planar_four_vessel(), 0.0
         case GivenNetwork():
             network, notes = read_given(context.recipe_folder / part.network, part.unit)
-            notes += parts_told(network)
+            notes += parts_note(network)
             clearance = part.clearance_mm
             if part.overlaps == "tell":
-                notes += overlaps_told(network, clearance)
+                notes += overlap_note(network, clearance)
                 return network, {"notes": list(notes)}
         case LatticeNetwork():
             network, clearance = build_lattice(context.tissue, part.options()), 0.0
-            check_supplied(context.tissue, network.nodes)
+            check_parts(context.tissue, network.nodes)
         case GrownNetwork() if part.anatomy is not None:
             found = anatomic_trees(context, part)
             return curved_network(found.trees, found.kinds), {"notes": list(found.notes)}
         case GrownNetwork():
-            tree = grown_tree(context, part)
-            return tree_to_network(tree, VesselKind.ARTERY), {"notes": list(tree.notes)}
+            grown = grown_parts(context, part)
+            told = {"notes": list(grown.notes), **supply_report(grown.supply)}
+            return parts_to_network(grown), told
         case ClosedLoop():
             closed = closed_loop(context.tissue, part, context.recipe.seed)
-            return closed.network, {"loops": said_of(closed)}
+            return closed.network, {"loops": loops_report(closed)}
     check_network(network, clearance)
     return network, {"notes": list(notes)} if notes else {}
 
 
-def overlaps_told(network: VesselNetwork, clearance_mm: float) -> tuple[str, ...]:
+def overlap_note(network: VesselNetwork, clearance_mm: float) -> tuple[str, ...]:
     """A sentence on vessels nearer than the clearance where they don't meet; none without any."""
     found = collisions(network, clearance_mm)
     if not found.count:
@@ -111,7 +118,7 @@ def overlaps_told(network: VesselNetwork, clearance_mm: float) -> tuple[str, ...
     )
 
 
-def parts_told(network: VesselNetwork) -> tuple[str, ...]:
+def parts_note(network: VesselNetwork) -> tuple[str, ...]:
     """A sentence on parts that share no node, and how near their nodes come; none of one part."""
     ends = network.vessel_nodes
     used = np.unique(ends)

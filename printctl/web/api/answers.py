@@ -1,4 +1,4 @@
-"""Error responses shared by all routes of the REST API."""
+"""Documented REST error statuses with their JSON body, and the installed program version."""
 
 from __future__ import annotations
 

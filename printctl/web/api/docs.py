@@ -1,4 +1,4 @@
-"""Offline page that shows the OpenAPI description."""
+"""Serve an offline HTML page at /api/docs that shows the OpenAPI description."""
 
 from __future__ import annotations
 

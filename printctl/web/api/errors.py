@@ -1,4 +1,4 @@
-"""Error responses of the REST API: ``{"error": class, "message": text}`` and a status."""
+"""Turn exceptions into REST error responses: ``{"error": class, "message": text}`` and status."""
 
 from __future__ import annotations
 

@@ -13,13 +13,13 @@ from pydantic import BaseModel, Field
 from printctl.web.api.answers import API, REFUSALS, our_version
 from printctl.web.controls import Principal
 from printctl.web.core import Core
-from printctl.web.stop_door.wires import UNHEARD, Wires
+from printctl.web.stop_process.connections import UNHEARD, Wires
 
 BEAT_S: Final = 3.0
 """So often a listener hears that the server lives, even without news."""
 
 _PATIENCE_S: Final = 2.5
-"""As the stop door waits for the word that a printer has halted."""
+"""As the stop process waits for the word that a printer has halted."""
 
 
 class Health(BaseModel):

@@ -7,8 +7,8 @@ from typing import Any
 from pydantic import BaseModel, Field
 
 from printctl.web.design.checking import CheckedRecipe
-from printctl.web.design.making import RunProgress
 from printctl.web.design.recipes import RecipeText
+from printctl.web.design.run_processes import RunProgress
 
 
 class Refusal(BaseModel):
@@ -55,7 +55,7 @@ class RecipeAnswer(BaseModel):
 
 
 def problems(checked: CheckedRecipe) -> list[ProblemAnswer]:
-    """As the API tells them."""
+    """Serialise validation problems for the REST API."""
     return [ProblemAnswer(path=list(p.path), message=p.message) for p in checked.problems]
 
 

@@ -1,4 +1,4 @@
-"""Check a recipe for the editor: each error at its field, in plain words."""
+"""Check a recipe for the editor: schema, named profiles and files; each error at its field."""
 
 from __future__ import annotations
 

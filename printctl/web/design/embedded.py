@@ -1,4 +1,4 @@
-"""Serve an embedded HTML page of the product offline, sandboxed.
+"""HTTP response with a generated HTML page (network, layers, report) for a sandboxed frame.
 
 It runs its own scripts in a sandbox: without our origin it has neither cookies nor the API.
 """

@@ -1,4 +1,4 @@
-"""Read, write and remove a value of a recipe by its path, for the recipe form.
+"""Read, set, remove and list recipe values by path; find the form field of a path.
 
 A place is a path of keys and indices, as the user's file has them.
 """

@@ -1,4 +1,4 @@
-"""Design page of the web interface: layout and route."""
+"""Lay out the Design page at /design: recipe toolbar; tabs to edit, run, view and compare."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 
 from nicegui import events, ui
 
-from printctl.web.design.pane.compare_tab import CompareTab
-from printctl.web.design.pane.editor import Editor
-from printctl.web.design.pane.embed import follow_theme
-from printctl.web.design.pane.look_tab import LookTab
-from printctl.web.design.pane.make_tab import MakeTab
-from printctl.web.design.pane.recipe_tab import RecipeTab
-from printctl.web.design.pane.recipes_bar import RecipesBar
 from printctl.web.design.service import DesignService
+from printctl.web.design.widgets.compare_tab import CompareTab
+from printctl.web.design.widgets.editor import Editor
+from printctl.web.design.widgets.embed import follow_theme
+from printctl.web.design.widgets.make_tab import MakeTab
+from printctl.web.design.widgets.recipe_tab import RecipeTab
+from printctl.web.design.widgets.recipes_bar import RecipesBar
+from printctl.web.design.widgets.view_tab import ViewTab
 from printctl.web.shell.frame import frame
 from printctl.web.shell.run_or_notify import run_or_notify
 
@@ -58,7 +58,7 @@ class _Page:
             with ui.tab_panel("make"):
                 self._make = MakeTab(self._service, self._editor)
             with ui.tab_panel("look"):
-                self._look = LookTab(self._service)
+                self._look = ViewTab(self._service)
             with ui.tab_panel("compare"):
                 self._compare = CompareTab(self._service)
         await ui.context.client.connected()

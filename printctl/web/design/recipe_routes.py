@@ -1,4 +1,4 @@
-"""REST routes of recipes."""
+"""REST routes for recipes: list, create, import, check, write, copy, rename, delete, restore."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recipes stored in the workspace: list, create, write, rename, delete, restore."""
+"""Recipes stored in the workspace: list, create, upload, check, write, rename, delete, restore."""
 
 from __future__ import annotations
 

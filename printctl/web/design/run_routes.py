@@ -1,4 +1,4 @@
-"""REST routes of runs."""
+"""REST routes for runs: start, continue, cancel, progress, figures, files, pages, comparison."""
 
 from __future__ import annotations
 

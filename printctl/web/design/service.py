@@ -1,4 +1,4 @@
-"""Design page's service: recipes and runs, independent of the web framework."""
+"""Service behind the Design page and its REST routes: recipes, runs, figures, files, comparison."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Final
 
 from printctl.web.core import Core
-from printctl.web.design.look import (
+from printctl.web.design.recipes import Recipes
+from printctl.web.design.run_processes import Runs
+from printctl.web.design.run_views import (
     Comparison,
     Figure,
     compare_runs,
@@ -14,8 +16,6 @@ from printctl.web.design.look import (
     key_figures,
     network_page,
 )
-from printctl.web.design.making import Runs
-from printctl.web.design.recipes import Recipes
 from printctl.web.errors import NotFoundError
 
 ARTEFACTS: Final[dict[str, str]] = {

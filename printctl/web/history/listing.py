@@ -12,7 +12,7 @@ from printctl.errors import UsageError
 from printctl.link.history_entry import PrintEntry
 from printctl.link.history_query import PAGE, HistoryPage, SortBy
 from printctl.records.table import local_time
-from printctl.web.history.look import STYLE, cell, download, head
+from printctl.web.history.layout import STYLE, cell, download, head
 from printctl.web.history.print_filter import PrintFilter
 from printctl.web.history.service import HistoryService
 from printctl.web.history.wording import duration, state_words

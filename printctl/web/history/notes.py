@@ -8,7 +8,7 @@ from typing import Any, Final
 from nicegui import ui
 
 from printctl.records.table import local_time
-from printctl.web.history.look import card, facts
+from printctl.web.history.layout import card, facts
 
 NAMES: Final = {
     "operator": "Operator",
@@ -32,7 +32,7 @@ _LONGEST: Final = 4000
 
 def note_card(note: Mapping[str, Any]) -> None:
     """Show the record; nothing where nothing was noted."""
-    rows = list(values_told(note))
+    rows = list(filled_values(note))
     lists = {name: note[key] for key, name in _LISTS.items() if isinstance(note.get(key), list)}
     if not rows and not any(lists.values()):
         return
@@ -44,10 +44,10 @@ def note_card(note: Mapping[str, Any]) -> None:
                 with ui.element("ul"):
                     for entry in entries[:_MOST]:
                         with ui.element("li"):
-                            ui.label(entry_told(entry)).style("white-space:pre-wrap")
+                            ui.label(format_entry(entry)).style("white-space:pre-wrap")
 
 
-def values_told(note: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def filled_values(note: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Names and values; those that nobody filled in are left out."""
     values = note.get("values")
     if not isinstance(values, dict):
@@ -65,7 +65,7 @@ def values_told(note: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield NAMES.get(key, str(key).replace("_", " ")), str(value)[:_LONGEST]
 
 
-def entry_told(entry: Any) -> str:
+def format_entry(entry: Any) -> str:
     """One step or note in a line: when, who, what."""
     if not isinstance(entry, dict):
         return str(entry)[:_LONGEST]

@@ -1,4 +1,4 @@
-"""Detail view of one past print on the History page: facts, events, notes, scan verdict."""
+"""Detail view of a past print on the History page: facts, timeline, notes, photos, verdict."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from printctl.records.evidence import PHOTOS
 from printctl.records.table import local_time
 from printctl.records.verdict import outcome
 from printctl.web.api.answers import API
-from printctl.web.history.look import STYLE, card, cell, download, facts, head, heading
+from printctl.web.history.layout import STYLE, card, cell, download, facts, head, heading
 from printctl.web.history.notes import note_card
 from printctl.web.history.repeating import repeat_card
 from printctl.web.history.service import RUNNING, HistoryService, PastPrintDetails

@@ -1,4 +1,4 @@
-"""Filter of the print history: form values, URL query, index query."""
+"""Print history filter: parse it from a URL query, write it back, convert it to an index query."""
 
 from __future__ import annotations
 

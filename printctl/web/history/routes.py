@@ -1,4 +1,4 @@
-"""REST routes of the print history."""
+"""REST routes for past prints: list, CSV, details, report, photos, bundle, verify, repeat."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Print history service for page and REST API; thread-safe, blocking."""
+"""Service behind the History page: find past prints, give reports and bundles, verify, repeat."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import BinaryIO, Final, Literal
 
 from printctl.link.errors import NoSuchPrint
+from printctl.link.find_link import alive
 from printctl.link.history import PrintHistory
 from printctl.link.history_entry import INTERRUPTED, PrintEntry
 from printctl.link.history_query import HistoryPage, HistoryQuery
-from printctl.link.reach import alive
 from printctl.link.record import JOURNAL
 from printctl.records.bundle import write_bundle
 from printctl.records.errors import KeyTrouble

@@ -1,4 +1,4 @@
-"""Verify card of the History page: check an uploaded record bundle, without unpacking it."""
+"""Verify card of the History page: check an uploaded bundle's contents and signature."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Final
 from nicegui import ui
 
 from printctl.records.verify import BundleCheck
-from printctl.web.history.look import card
+from printctl.web.history.layout import card
 from printctl.web.history.service import HistoryService
 from printctl.web.shell.run_or_notify import run_or_notify
 from printctl.web.shell.uploading import upload

@@ -1,4 +1,4 @@
-"""Records after a print: steps, notes, photos, warming, flushing."""
+"""Steps, notes and photos recorded after a print; slow bath warming; safe flushing pressure."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from firmware_profiles import Bath, load
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import BadRequestError, NotFoundError
-from printctl.web.job.after import FlushLimit, Ramp, checklist, flush_limit, steps_for
 from printctl.web.job.machine import Printing
 from printctl.web.job.photos import keep_photo, photo_file
 from printctl.web.job.record import Records
 from printctl.web.job.set_up import JobSetUp
+from printctl.web.job.steps_after import FlushLimit, Ramp, checklist, flush_limit, steps_for
 
 _LONGEST_NOTE = 10_000
 

@@ -10,8 +10,7 @@ from nicegui import events, ui
 
 from printctl.web.api.answers import API
 from printctl.web.controls import Principal
-from printctl.web.job.after import checklist
-from printctl.web.job.parts import (
+from printctl.web.job.layout import (
     Folds,
     button,
     date_text,
@@ -23,6 +22,7 @@ from printctl.web.job.parts import (
 )
 from printctl.web.job.photos import MOST_BYTES
 from printctl.web.job.service import JobService
+from printctl.web.job.steps_after import checklist
 from printctl.web.shell.uploading import upload
 
 

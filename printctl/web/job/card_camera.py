@@ -10,7 +10,7 @@ from nicegui import ui
 
 from printctl.web.api.answers import API
 from printctl.web.job.camera.timelapse import TimeLapseState
-from printctl.web.job.parts import Folds, live, run_or_explain, size, small
+from printctl.web.job.layout import Folds, live, run_or_explain, size, small
 from printctl.web.job.service import JobService
 
 _LOOK_AGAIN_S: Final = 1.0

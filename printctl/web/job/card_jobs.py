@@ -11,7 +11,7 @@ from nicegui import events, run, ui
 
 from printctl.printing.print_words import span
 from printctl.web.job.jobs import ENDINGS, JobEntry
-from printctl.web.job.parts import Folds, date_text, live, run_or_explain, size, small
+from printctl.web.job.layout import Folds, date_text, live, run_or_explain, size, small
 from printctl.web.job.service import JobService
 from printctl.web.shell.uploading import upload
 

@@ -9,8 +9,8 @@ from nicegui import ui
 from printctl.printing.print_words import span
 from printctl.web.controls import Principal
 from printctl.web.job.card_tip import add_tip
+from printctl.web.job.layout import Folds, button, live, number, run_or_explain, small, subheading
 from printctl.web.job.machine import Machine
-from printctl.web.job.parts import Folds, button, live, number, run_or_explain, small, subheading
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.set_up_form import Said, SetUpForm

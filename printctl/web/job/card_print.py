@@ -9,7 +9,7 @@ from nicegui import run, ui
 
 from printctl.printing.print_words import span
 from printctl.web.controls import Principal
-from printctl.web.job.parts import button, card, live, quiet_button, run_or_explain, small
+from printctl.web.job.layout import button, card, live, quiet_button, run_or_explain, small
 from printctl.web.job.print_facts import FACTS, facts
 from printctl.web.job.print_unfinished import UnfinishedPane
 from printctl.web.job.service import JobService

@@ -9,8 +9,7 @@ from typing import Any, Final
 from nicegui import ui
 
 from printctl.web.controls import Principal
-from printctl.web.job.after import checklist
-from printctl.web.job.parts import (
+from printctl.web.job.layout import (
     Folds,
     button,
     date_text,
@@ -23,6 +22,7 @@ from printctl.web.job.parts import (
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
 from printctl.web.job.set_up_form import Said
+from printctl.web.job.steps_after import checklist
 from printctl.web.shell.dialogs import dialog_named
 
 _LINES: Final = (

@@ -1,4 +1,4 @@
-"""Tip card of the Job page: offset from the job's start, and a button to move there."""
+"""Tip line of the Job page: tip position against the job's start, with a button to move there."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Callable
 from nicegui import ui
 
 from printctl.web.controls import Principal
+from printctl.web.job.layout import live, quiet_button, run_or_explain
 from printctl.web.job.machine import AGREES_MM, Machine
-from printctl.web.job.parts import live, quiet_button, run_or_explain
 from printctl.web.job.service import JobService
 from printctl.web.job.to_start import Place
 

@@ -1,6 +1,6 @@
-"""Check a job in a separate process for the server (`python -m printctl.web.job.check`).
+"""Dry-run and check a job, and write its progress table (`python -m printctl.web.job.check`).
 
-A line of JSON comes in (`Question`), one goes out: what `looked_at` gives, or ``{"error": ...}``.
+A line of JSON comes in (`Question`), one goes out: what `check_job` gives, or ``{"error": ...}``.
 The job's table (`printctl.printing.job_table`) is written beside the answer's file.
 """
 
@@ -30,7 +30,7 @@ from printctl.preflight import (
 from printctl.preflight.shaft_file import file_shaft
 from printctl.printing import with_reloads_of
 from printctl.printing.job_table import JobTable
-from printctl.web.job.question import Question
+from printctl.web.job.check_request import Question
 from printctl.web.job.tabulating import make_table
 from printctl.web.low_priority import lower_priority
 from registration.report.gcode import GcodeJob
@@ -40,7 +40,7 @@ _BUDGET: Final = "print time"
 """How the names of the checks begin that `file_checks` makes without changes of syringe."""
 
 
-def looked_at(asked: Question) -> dict[str, Any]:
+def check_job(asked: Question) -> dict[str, Any]:
     """Check a job as `printctl print` does, and make its table.
 
     Returns
@@ -133,7 +133,7 @@ def main() -> None:
     """Answer one question."""
     lower_priority()
     try:
-        answer = looked_at(Question.from_json(sys.stdin.readline()))
+        answer = check_job(Question.from_json(sys.stdin.readline()))
     except Exception as exc:
         known = message_and_code(exc)
         if known is None and not isinstance(exc, (PrintctlError, ProfileError, OSError)):

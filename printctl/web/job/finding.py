@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from printctl.link.errors import LinkError, NoLink
-from printctl.link.reach import alive
+from printctl.link.find_link import alive
 from printctl.link.record import JOURNAL, RECORD, load_record
 from printctl.station.record import RECORD as STATION_RECORD
 from printctl.web.workspace import Workspace

@@ -16,13 +16,13 @@ from printctl.link.record import JOURNAL
 from printctl.link.states import Status
 from printctl.print_state.state import (
     PrintTruth,
+    assemble_state,
     filling_of,
     keep_table,
     remaining_of,
-    truth_of,
 )
 from printctl.printing.job_table import JobTable
-from printctl.printing.journalled import JournalledFacts, journalled
+from printctl.printing.journal_facts import JournalledFacts, read_journal_facts
 from printctl.printing.progress import Filling, Progress
 from printctl.printing.remaining import Remaining
 
@@ -151,7 +151,7 @@ class PrintFollower:
             return
         if table is None:
             return
-        journal = journalled(self.folder / JOURNAL)
+        journal = read_journal_facts(self.folder / JOURNAL)
         keep_table(self.folder, journal.sha256, table)
         with self._lock:
             self._remaining = remaining_of(table, journal)
@@ -165,7 +165,7 @@ class PrintFollower:
             before, self._last = self._last, status
             new = before is None or _words(before) != _words(status)
             if before is None or _written_down(before) != _written_down(status):
-                self._journal = journalled(self.folder / JOURNAL)
+                self._journal = read_journal_facts(self.folder / JOURNAL)
                 self._filling = filling_of(self.folder, self._journal)
             if new or time.monotonic() - self._told >= APART_S:
                 self._publish(status)
@@ -173,7 +173,7 @@ class PrintFollower:
     def _publish(self, status: Status) -> None:
         self._told = time.monotonic()
         found = self._table, self._remaining, self._filling
-        heard = PrintReport(self.job, truth_of(self.folder, status, self._journal, *found))
+        heard = PrintReport(self.job, assemble_state(self.folder, status, self._journal, *found))
         try:
             self._tell(heard)
         except Exception:  # a full disk: the print is followed all the same

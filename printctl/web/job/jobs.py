@@ -1,4 +1,4 @@
-"""List a workspace's jobs: uploaded G-code files and those written by runs."""
+"""List a workspace's jobs (uploads, runs' G-code), store uploads, take a set-up from a recipe."""
 
 from __future__ import annotations
 

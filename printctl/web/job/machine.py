@@ -1,4 +1,4 @@
-"""Printer interface of the Job page: mounted parts, tip position, print start."""
+"""Printer interface of the Job page: mounted items, tip position, print start; set-up checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Job page of the web interface: layout and route."""
+"""Lay out the Job page at /job: job list, print state, live 3D view, preflight, start, after."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from printctl.web.job.card_jobs import add_jobs
 from printctl.web.job.card_preflight import add_preflight
 from printctl.web.job.card_print import PrintCard, last_report
 from printctl.web.job.card_start import add_start
-from printctl.web.job.first import first_job, make_scene
-from printctl.web.job.parts import Folds, card, run_or_explain, small
+from printctl.web.job.first_job import first_job, make_scene
+from printctl.web.job.layout import Folds, card, run_or_explain, small
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
 from printctl.web.live.element import LiveView, live_view, preload
+from printctl.web.shell.browser_session import this_browser
 from printctl.web.shell.frame import frame
-from printctl.web.shell.who import this_browser
 
 REFRESH_S: Final = 0.5
 _BEGUN_S: Final = 0.05

@@ -17,9 +17,9 @@ from printctl.printing.job_table import JobTable
 from printctl.set_up import Check
 from printctl.web.errors import BadRequestError
 from printctl.web.hashes import file_hash
-from printctl.web.job.question import Question
+from printctl.web.job.check_request import Question
 from printctl.web.job.set_up import JobSetUp
-from printctl.web.worker import worked
+from printctl.web.worker import run_worker
 
 _VERSION: Final = 2
 _LONGEST_S: Final = 900.0
@@ -34,7 +34,7 @@ class Preflight:
     key : str
         Of the job's content and the set-up; 32 hex digits.
     facts : dict
-        As `printctl.web.job.check.looked_at` gives them, but for the checks.
+        As `printctl.web.job.check.check_job` gives them, but for the checks.
     checks : tuple of Check
     table : Path
     """
@@ -144,7 +144,7 @@ def load_table(path: Path) -> JobTable:
 
 def _ask(question: Question) -> dict[str, Any]:
     name = question.gcode.name
-    told = worked(
+    told = run_worker(
         "printctl.web.job.check",
         said=question.to_json() + "\n",
         longest_s=_LONGEST_S,

@@ -1,4 +1,4 @@
-"""Commands to a running print (pause, resume, cancel and others), safe to repeat."""
+"""Commands to a running or interrupted print: pause, resume, new syringe, cancel, recover."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from printctl.link.client import PrintClient, attach
 from printctl.link.marks import MarkKind
 from printctl.link.recovering import Recovery
 from printctl.link.states import LinkState, Status
-from printctl.print_state.continuing import continue_print, new_syringe_of, restart
-from printctl.print_state.giving_up import give_up
+from printctl.print_state.continue_print import continue_print, new_syringe_of, restart
+from printctl.print_state.give_up import give_up
 from printctl.printing.recovery import planned, write_rest
 from printctl.web.controls import Principal
 from printctl.web.core import Core

@@ -1,4 +1,4 @@
-"""Facts of a print in words, for the first screen of the Job page."""
+"""Facts of a print in words for the Job page: time left, layer, ink, temperatures, tip, alarms."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from printctl.web.controls import Principal
 from printctl.web.job.card_jobs import way
-from printctl.web.job.parts import button, quiet_button, small
+from printctl.web.job.layout import button, quiet_button, small
 from printctl.web.job.service import JobService
 from printctl.web.shell.dialogs import dialog_named
 

@@ -1,4 +1,4 @@
-"""Find and follow all prints of a workspace, and read their results at the end."""
+"""Follow all running prints of a workspace; report the outcome of ended or interrupted ones."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Final
 
 from printctl.link.errors import LinkError, NoLink
-from printctl.link.reach import alive
+from printctl.link.find_link import alive
 from printctl.link.record import JOURNAL, load_record
 from printctl.print_state.actions import PrintAction
 from printctl.print_state.state import keep_table, kept_table, read_print
 from printctl.printing.job_table import JobTable
-from printctl.printing.journalled import journalled
+from printctl.printing.journal_facts import read_journal_facts
 from printctl.web.hashes import file_hash
 from printctl.web.job.finding import Finder
 from printctl.web.job.following import PrintFollower, PrintReport
@@ -154,7 +154,7 @@ class Prints:
 
     def _keep_known_table(self, job: str, folder: Path) -> None:
         """Leave the table that a check made beside the journal, if it is of what was printed."""
-        sha256 = journalled(folder / JOURNAL).sha256
+        sha256 = read_journal_facts(folder / JOURNAL).sha256
         file, said = self._workspace.job_file(job), self._set_ups.printed(folder)
         if said is None or sha256 != file_hash(file) or kept_table(folder, sha256) is not None:
             return
@@ -190,7 +190,7 @@ class Prints:
     def _table(self, job: str, folder: Path) -> JobTable | None:
         """The table of the file that is printed; None when that file has changed since."""
         file = self._workspace.job_file(job)
-        printed = journalled(folder / JOURNAL).sha256
+        printed = read_journal_facts(folder / JOURNAL).sha256
         if printed and printed != file_hash(file):
             return None
         return load_table(self._preflights.of(file, self._set_up_of(job, folder)).table)

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
 from printctl.link.history import remember_meanwhile
-from printctl.link.noted import journal_begun_by, noted_beside
+from printctl.link.print_notes import journal_started_before, notes_path
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import checked_name
 
@@ -147,8 +147,8 @@ class Records:
         text = json.dumps(found, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         write_text(self._path(found["id"]), text)
         if found.get("folder"):
-            journal = journal_begun_by(Path(found["folder"]), found["started"])
-            write_text(noted_beside(journal), text)
+            journal = journal_started_before(Path(found["folder"]), found["started"])
+            write_text(notes_path(journal), text)
             if "operator" in said or "started" in said:
                 remember_meanwhile(journal.parent)  # the history can be searched for people
 

@@ -1,4 +1,4 @@
-"""REST routes of jobs, and of their prints."""
+"""REST routes for jobs and prints: upload, preflight, start, control, record, recovery, notes."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from printctl.web.api.answers import API
 from printctl.web.controls import Principal
 from printctl.web.errors import NotFoundError
 from printctl.web.job import models as m
-from printctl.web.job.after import checklist
 from printctl.web.job.camera.routes import add_routes
 from printctl.web.job.following import PrintReport
 from printctl.web.job.machine import Machine
 from printctl.web.job.photos import MOST_BYTES
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.service import JobService
+from printctl.web.job.steps_after import checklist
 from printctl.web.live.routes import router as live_router
 
 Job = Annotated[str, Path(max_length=80, description="run~NAME or file~NAME.")]
@@ -71,7 +71,7 @@ def _jobs(routes: APIRouter, service: JobService) -> None:
     def form(job: Job) -> m.FormResponse:
         return m.FormResponse(
             set_up=service.set_up(job),
-            machine=machine_told(service.machine()),
+            machine=machine_response(service.machine()),
             checklist=checklist()["before"],
         )
 
@@ -101,19 +101,19 @@ def _prints(routes: APIRouter, service: JobService) -> None:
     @routes.get("/prints", tags=[*tags], summary="Prints that were started, as they stand")
     def prints() -> list[m.PrintResponse]:
         found = (service.heard(one.id) for one in service.jobs())
-        return [print_told(one) for one in found if one is not None]
+        return [print_response(one) for one in found if one is not None]
 
     @routes.post("/prints/{job}/start", tags=[*tags], summary="Start; harmless when it goes on")
     def start(job: Job, given: m.StartRequest, who: Who) -> m.PrintResponse:
         said = given.set_up or service.set_up(job)
-        return print_told(service.start(who, job, said, given.confirmed))
+        return print_response(service.start(who, job, said, given.confirmed))
 
     @routes.get("/prints/{job}", tags=[*tags], summary="State and progress")
     def status(job: Job) -> m.PrintResponse:
         found = service.heard(job)
         if found is None:
             raise NotFoundError(f"no print of {job} was ever started")
-        return print_told(found)
+        return print_response(found)
 
     @routes.get("/prints/{job}/viability", tags=[*tags], summary="The clock of the cells")
     def viability(job: Job) -> m.ViabilityResponse:
@@ -121,23 +121,23 @@ def _prints(routes: APIRouter, service: JobService) -> None:
 
     @routes.post("/prints/{job}/pause", tags=[*tags], summary="Hold, now or at a mark")
     def pause(job: Job, given: m.PauseRequest, who: Who) -> m.StatusResponse:
-        return status_told(service.hands.pause(who, job, given.after))
+        return status_response(service.hands.pause(who, job, given.after))
 
     @routes.post("/prints/{job}/resume", tags=[*tags], summary="Go on, with a new syringe's data")
     def resume(job: Job, given: m.ResumeRequest, who: Who) -> m.StatusResponse:
-        return status_told(service.hands.resume(who, job, **given.model_dump()))
+        return status_response(service.hands.resume(who, job, **given.model_dump()))
 
     @routes.post("/prints/{job}/reload", tags=[*tags], summary="Make room to change the syringe")
     def reload(job: Job, given: m.ReloadRequest, who: Who) -> m.StatusResponse:
-        return status_told(service.hands.reload(who, job, given.head))
+        return status_response(service.hands.reload(who, job, given.head))
 
     @routes.post("/prints/{job}/alive", tags=[*tags], summary="Somebody is there")
     def alive(job: Job, who: Who) -> m.StatusResponse:
-        return status_told(service.hands.alive(who, job))
+        return status_response(service.hands.alive(who, job))
 
     @routes.post("/prints/{job}/cancel", tags=[*tags], summary="Controlled stop; for everybody")
     def cancel(job: Job) -> m.StatusResponse:
-        return status_told(service.hands.cancel(job))
+        return status_response(service.hands.cancel(job))
 
 
 def _broken_off(routes: APIRouter, service: JobService) -> None:
@@ -146,7 +146,7 @@ def _broken_off(routes: APIRouter, service: JobService) -> None:
 
     @routes.post("/prints/{job}/go-on", tags=[*tags], summary="Go on after a print broke off")
     def go_on(job: Job, who: Who) -> m.StatusResponse:
-        return status_told(service.hands.go_on(who, job))
+        return status_response(service.hands.go_on(who, job))
 
     @routes.get("/prints/{job}/recovery", tags=[*tags], summary="Plan the rest; nothing is written")
     def recovery(job: Job, from_line: FromLine = None) -> m.RecoveryResponse:
@@ -161,7 +161,7 @@ def _broken_off(routes: APIRouter, service: JobService) -> None:
 
     @routes.post("/prints/{job}/give-up", tags=[*tags], summary="Don't go on; write its end down")
     def give_up(job: Job, who: Who) -> m.StatusResponse:
-        return status_told(service.hands.give_up(who, job))
+        return status_response(service.hands.give_up(who, job))
 
 
 def _after(routes: APIRouter, service: JobService) -> None:
@@ -224,18 +224,18 @@ def _after(routes: APIRouter, service: JobService) -> None:
         return None if found is None else m.RampResponse.model_validate(found)
 
 
-def machine_told(machine: Machine | None) -> m.MachineResponse | None:
+def machine_response(machine: Machine | None) -> m.MachineResponse | None:
     """The printer, as the API tells it."""
     if machine is None:
         return None
     return m.MachineResponse.model_validate(asdict(machine) | {"words": machine.words})
 
 
-def print_told(heard: PrintReport) -> m.PrintResponse:
+def print_response(heard: PrintReport) -> m.PrintResponse:
     """A print, as the API tells it."""
     return m.PrintResponse.model_validate(heard.to_dict())
 
 
-def status_told(status: Status) -> m.StatusResponse:
+def status_response(status: Status) -> m.StatusResponse:
     """A status, as the API tells it."""
     return m.StatusResponse.model_validate(status.to_dict())

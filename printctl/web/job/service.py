@@ -1,4 +1,4 @@
-"""Job page's service: jobs, checks, the running print and its record."""
+"""Service behind the Job page: jobs, set-ups, checks, start, the running print and its record."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from printctl.web.core import Core
 from printctl.web.errors import ConflictError, WebError
 from printctl.web.job.aftercare import Aftercare
 from printctl.web.job.camera.camera_service import CameraService
-from printctl.web.job.declared import declared_of
+from printctl.web.job.declared_start import declared_of
 from printctl.web.job.following import PrintReport
 from printctl.web.job.jobs import JobEntry, add_job, entry_of, list_jobs
 from printctl.web.job.machine import Machine, Printing, mounted_checks, set_up_of
@@ -32,7 +32,7 @@ from printctl.web.job.station_printing import StationPrinting
 from printctl.web.job.to_start import Place
 from printctl.web.job.viability import Viability, viability
 from printctl.web.live import JobSource
-from printctl.web.live.maker import SceneMaker
+from printctl.web.live.maker_client import SceneMaker
 from printctl.web.profile_store import ProfileStore
 
 

@@ -8,7 +8,7 @@ from typing import Final
 from nicegui import ui
 
 from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Printer, Syringe
-from printctl.web.job.parts import small
+from printctl.web.job.layout import small
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.job.to_start import Place
 from printctl.web.profile_store import ProfileStore

@@ -1,4 +1,4 @@
-"""Store of jobs' print set-ups, kept between visits."""
+"""Store each job's print set-up as last filled in; else derive it from recipe and G-code."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from design.files import write_text
-from printctl.web.job.declared import declared_of
+from printctl.web.job.declared_start import declared_of
 from printctl.web.job.jobs import recipe_of, set_up_of_recipe
 from printctl.web.job.set_up import JobSetUp
 from printctl.web.workspace import Workspace

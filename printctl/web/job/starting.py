@@ -1,4 +1,4 @@
-"""Build the print order of a job from its set-up and the printer's state."""
+"""Build a job's print order; refuse a start without operator, ticked checklist, confirmation."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 from printctl.printing import Order, retreat_for
 from printctl.set_up import SetUp
 from printctl.web.errors import ConflictError
-from printctl.web.job.after import checklist
 from printctl.web.job.machine import Machine
 from printctl.web.job.preflight import Preflight
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
+from printctl.web.job.steps_after import checklist
 
 _LIFT_MM = 20.0
 

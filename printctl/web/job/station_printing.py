@@ -1,4 +1,4 @@
-"""Print jobs through the workspace's station."""
+"""Printer interface of the Job page by way of the station: state, print, move to start, heat."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Build a job's progress table from its simulated motion and layers."""
+"""Build a job's per-line progress table (time, ink, tip, layer, vessel) from its dry run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Travel of the tip to a job's start: straight up, across, straight down."""
+"""Move the tip to a job's start: straight up, across, straight down."""
 
 from __future__ import annotations
 

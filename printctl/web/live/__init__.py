@@ -1,4 +1,7 @@
-"""Live 3D view of a print: scene, REST routes, page element."""
+"""Live 3D view of a print: scene, REST routes, page element.
+
+Goes in: a job's file. Comes out: a binary scene, drawn in the browser. Begin with `scene.py`.
+"""
 
 from typing import TYPE_CHECKING
 

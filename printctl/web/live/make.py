@@ -1,4 +1,4 @@
-"""Build live-view scenes in a separate process (``python -m printctl.web.live.make``).
+"""Build live-view scenes from G-code, as a process (``python -m printctl.web.live.make``).
 
 A line with `NOW` or `BEHIND` and a `JobSource` in JSON comes in, one answer goes out:
 ``{"scene": PATH}`` or ``{"error": MESSAGE}``. The process ends when its input does, so it never
@@ -23,9 +23,9 @@ from firmware_profiles import ProfileError
 from printctl.errors import PrintctlError
 from printctl.gcode_view import read_line_map
 from printctl.web.live.errors import SceneError
-from printctl.web.live.kept import cached_scene
 from printctl.web.live.pack import pack_scene
 from printctl.web.live.scene import make_scene
+from printctl.web.live.scene_store import cached_scene
 from printctl.web.live.source import JobSource
 from printctl.web.low_priority import BEHIND, run_at_low_priority
 

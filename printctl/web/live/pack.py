@@ -1,4 +1,4 @@
-"""Binary format of a live view scene, version 1, little-endian.
+"""Pack a live-view scene into its binary file format, version 1, little-endian.
 
 | bytes | what |
 |---|---|
@@ -39,8 +39,8 @@ import json
 import struct
 from typing import Final
 
-from printctl.web.live.kept import VERSION
 from printctl.web.live.scene import LiveScene
+from printctl.web.live.scene_store import VERSION
 
 MAGIC: Final = b"PRINTVIW"
 _HEAD: Final = struct.Struct("<8sII")

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from fastapi import APIRouter, HTTPException, Request, Response
 
 from printctl.web.live.errors import SceneError
-from printctl.web.live.maker import SceneMaker
+from printctl.web.live.maker_client import SceneMaker
 from printctl.web.live.modules import static_files
 from printctl.web.live.source import JobSource
 

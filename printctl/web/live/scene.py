@@ -1,4 +1,4 @@
-"""Scene of the live view: a job's moves as integer coordinates, in order of writing."""
+"""Build the live-view scene of a G-code file: each move as 16-bit coordinates, time and layer."""
 
 from __future__ import annotations
 

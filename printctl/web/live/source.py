@@ -1,4 +1,4 @@
-"""Job to show in the live view: G-code file and print set-up."""
+"""Input for a live-view scene, with its cache key: G-code file, profiles, outlines on the bed."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from nicegui import ui
 from printctl.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.card_wizard import wizard_dialog
-from printctl.web.printer.parts import Refresh, card, note, quiet_button
+from printctl.web.printer.layout import Refresh, card, note, quiet_button
 from printctl.web.printer.service import PrinterService
 
 

@@ -9,8 +9,8 @@ from nicegui import ui
 from firmware_profiles import Ink, Needle, Syringe
 from printctl.station import StationState, StationStatus
 from printctl.web.controls import Principal
-from printctl.web.printer import changing as c
-from printctl.web.printer.parts import (
+from printctl.web.printer import part_change as c
+from printctl.web.printer.layout import (
     Refresh,
     button,
     card,

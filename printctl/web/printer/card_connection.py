@@ -7,7 +7,7 @@ from nicegui import run, ui
 from firmware_profiles import Printer
 from printctl.station import StationState, StationStatus
 from printctl.web.controls import Principal
-from printctl.web.printer.parts import IN_WORDS, Refresh, button, card, live, note, quiet_button
+from printctl.web.printer.layout import IN_WORDS, Refresh, button, card, live, note, quiet_button
 from printctl.web.printer.ports import SIMULATED, FoundPort, summary, unmeasured
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.run_or_notify import run_or_notify

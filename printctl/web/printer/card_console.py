@@ -10,7 +10,7 @@ from nicegui import events, ui
 from printctl.station import StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.console import Entry
-from printctl.web.printer.parts import Refresh, button, card, live, note, run_or_explain
+from printctl.web.printer.layout import Refresh, button, card, live, note, run_or_explain
 from printctl.web.printer.service import PrinterService
 
 SHOWN: Final = 100

@@ -1,4 +1,4 @@
-"""Homing dialog of the Printer page, which has the needle removed first."""
+"""Homing dialog of the Printer page: confirm that the needle is taken off, then home axes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from nicegui import ui
 
 from printctl.web.controls import Principal
-from printctl.web.printer.parts import button, dialog, live, note, quiet_button
+from printctl.web.printer.layout import button, dialog, live, note, quiet_button
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.run_or_notify import run_or_notify
 

@@ -10,7 +10,7 @@ from printctl.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.printer.card_home import home_dialog
 from printctl.web.printer.card_place import place_dialog
-from printctl.web.printer.parts import Refresh, card, live, mm, note, quiet_button, run_or_explain
+from printctl.web.printer.layout import Refresh, card, live, mm, note, quiet_button, run_or_explain
 from printctl.web.printer.printer_commands import STEPS_MM, rim_mm
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.run_or_notify import run_or_notify

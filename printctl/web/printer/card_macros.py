@@ -10,8 +10,8 @@ from pydantic import ValidationError
 from printctl.station import StationState, StationStatus
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError
+from printctl.web.printer.layout import Refresh, button, card, dialog, note, quiet_button
 from printctl.web.printer.macros import Macro
-from printctl.web.printer.parts import Refresh, button, card, dialog, note, quiet_button
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.run_or_notify import run_or_notify
 

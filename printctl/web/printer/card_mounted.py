@@ -9,7 +9,7 @@ from nicegui import ui
 from firmware_profiles import Bath, Dish, Facts, Ink, Needle, Syringe
 from printctl.station import StationStatus
 from printctl.web.controls import Principal
-from printctl.web.printer.parts import (
+from printctl.web.printer.layout import (
     Refresh,
     button,
     card,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from printctl.web.controls import Principal
-from printctl.web.printer.parts import button, dialog, note, number, quiet_button
+from printctl.web.printer.layout import button, dialog, note, number, quiet_button
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.run_or_notify import run_or_notify
 

@@ -8,7 +8,7 @@ from nicegui import ui
 
 from printctl.station import StationStatus
 from printctl.web.controls import Principal
-from printctl.web.printer.parts import Refresh, button, card, note, number, quiet_button
+from printctl.web.printer.layout import Refresh, button, card, note, number, quiet_button
 from printctl.web.printer.plots import KEPT_S
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.run_or_notify import run_or_notify

@@ -7,7 +7,7 @@ from nicegui import ui
 from firmware_profiles import Syringe, load
 from printctl.station import StationState, StationStatus
 from printctl.web.controls import Principal
-from printctl.web.printer.parts import Refresh, button, card, note, number, quiet_button
+from printctl.web.printer.layout import Refresh, button, card, note, number, quiet_button
 from printctl.web.printer.printer_commands import fastest_ul_s
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.run_or_notify import run_or_notify

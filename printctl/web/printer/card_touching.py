@@ -6,8 +6,8 @@ from nicegui import ui
 
 from printctl.station import StationState, StationStatus
 from printctl.web.controls import Principal
-from printctl.web.printer import touching as t
-from printctl.web.printer.parts import Refresh, button, card, live, note, number, quiet_button
+from printctl.web.printer import touch_off as t
+from printctl.web.printer.layout import Refresh, button, card, live, note, number, quiet_button
 from printctl.web.printer.service import PrinterService
 from printctl.web.shell.run_or_notify import run_or_notify
 

@@ -10,8 +10,8 @@ from nicegui import ui
 from firmware_profiles import Syringe
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError
-from printctl.web.printer.calibrating_asked import CalibrationRequest, Read
-from printctl.web.printer.parts import button, dialog, live, note, number, quiet_button, subheading
+from printctl.web.printer.calibration_requests import CalibrationRequest, Read
+from printctl.web.printer.layout import button, dialog, live, note, number, quiet_button, subheading
 from printctl.web.printer.service import PrinterService
 from printctl.web.printer.sheet import Sheet
 from printctl.web.printer.wizards import Wizard

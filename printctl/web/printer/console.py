@@ -1,4 +1,4 @@
-"""Console of the Printer page: commands typed by each user, replies and refusals."""
+"""Console of the Printer page: send a user's typed command, keep replies and refusals for all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Macros: named lists of G-code commands, stored in the workspace per printer profile."""
+"""Store, check and run macros: named lists of G-code commands, per printer profile."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from design.files import write_text
 from firmware_profiles import Printer, load
 from firmware_profiles.yaml_file import read_yaml
-from printctl.gate import Refusal, foreseen
+from printctl.gate import Refusal, judge_stored_line
 from printctl.web.controls import Principal
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.printer.console import Console, checked_line
@@ -122,7 +122,7 @@ class Macros:
     def _check(self, profile: str, macro: Macro) -> None:
         printer = load(Printer, self._store.given(Printer, profile))
         for number, text in enumerate(macro.commands, 1):
-            verdict = foreseen(checked_line(text), printer)
+            verdict = judge_stored_line(checked_line(text), printer)
             if isinstance(verdict, Refusal):
                 raise BadRequestError(
                     f"macro {macro.name!r}, line {number}: {verdict.message}; take it out"

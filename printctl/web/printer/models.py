@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from printctl.web.printer.calibrating_asked import Read
+from printctl.web.printer.calibration_requests import Read
 from printctl.web.printer.macros import Macro
-from printctl.web.printer.touching import Surface
+from printctl.web.printer.touch_off import Surface
 
 Name = Annotated[str, Field(min_length=1, max_length=64)]
 MM = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]

@@ -1,4 +1,4 @@
-"""Printer page of the web interface: layout and route."""
+"""Lay out the Printer page at /printer: cards for connection, jog, plunger, heat, console etc."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from printctl.web.printer.card_mounted import add_mounted
 from printctl.web.printer.card_plots import add_plots
 from printctl.web.printer.card_plunger import add_plunger
 from printctl.web.printer.card_touching import add_touching
-from printctl.web.printer.parts import Refresh
+from printctl.web.printer.layout import Refresh
 from printctl.web.printer.service import PrinterService
+from printctl.web.shell.browser_session import this_browser
 from printctl.web.shell.frame import frame
-from printctl.web.shell.who import this_browser
 
 REFRESH_S: Final = 0.5
 _STYLE: Final = Path(__file__).with_name("printer.css")

@@ -1,4 +1,4 @@
-"""Ring buffer of ten minutes of readings, shared by all browsers."""
+"""Ring buffer of the last ten minutes of temperatures and gauge readings, for all browsers."""
 
 from __future__ import annotations
 

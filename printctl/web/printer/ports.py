@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from firmware_profiles import Printer
-from printctl.link.finding import matches
+from printctl.link.port_detection import matches
 from printctl.link.ports import PortInfo, list_ports
 from printctl.web.profile_store import ProfileStore
 

@@ -1,4 +1,4 @@
-"""Access of the Printer page's services to the printer: control lock, then the station."""
+"""Give Printer page services the open station, provided the user holds the control lock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""REST routes of calibrations."""
+"""REST routes for calibrations: list, write a test, fit readings, save a measured profile."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fastapi import APIRouter, Request
 
 from printctl.web.controls import Principal
 from printctl.web.printer import models as m
-from printctl.web.printer.calibrating_asked import CalibrationFiles, CalibrationRequest, Read
+from printctl.web.printer.calibration_requests import CalibrationFiles, CalibrationRequest, Read
 from printctl.web.printer.service import PrinterService
 
 

@@ -12,7 +12,7 @@ from printctl.web.controls import Principal
 from printctl.web.printer import models as m
 from printctl.web.printer.macros import Macro
 from printctl.web.printer.service import PrinterService
-from printctl.web.printer.touching import Touching
+from printctl.web.printer.touch_off import Touching
 
 Who = Callable[[Request], Principal]
 

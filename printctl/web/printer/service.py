@@ -1,23 +1,23 @@
-"""Printer page's service: connection, manual control, console and calibration."""
+"""Service behind the Printer page: connection, status, manual control, console, calibration."""
 
 from __future__ import annotations
 
 from firmware_profiles import Printer
-from printctl.link.finding import AUTO
+from printctl.link.port_detection import AUTO
 from printctl.station import StationStatus, connect
 from printctl.web.controls import Principal
 from printctl.web.core import Core
 from printctl.web.errors import ConflictError
-from printctl.web.printer.calibrating import Calibrating
-from printctl.web.printer.changing import Changing
+from printctl.web.printer.calibration import Calibrating
 from printctl.web.printer.console import Console
 from printctl.web.printer.following import Follower
 from printctl.web.printer.macros import Macros
+from printctl.web.printer.part_change import Changing
 from printctl.web.printer.plots import Plots
 from printctl.web.printer.ports import FoundPort, ports_with_profiles
 from printctl.web.printer.printer_access import PrinterAccess
 from printctl.web.printer.printer_commands import PrinterCommands
-from printctl.web.printer.touching import Guide
+from printctl.web.printer.touch_off import Guide
 from printctl.web.profile_store import ProfileStore
 
 

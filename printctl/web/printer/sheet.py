@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from nicegui import ui
 
 from printctl.web.errors import BadRequestError
-from printctl.web.printer.parts import note, quiet_button
+from printctl.web.printer.layout import note, quiet_button
 from printctl.web.printer.wizards import Wizard
 
 Place = tuple[float, float, float]

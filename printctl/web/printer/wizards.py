@@ -1,4 +1,4 @@
-"""List of calibrations with their requirements, and those possible on the Printer page."""
+"""Table of calibrations: needs, results, columns of readings, availability on the Printer page."""
 
 from __future__ import annotations
 

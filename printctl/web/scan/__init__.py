@@ -1,1 +1,4 @@
-"""Scan page of the web interface: a volume, its alignment and its deviation from the design."""
+"""Scan page of the web interface: upload a scan, view slices, measure deviation from a design.
+
+Goes in: an uploaded scan. Comes out: slices, a registration, its result. Begin with `service.py`.
+"""

@@ -1,4 +1,4 @@
-"""Registration findings as text and table rows for the Scan page."""
+"""Read a registration's verdict, alignment and vessel rows from files, for the Scan page."""
 
 from __future__ import annotations
 

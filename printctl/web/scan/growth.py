@@ -1,4 +1,4 @@
-"""Refuse scans that unpack to far more than was sent: zip, gzip, NIfTI and NRRD with gzip inside.
+"""Refuse an uploaded scan file that would unpack too large: zip, gzip, NIfTI, gzipped NRRD.
 
 What a gzip stream gives is counted as it comes out; of a zip its own sizes count, which Python's
 reader never exceeds.

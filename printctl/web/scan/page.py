@@ -1,4 +1,4 @@
-"""Scan page of the web interface: layout and route."""
+"""Lay out the Scan page at /scan: choose or upload a scan, register it with a run, show results."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from pathlib import Path
 
 from nicegui import events, ui
 
-from printctl.web.design.making import RunProgress
 from printctl.web.design.page import room_style
-from printctl.web.design.pane.embed import follow_theme
-from printctl.web.design.pane.in_thread import run_in_thread
+from printctl.web.design.run_processes import RunProgress
+from printctl.web.design.widgets.embed import follow_theme
+from printctl.web.design.widgets.in_thread import run_in_thread
 from printctl.web.errors import WebError
 from printctl.web.scan.answers import ScanMetadataRequest
 from printctl.web.scan.findings import Findings
-from printctl.web.scan.pane.result_card import ResultCard
-from printctl.web.scan.pane.said_form import MetadataForm
-from printctl.web.scan.pane.slices_card import SlicesCard
 from printctl.web.scan.service import ScanService
+from printctl.web.scan.widgets.metadata_form import MetadataForm
+from printctl.web.scan.widgets.result_card import ResultCard
+from printctl.web.scan.widgets.slices_card import SlicesCard
 from printctl.web.shell.dialogs import dialog_named
 from printctl.web.shell.frame import frame
 from printctl.web.shell.run_or_notify import run_or_notify

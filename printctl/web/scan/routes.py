@@ -1,4 +1,4 @@
-"""REST routes of the Scan page."""
+"""REST routes for scans: upload, describe, slices, registration with a run, findings, report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Size limits of what an untrusted archive unpacks to.
+"""Refuse an archive that unpacks beyond a size limit or a compression ratio.
 
 Bytes are counted as they come out: what the archive says of itself isn't believed.
 """

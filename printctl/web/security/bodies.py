@@ -1,4 +1,4 @@
-"""Size limits of HTTP requests."""
+"""Refuse HTTP requests with a body above the limit of their path, plain or upload."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Access settings shared by the guard, the log-in and the stop process."""
+"""Access settings of the server: token, password, sessions, own host names, attempt limits."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Gate:
     open : bool
         Whether a visit of a page suffices: on the loopback, unless a password is set.
     stop_port : int
-        Of the stop door; 0 when there is none.
+        Of the stop process; 0 when there is none.
     throttle : Throttle
         Of passwords.
     token_throttle : Throttle

@@ -21,10 +21,10 @@ from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Re
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from printctl.web.controls import Principal
-from printctl.web.security.asking import RequestFacts
 from printctl.web.security.bodies import BodyLimits
 from printctl.web.security.gate import Gate
 from printctl.web.security.headers import security_headers
+from printctl.web.security.request_facts import RequestFacts
 from printctl.web.security.sessions import LIFETIME_S, RENEW_S, Session
 
 log = logging.getLogger("printctl.web")

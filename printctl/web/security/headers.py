@@ -28,7 +28,7 @@ def security_headers(nonce: str, sources: str) -> list[tuple[bytes, bytes]]:
     nonce : str
         Of the scripts in the page.
     sources : str
-        Further places that scripts may speak to: the server's WebSocket and its stop door.
+        Further places that scripts may speak to: the server's WebSocket and its stop process.
     """
     policy = "; ".join(
         (

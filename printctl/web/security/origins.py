@@ -1,8 +1,9 @@
-"""Hosts and origins accepted by the web server.
+"""Check Host and Origin headers of requests against this machine's names and addresses.
 
 A page of another origin may make a browser send requests here, and its name may be made to point
 here (DNS rebinding): the ``Host`` header must be an address or a name of this machine, and the
-``Origin`` of what changes something must be the page's own. Standard library only.
+``Origin`` of what changes something must be the page's own. Standard library only: Starlette's
+TrustedHostMiddleware takes a list of names, not any address.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ class ServerNames:
         return origin.lower() == f"{self.scheme}://{host_header}".lower()
 
     def is_origin_at(self, origin: str, host: str, port: int) -> bool:
-        """Whether ``origin`` is the page at ``port`` of the same host (for the stop door)."""
+        """Whether ``origin`` is the page at ``port`` of the same host (for the stop process)."""
         parts = urlsplit(origin)
         try:
             found = parts.port or (443 if self.scheme == "https" else 80)

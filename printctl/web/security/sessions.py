@@ -1,6 +1,6 @@
-"""Sessions: signed browser cookies, verified without a stored list.
+"""Browser sessions as signed cookies of id and time; only logged-out ids are stored.
 
-Standard library only: the stop door reads them, too.
+Standard library only: the stop process reads them, too.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LIFETIME_S: Final = 12 * 3600.0
 RENEW_S: Final = 1800.0
 """A cookie older than this is renewed at the next request."""
 GRACE_S: Final = 24 * 3600.0
-"""So much longer the stop door takes a session: a stop late is better than a stop refused."""
+"""So much longer the stop process takes a session: a stop late is better than a stop refused."""
 
 _VALUE: Final = re.compile(r"([0-9a-f]{32})\.(\d{1,12})\.([0-9a-f]{64})")
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import IO, Final
 
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.security.kinds import HEAD_BYTES, Kind, kind_of
+from printctl.web.security.file_types import HEAD_BYTES, Kind, kind_of
 from printctl.web.workspace import checked_name
 
 _PIECE: Final = 1 << 20

@@ -1,4 +1,4 @@
-"""Static files shared by all pages: style sheet and scripts."""
+"""Serve the style sheets and scripts shared by all pages; give their versioned addresses."""
 
 from __future__ import annotations
 

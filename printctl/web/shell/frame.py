@@ -50,7 +50,7 @@ def head(stop_port: int) -> str:
     Parameters
     ----------
     stop_port : int
-        Of the stop door; 0 for none.
+        Of the stop process; 0 for none.
     """
     door = f'<meta name="printctl-stop-port" content="{stop_port}">\n' if stop_port else ""
     return (

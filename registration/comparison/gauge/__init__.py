@@ -1,4 +1,8 @@
-"""Gauge repeatability and reproducibility of registrations (GRR)."""
+"""Gauge study (GRR) of registrations: variance by repeat, operator and part, with results as text.
+
+Goes in: registrations by operator, part and repeat. Comes out: variance components. Begin with
+`study.py`.
+"""
 
 from registration.comparison.gauge.findings import (
     claim_sentence,

@@ -1,4 +1,4 @@
-"""Results of a gauge study: sentences, JSON and a spreadsheet table."""
+"""Write a gauge study's results as sentences, notes, JSON and CSV."""
 
 from __future__ import annotations
 

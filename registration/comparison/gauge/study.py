@@ -1,4 +1,4 @@
-"""Gauge study of registrations: operators x parts x repeats, for every quantity."""
+"""Run a gauge study of registrations: operators x parts x repeats, for every quantity."""
 
 from __future__ import annotations
 

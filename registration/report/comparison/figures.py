@@ -1,4 +1,4 @@
-"""Figures of a comparison: quantities over the prints, vessels with their spread."""
+"""SVG figures comparing prints: quantities per print, vessel errors, diameter profiles overlaid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of a gauge study for the comparison's page and PDF."""
+"""Report tables of a gauge R&R study: variance sources, each vessel, budget against repeats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Building blocks of a print comparison's page: key figures, facts and tables."""
+"""Key figures, facts and tables of a print comparison, formatted for its page and PDF."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Display of G-code: a page of all layers, and a picture of one."""
+"""Show a G-code job: an offline HTML page of all layers, and a picture (PNG, SVG) of one.
+
+Goes in: a G-code job's moves. Comes out: HTML, or a picture. Begin with `page.py`.
+"""
 
 from registration.gcode_job import Act, GcodeColour, GcodeJob, Layers, layer_sums
 from registration.report.gcode.design_outline import DesignOutline, design_outline

@@ -1,4 +1,4 @@
-"""Outlines of printed lines in a layer picture: true width, rounded ends.
+"""Compute outline polygons of printed lines for a layer picture: true width, rounded ends.
 
 Pieces of a run that have the same colour become one outline, filled as a union (non-zero winding),
 so that a translucent colour lies once on each spot of it and twice only where two lines overlap.

@@ -1,4 +1,4 @@
-"""Colour scales for printed lines, by speed, width, flow and other quantities."""
+"""Choose colour scales and limits for a job's printed lines: speed, width, flow and others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Design outline in one layer, and how far printed lines exceed it."""
+"""Compare a layer's printed lines with the design's outline: ink beyond it or short of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Picture of one G-code layer, to scale, for a paper or the report."""
+"""Draw one G-code layer to scale from above: PNG for a paper, SVG for the report."""
 
 from __future__ import annotations
 

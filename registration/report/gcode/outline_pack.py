@@ -1,4 +1,4 @@
-"""Design outlines of all layers, packed for a page that draws one layer at a time."""
+"""Pack the design outlines of all layers as compressed text for the G-code page."""
 
 from __future__ import annotations
 

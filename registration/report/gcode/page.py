@@ -1,4 +1,4 @@
-"""HTML page of a G-code file: layers to scale, with travel moves."""
+"""Write the offline HTML page of a G-code file: layers to scale, travels, design outlines."""
 
 from __future__ import annotations
 

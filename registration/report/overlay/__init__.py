@@ -1,4 +1,8 @@
-"""Pictures and page of a scan overlaid on the G-code."""
+"""Pictures of a scan's layers overlaid on the G-code, and their HTML page.
+
+Goes in: an overlay's numbers and pixels. Comes out: HTML, and a picture of each layer. Begin with
+`page.py`.
+"""
 
 from registration.report.overlay.figure import PictureOf, draw_overlay
 from registration.report.overlay.page import OverlayPage, write_overlay_html

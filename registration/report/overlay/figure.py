@@ -1,4 +1,4 @@
-"""Picture of one layer: scan, printed lines over it, and the resulting differences."""
+"""Draw one layer as PNG: the scan under the G-code lines, and the gaps and blobs found."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from registration.overlay.cut import ScanCut
-from registration.overlay.find import PixelPatch
 from registration.overlay.lines import LayerLines
 from registration.overlay.measure import LayerNumbers
+from registration.overlay.patches import PixelPatch
 from registration.overlay.raster import Raster
 from registration.overlay.status import LayerStatus
 from registration.report.drawing import styled

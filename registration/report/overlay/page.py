@@ -1,4 +1,4 @@
-"""HTML page of a scan overlaid on the G-code: layer slider and table of numbers."""
+"""Write the HTML page of a scan overlaid on the G-code: layer slider, pictures and numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""PDF header (title, verdict, key figures) and side-by-side blocks."""
+"""Lay out blocks of the PDF: title, verdict box, grid of key figures, two columns."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from reportlab.platypus import Flowable, Spacer, TableStyle
 from reportlab.platypus import Table as Grid
 
 from registration.report.key_figures import KeyFigure
-from registration.report.pdf.look import (
+from registration.report.pdf.styles import (
     BAD,
     BULLET,
     GOOD,

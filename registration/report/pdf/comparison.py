@@ -1,4 +1,4 @@
-"""PDF report of a comparison of several prints: order of contents."""
+"""Compose the PDF that compares several prints: verdict, key figures, tables and drawings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from registration.report.comparison.sections import (
 from registration.report.pdf.blocks import head, outcome
 from registration.report.pdf.document import Facts, build_pdf
 from registration.report.pdf.drawing import figure
-from registration.report.pdf.look import BULLET, HEADING, MINOR, SMALL, WIDTH, text
+from registration.report.pdf.styles import BULLET, HEADING, MINOR, SMALL, WIDTH, text
 from registration.report.pdf.tables import data_table, fact_lines
 
 _MARKS = (

@@ -12,7 +12,7 @@ from reportlab.pdfbase.pdfmetrics import stringWidth
 from reportlab.pdfgen.canvas import Canvas
 from reportlab.platypus import BaseDocTemplate, Flowable, Frame, PageTemplate
 
-from registration.report.pdf.look import FONT, MARGIN, PAGE, use_fonts
+from registration.report.pdf.styles import FONT, MARGIN, PAGE, use_fonts
 from registration.report.svg import MUTED, RULE
 
 _TOTAL: Final = "total"

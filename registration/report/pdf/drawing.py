@@ -14,8 +14,8 @@ from reportlab.pdfbase.pdfmetrics import stringWidth
 from reportlab.platypus import Flowable, Image
 
 from registration.report.errors import ReportError
-from registration.report.pdf.look import BOLD, CAPTION, FONT, MARGIN, PAGE, text, use_fonts
 from registration.report.pdf.paths import START, Style, matrices, numbers, styled, trace
+from registration.report.pdf.styles import BOLD, CAPTION, FONT, MARGIN, PAGE, text, use_fonts
 
 _SVG: Final = "{http://www.w3.org/2000/svg}"
 _LINK: Final = "{http://www.w3.org/1999/xlink}href"

@@ -1,4 +1,4 @@
-"""PDF entry points that import reportlab only when called."""
+"""Write report and comparison PDFs; import reportlab only on call, and report its absence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parse an SVG's attributes: paths, styles, transforms."""
+"""Parse SVG styles and transforms, and trace SVG paths onto the PDF canvas."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""PDF of the registration report: order of contents."""
+"""Compose the registration report's PDF: verdict, figures and tables by section, provenance."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from registration.report.page import all_figures
 from registration.report.pdf.blocks import HALF, head, outcome, pair
 from registration.report.pdf.document import Facts, build_pdf
 from registration.report.pdf.drawing import figure
-from registration.report.pdf.look import BODY, BULLET, HEADING, MINOR, SMALL, WIDTH, text
 from registration.report.pdf.provenance import digest_facts, meta_line, origin_facts, printed_on
+from registration.report.pdf.styles import BODY, BULLET, HEADING, MINOR, SMALL, WIDTH, text
 from registration.report.pdf.tables import data_table, fact_lines, grid
 from registration.report.pdf.uncertainty import fitted_rows, pose_doubts, sure_facts
 from registration.report.record import record_facts

@@ -1,4 +1,4 @@
-"""PDF tables: automatic column widths, repeated headings."""
+"""Lay out report tables for the PDF: column widths, wide tables split, headings on each page."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from reportlab.pdfbase.pdfmetrics import stringWidth
 from reportlab.platypus import Flowable, LongTable, Spacer, TableStyle
 from reportlab.platypus import Table as Grid
 
-from registration.report.pdf.look import BAD, FONT, SMALL, WIDTH, text, use_fonts
+from registration.report.pdf.styles import BAD, FONT, SMALL, WIDTH, text, use_fonts
 from registration.report.sections import Fact
 from registration.report.svg import INK, MUTED, RULE
 from registration.report.tables import Column, Table

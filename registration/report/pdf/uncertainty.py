@@ -1,4 +1,4 @@
-"""Uncertainty of the fitted pose, as table rows and facts."""
+"""Fitted pose and its uncertainty as PDF table rows and facts, with reasons to doubt it."""
 
 from __future__ import annotations
 

@@ -1,8 +1,11 @@
-"""Playback of a predicted print by a time slider, as a page of its own or in the report."""
+"""Playback of a predicted print by a time slider, as a page of its own or in the report.
+
+Goes in: predicted ink in order of time. Comes out: a page with a slider. Begin with `playback.py`.
+"""
 
 from registration.report.play.file import load_played, save_played
 from registration.report.play.page import write_play_html
-from registration.report.play.played import Playback, PlayNote, PlayRows
+from registration.report.play.playback import Playback, PlayNote, PlayRows
 from registration.report.play.section import play_section
 from registration.report.play.thin import Limits, thin_playback
 

@@ -1,4 +1,4 @@
-"""Save and load the playback data of a predicted print."""
+"""Save and load the playback data of a predicted print as ``.npz``."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from design.files import replacing
+from design.files import atomic_replacement
 from registration.report.errors import ReportError
-from registration.report.play.played import Playback, PlayNote, PlayRows
+from registration.report.play.playback import Playback, PlayNote, PlayRows
 
 _COARSE = {"vessel": np.int32, "head": np.int8, "layer": np.int32, "line": np.int32}
 
@@ -34,7 +34,7 @@ def save_played(path: Path, played: Playback) -> None:
         "warnings": [asdict(one) for one in played.warnings],
         "notes": played.notes,
     }
-    with replacing(path) as draft:
+    with atomic_replacement(path) as draft:
         np.savez_compressed(
             draft,
             layer_z_mm=played.layer_z_mm,

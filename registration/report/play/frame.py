@@ -1,4 +1,4 @@
-"""Still frame of a predicted print, for paper and for pages without JavaScript."""
+"""Draw a predicted print as one PNG (finished, or a middle layer), for paper or no JavaScript."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from PIL import Image
 from registration.gcode_job import Act, FloatArray, IntArray
 from registration.picture.colours import SEQUENTIAL
 from registration.report.drawing import blank, styled
-from registration.report.play.packed import NOT_HELD, OFF, colourings
-from registration.report.play.played import Playback, PlayRows
+from registration.report.play.playback import Playback, PlayRows
+from registration.report.play.serialise import NOT_HELD, OFF, colourings
 from registration.report.scaled_lines import aspect, draw_scaled_lines, set_limits
 
 _WIDTH_IN: Final = 6.0

@@ -1,4 +1,4 @@
-"""Playback of a predicted print as a part of the report page."""
+"""Build the report page's section that plays back a predicted print."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any, Final
 
 from markupsafe import Markup
 
-from registration.report.added import AddedSection
+from registration.report.added_section import AddedSection
 from registration.report.gcode.page import GCODE_STATIC
 from registration.report.play.frame import draw_frame
-from registration.report.play.packed import pack_playback
-from registration.report.play.played import Playback
+from registration.report.play.playback import Playback
+from registration.report.play.serialise import pack_playback
 from registration.report.scripts import Folders
 
 _STATIC: Final = Path(__file__).parent / "static"

@@ -1,4 +1,4 @@
-"""Thin the playback data of a predicted print within display accuracy."""
+"""Reduce a predicted print's playback data by joining moves within display accuracy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from registration.gcode_job import Act
-from registration.report.play.played import FloatArray, Playback, PlayRows
+from registration.report.play.playback import FloatArray, Playback, PlayRows
 from registration.report.wording import number
 
 MOST_ROWS: Final = 400_000

@@ -1,1 +1,4 @@
-"""Simulated Klipper firmware."""
+"""Simulated Klipper firmware.
+
+Goes in: bytes of a host. Comes out: Klipper's replies. Begin with `firmware.py`.
+"""

@@ -1,4 +1,4 @@
-"""Simulated Klipper firmware; follows the behaviour of the firmware's source.
+"""Klipper's part of a simulated board: commands and replies, after the firmware's source.
 
 Modelled, after its source (`klippy/gcode.py`, 2025): line numbers are skipped and checksums taken
 off unchecked, so a garbled line is done as it came; an ``ok`` to each line; ``// Unknown
@@ -30,7 +30,7 @@ from typing import ClassVar, Final
 from sim.board.controller import Controller, Handlers
 from sim.board.lines import Numbering
 from sim.board.machine import Machine, MotorRunOn
-from sim.board.moves import rename_place
+from sim.board.moves import set_position
 from sim.board.placed_axes import PlacedAxes
 from sim.board.waits import Steps, Task, WaitStandstill
 from sim.families.klipper.numbering import KlipperNumbering
@@ -64,7 +64,7 @@ def _g92(board: Controller, command: Command) -> None:
     """Without a word it counts every axis from 0, which Marlin doesn't."""
     if not command.values:
         split_line(b"G92 X0 Y0 Z0 E0", board.words)
-    rename_place(board)
+    set_position(board)
 
 
 def _m114(board: Controller, command: Command) -> None:

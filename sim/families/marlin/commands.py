@@ -1,4 +1,4 @@
-"""Marlin's commands other than moves and head changes: one function per code.
+"""Table of Marlin's command handlers by code, and the small ones themselves (M75, M85, M302…).
 
 Wordings and line ends are those of the recorded build (`tests/sim/data/marlin`).
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 from sim.board.controller import Controller, Handlers
-from sim.board.moves import rename_place
+from sim.board.moves import set_position
 from sim.families.marlin.factors import m220, m221
 from sim.families.marlin.numbering import request_resend
 from sim.families.marlin.report_commands import (
@@ -47,7 +47,7 @@ _AT_ONCE_S: Final = 1e-6
 
 def g92(board: Controller, command: Command) -> None:
     """Give the position other numbers, then report where the motors are."""
-    rename_place(board)
+    set_position(board)
     board.machine.say(position_report(board, board.machine.steps_now()))
 
 

@@ -1,4 +1,4 @@
-"""Fast path of the simulated Marlin for consecutive plain moves."""
+"""Take consecutive plain moves into the simulated Marlin at once (fast path)."""
 
 from __future__ import annotations
 

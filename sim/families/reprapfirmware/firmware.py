@@ -1,4 +1,4 @@
-"""Simulated RepRapFirmware; follows the behaviour of the firmware's source.
+"""RepRapFirmware's part of a simulated board: Marlin's, with its own commands and replies.
 
 Modelled, after its source (`StringParser.cpp`, 3.x): a line with N and a checksum of one to three
 digits (XOR) or five (CRC-16) is checked; a bad one is dropped without a word; numbers aren't
@@ -23,7 +23,7 @@ from typing import Any, ClassVar, Final
 from sim.board.controller import Controller, Handlers
 from sim.board.lines import Numbering
 from sim.board.machine import Machine, MotorRunOn
-from sim.board.moves import rename_place
+from sim.board.moves import set_position
 from sim.board.placed_axes import PlacedAxes
 from sim.board.tools import take_tool_in_silence
 from sim.board.waits import Steps
@@ -94,7 +94,7 @@ def _m208(board: Controller, command: Command) -> None:
 
 def _g92(board: Controller, command: Command) -> None:
     """Where Marlin reports the position too."""
-    rename_place(board)
+    set_position(board)
 
 
 class RepRapFirmware(Marlin):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from design.geometry.crossings import side
+from design.geometry.crossings import plane_side
 from design.solids import Solid, block_solid, find_crossings, lumen_solid
 from tests.design.solids.networks import channels
 from tests.slower import first_of
@@ -145,7 +145,7 @@ def test_the_side_of_a_plane_is_never_wrong() -> None:
         d = (weight @ np.stack([a, b, c]) + rng.choice([0.0, 1e-7]) * rng.normal(size=3)).astype(
             np.float32
         )
-        found = side(a, b, c, d.astype(float))
+        found = plane_side(a, b, c, d.astype(float))
         unsure += found == 0
         assert found in (0, _exact_side(a.tolist(), b.tolist(), c.tolist(), d.tolist()))
     assert unsure < 30

@@ -13,8 +13,8 @@ from design.hemodynamics import (
     Losses,
     OutletLoad,
     Stenosis,
-    at_same_shear,
     flow_summary,
+    same_shear_conditions,
     scaled_flow,
     scaled_network,
     solve_flow,
@@ -29,7 +29,7 @@ def test_same_shear_and_pressure_in_the_scaled_network(factor):
     network = planar_four_vessel()
     design = solve_flow(network, WATER)
     large = scaled_network(network, factor)
-    print_ = solve_flow(large, at_same_shear(WATER, factor))
+    print_ = solve_flow(large, same_shear_conditions(WATER, factor))
     assert print_.wall_shear == pytest.approx(design.wall_shear, rel=1e-9)
     assert print_.pressure == pytest.approx(design.pressure, rel=1e-9)
     assert np.allclose(large.radius, factor * network.radius)
@@ -52,10 +52,10 @@ def test_both_ways_of_scaling_are_solutions_of_the_scaled_network():
 
 def test_outlet_flows_scale_and_pressures_stay():
     driven = FlowConditions(viscosity_pa_s=1e-3, inlet_pressure_pa=900.0, outlet_flow_ul_s={3: 2.0})
-    scaled = at_same_shear(driven, 2.0)
+    scaled = same_shear_conditions(driven, 2.0)
     assert scaled.outlet_flow_ul_s == {3: 16.0}
     assert scaled.inlet_pressure_pa == 900.0
-    assert at_same_shear(driven, 1.0) is driven
+    assert same_shear_conditions(driven, 1.0) is driven
 
 
 def test_blood_behind_a_resistance_keeps_its_shear_and_pressure():
@@ -63,11 +63,11 @@ def test_blood_behind_a_resistance_keeps_its_shear_and_pressure():
     outlet = int(network.outlets()[0])
     blood = replace(WATER, fluid=Carreau(), behind={outlet: OutletLoad(7.0, 50.0)})
     design = solve_flow(network, blood)
-    print_ = solve_flow(scaled_network(network, factor), at_same_shear(blood, factor))
+    print_ = solve_flow(scaled_network(network, factor), same_shear_conditions(blood, factor))
     assert print_.wall_shear == pytest.approx(design.wall_shear, rel=1e-9)
     assert print_.pressure == pytest.approx(design.pressure, rel=1e-9)
 
 
 def test_a_stenosis_is_as_long_as_its_vessel_is():
     narrow = replace(WATER, losses=Losses(stenoses=(Stenosis(0, 0.5, 2.0),)))
-    assert at_same_shear(narrow, 3.0).losses.stenoses[0].length_mm == 6.0
+    assert same_shear_conditions(narrow, 3.0).losses.stenoses[0].length_mm == 6.0

@@ -18,7 +18,7 @@ from design.measures.morphometry import (
     measure_morphometry,
     order_table,
 )
-from design.measures.ways import measure_ways
+from design.measures.path_lengths import measure_paths
 from design.network import VesselKind, VesselNetwork
 from design.tissue import block, tissue_from_surface
 from design.vasculature import GrowthOptions, grow_tree, planar_four_vessel, tree_to_network
@@ -110,7 +110,7 @@ def test_loops_have_no_orders() -> None:
         np.eye(3), np.array([[0, 1], [1, 2], [2, 0]]), np.ones(3), np.zeros(3), np.zeros(3)
     )
     assert measure_morphometry(ring) == ()
-    assert measure_ways(ring) is None
+    assert measure_paths(ring) is None
 
 
 def test_strahler_of_a_long_chain_needs_no_recursion() -> None:
@@ -123,7 +123,7 @@ def test_strahler_of_a_long_chain_needs_no_recursion() -> None:
 def test_depth_and_way_are_those_of_a_walk(seed: int, vessels: int, kind: int) -> None:
     parents, nodes = random_tree(np.random.default_rng(seed), vessels)
     network = tree_network(parents, nodes, np.ones(vessels), kind)
-    ways = measure_ways(network)
+    ways = measure_paths(network)
     assert ways is not None
     leaves = [i for i in range(vessels) if i not in parents]
     deep = [depth(parents, i) for i in leaves]
@@ -151,7 +151,7 @@ def test_a_half_circle_is_half_pi_as_long_as_its_chord() -> None:
         points,
         np.full(200, 0.1),
     )
-    ways = measure_ways(network)
+    ways = measure_paths(network)
     assert ways is not None
     assert ways.tortuosity_max == pytest.approx(np.pi / 2, rel=1e-4)
     assert ways.vessel_tortuosity_mean == ways.tortuosity_mean

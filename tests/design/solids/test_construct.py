@@ -17,7 +17,7 @@ from design.solids import (
     solid_from_surface,
     surface_genus,
 )
-from design.solids.ports import inside, surface_distance
+from design.solids.ports import depths
 from tests.design.solids.networks import channels, ladder
 
 BLOCK = block_solid((16, 8, 3))
@@ -41,9 +41,7 @@ def test_the_ladder_opens_at_both_faces_and_has_the_graphs_handles() -> None:
     assert construct_genus(network, ports) == 3 + 2 - 1
     assert surface_genus(construct.faces) == (4, 1)
     for axis_point in ([0.0, 4.1, 1.5], [16.0, 4.1, 1.5]):
-        assert surface_distance(construct, np.array([axis_point]))[0] == pytest.approx(
-            0.5, abs=2e-3
-        )
+        assert depths(construct, np.array([axis_point]))[0][0] == pytest.approx(0.5, abs=2e-3)
 
 
 def test_dimples_are_half_balls() -> None:
@@ -81,8 +79,9 @@ def test_inside_and_distance_agree_with_a_ball() -> None:
     points = np.random.default_rng(0).uniform(-3, 3, (200, 3))
     radius = np.linalg.norm(points, axis=1)
     clear = np.abs(radius - 2) > 0.02
-    assert np.array_equal(inside(solid, points)[clear], radius[clear] < 2)
-    assert surface_distance(solid, points) == pytest.approx(np.abs(radius - 2), abs=0.01)
+    distance, inside = depths(solid, points)
+    assert np.array_equal(inside[clear], radius[clear] < 2)
+    assert distance == pytest.approx(np.abs(radius - 2), abs=0.01)
 
 
 def test_a_surface_of_loose_triangles_becomes_a_solid() -> None:

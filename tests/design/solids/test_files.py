@@ -21,6 +21,7 @@ from design.solids import (
     lumen_solid,
     read_solid,
     validate_file,
+    validate_files,
     write_3mf,
     write_obj,
     write_ply,
@@ -29,6 +30,7 @@ from design.solids import (
 )
 from design.solids.read import load_mesh
 from design.solids.stl import read_corners
+from design.solids.threemf_read import read_plain_3mf
 from design.units import LengthUnit
 from tests.design.solids.networks import ladder
 
@@ -286,3 +288,48 @@ def test_a_damaged_stl_is_refused_by_what_is_wrong_with_it(
     (tmp_path / "nan.stl").write_bytes(holed)
     with pytest.raises(SolidError, match="1 corners aren't numbers"):
         read_solid(tmp_path / "nan.stl", "mm", for_sections=for_sections)
+
+
+def test_plain_3mf_reads_as_by_the_mesh_library(tmp_path: Path, construct: Solid) -> None:
+    path = tmp_path / "one.3mf"
+    write_3mf(path, construct)
+    found = read_plain_3mf(path)
+    assert found is not None
+    with path.open("rb") as file:
+        mesh = trimesh.load_mesh(file, file_type="3mf", process=False)
+    assert np.array_equal(found[0][found[1]], mesh.triangles)
+    assert found[2] == "millimeter"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('x="', 'y="0" x="'),
+        ('v2="5"', 'v2="-1"'),
+        ('v2="5"', 'v2="0.5"'),
+        ("</object>", '</object><object id="3"></object>'),
+        ("<item ", '<item transform="1 0 0 0 1 0 0 0 1 5 0 0" '),
+    ],
+)
+def test_what_isnt_plain_in_3mf_is_left_to_the_mesh_library(
+    tmp_path: Path, old: str, new: str
+) -> None:
+    path = tmp_path / "one.3mf"
+    write_3mf(path, block_solid((1, 1, 1)))
+    with zipfile.ZipFile(path) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    model = "3D/3dmodel.model"
+    assert old.encode() in files[model]
+    files[model] = files[model].replace(old.encode(), new.encode())
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    assert read_plain_3mf(path) is None
+
+
+def test_files_of_the_same_triangles_have_the_same_check(tmp_path: Path, construct: Solid) -> None:
+    paths = [tmp_path / "one.stl", tmp_path / "one.3mf", tmp_path / "block.stl"]
+    write_stl(paths[0], construct)
+    write_3mf(paths[1], construct)
+    write_stl(paths[2], block_solid((1, 1, 1)))
+    assert validate_files(paths) == {path.name: validate_file(path) for path in paths}

@@ -184,6 +184,7 @@ def test_vessels_that_only_touch_stay_closed() -> None:
     _assert_solid(lumen_solid(touching))
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_random_tangles_stay_closed(seed: int) -> None:
@@ -222,3 +223,11 @@ def test_bad_input_is_refused() -> None:
         lumen_solid(network, extend_ends_mm=1.0, extend_nodes=np.array([1]))
     with pytest.raises(SolidError, match="extend_ends_mm -1"):
         lumen_solid(network, extend_ends_mm=-1.0)
+
+
+def test_facets_by_radius_keep_the_volume_and_stay_closed() -> None:
+    fine, coarse = lumen_solid(ladder()), lumen_solid(ladder(), facet_ratio=0.05)
+    _assert_solid(coarse)
+    assert surface_genus(coarse.faces) == surface_genus(fine.faces)
+    assert len(coarse.faces) < 0.3 * len(fine.faces)
+    assert coarse.volume_mm3 == pytest.approx(fine.volume_mm3, rel=0.01)

@@ -7,7 +7,7 @@ import pytest
 
 from design.solids import Solid, block_solid, find_crossings, lumen_solid, surface_genus
 from design.solids import lumen as lumen_module
-from design.solids.mend import without_crossings
+from design.solids.mend import mend_surface
 from design.solids.topology import corner_fans, is_closed
 from tests.design.solids.networks import channels
 
@@ -49,7 +49,7 @@ def test_vessels_along_one_another_unite_without_crossings(unmended: pytest.Monk
 def test_a_surface_without_crossings_stays_as_it_is() -> None:
     block = block_solid((1, 2, 3))
     faces = block.faces.astype(np.int64)
-    vertices, kept, left = without_crossings(block.vertices, faces, 1e-3)
+    vertices, kept, left = mend_surface(block.vertices, faces, 1e-3)
     assert vertices is block.vertices
     assert kept is faces
     assert len(left) == 0
@@ -61,7 +61,7 @@ def test_what_would_move_the_surface_too_far_is_told() -> None:
     vertices = np.concatenate([cube.vertices, (cube.vertices @ turn.T + 0.5)])
     vertices = vertices.astype(np.float32).astype(np.float64)
     faces = np.concatenate([cube.faces, cube.faces + 8]).astype(np.int64)
-    moved, kept, left = without_crossings(vertices, faces, 1e-3)
+    moved, kept, left = mend_surface(vertices, faces, 1e-3)
     assert len(left) > 0
     assert is_closed(kept)
     assert np.abs(moved - vertices).max() < 2e-3
@@ -78,7 +78,7 @@ def test_bodies_that_touch_in_a_vertex_are_drawn_apart() -> None:
     vertices = np.concatenate([cube.vertices, cube.vertices + corner - cube.vertices.min(axis=0)])
     faces = np.concatenate([cube.faces.astype(np.int64), second])
     assert corner_fans(faces).max() + 1 > len(np.unique(faces))
-    apart, kept, left = without_crossings(vertices, faces, 1e-3)
+    apart, kept, left = mend_surface(vertices, faces, 1e-3)
     assert len(left) == 0
     assert is_closed(kept)
     assert corner_fans(kept).max() + 1 == len(np.unique(kept))

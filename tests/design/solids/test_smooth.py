@@ -8,11 +8,12 @@ from scipy.spatial import ConvexHull
 
 from design.errors import SolidError
 from design.solids import Solid, block_solid, lumen_solid, network_genus, surface_genus
+from design.solids.facets import Facets
 from design.solids.smooth.assemble import sew_parts
-from design.solids.smooth.fillet import errors, rounded_distance, shoot, wall_rows
+from design.solids.smooth.fillet import rounded_distance, shoot, wall_rows
 from design.solids.smooth.layout import lay_out
-from design.solids.smooth.reach import reaches
 from design.solids.smooth.sphere import insert, start
+from design.solids.smooth.tube_start import reaches
 from design.solids.topology import edge_faults, is_closed
 from design.solids.tube import EndShape
 from tests.design.solids.networks import channels, ladder, lattice, vessel
@@ -103,8 +104,7 @@ def test_between_plane_walls_the_fillet_is_the_balls_arc() -> None:
     )  # fmt: skip
     angle = np.linspace(0.1, 1.4, 7)
     arc = rho - rho * np.stack([np.cos(angle), np.sin(angle), 0 * angle - 2.0], axis=1)
-    found = np.empty(len(arc))
-    errors(walls, rho, arc, found)
+    found = np.array([rounded_distance(walls, rho, *point) for point in arc])
     assert found == pytest.approx(0.0, abs=2e-5)
 
 
@@ -174,10 +174,9 @@ def test_seams_are_sharp_without_and_gone_with_a_fillet() -> None:
 
 def test_vertices_of_a_rounded_fork_lie_on_its_rounded_surface() -> None:
     solid = lumen_solid(FORK, fillet_mm=0.2)
-    layout = lay_out(FORK, 0.001, 0.0, 0.2)
+    layout = lay_out(FORK, Facets(0.001), 0.0, 0.2)
     near = np.linalg.norm(solid.vertices - [5, 0, 0], axis=1) < 0.8
-    found = np.empty(int(near.sum()))
-    errors(layout.walls[0], 0.2, solid.vertices[near], found)
+    found = [rounded_distance(layout.walls[0], 0.2, *point) for point in solid.vertices[near]]
     # Polygons of the circle's area stand a little over it.
     assert np.abs(found).max() < 2.5e-3
 
@@ -196,7 +195,7 @@ def test_junctions_closer_than_their_width_are_united_in_a_crowd(ratio: float) -
     nodes = np.array([[0, 0, 0], [3, 0, 0], [3.3, 0, 0], [6, 0, 0], [3, 3, 0], [3.3, -3, 0]])
     ends = [(0, 1), (1, 2), (2, 3), (1, 4), (2, 5)]
     network = channels(nodes @ TURN.T, ends, [0.5, 0.5, 0.5, 0.3, 0.3])
-    layout = lay_out(network, 0.001, ratio, None)
+    layout = lay_out(network, Facets(0.001), ratio, None)
     assert layout.swallowed == [False, True, False, False, False]
     solid = lumen_solid(network, fillet_ratio=ratio)
     _assert_solid(solid)
@@ -208,13 +207,13 @@ def test_a_crowd_is_sewn_to_the_plain_tubes_around_it(length: float) -> None:
     nodes = [[-4, 0, 0], [0, 0, 0], [length, 0, 0], [5, 0, 0], [3, 3, 0], [-1.5, -3, 0]]
     ends = [(0, 1), (1, 2), (2, 3), (1, 4), (2, 5)]
     network = channels(nodes, ends, [0.5, 0.5, 0.5, 0.1, 0.1])
-    layout = lay_out(network, 0.001, 0.0, None)
+    layout = lay_out(network, Facets(0.001), 0.0, None)
     joined = layout.joint_of()
     shapes: list[tuple[EndShape, EndShape]] = [
         ("flat" if (run, 0) in joined else "round", "flat" if (run, 1) in joined else "round")
         for run in range(5)
     ]
-    _, faces = sew_parts(layout, shapes, 0.001)
+    _, faces = sew_parts(layout, shapes)
     assert sum(layout.swallowed) < 5
     assert is_closed(faces)
     assert surface_genus(lumen_solid(network).faces) == (0, 1)

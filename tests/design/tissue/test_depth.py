@@ -68,6 +68,7 @@ def test_capsules_are_judged_exactly_in_real_tissue(name):
     np.testing.assert_array_equal(tissue.grid.capsule_inside(start, end, radius), expected)
 
 
+@pytest.mark.slow
 def test_the_capsule_that_a_read_once_let_out_is_outside():
     path = SHARED / "biventricle_svv.stl"
     if not path.is_file():

@@ -7,9 +7,8 @@ import pytest
 from manifold3d import Manifold
 
 from design.errors import TissueError
-from design.tissue import block, check_supplied, tissue_from_surface
-from design.tissue.parts import part_numbers, parts_of
-from design.vasculature import GrowthOptions, grow_tree
+from design.tissue import block, part_numbers, part_tissue, parts_of, tissue_from_surface
+from design.vasculature import GrowthOptions, check_parts, grow_tree
 from tests.design.tissue import surfaces
 
 
@@ -50,15 +49,26 @@ def test_a_cavity_is_no_part_and_what_lies_in_it_is_one():
     outer, inner = parts_of(tissue)
     assert outer.volume_mm3 + inner.volume_mm3 == pytest.approx(tissue.volume_mm3)
     at = np.array([[9.0, 0, 0], [7.0, 0, 0], [4.5, 0, 0], [0, 0, 0.0]])
-    assert part_numbers(tissue, (outer, inner), at).tolist() == [0, 0, 1, 1]
+    assert part_numbers(tissue, (outer, inner), at).tolist() == [0, -1, 1, -1]
 
 
 def test_a_part_that_no_vessel_ends_in_is_refused_by_size_and_place():
     tissue = _tissue(LARGE, BESIDE["apart"])
     inside = np.array([[5.0, 5.0, 5.0]])
     with pytest.raises(TissueError, match=r"the part of 216 mm³ around \(23, 3, 3\) mm"):
-        check_supplied(tissue, inside)
-    check_supplied(tissue, np.array([[5.0, 5.0, 5.0], [23.0, 3.0, 3.0]]))
+        check_parts(tissue, inside)
+    _, demand, number = check_parts(tissue, np.array([[23.0, 3.0, 3.0], [5.0, 5.0, 5.0]]))
+    assert demand == pytest.approx([1000 / 1216, 216 / 1216])
+    assert number.tolist() == [1, 0]
+
+
+def test_a_part_is_a_tissue_of_its_own_with_its_cavities():
+    shells = surfaces.nested_shells()
+    tissue = tissue_from_surface(shells.vertices, shells.faces)
+    outer = parts_of(tissue)[0]
+    own = part_tissue(tissue, outer)
+    assert own.volume_mm3 == pytest.approx(outer.volume_mm3)
+    assert own.contains(np.array([[9.0, 0, 0], [7.0, 0, 0], [0, 0, 0.0]])).tolist() == [1, 0, 0]
 
 
 def test_faces_without_area_leave_the_root_its_direction():

@@ -263,3 +263,39 @@ def test_file_is_repaired_with_a_note(tmp_path):
     tissue = load_tissue(path, "mm")
     assert tissue.volume_mm3 == pytest.approx(BALL.volume_mm3, rel=1e-2)
     assert tissue.notes[0].startswith("holes.stl: mesh repaired: 2 hole(s) filled")
+
+
+def test_vertices_on_a_neighbours_edge_split_it():
+    """A joint of three faces in a T: the edges are open, and nothing is missing."""
+    points, faces = BALL.vertices.tolist(), BALL.faces.tolist()
+    for k in (0, 7, 40):
+        a, b, c = faces[k]
+        points.append((0.3 * np.array(points[a]) + 0.7 * np.array(points[b])).tolist())
+        faces[k] = [a, len(points) - 1, c]
+        faces.append([len(points) - 1, b, c])
+    volume = mended(np.array(points), np.array(faces), "3 edge(s) split at vertices")
+    assert volume == pytest.approx(BALL.volume_mm3, rel=1e-12)
+
+
+@pytest.mark.parametrize("place", [(30.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
+def test_a_sheet_beside_or_within_is_left_out_and_told(place):
+    corners = np.array([[0.0, 0, 0], [4, 0, 1], [4, 4, 0], [0, 4, 1]]) + place
+    sheet = Surface(corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
+    volume = mended(*joined(BALL, sheet), "1 sheet(s) of", "left out, which enclose nothing")
+    assert volume == pytest.approx(BALL.volume_mm3, rel=1e-12)
+
+
+def test_a_solid_with_a_large_hole_is_no_sheet_and_refused():
+    shell = surfaces.surface(surfaces.sphere(4.0).translate((30.0, 0.0, 0.0)))
+    middle = shell.vertices[shell.faces].mean(axis=1)
+    half = Surface(shell.vertices, shell.faces[middle[:, 2] < 0])
+    with pytest.raises(TissueError, match="mesh is open"):
+        repair_surface(*joined(BALL, half))
+
+
+def test_the_wall_between_solids_that_share_a_face_goes():
+    one = surfaces.surface(Manifold.cube((4.0, 4.0, 4.0)))
+    other = Surface(one.vertices * [-1, 1, 1], one.faces[:, ::-1].copy())
+    found, _ = repair_surface(*joined(one, other))
+    assert sound(found) == pytest.approx(128.0)
+    assert np.abs(found.vertices[found.faces][..., 0]).max(axis=1).min() > 0

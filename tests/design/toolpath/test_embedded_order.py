@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.embedded.schedule import Pass
-from design.toolpath.embedded.travel import CLIMB, with_shorter_ways
+from design.toolpath.embedded.travel import CLIMB, shorten_travels
 from design.toolpath.embedded.walk import Leg
 from tests.design.toolpath.embedded_parts import parts_of, rules_of
 from tests.design.toolpath.shapes import network
@@ -50,7 +50,7 @@ def _ends(one, elements):
 
 def test_bars_are_written_to_and_fro_where_nothing_forbids():
     elements, head = bars([(0, 3 * k, 0) for k in (0, 3, 1, 2)], 5.0)
-    found = with_shorter_ways(passes_of(elements), elements, rules_of({}, len(elements.end)), head)
+    found = shorten_travels(passes_of(elements), elements, rules_of({}, len(elements.end)), head)
     assert sorted(vessels(found, elements)) == [0, 1, 2, 3]
     assert {one.legs[0].step for one in found} == {1, -1}
     # All one way, as they come: 24 mm; at best to and fro: 9 mm.
@@ -63,7 +63,7 @@ def test_a_pass_whose_own_rules_forbid_it_isnt_turned():
     low = elements.first[:-1].tolist()
     own = rules_of({(k, k + 1): 1.0 for k in low}, len(elements.end))
     assert all(
-        one.legs[0].step == 1 for one in with_shorter_ways(passes_of(elements), elements, own, head)
+        one.legs[0].step == 1 for one in shorten_travels(passes_of(elements), elements, own, head)
     )
 
 
@@ -80,7 +80,7 @@ def test_rules_are_kept_and_the_way_never_gets_longer(seed, count, density):
         if rng.random() < density
     }
     passes = passes_of(elements)
-    found = with_shorter_ways(passes, elements, rules_of(pairs, len(elements.end)), head)
+    found = shorten_travels(passes, elements, rules_of(pairs, len(elements.end)), head)
     place = {vessel: k for k, vessel in enumerate(vessels(found, elements))}
     assert sorted(place) == list(range(count))
     owner = elements.vessel
@@ -91,6 +91,6 @@ def test_rules_are_kept_and_the_way_never_gets_longer(seed, count, density):
 def test_heads_arent_changed_more_often_for_a_shorter_way():
     elements, _ = bars([(0, 0, 0), (0, 6, 0), (0, 1, 0), (0, 7, 0)])
     head = np.array([0, 0, 1, 1])
-    found = with_shorter_ways(passes_of(elements), elements, rules_of({}, len(elements.end)), head)
+    found = shorten_travels(passes_of(elements), elements, rules_of({}, len(elements.end)), head)
     tools = head[vessels(found, elements)]
     assert (np.diff(tools) != 0).sum() == 1

@@ -105,11 +105,11 @@ def naive_rules(net, parts: Parts, slack: float):
     [
         (random_tree(4, 3, 1, 0.1), OPTIONS),
         (random_tree(4, 3, 2, 0.1), replace(OPTIONS, overlap_radii=1.5)),
-        (random_tree(3, 3, 5, 0.1), CONE),
+        (random_tree(2, 3, 5, 0.1), CONE),
         (FORKS, OPTIONS),
         (CROSSED, OPTIONS),
         (TILTED_RING, OPTIONS),
-        (cage(3, 0.8, 1.0), OPTIONS),
+        pytest.param(cage(3, 0.8, 1.0), OPTIONS, marks=pytest.mark.slow),
     ],
 )
 def test_rules_are_those_of_all_tips_and_all_ink(net, options):

@@ -11,7 +11,7 @@ from design.toolpath.embedded.elements import elements_of
 from design.toolpath.embedded.improve import broken_rules
 from design.toolpath.embedded.rules import find_rules, one_way
 from design.toolpath.embedded.schedule import Scheduler
-from design.toolpath.embedded.walk import Leg, start_walk, unwalk, walk
+from design.toolpath.embedded.walk import Leg, start_walk, undo_write, write_stretch
 from tests.design.toolpath.embedded_parts import pairs_of, parts_of, rules_of, trail
 from tests.design.toolpath.shapes import cage, network, random_tree
 from tests.design.toolpath.test_embedded_rules import random_rules
@@ -133,11 +133,11 @@ def test_a_walk_goes_as_far_as_it_may_and_can_be_taken_back(seed, density, start
     written: set[int] = set()
     for element, step in starts:
         before = progress.written.copy(), progress.waiting.copy()
-        found = walk(element, step, TREE, rules, progress)
+        found = write_stretch(element, step, TREE, rules, progress)
         assert found == naive_walk(element, step, written, pairs)
-        unwalk(element, step, found[0], rules, progress)
+        undo_write(element, step, found[0], rules, progress)
         assert np.array_equal(progress.written, before[0])
         assert np.array_equal(progress.waiting, before[1])
-        walk(element, step, TREE, rules, progress)
+        write_stretch(element, step, TREE, rules, progress)
         written |= set(Leg(element, step, found[0]).elements().tolist())
         assert set(np.flatnonzero(progress.written).tolist()) == written

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from manifold3d import CrossSection
 
-from design.toolpath.fresh.coarsen import without_short_moves
+from design.toolpath.fresh.coarsen import remove_short_moves
 from design.toolpath.fresh.contours import Contours, contours_of, sample
+from design.toolpath.fresh.largest_disc import measure_room
 from design.toolpath.fresh.paths import Paths, Role, gather
-from design.toolpath.fresh.room import measure_room
 from design.toolpath.fresh.thin import gap_paths
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens
 
@@ -132,7 +132,7 @@ def test_two_lumens_share_what_is_between_them():
 def test_no_line_comes_nearer_to_a_lumen_than_half_its_width(inner, thick, least, sides):
     section = ring(inner, inner + thick, sides)
     walls = build_walls(section, W, 2, 0.4)
-    paths = without_short_moves(walls.paths, least, W)
+    paths = remove_short_moves(walls.paths, least, W)
     lumen = shapely.Polygon(CrossSection.circle(inner, sides).to_polygons()[0])
     for a, b, width in strokes(paths):
         away = shapely.LineString([a, b]).distance(lumen)
@@ -143,7 +143,7 @@ def test_no_line_comes_nearer_to_a_lumen_than_half_its_width(inner, thick, least
 @given(radius=st.floats(0.1, 0.6), sides=st.integers(16, 64))
 def test_moves_round_a_lumen_are_as_long_as_the_firmware_needs(radius, sides):
     walls = build_walls(ring(radius, radius + 1.0, sides), W, 1, 0.4)
-    paths = without_short_moves(walls.paths, 0.0875, W)
+    paths = remove_short_moves(walls.paths, 0.0875, W)
     assert (paths.role == Role.WALL).all()
     hole = int(np.argmin([np.hypot(*paths.points[at]) for at in paths.offset[:-1]]))
     points = paths.points[paths.offset[hole] : paths.offset[hole + 1]]
@@ -156,7 +156,7 @@ def test_moves_round_a_lumen_are_as_long_as_the_firmware_needs(radius, sides):
 def test_the_smallest_lumens_stay_round_for_a_fine_needle(radius):
     width = 0.08
     walls = build_walls(ring(radius, radius + 1.0, 24), width, 1, 0.4)
-    paths = without_short_moves(walls.paths, 0.0875, width)
+    paths = remove_short_moves(walls.paths, 0.0875, width)
     hole = int(np.argmin([np.hypot(*paths.points[at]) for at in paths.offset[:-1]]))
     points = paths.points[paths.offset[hole] : paths.offset[hole + 1]]
     step = np.abs(np.diff(points, axis=0, append=points[:1])).max(axis=1)
@@ -182,7 +182,7 @@ def test_an_empty_section_has_no_walls():
 def test_a_jog_in_a_long_wall_doesnt_tilt_it():
     slot = [(0, 0), (6, 0), (6, 0.8), (0.5, 0.8), (0.44, 0.84), (0, 0.84)]
     section = CrossSection.square((10, 5)).translate((-2, -2)) - CrossSection([slot])
-    paths = without_short_moves(build_walls(section, W, 1, 0.4).paths, 0.0875, W)
+    paths = remove_short_moves(build_walls(section, W, 1, 0.4).paths, 0.0875, W)
     band = shape(section).intersection(shapely.Polygon(slot).buffer(0.05))
     bare = band.difference(inked(paths)).buffer(-0.005)
     assert bare.is_empty
@@ -194,7 +194,7 @@ def test_points_left_out_of_a_fine_wall_do_not_add_up(radius):
     turn = np.linspace(0, 2 * np.pi, int(2 * np.pi * radius / 0.004), endpoint=False)
     ring = radius * np.column_stack([np.cos(turn), 0.7 * np.sin(turn)])
     walls = gather([ring], [np.full(len(ring), W)], closed=True, role=Role.WALL)
-    made = without_short_moves(walls, 0.0875, W)
+    made = remove_short_moves(walls, 0.0875, W)
     wall = shapely.Polygon(made.points)
     assert wall.buffer(0.03 * W + 1e-5).contains(shapely.Polygon(ring))
     assert shapely.distance(shapely.points(ring), wall.exterior).max() < 0.1 * W
@@ -234,7 +234,7 @@ def test_lines_that_become_one_keep_their_mean_width():
     taper = gather(
         [np.column_stack([x, 0 * x])], [np.linspace(W, W / 2, 31)], closed=False, role=Role.WALL
     )
-    made = without_short_moves(taper, 0.1, W)
+    made = remove_short_moves(taper, 0.1, W)
     assert len(made.points) < 12
     assert np.linalg.norm(np.diff(made.points[:-1], axis=0), axis=1).min() >= 0.1 - 1e-9
     assert volume(made) == pytest.approx(volume(taper), rel=1e-6)

@@ -7,7 +7,7 @@ import pytest
 
 from design.errors import ToolpathError
 from design.toolpath import MoveKind, Toolpath
-from design.toolpath.lag import advanced
+from design.toolpath.lag import compensate_lag
 from design.toolpath.moves import MoveBuilder
 
 LAG, RATE = 0.3, 16.0
@@ -48,7 +48,7 @@ def flows(path: Toolpath, lag: float) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def test_a_tapered_filament_comes_out_as_designed(ends: tuple[float, float]) -> None:
     plain = tapered(*ends)
     off = []
-    for path in (advanced(plain, LAG, RATE).toolpath, plain):
+    for path in (compensate_lag(plain, LAG, RATE).toolpath, plain):
         row, place, flow = flows(path, LAG)
         writes = path.kind[row] == MoveKind.WRITE
         wide = np.sqrt(4 * np.maximum(flow[writes], 0) / (np.pi * 4.0))
@@ -59,7 +59,7 @@ def test_a_tapered_filament_comes_out_as_designed(ends: tuple[float, float]) -> 
 
 def test_all_that_is_added_is_taken_back_but_for_what_flows_meanwhile() -> None:
     plain = tapered(0.3, 1.0)
-    found = advanced(plain, LAG, RATE)
+    found = compensate_lag(plain, LAG, RATE)
     path = found.toolpath
     assert found.stood_ul == 0.0
     _, _, flow = flows(path, LAG)
@@ -72,7 +72,7 @@ def test_all_that_is_added_is_taken_back_but_for_what_flows_meanwhile() -> None:
 
 def test_the_path_stays_and_the_plunger_never_goes_back_while_writing() -> None:
     plain = tapered(1.5, 0.3, moves=8)
-    found = advanced(plain, 2.0, RATE)
+    found = compensate_lag(plain, 2.0, RATE)
     path = found.toolpath
     writes = path.kind == MoveKind.WRITE
     assert (path.volume_ul[writes] >= 0).all()
@@ -83,7 +83,7 @@ def test_the_path_stays_and_the_plunger_never_goes_back_while_writing() -> None:
 
 def test_an_even_filament_is_only_pressed_before_and_relieved_after() -> None:
     plain = tapered(0.5, 0.5)
-    path = advanced(plain, LAG, RATE).toolpath
+    path = compensate_lag(plain, LAG, RATE).toolpath
     assert len(path) == len(plain) + 2
     flow = np.pi / 4 * 0.25 * 4.0
     primed, relieved = path.volume_ul[1], path.volume_ul[-2]
@@ -97,7 +97,7 @@ def test_a_step_of_thickness_is_made_in_place() -> None:
     builder = MoveBuilder([0.0, 0, 0], "vessel")
     builder.write(np.array([[5.0, 0, 0]]), np.array([5 * 0.5]), 4.0, 0)
     builder.write(np.array([[10.0, 0, 0]]), np.array([5 * 0.1]), 4.0, 1)
-    path = advanced(builder.build(), LAG, RATE).toolpath
+    path = compensate_lag(builder.build(), LAG, RATE).toolpath
     writes = path.kind == MoveKind.WRITE
     row, _, flow = flows(path, LAG)
     asked = np.where(path.source[row] == 0, 2.0, 0.4)
@@ -109,4 +109,4 @@ def test_a_step_of_thickness_is_made_in_place() -> None:
 
 def test_a_lag_that_is_none_is_refused() -> None:
     with pytest.raises(ToolpathError, match="lag_s"):
-        advanced(tapered(0.3, 0.6), 0.0, RATE)
+        compensate_lag(tapered(0.3, 0.6), 0.0, RATE)

@@ -12,7 +12,7 @@ from design.vasculature import GrowthOptions, grow_tree, tree_from_topology
 from design.vasculature.polish.cost import tree_volume
 from design.vasculature.polish.options import PolishOptions
 from design.vasculature.polish.polish import find_faults, polish
-from design.vasculature.polish.workbench import Bench
+from design.vasculature.polish.working_arrays import Bench
 from tests.design.tissue import surfaces
 from tests.design.vasculature.test_grow import check, tissue_of
 from tests.slower import first_of

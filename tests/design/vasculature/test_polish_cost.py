@@ -9,7 +9,7 @@ from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.polish.cost import tree_volume
 from design.vasculature.polish.graft import fork_cost
 from design.vasculature.polish.relax import best_node, node_value, root_radius
-from design.vasculature.polish.topology import attach, cut_branch, detach, is_below, uncut
+from design.vasculature.polish.topology import attach, cut_branch, detach, is_below, undo_cut
 from design.vasculature.treemath import tree_from_topology, tree_radii
 from tests.design.vasculature.test_cost import as_tree, laws, random_segments
 
@@ -106,7 +106,7 @@ def test_a_graft_has_the_cost_of_the_tree_built_anew_and_can_be_undone(options, 
         assert cost == pytest.approx(cost_of(tree, law), rel=1e-9)
         detach(segments, i, free, was, law)
         segments[c] = saved[2]
-    uncut(segments, p, free, c, saved, law)
+    undo_cut(segments, p, free, c, saved, law)
     for name in before.dtype.names:
         np.testing.assert_array_equal(segments[name], before[name], err_msg=name)
 

@@ -91,6 +91,7 @@ def test_a_way_round_the_hole_is_found_and_holds_the_rules(web, across, torus):
     assert (turn <= 1.2 * arc / (web.rule.bend * route.radius) + 1e-9).all()
 
 
+@pytest.mark.slow
 def test_no_way_is_thinner_than_the_least_radius(web, across):
     route = find_route(across, crowd_of(web))
     least = 1.01 * route.radius

@@ -11,7 +11,7 @@ from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from design.toolpath.embedded import EmbeddedOptions, plan_embedded
 from design.toolpath.gcode import GcodeOptions, save_gcode, stream_gcode
-from design.toolpath.lag import advanced
+from design.toolpath.lag import compensate_lag
 from firmware_profiles import Printer, Syringe, load
 from printctl.preflight import written_arrays
 
@@ -36,7 +36,7 @@ def write_job(folder: Path, lag_s: float = 0.0, printer: str = "generic_marlin")
     path = plan_embedded(network, EmbeddedOptions(retract_ul=0.0)).toolpath
     if lag_s > 0:
         rate = 0.5 * profile.max_speed_mm_s.e * math.pi / 4 * syringe.inner_mm**2
-        path = advanced(path, lag_s, rate).toolpath
+        path = compensate_lag(path, lag_s, rate).toolpath
     options = GcodeOptions(start_mm=START, relieve_ul=0.0)
     job = stream_gcode([path], profile, syringe, PLACE, options, 1.0)
     beside = written_arrays(network, np.array(PLACE), 0.5, 0.05, [(0.31, 0.31, 0.0)])

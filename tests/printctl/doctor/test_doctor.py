@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from printctl.cli.main import app
 from printctl.doctor import places
 from printctl.doctor.extras import extras
-from printctl.doctor.ports import looked_at, permission_findings, udev_rule
+from printctl.doctor.ports import check_ports, permission_findings, udev_rule
 from printctl.link.ports import PortInfo
 
 USB = PortInfo("/dev/ttyACM0", "Marlin", "2a03:0042", "x")
@@ -44,7 +44,7 @@ def test_json_holds_all_and_says_fit():
 
 
 def test_a_data_folder_that_cannot_be_written_blocks(monkeypatch):
-    monkeypatch.setattr("printctl.doctor.look.is_writable", lambda folder: False)
+    monkeypatch.setattr("printctl.doctor.collect.is_writable", lambda folder: False)
     done = doctor()
     assert done.exit_code == 1
     assert "BLOCKS: no file can be written in" in done.output
@@ -103,11 +103,11 @@ def test_the_device_is_not_given_away_with_the_group_root(monkeypatch):
 
 
 def test_ports_are_listed_with_id_and_permission():
-    assert looked_at([USB, BUILT_IN], lambda device: True) == {
+    assert check_ports([USB, BUILT_IN], lambda device: True) == {
         "/dev/ttyACM0": "2a03:0042, readable and writable",
         "/dev/ttyS0": "no USB id, readable and writable",
     }
-    assert looked_at([USB], nobody_may)["/dev/ttyACM0"].endswith("no permission")
+    assert check_ports([USB], nobody_may)["/dev/ttyACM0"].endswith("no permission")
     assert permission_findings([USB], lambda device: "dialout", lambda device: True) == []
 
 
@@ -124,14 +124,14 @@ def test_an_extra_that_is_there_is_present(monkeypatch):
 
 
 def test_two_homes_of_our_packages_block(monkeypatch):
-    monkeypatch.setattr("printctl.doctor.look.OURS", ("design", "json"))
+    monkeypatch.setattr("printctl.doctor.collect.OURS", ("design", "json"))
     done = doctor()
     assert done.exit_code == 1
     assert "come from 2 places" in done.output
 
 
 def test_kernels_that_are_not_compiled_are_told(monkeypatch, tmp_path: Path):
-    monkeypatch.setattr("printctl.doctor.look.cache_dir", lambda: tmp_path / "none")
+    monkeypatch.setattr("printctl.doctor.collect.cache_dir", lambda: tmp_path / "none")
     done = doctor()
     assert done.exit_code == 0
     assert "printctl doctor --warm" in done.output

@@ -77,6 +77,7 @@ def printed(folder: Path, name: str, made: dict[str, Any], **changes: Any) -> di
     return run(folder, name, data)
 
 
+@pytest.mark.slow
 def test_a_compensation_that_changes_nothing_gives_the_same_bytes(
     first: Path, made: dict[str, Any]
 ) -> None:

@@ -52,6 +52,17 @@ def test_a_pulse_leaves_tables_and_the_case_for_another_solver(fork: Path) -> No
     assert case.returncode == 0, case.stderr
     assert json.loads(case.stdout)["periodic"]
     assert (fork / "theirs" / "svzerod.csv").is_file()
+    case = printctl("flow", "case.json", "--out", "theirs", "--results", "npz", cwd=fork)
+    assert case.returncode == 0, case.stderr
+    with np.load(fork / "theirs" / "svzerod.npz") as arrays:
+        assert arrays["flow_in"].shape == (101, len(rows))
+    for name, option, words in (
+        ("case.json", ("--one-d",), "--one-d is for networks"),
+        ("fork.csv", ("--unit", "mm", "--results", "npz"), "--results is for a case"),
+    ):
+        refused = printctl("flow", name, *option, cwd=fork)
+        assert refused.returncode in (1, 2)
+        assert words in refused.stderr
 
 
 @pytest.mark.parametrize(

@@ -114,6 +114,7 @@ def test_radii_are_matched_to_flows_that_are_wanted(fork: Path) -> None:
     assert matched.mean_radius() == pytest.approx(np.array([0.5, 0.4, 0.4]) * scale)
 
 
+@pytest.mark.slow
 def test_a_split_that_bounds_forbid_is_said_not_to_be_met(fork: Path) -> None:
     done = printctl(
         "flow", "fork.csv", "--unit", "mm", "--match-split", "--want", "2,0.001",

@@ -16,8 +16,8 @@ from printctl.gate import (
     Phase,
     PrinterSituation,
     Refusal,
-    foreseen,
     judge,
+    judge_stored_line,
 )
 
 MARLIN = load(Printer, "generic_marlin")
@@ -277,10 +277,10 @@ def test_quotes_round_a_plain_value_are_not_sent():
 
 
 def test_a_macro_is_kept_with_moves_that_are_judged_later():
-    assert isinstance(foreseen("G1 X50", MARLIN), AllowedLine)
-    assert isinstance(foreseen("M104 S200", MARLIN), AllowedLine)
-    assert isinstance(foreseen("M500", MARLIN), Refusal)
-    assert isinstance(foreseen("G1 X50 X60", MARLIN), Refusal)
+    assert isinstance(judge_stored_line("G1 X50", MARLIN), AllowedLine)
+    assert isinstance(judge_stored_line("M104 S200", MARLIN), AllowedLine)
+    assert isinstance(judge_stored_line("M500", MARLIN), Refusal)
+    assert isinstance(judge_stored_line("G1 X50 X60", MARLIN), Refusal)
 
 
 @given(st.text(max_size=40) | st.from_regex(r"[ GMTgmtN0-9.XYZEFSP*;()\"-]{0,30}", fullmatch=True))

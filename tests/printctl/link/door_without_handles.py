@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from tests.printctl.link.test_door_places import client, crowded_door
 from tests.printctl.link.test_server import hear, say
+from tests.printctl.link.test_socket_clients import client, crowded_door
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """In-process transport to the simulated printer, for tests and benchmarks.
 
 Clock and printer move together: what the host waits, the printer lives through, by its own pace
-(`sim.faults.pace`). What the cable does to the bytes is `sim.faults.bad_line`'s.
+(`sim.faults.clock_pace`). What the cable does to the bytes is `sim.faults.cable`'s.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import numpy as np
 from printctl.link.clock import VirtualClock
 from printctl.link.errors import PortLost
 from sim.board.printer import SimulatedPrinter
-from sim.faults.bad_line import BadLine
+from sim.faults.cable import FaultyCable
+from sim.faults.clock_pace import Pace
 from sim.faults.fault_file import PermanentFaults
-from sim.faults.pace import Pace
 
 
 class HostDiedError(BaseException):
@@ -44,7 +44,7 @@ class SimulatedTransport:
     ) -> None:
         self.name = "simulated"
         self.printer, self.clock = printer, clock
-        self.line = printer.bad_line = BadLine(troubles, rng)
+        self.line = printer.bad_line = FaultyCable(troubles, rng)
         if troubles is not None:
             printer.pace = Pace(troubles.speed)
         self._writes_left, self._last_part = 0, 1.0

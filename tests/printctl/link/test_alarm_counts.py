@@ -9,7 +9,7 @@ from printctl.link.history_entry import entry_of
 from printctl.link.journal import Journal
 from printctl.link.journalled_print import read_journal
 from printctl.link.states import LinkState
-from printctl.printing.journalled import journalled
+from printctl.printing.journal_facts import read_journal_facts
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.simulated import PRINTER, START, gcode, printed
@@ -37,7 +37,7 @@ def test_answers_that_are_all_doubled_make_one_alarm_with_a_count(tmp_path):
     times = int(text.rsplit("(", 1)[1].removesuffix(" times)"))
     assert times > 30
     assert "another program or noise wrote to this printer" in text
-    assert journalled(journal).last_alarm == text
+    assert read_journal_facts(journal).last_alarm == text
     assert journal.read_text().count(" alarm") + journal.read_text().count('"repeated"') < 12
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from firmware_profiles.families.marlin.bit_flips import guard_command
 from firmware_profiles.families.marlin.doubt import QUESTION, RENUMBER
-from firmware_profiles.families.marlin.guarding import guarded
 from printctl.link.clock import VirtualClock
 from printctl.link.states import LinkState
 from sim.board.wire import Wire
@@ -76,4 +76,4 @@ def test_flipped_bit_of_an_unguarded_command_is_a_stop():
     ],
 )
 def test_only_what_is_near_gets_a_zero(command, sent):
-    assert guarded(command) == sent
+    assert guard_command(command) == sent

@@ -13,8 +13,8 @@ from printctl.link.clock import VirtualClock
 from printctl.link.halting import halting_of
 from printctl.link.job import Job
 from printctl.link.kill import Kill
+from printctl.link.motor_run_on import MotorRunOn
 from printctl.link.progress import JobProgress
-from printctl.link.run_on import MotorRunOn
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from firmware_profiles import Printer, load
 from firmware_profiles.families.position_reply import parse_position
 from printctl.link.errors import JobError
 from printctl.link.firmware import differences, parse_firmware
-from printctl.link.modal import Modal, astray, axes_placed, disagreement, modal_state
+from printctl.link.modal import Modal, axes_placed, disagreement, mismatched_axes, modal_state
 from printctl.link.retreat import Retreat, heaters_off
 from tests.printctl.link.jobs import load_job, parse_job
 
@@ -144,7 +144,7 @@ def test_firmware_that_differs_from_the_profile_is_told():
 def test_every_axis_that_stands_elsewhere_is_named():
     position = parse_position([b"X:1.00 Y:2.00 Z:0.50 E:0.10 Count X:80 Y:160 Z:200"])
     at = Modal(x=1.2, y=2.0, z=5.0)
-    assert astray(at, position) == "XZ"
+    assert mismatched_axes(at, position) == "XZ"
     told = disagreement(at, position)
     assert (
         told == "X is 1.00 mm where the job says 1.20 mm, Z is 0.50 mm where the job says 5.00 mm"

@@ -7,12 +7,12 @@ from contextlib import closing
 import pytest
 
 from printctl.cli.status import status_lines
+from printctl.link.find_link import read_outcome
 from printctl.link.journal import Journal
-from printctl.link.reach import what_is_known
 from printctl.link.record import JOURNAL, RECORD, LinkRecord, save_private
 from printctl.link.states import LinkState
-from printctl.print_state.state import truth_of
-from printctl.printing.journalled import JournalledFacts
+from printctl.print_state.state import assemble_state
+from printctl.printing.journal_facts import JournalledFacts
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import layered
 
@@ -28,7 +28,7 @@ def killed(folder, profile: str, state: LinkState, done: int = 60, port: str = "
         journal.add("ack", done=done)
         if state is not LinkState.PRINTING:
             journal.add("state", state=state, message="")
-    return what_is_known(folder)
+    return read_outcome(folder)
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_command_that_recovers_can_be_copied(tmp_path):
     status = killed(tmp_path, "generic_marlin", LinkState.PRINTING)
     (line,) = [
         line
-        for line in status_lines(truth_of(tmp_path, status, JournalledFacts()), "my run")
+        for line in status_lines(assemble_state(tmp_path, status, JournalledFacts()), "my run")
         if line.startswith("recover:")
     ]
     assert "printctl recover 'my run' --from-line " in line

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from firmware_profiles.families.harmless_query import QUESTION
 from firmware_profiles.families.link_protocol import (
     CommandReplied,
     LinesResent,
@@ -12,7 +13,6 @@ from firmware_profiles.families.link_protocol import (
 )
 from firmware_profiles.families.marlin.protocol import MarlinProtocol
 from firmware_profiles.families.marlin.replies import frame
-from firmware_profiles.families.question import QUESTION
 
 JOB = [b"G1 X%d" % k for k in range(1, 41)]
 

@@ -13,10 +13,10 @@ import pytest
 import yaml
 
 from firmware_profiles import Printer, load
-from printctl.link import LinkError, LinkState, attach, reach, resume_print, start_print
+from printctl.link import LinkError, LinkState, attach, find_link, resume_print, start_print
 from printctl.link.errors import AlreadyPrinting, JobError, NoLink, PortInUse, PortMissing
+from printctl.link.find_link import alive
 from printctl.link.journalled_print import read_journal
-from printctl.link.reach import alive
 from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, write_job
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
@@ -100,7 +100,7 @@ def test_reset_in_mid_print_is_position_unknown(tmp_path, profile):
 
 
 def test_second_print_in_the_folder_or_on_the_port_is_refused(tmp_path, profile, monkeypatch):
-    monkeypatch.setattr(reach, "_ENDING_S", 0.1)
+    monkeypatch.setattr(find_link, "_ENDING_S", 0.1)
     write_job(tmp_path / "job.gcode", 400)
     with pty_printer(FakeMarlin(), hold_at=100) as served:
         client = start_print(tmp_path / "job.gcode", profile, served.name, tmp_path / "run")

@@ -13,7 +13,7 @@ from firmware_profiles import Printer, load
 from printctl.gate import Bounds, Phase, PrinterSituation
 from printctl.link.care import NewSyringe
 from printctl.link.errors import LinkError
-from printctl.link.gating import judge_typed, let_through
+from printctl.link.gating import allowed_command, judge_typed
 from printctl.link.marks import MarkKind
 from printctl.link.server import Server, forget, listen
 from printctl.link.states import LinkState, Status
@@ -47,7 +47,7 @@ class Spy:
 
     def typed(self, text: str, done, refused) -> None:
         known = PrinterSituation(Bounds(self.wiring.printer), Phase.PRINTING)
-        self.wishes.append(let_through(judge_typed(text, known)).text)
+        self.wishes.append(allowed_command(judge_typed(text, known)).text)
         done((b"X:0.00", b"ok"))
 
     def kill(self) -> None:

@@ -9,7 +9,7 @@ from printctl.link.errors import LinkError
 from printctl.link.journalled_print import JournalledPrint, read_journal
 from printctl.link.modal import Modal
 from printctl.link.recovering import plan_recovery
-from printctl.link.stop_place import StopPlace, find_stood
+from printctl.link.stop_place import StopPlace, find_stop_line
 from sim.dry_run.run import dry_run
 from sim.motion.executed import ExecutedMotion
 from tests.printctl.link.jobs import parse_job
@@ -29,61 +29,61 @@ JOB = HEADER + "".join(
 
 
 def test_the_middle_of_a_move():
-    found = find_stood(PLACED, 1, 6, Modal(10.0, 4.0, 1.0, 1.4))
+    found = find_stop_line(PLACED, 1, 6, Modal(10.0, 4.0, 1.0, 1.4))
     assert found == StopPlace(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
 
 
 def test_a_corner_belongs_to_the_next_line():
-    found = find_stood(PLACED, 1, 6, Modal(10.0, 10.0, 1.0, 2.0))
+    found = find_stop_line(PLACED, 1, 6, Modal(10.0, 10.0, 1.0, 2.0))
     assert (found.line, found.certain) == (3, True)
 
 
 def test_the_end_of_all_lines():
-    assert find_stood(PLACED, 1, 3, Modal(10.0, 10.0, 1.0, 2.0)).line == 3
+    assert find_stop_line(PLACED, 1, 3, Modal(10.0, 10.0, 1.0, 2.0)).line == 3
 
 
 def test_a_place_that_is_passed_twice_is_told_by_the_plunger():
-    found = find_stood(PLACED, 1, 6, Modal(5.0, 0.0, 1.0, 4.5))
+    found = find_stop_line(PLACED, 1, 6, Modal(5.0, 0.0, 1.0, 4.5))
     assert (found.line, found.certain) == (5, True)
 
 
 def test_of_two_lines_that_fit_the_earlier_one_is_taken():
     """Without a plunger nothing tells the way there from the way back."""
     lines = [b"G92 X0 Y0 Z1", b"G1 X10 Y0 Z1", b"G1 X10 Y5", b"G1 X10 Y0", b"G1 X0 Y0"]
-    found = find_stood(lines, 1, 5, Modal(4.0, 0.0, 1.0))
+    found = find_stop_line(lines, 1, 5, Modal(4.0, 0.0, 1.0))
     assert (found.line, found.certain) == (1, False)
 
 
 @pytest.mark.parametrize("place", [Modal(5.0, 5.0, 1.0, 2.5), Modal(10.0, 4.0, 1.0, 3.0)])
 def test_a_place_beside_all_lines_offers_the_first_that_may_be_open(place):
-    assert find_stood(PLACED, 1, 6, place) == StopPlace(1, None, False)
+    assert find_stop_line(PLACED, 1, 6, place) == StopPlace(1, None, False)
 
 
 def test_an_arc_offers_the_first_that_may_be_open():
     arc = [*PLACED[:3], b"G2 X20 Y10 I5 J0 E3"]
-    assert find_stood(arc, 1, 4, Modal(10.0, 4.0, 1.0, 1.4)) == StopPlace(1, None, False)
+    assert find_stop_line(arc, 1, 4, Modal(10.0, 4.0, 1.0, 1.4)) == StopPlace(1, None, False)
 
 
 @pytest.mark.parametrize("e", [1.4, -0.6], ids=["the move's count", "the last count"])
 def test_a_plunger_counted_anew_behind_a_move_hinders_no_search(e):
     """A firmware may set the count when it reads the line, or among the moves."""
     anew = [*PLACED[:3], b"G92 E0"]
-    found = find_stood(anew, 1, 4, Modal(10.0, 4.0, 1.0, e))
+    found = find_stop_line(anew, 1, 4, Modal(10.0, 4.0, 1.0, e))
     assert found == StopPlace(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
 
 
 def test_the_same_way_in_two_counts_is_uncertain():
     lines = [*PLACED[:3], b"G92 E1", b"G1 X10 Y0 E1", b"G1 X10 Y10 E2"]
-    found = find_stood(lines, 1, 6, Modal(10.0, 4.0, 1.0, 1.4))
+    found = find_stop_line(lines, 1, 6, Modal(10.0, 4.0, 1.0, 1.4))
     assert (found.line, found.certain) == (2, False)
 
 
 def test_a_line_that_names_the_place_it_is_at_hinders_no_search():
     same = [*PLACED[:3], b"G92 Z1", *PLACED[3:]]
-    found = find_stood(same, 1, 7, Modal(10.0, 4.0, 1.0, 1.4))
+    found = find_stop_line(same, 1, 7, Modal(10.0, 4.0, 1.0, 1.4))
     assert found == StopPlace(2, Modal(10.0, 4.0, 1.0, pytest.approx(1.4), None), True)
     moved = [*PLACED[:3], b"G92 Z2", *PLACED[3:]]
-    assert find_stood(moved, 1, 7, Modal(10.0, 4.0, 1.0, 1.4)) == StopPlace(1, None, False)
+    assert find_stop_line(moved, 1, 7, Modal(10.0, 4.0, 1.0, 1.4)) == StopPlace(1, None, False)
 
 
 def written(motion: ExecutedMotion) -> tuple[np.ndarray, float]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 
 from printctl.link.errors import LinkError
-from printctl.link.job_start import told_start
+from printctl.link.job_start import declared_start
 from tests.printctl.link.jobs import parse_job
 
 PLACE = (100.0, 90.0, 50.0)
 
 
 def told(*lines: str) -> tuple[float, float, float] | None:
-    return told_start(parse_job("\n".join(lines).encode() + b"\n", "job.gcode"))
+    return declared_start(parse_job("\n".join(lines).encode() + b"\n", "job.gcode"))
 
 
 @pytest.mark.parametrize(

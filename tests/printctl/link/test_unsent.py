@@ -19,7 +19,7 @@ from printctl.link.retreat import Retreat
 from printctl.pipeline.stages import printing
 from printctl.preflight.firmware import firmware_checks
 from printctl.printing import Order, find_or_start
-from printctl.probing import ask_settings
+from printctl.probing import query_settings
 from printctl.recipe.making import FileScan, SimulatedScan
 from sim.dry_run.run import dry_run
 from tests.design.toolpath.shapes import as_solid, block
@@ -64,7 +64,7 @@ def test_no_state_machine_and_no_question_is_for_it() -> None:
         with pytest.raises(Refused, match="takes no lines from a host"):
             ask()
     with pytest.raises(Refused, match="takes no lines from a host"):
-        ask_settings("/dev/null", PRINTER)
+        query_settings("/dev/null", PRINTER)
 
 
 def test_its_marks_are_read() -> None:

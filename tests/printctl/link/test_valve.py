@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from firmware_profiles.families.marlin.guarding import guarded
+from firmware_profiles.families.marlin.bit_flips import guard_command
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.firmware import mode_lines
@@ -281,7 +281,7 @@ def test_a_host_that_died_shuts_the_valve_first_and_rejoins(tmp_path, seed):
     stood_open = is_open(JOB.lines, done, AIR)
     assert (status.alarms == 1) == stood_open
     plain = [line.split(b" ", 1)[1].split(b"*")[0] for line in commands]
-    rest = [guarded(line) for line in JOB.lines[done : done + 2]]
+    rest = [guard_command(line) for line in JOB.lines[done : done + 2]]
     back = next(k for k in range(len(plain)) if plain[k : k + 2] == rest)
     opened = [k for k, line in enumerate(commands[:back]) if OPENING in line]
     down = next(k for k, line in enumerate(commands) if b"G1 Z" in line)

@@ -15,7 +15,7 @@ from rich.console import Console
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.errors import RecipeError, SafetyError
 from printctl.link.care import Care
-from printctl.pipeline.filled import Filled
+from printctl.pipeline.head_contents import Filled
 from printctl.pipeline.run import toolpath_recipe
 from printctl.pipeline.stages import printing
 from printctl.printing import Order, usable_mm

@@ -16,7 +16,7 @@ from design.network_files.json_format import write_network_json
 from design.network_files.vtp import write_network_vtp
 from printctl.pipeline.growth_source import read_given
 from printctl.pipeline.run import toolpath_recipe
-from printctl.pipeline.stages.vasculature import parts_told
+from printctl.pipeline.stages.vasculature import parts_note
 from printctl.recipe import parse_recipe
 
 # A straight vessel, and another that runs 0.3 mm above it: radii of 0.2 mm, 0.1 mm in each other.
@@ -79,6 +79,6 @@ def test_parts_that_share_no_node_are_told_with_how_near_they_come(gap: float, s
     vessels = np.array([[0, 1], [1, 2], [3 if gap else 1, 4]])
     radius, zeros = np.full(3, 0.2), np.zeros(3)
     network = VesselNetwork.from_segments(nodes, vessels, radius, zeros, zeros)
-    told = parts_told(network)
+    told = parts_note(network)
     assert len(told) == bool(said)
     assert said in "".join(told)

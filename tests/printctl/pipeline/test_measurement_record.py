@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from printctl.cli.record_option import read_record
+from printctl.cli.part_file import read_record
 from printctl.errors import UsageError
 from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.recipe.record import RecordPart

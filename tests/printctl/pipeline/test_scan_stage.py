@@ -28,7 +28,7 @@ def test_what_comes_out_is_laid_and_not_what_is_pushed(
     context: Any = SimpleNamespace(
         folder=tmp_path,
         poured=SimpleNamespace(
-            syringe=SimpleNamespace(inner_mm=2.0), ink=SimpleNamespace(flow_factor=factor)
+            syringe=SimpleNamespace(area_mm2=math.pi), ink=SimpleNamespace(flow_factor=factor)
         ),
         recipe=SimpleNamespace(toolpath=None),
         flow_ul_s=None,

@@ -11,6 +11,7 @@ from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from printctl.pipeline.tracing import Job, by_layer, made_by
 from printctl.pipeline.tracing import _spans as spans
+from sim.deposit.strands import FloatArray, IntArray, Strands
 
 NO_FACES = np.empty((0, 3), dtype=np.int64)
 
@@ -21,6 +22,10 @@ NETWORK = VesselNetwork.from_segments(
     np.zeros(1),
     np.zeros(1),
 )
+
+
+def written(start: FloatArray, end: FloatArray, line: IntArray) -> Strands:
+    return Strands.dosed(start, end, np.ones(len(line)), np.arange(len(line)), line)
 
 
 def job(of_vessels: bool = False) -> Job:
@@ -35,8 +40,8 @@ def job(of_vessels: bool = False) -> Job:
             source.append(layer)
     first = 10 * np.arange(10) + 1
     return Job(
-        np.array(start), np.array(end), np.array(line), np.array(source), of_vessels, first,
-        first + 9,
+        written(np.array(start), np.array(end), np.array(line)),
+        np.array(source), of_vessels, first, first + 9,
     )  # fmt: skip
 
 
@@ -53,8 +58,10 @@ def test_lines_beside_a_stenosis_are_those_of_its_layers() -> None:
 
 def test_a_vessels_own_line_is_named_in_an_embedded_print() -> None:
     one = Job(
-        np.array([[0.0, 0, 0.5], [0, 5, 0.5]]), np.array([[10.0, 0, 0.5], [10, 5, 0.5]]),
-        np.array([7, 9]), np.array([0, 1]), True, np.array([6, 8]), np.array([7, 9]),
+        written(
+            np.array([[0.0, 0, 0.5], [0, 5, 0.5]]), np.array([[10.0, 0, 0.5], [10, 5, 0.5]]),
+            np.array([7, 9]),
+        ), np.array([0, 1]), True, np.array([6, 8]), np.array([7, 9]),
     )  # fmt: skip
     found = made_by(defect("occlusion"), one, NETWORK, 0.0)
     assert found == {"vessels": [0], "first_line": 7, "last_line": 7, "line_count": 1}
@@ -98,7 +105,7 @@ def test_layers_of_different_heights_take_what_lies_in_them() -> None:
     end = np.column_stack([np.ones(6), np.zeros(6), tops])
     source = np.array([0, 0, 0, 1, 3, 4])
     lines = np.arange(1, 7)
-    one = Job(end - [1, 0, 0], end, lines, source, False, np.arange(5), np.arange(5))
+    one = Job(written(end - [1, 0, 0], end, lines), source, False, np.arange(5), np.arange(5))
     report = SimpleNamespace(
         transform_scan_to_part=np.eye(4),
         scaled_scan_to_part=np.eye(4),

@@ -11,10 +11,10 @@ from printctl.preflight import (
     HeadLoading,
     PlacedDish,
     SetUp,
+    check_each_head,
     file_checks,
     gcode_checks,
     head_checks,
-    of_each_head,
     syringe_checks,
 )
 from sim.dry_run.run import dry_run
@@ -114,7 +114,7 @@ def test_each_head_is_held_against_its_own_syringe():
     run = dry_run(DATA, QUICK, START)
     tiny = SYRINGES[1].model_copy(update={"volume_ul": 2.0, "dead_volume_ul": 0.0})
     loads = (SYRINGES[0], tiny)
-    checks = of_each_head(run, QUICK, lambda k, view, one: syringe_checks(view, one, loads[k]))
+    checks = check_each_head(run, QUICK, lambda k, view, one: syringe_checks(view, one, loads[k]))
     failed = [check.check for check in checks if check.refuses and "profile" not in check.check]
     assert failed == ["head 1 (right): ink, with 0 µL dead volume"]
 

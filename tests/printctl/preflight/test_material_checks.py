@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from design.toolpath.embedded import held_diameter_mm
+from design.toolpath.embedded import supported_diameter_mm
 from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, wall_stress_pa
 from printctl.preflight import (
     Check,
@@ -106,10 +106,10 @@ def densities(ink: float, bath: float, yield_stress_pa: float) -> tuple[Ink, Bat
 def test_held_diameter_is_that_of_the_formula() -> None:
     ink, bath = densities(1.10, 1.00, 0.1)
     # 0.1 Pa / (0.07 × 100 kg/m³ × 9.81 m/s²) = 1.456 mm
-    assert held_diameter_mm(bath, ink) == pytest.approx(1.4563, rel=1e-4)
+    assert supported_diameter_mm(bath, ink) == pytest.approx(1.4563, rel=1e-4)
     twice = bath.model_copy(update={"yield_stress_pa": 0.2})
-    assert held_diameter_mm(twice, ink) == pytest.approx(2 * held_diameter_mm(bath, ink))
-    assert held_diameter_mm(*reversed(densities(1.0, 1.0, 0.1))) == math.inf
+    assert supported_diameter_mm(twice, ink) == pytest.approx(2 * supported_diameter_mm(bath, ink))
+    assert supported_diameter_mm(*reversed(densities(1.0, 1.0, 0.1))) == math.inf
 
 
 @pytest.mark.parametrize(("widest", "passed"), [(1.4, True), (1.5, False)])

@@ -11,7 +11,7 @@ from design.toolpath.embedded import EmbeddedOptions, plan_embedded
 from design.toolpath.gcode import GcodeOptions, write_gcode
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.preflight import shaft_clearance, written_arrays
-from printctl.preflight.shaft_map import written_of
+from printctl.preflight.shaft_map import read_written_arrays
 from printctl.set_up import HeadLoading
 from sim.dry_run.run import dry_run
 from tests.design.toolpath.random_networks import random_network
@@ -44,7 +44,7 @@ def said_and_seen(seed: int) -> tuple[dict[tuple[int, int], float], dict[tuple[i
     lines = {"source": made.line_source, "kind": made.line_kind}
     run = dry_run(made.data, printer, START)
     found = shaft_clearance(
-        run, printer, [HeadLoading(syringe, ink, None)], written_of(lines | beside)
+        run, printer, [HeadLoading(syringe, ink, None)], read_written_arrays(lines | beside)
     )
     seen: dict[tuple[int, int], float] = {}
     for one in found.crossings:

@@ -12,7 +12,7 @@ from design.toolpath.embedded import EmbeddedOptions, bundled, plan_embedded
 from design.toolpath.gcode import Gcode, GcodeOptions, stream_gcode, write_gcode
 from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.preflight import shaft_clearance, written_arrays
-from printctl.preflight.shaft_map import written_of
+from printctl.preflight.shaft_map import read_written_arrays
 from printctl.set_up import HeadLoading
 from sim.dry_run.run import dry_run
 from tests.design.toolpath.shapes import random_tree
@@ -44,7 +44,7 @@ def test_the_checker_flags_nothing_that_a_plan_of_a_tree_doesnt_tell(seed: int) 
     lines = {"source": made.line_source, "kind": made.line_kind}
     run = dry_run(made.data, printer, START)
     found = shaft_clearance(
-        run, printer, [HeadLoading(syringe, ink, None)], written_of(lines | beside)
+        run, printer, [HeadLoading(syringe, ink, None)], read_written_arrays(lines | beside)
     )
     told = {frozenset((one.vessel, one.through)) for one in plan.report.crossings}
     deep = {frozenset((a.vessel, a.crossed)) for a in found.crossings if a.depth_mm > SHALLOW_MM}
@@ -70,7 +70,7 @@ def test_bundles_pass_the_checker_but_for_what_the_plan_tells(seed: int) -> None
     lines = {"source": whole.line_source, "kind": whole.line_kind}
     run = dry_run(whole.data, printer, START)
     found = shaft_clearance(
-        run, printer, [HeadLoading(syringe, ink, None)], written_of(lines | beside)
+        run, printer, [HeadLoading(syringe, ink, None)], read_written_arrays(lines | beside)
     )
     named = {frozenset((one.vessel, one.through)) for one in plan.report.crossings}
     deep = {frozenset((a.vessel, a.crossed)) for a in found.crossings if a.depth_mm > SHALLOW_MM}

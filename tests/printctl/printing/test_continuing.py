@@ -10,7 +10,7 @@ from printctl.errors import PrintctlError
 from printctl.link.journal import Journal
 from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.states import LinkState
-from printctl.print_state.continuing import continue_print
+from printctl.print_state.continue_print import continue_print
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.test_stop_in_waits import JOB
 

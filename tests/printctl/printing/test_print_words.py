@@ -7,7 +7,7 @@ from pathlib import Path
 from printctl.cli.status import status_lines
 from printctl.link.states import LinkState, Status
 from printctl.print_state.state import PrintTruth
-from printctl.printing.journalled import JournalledFacts
+from printctl.printing.journal_facts import JournalledFacts
 
 
 def truth() -> PrintTruth:

@@ -1,8 +1,8 @@
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from printctl.link.find_link import alive
 from printctl.link.locking import lock
-from printctl.link.reach import alive
 
 HELD = "some.lock"
 

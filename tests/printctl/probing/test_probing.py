@@ -16,8 +16,8 @@ from printctl.link.errors import PortInUse
 from printctl.link.journal import Journal
 from printctl.link.transport import open_port
 from printctl.link.wiring import Wiring
-from printctl.probing import Settings, ask_settings, compare, corrected_profile, read_settings
-from printctl.probing.ask import ask_wired
+from printctl.probing import Settings, compare, corrected_profile, query_settings, read_settings
+from printctl.probing.queries import query_transport
 from sim.families.registry import simulated_printer
 from tests.printctl.link.protocols import made_protocol
 from tests.printctl.link.sim_transport import SimTransport
@@ -48,7 +48,7 @@ def asked(firmware: str, folder: Path) -> tuple[Settings, Printer]:
         journal=Journal(folder / "journal.log"),
         printer=profile,
     )
-    return ask_wired(wiring), profile
+    return query_transport(wiring), profile
 
 
 @pytest.mark.parametrize(
@@ -161,7 +161,7 @@ def test_command_shows_differences_writes_the_profile_and_leaves_a_used_port_alo
         owner = open_port(port, MARLIN)
         try:
             with pytest.raises(PortInUse, match="held by another program"):
-                ask_settings(port, MARLIN)
+                query_settings(port, MARLIN)
         finally:
             owner.close()
         done = printctl(

@@ -45,9 +45,24 @@ def test_all_that_growth_knows_can_be_said() -> None:
     assert named.files() == ["wells.csv", "artery.swc"]
 
 
+def test_inlets_are_one_for_each_part_or_places() -> None:
+    assert grown(terminals=9, inlets="each_part").inlets == "each_part"
+    places = grown(terminals=9, inlets=[{"at_mm": [1, 2, 3], "direction": [0, 0, -1]}]).inlets
+    assert not isinstance(places, str)
+    assert places is not None
+    assert (places[0].at_mm, places[0].direction) == ((1.0, 2.0, 3.0), (0.0, 0.0, -1.0))
+
+
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
+        ({"terminals": 9, "inlets": "every"}, r"inlets.*each_part"),
+        ({"terminals": 9, "inlets": [{"at_mm": [1, 2]}]}, r"inlets.*at_mm"),
+        ({"terminals": 9, "inlets": "each_part", "polish": True}, r"inlets don't go with polish"),
+        (
+            {"terminals": 9, "inlets": [{"at_mm": [1, 2, 3]}], "root_mm": [1, 2, 3]},
+            r"remove root_mm",
+        ),
         ({}, r"how many terminals isn't said; add terminals"),
         ({"terminals": 9, "terminal_points": "a.csv"}, r"terminals and terminal_points each say"),
         ({"terminals": 9, "stages": [{"terminals": 9}]}, r"terminals and stages each say"),

@@ -148,7 +148,7 @@ def test_every_listener_hears_and_a_dead_one_doesnt_matter(at_rest):
 
 
 def test_second_station_in_the_folder_is_refused(at_rest, monkeypatch):
-    monkeypatch.setattr("printctl.link.reach._ENDING_S", 0.1)
+    monkeypatch.setattr("printctl.link.find_link._ENDING_S", 0.1)
     with pytest.raises(AlreadyPrinting, match="attach"):
         connect("generic_marlin", "simulated", at_rest.folder)
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import pytest
 
 from printctl.link import LinkState
-from printctl.link.detaching import spawn
+from printctl.link.detached_process import spawn
 from printctl.link.errors import NoLink, Refused
 from printctl.link.retreat import Retreat
 from printctl.printing.find import Order

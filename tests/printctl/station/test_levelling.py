@@ -12,7 +12,7 @@ from printctl.link.clock import VirtualClock
 from printctl.link.errors import HandshakeError
 from printctl.link.states import LinkState
 from printctl.station.idle_commands import IdleCommands
-from printctl.station.knowledge import Knowledge
+from printctl.station.known_state import Knowledge
 from sim.board.hardware import Board
 from sim.families.marlin.printer import MarlinPrinter
 from tests.printctl.link.layered import PRINTER, START, Script, layered, played

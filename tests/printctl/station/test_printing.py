@@ -13,7 +13,7 @@ from printctl.link import LinkState
 from printctl.link.client import attach as attach_print
 from printctl.link.errors import JobError, Refused
 from printctl.link.retreat import Retreat
-from printctl.printing.executed import is_whole
+from printctl.printing.executed_note import is_complete_record
 from printctl.printing.find import Order, find_or_start
 from printctl.station import Station, StationState
 
@@ -98,7 +98,9 @@ def test_half_a_print_is_no_whole_one(at_rest, tmp_path, profile):
     status = at_rest.status
     assert status.position_mm is not None
     assert status.position_mm[2] == pytest.approx(54, abs=0.02), "lifted by 5 mm from Z 49"
-    assert not is_whole(tmp_path / "run" / "executed.npz", job.sha256, load(Printer, profile))
+    assert not is_complete_record(
+        tmp_path / "run" / "executed.npz", job.sha256, load(Printer, profile)
+    )
 
 
 def test_job_for_another_place_printer_or_nonsense_is_refused(at_rest, tmp_path, profile):

@@ -47,6 +47,7 @@ def film_through(path: Path) -> Marks:
     )
 
 
+@pytest.mark.slow
 def test_a_lens_s_distortion_is_taken_out_of_frames_and_marks(tmp_path: Path) -> None:
     network, film = planar_four_vessel(), tmp_path / "film.avi"
     marks = film_through(film)

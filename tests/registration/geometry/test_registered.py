@@ -25,6 +25,7 @@ def registered(tmp_path_factory: pytest.TempPathFactory) -> Registered:
     return bent_lumens(tmp_path_factory)
 
 
+@pytest.mark.slow
 def test_the_chosen_datums_lay_the_rigid_fit_and_not_the_scaled_one(
     registered: Registered,
 ) -> None:

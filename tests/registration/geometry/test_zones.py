@@ -67,6 +67,7 @@ def test_profile_of_a_leaning_face_is_twice_its_largest_distance() -> None:
     assert zone(printed(), "face", "face +z").zone_um < 1
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_under_noise() -> None:
     clean = printed()
     rows = [row for seed in range(2) for row in printed(0.006, seed)]

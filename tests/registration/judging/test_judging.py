@@ -379,6 +379,7 @@ def test_whatever_is_drawn_outside_its_limits_is_in_the_list(data: st.DataObject
         assert found["judging"]["decision"] == "fail"
 
 
+@pytest.mark.slow
 def test_a_vessel_at_its_limit_fails_in_fewer_than_one_of_a_hundred() -> None:
     failed, trials, n = 0, 2000, 40
     rng = np.random.default_rng(1)

@@ -44,6 +44,7 @@ def test_one_picture_of_a_plane_tells_scale_and_distortion(
     assert high - low < 2e-3 * lens.um_per_px
 
 
+@pytest.mark.slow
 def test_tilted_pictures_tell_the_focal_length_as_well(tmp_path: Path) -> None:
     wide = {"focal_px": 660.0, "distortion": (-0.2, 0.05)}
     rigs = [Rig(**wide, tilt_deg=tilt) for tilt in SEVERAL]

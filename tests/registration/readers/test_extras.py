@@ -15,7 +15,7 @@ from scipy.io import savemat
 
 from registration import ScanOverrides, read_scan
 from registration.errors import ScanFileError
-from registration.readers.extras import need
+from registration.readers.extras import import_extra
 from tests.registration.readers.crafted import MODALITY, counts
 
 h5py = pytest.importorskip("h5py")
@@ -29,7 +29,7 @@ def test_a_missing_library_names_its_extra(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr(importlib, "import_module", absent)
     with pytest.raises(ScanFileError, match=r"printctl\[scans\]"):
-        need("h5py", tmp_path)
+        import_extra("h5py", tmp_path)
 
 
 def hdf5(path: Path, **attributes: Any) -> Path:

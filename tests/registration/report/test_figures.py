@@ -43,12 +43,16 @@ def every_figure() -> dict[str, bytes]:
     }
 
 
-TWICE = every_figure(), every_figure()
+@pytest.fixture(scope="module")
+def twice() -> tuple[dict[str, bytes], dict[str, bytes]]:
+    return every_figure(), every_figure()
 
 
-@pytest.mark.parametrize("name", list(TWICE[0]))
-def test_a_figure_is_svg_and_reproducible(name: str) -> None:
-    first, second = TWICE[0][name], TWICE[1][name]
+@pytest.mark.parametrize("name", ["histogram", "diameters", "network", "layer"])
+def test_a_figure_is_svg_and_reproducible(
+    twice: tuple[dict[str, bytes], dict[str, bytes]], name: str
+) -> None:
+    first, second = twice[0][name], twice[1][name]
     assert etree.fromstring(first).tag == "{http://www.w3.org/2000/svg}svg"
     assert first == second
 

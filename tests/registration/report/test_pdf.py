@@ -14,9 +14,9 @@ from pypdf import PdfReader
 from registration.report import ReportError
 from registration.report.pdf import library, pdf_missing, write_report_pdf
 from registration.report.pdf.drawing import Drawing
-from registration.report.pdf.look import MARGIN, PAGE, WIDTH
 from registration.report.pdf.paths import START, matrices, styled, trace
 from registration.report.pdf.report import report_pdf
+from registration.report.pdf.styles import MARGIN, PAGE, WIDTH
 from registration.report.pdf.tables import _broken, _parts
 from tests.registration.report.sample import planar_network, sample_data
 

@@ -20,7 +20,7 @@ from registration.report.play import (
     write_play_html,
 )
 from registration.report.play.frame import draw_frame
-from registration.report.play.packed import pack_playback
+from registration.report.play.serialise import pack_playback
 from registration.report.play.thin import join_stretches
 
 from .play_sample import HOSTILE, layered, make_rows, passes

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firmware_profiles import Ink, Needle, held_pa, load
+from firmware_profiles import Ink, Needle, load, yield_pressure_pa
 from sim.bead import Nozzle, Pieces, cut, nozzle_flow, nozzle_of
 from sim.motion.executed import ExecutedMotion
 
@@ -79,7 +79,7 @@ def test_a_yield_stress_stays_behind_the_needle() -> None:
     needle = load(Needle, "30g")
     nozzle = nozzle_of(ink, needle, LAG, 0.5)
     held = 4 * 120.0 * needle.length_mm / needle.inner_mm
-    assert held_pa(ink, needle) == pytest.approx(held)
+    assert yield_pressure_pa(ink, needle) == pytest.approx(held)
     found = nozzle_flow(pieces([20.0, 100.0], [0.5, 0.0]), nozzle)
     assert found.held_ul[1] * nozzle.resistance_pa_s_ul / LAG == pytest.approx(held)
     # Relieved by less than twice that volume, nothing is drawn in; primed again, it flows at once.

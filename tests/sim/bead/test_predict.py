@@ -7,7 +7,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from firmware_profiles.bead import BeadSection
-from sim.bead import Nozzle, advance_of, cut, laid_deposit, predict_bead
+from sim.bead import Nozzle, advance_of, bead_deposit, cut, predict_bead
 from sim.dry_run.run import DryRun, dry_run
 from sim.motion.executed import ExecutedMotion
 
@@ -90,10 +90,10 @@ def test_voxels_hold_what_was_laid() -> None:
     radius, length = 0.25, 6.0
     dose = np.pi * radius**2 * length
     found = bead(motion([(0, 0, 0), (length, 0, 0)], [2.0], [dose]), Nozzle())
-    laid = laid_deposit(found, 0.05)
+    laid = bead_deposit(found, 0.05)
     ends = 4 / 3 * np.pi * radius**3
     assert laid.volume_mm3 == pytest.approx(dose + ends, rel=0.02)
-    swollen = laid_deposit(found, 0.05, swell=1.2)
+    swollen = bead_deposit(found, 0.05, swell=1.2)
     assert swollen.volume_mm3 == pytest.approx(1.2**2 * dose + 1.2**3 * ends, rel=0.02)
 
 

@@ -8,7 +8,7 @@ import pytest
 from firmware_profiles import Printer, load
 from sim.errors import ServeError
 from sim.families.marlin.printer import MarlinPrinter
-from sim.faults.bad_line import BadLine
+from sim.faults.cable import FaultyCable
 from sim.faults.fault_file import Fault, FaultFile, PermanentFaults, load_faults
 from sim.program.gcode import checksum
 
@@ -82,7 +82,7 @@ def flipped(before: bytes, after: bytes) -> list[int]:
 
 def test_noise_flips_single_bits_at_its_rate_and_in_its_direction():
     data = bytes(100_000)
-    line = BadLine(PermanentFaults(noise=0.01, noise_on="down"), np.random.default_rng(1))
+    line = FaultyCable(PermanentFaults(noise=0.01, noise_on="down"), np.random.default_rng(1))
     hits = flipped(data, line.down(data))
     assert set(hits) == {0, 1}
     assert 900 < sum(hits) < 1100
@@ -91,7 +91,7 @@ def test_noise_flips_single_bits_at_its_rate_and_in_its_direction():
 
 
 def test_burst_garbles_its_length_and_no_more():
-    line = BadLine(rng=np.random.default_rng(1))
+    line = FaultyCable(rng=np.random.default_rng(1))
     line.burst(1.0, 30)
     assert sum(flipped(bytes(20), line.down(bytes(20)))) == 20
     line.up(bytes(20), 0.0)
@@ -100,7 +100,7 @@ def test_burst_garbles_its_length_and_no_more():
 
 
 def test_replies_come_late_and_in_order():
-    line = BadLine(PermanentFaults(latency_s=0.5))
+    line = FaultyCable(PermanentFaults(latency_s=0.5))
     line.hold(2.0)
     line.up(b"a", 1.0)
     line.up(b"b", 1.1)
@@ -112,7 +112,7 @@ def test_replies_come_late_and_in_order():
 
 
 def test_oks_are_lost_by_chance_and_nothing_else_is():
-    line = BadLine(PermanentFaults(drop_ok=1.0))
+    line = FaultyCable(PermanentFaults(drop_ok=1.0))
     line.up(b"ok\nResend: 3\nok\nok T:20\n", 0.0)
     assert line.due(0.0) == b"Resend: 3\nok T:20\n"
 

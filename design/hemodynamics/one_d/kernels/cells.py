@@ -1,4 +1,4 @@
-"""Finite-volume fluxes inside vessels for 1D flow: second order, well balanced.
+"""Compute rates of change of area and flow in 1D vessel cells by finite volumes.
 
 A_t + Q_x = 0 and Q_t + (α Q²/A)_x + (A/ϱ) p_x = -f Q/A. Pressure and flow, not area, are carried
 to a cell's faces (κ = 1/3 with van Albada's limiter), where A₀ and K have one value; so a network

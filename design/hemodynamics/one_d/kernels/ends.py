@@ -1,4 +1,4 @@
-"""1D flow at junctions and vessel ends: mass, pressure and the incoming waves.
+"""Solve for area, flow and pressure at vessel ends in 1D flow: junctions, inlets, outlets.
 
 A vessel's end brings its outgoing invariant W = u + 4c (u towards the node); what its area and
 flow become there has the same. In terms of c everything is a polynomial: p = 2ϱc² - K,

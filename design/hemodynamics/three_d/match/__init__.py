@@ -1,4 +1,8 @@
-"""Adjust vessel radii until 3D flow divides among the branches as wanted."""
+"""Adjust vessel radii until 3D flow divides among the branches as wanted.
+
+Goes in: a network and the flows wanted. Comes out: adjusted radii and the history of the rounds.
+Begin with `loop.py`.
+"""
 
 from design.hemodynamics.three_d.match.loop import match_split
 from design.hemodynamics.three_d.match.options import MatchedNetwork, MatchOptions, Round

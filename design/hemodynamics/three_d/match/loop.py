@@ -1,7 +1,7 @@
-"""Iterate mesh, 3D flow and vessel radii until the flow divides as wanted.
+"""Repeat meshing, 3D flow and radius correction until vessel flows meet their targets.
 
-The reduced model is told in each round what every vessel resists in 3D (`effective`), then finds
-the radii at which it has the wanted flows; with these the lumen is meshed and solved again
+The reduced model gets every vessel's resistance in 3D in each round (`effective_network`), then
+finds the radii at which it has the wanted flows; with these the lumen is meshed and solved again
 (space mapping: Bandler et al. 2004, doi 10.1109/TMTT.2003.820904). The reduced model is right
 along vessels and wrong by a slowly changing part at junctions, so that two or three rounds do.
 """
@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from design.hemodynamics.conditions import FlowConditions
-from design.hemodynamics.three_d.effective import Effective, effective, inflow_of, rescaled
+from design.hemodynamics.three_d.effective import Effective, effective_network, inflow_of, rescaled
 from design.hemodynamics.three_d.jacobian import straighten_edges
 from design.hemodynamics.three_d.match.options import MatchedNetwork, MatchOptions, Round
 from design.hemodynamics.three_d.match.radii import FreeVessels, free_radii, next_scales
@@ -95,7 +95,7 @@ def _round(
 ) -> tuple[Effective, Round]:
     mesh, _ = straighten_edges(lumen_mesh(network, how.mesh))
     solution = solve_steady(mesh, conditions, how.flow)
-    found = effective(network, conditions, solution)
+    found = effective_network(network, conditions, solution)
     off = np.abs(found.flow[target.vessel] - target.flow) / inflow_of(network, found.flow)
     worst = int(np.argmax(off))
     return found, Round(

@@ -1,4 +1,4 @@
-"""Options and result of adjusting vessel radii to wanted 3D flows."""
+"""Data classes: options, rounds and result of adjusting vessel radii to wanted 3D flows."""
 
 from __future__ import annotations
 

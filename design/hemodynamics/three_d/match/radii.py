@@ -1,4 +1,4 @@
-"""Adjustable vessel radii: their limits, and their next values by the reduced (0D) model."""
+"""Choose the vessels to adjust, and compute their next radii from target flows by 0D."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Target flows of a network's vessels, to which its radii are adjusted."""
+"""Set target flows for radius matching: the design's 0D flows, or given outlet flows."""
 
 from __future__ import annotations
 

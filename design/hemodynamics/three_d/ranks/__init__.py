@@ -1,4 +1,8 @@
-"""3D flow on MPI ranks: case files, the solver program, and its result."""
+"""3D flow on several processors by MPI: write a case, solve it, read the result.
+
+Goes in: a lumen's mesh and conditions. Comes out: a case folder, and the result read back from it.
+Begin with `case.py`.
+"""
 
 from design.hemodynamics.three_d.ranks.case import (
     PortCondition,

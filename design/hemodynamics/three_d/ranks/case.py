@@ -1,4 +1,4 @@
-"""Case files for the 3D flow solver on MPI ranks: mesh, ports, fluid and options."""
+"""Write the case folder of the MPI flow solver: mesh, port conditions, fluid, options."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from design.errors import FlowError
-from design.files import replacing, write_bytes, write_text
+from design.files import atomic_replacement, write_bytes, write_text
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.ranks.profile import Profile, port_velocity
 from design.units import WATER_DENSITY
@@ -116,7 +116,7 @@ def write_case(mesh: LumenMesh, conditions: RankConditions, folder: Path) -> Non
     for left in RESULTS:
         (folder / left).unlink(missing_ok=True)
     for name, values in arrays.items():
-        with replacing(folder / f"{name}.npy") as draft:
+        with atomic_replacement(folder / f"{name}.npy") as draft:
             np.save(draft, values)
     for source in sorted(ENGINE.glob("*.py")):
         write_bytes(folder / "engine" / source.name, source.read_bytes())

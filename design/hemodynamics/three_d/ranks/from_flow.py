@@ -1,4 +1,4 @@
-"""Assign a network's boundary conditions to the ports of its 3D mesh."""
+"""Translate a network's steady flow conditions to port conditions of the MPI flow solver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Velocity profiles at the nodes of a mesh's ports, for a given flow."""
+"""Compute velocities at a port's mesh nodes for a given flow (developed or parabola)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read the results that the MPI ranks wrote."""
+"""Read the result files of the MPI flow solver from a case folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The linear system Σ y (p_i - p_j) + y_ground p_i = s of a graph, real or complex.
+"""Solve Σ y (p_i - p_j) + y_ground p_i = s for node pressures of a graph, real or complex.
 
 A graph's `Structure` (what can be folded away, in which order) is found once; its numbers are
 factorised for each set of admittances, and solved for any s. Steady flow has the vessels'
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from design.hemodynamics.zero_d.nodal.core import Core, factorise_core
 from design.hemodynamics.zero_d.nodal.elimination import (
+    add_driven_sources,
+    flows_between_known,
     fold,
+    folding_order,
     gather,
-    lean,
-    leftover,
-    lie,
-    peel,
-    push,
+    ground_given_pressures,
+    largest_imbalance,
     unfold,
 )
 from design.hemodynamics.zero_d.nodal.star_mesh import StarMesh, star_mesh_of
@@ -84,7 +84,7 @@ class Structure:
         if ground is not None:
             total += ground
         vessels, free, _ = self.beside
-        lean(vessels, free, admittance, total)
+        ground_given_pressures(vessels, free, admittance, total)
         # Of NumPy, which takes large pages for it.
         share = np.empty(len(self.order), admittance.dtype)
         fold(self.order, self.by, self.onto, admittance, total, share)
@@ -121,7 +121,7 @@ class NodalSystem:
         # The pressure is read where fixed only, and written elsewhere.
         pressure, source = np.empty((2, len(given)), kind)
         pressure[:], source[:] = given, injected
-        push(*s.beside, self.conductance, pressure, source)
+        add_driven_sources(*s.beside, self.conductance, pressure, source)
         gather(s.order, s.onto, self.share, source)
         pressure[s.core] = self.core.solve(source[s.core])
         flow = np.empty(len(s.first), kind)
@@ -137,7 +137,7 @@ class NodalSystem:
             pressure,
             flow,
         )
-        lie(s.unfolded, s.first, s.last, self.conductance, pressure, flow)
+        flows_between_known(s.unfolded, s.first, s.last, self.conductance, pressure, flow)
         return pressure, flow
 
     def balanced(self, injected: Numbers, given: Numbers) -> tuple[Numbers, Numbers]:
@@ -166,14 +166,14 @@ class NodalSystem:
             lost = self.to_ground * pressure
             net -= lost
             through += np.abs(lost)
-        worst = leftover(s.first, s.last, s.fixed, flow, net, through)
+        worst = largest_imbalance(s.first, s.last, s.fixed, flow, net, through)
         return net, float(worst)
 
 
 def structure_of(ends: IntArray, fixed: NDArray[np.bool_]) -> Structure:
     """Find what can be folded away of vessels between unknowns ``ends`` (v, 2)."""
     first, last = np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1])
-    order, by, onto = peel(first, last, fixed)
+    order, by, onto = folding_order(first, last, fixed)
     folded = np.zeros(len(first), dtype=bool)
     folded[by] = True
     is_core = ~fixed

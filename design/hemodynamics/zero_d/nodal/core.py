@@ -1,4 +1,4 @@
-"""Solve the looped core of a graph: node elimination, then a sparse factorisation."""
+"""Solve node pressures in a graph's looped core: star-mesh steps, then sparse factorisation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Eliminate the dead-end branches of a graph, leaf by leaf, without cancellation.
+"""Fold dead-end branches of a graph away leaf by leaf; recover their pressures and flows.
 
 A node i of pressure p_i with one vessel left, of conductance g to node j, and with all else on it
 summed up as a conductance G to ground and a source s (Norton's equivalent), obeys
@@ -29,7 +29,7 @@ Numbers = NDArray[Any]
 
 
 @jit
-def peel(
+def folding_order(
     first: IntArray, last: IntArray, fixed: NDArray[np.bool_]
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Order in which unknowns can be folded away, along which vessel, and onto which unknown.
@@ -70,14 +70,16 @@ def peel(
 
 
 @jit
-def lean(vessels: IntArray, free: IntArray, conductance: Numbers, ground: Numbers) -> None:
+def ground_given_pressures(
+    vessels: IntArray, free: IntArray, conductance: Numbers, ground: Numbers
+) -> None:
     """Conductances of vessels to given pressures become ones to ground, in place."""
     for k in range(len(vessels)):
         ground[free[k]] += conductance[vessels[k]]
 
 
 @jit
-def push(
+def add_driven_sources(
     vessels: IntArray,
     free: IntArray,
     held: IntArray,
@@ -136,7 +138,7 @@ def unfold(
 
 
 @jit
-def lie(
+def flows_between_known(
     vessels: IntArray,
     first: IntArray,
     last: IntArray,
@@ -151,7 +153,7 @@ def lie(
 
 
 @jit
-def leftover(
+def largest_imbalance(
     first: IntArray,
     last: IntArray,
     fixed: NDArray[np.bool_],

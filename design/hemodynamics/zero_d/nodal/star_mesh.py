@@ -1,4 +1,4 @@
-"""Star-mesh elimination of a looped graph's nodes, those with fewest vessels first.
+"""Plan the star-mesh elimination order of a looped graph's nodes, fewest neighbours first.
 
 A node v of admittances w_i to its neighbours and G to ground, with Σ = G + Σ w_i, goes away by the
 star-mesh transform (Rosen 1924): neighbours i and j gain w_i w_j/Σ between them, and w_i G/Σ to

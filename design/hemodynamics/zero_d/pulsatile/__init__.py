@@ -1,4 +1,8 @@
-"""Pulsatile 0D flow in a network, or in a circuit of resistances, inertances and capacitances."""
+"""Solve periodic pulsatile 0D flow in a network, or in its electrical-analogue circuit.
+
+Goes in: a network and pulsatile conditions. Comes out: the periodic state. Begin with
+`solution.py`.
+"""
 
 from design.hemodynamics.zero_d.pulsatile.circuit import Circuit
 from design.hemodynamics.zero_d.pulsatile.conditions import (

@@ -1,4 +1,4 @@
-"""Electrical-analogue circuit of vessels and outlets: the input of all pulsatile 0D solvers."""
+"""Data class of the electrical-analogue circuit of vessels and outlets, for 0D solvers."""
 
 from __future__ import annotations
 
@@ -22,6 +22,8 @@ class Circuit:
     first, last : (b,) int64
         Nodes of each branch; its flow is positive from first to last.
     resistance, inertance, capacitance : (b,) float64, Pa·s/µL, Pa·s²/µL, µL/Pa
+        Half of a branch's capacitance sits at each end, which knows no direction and is of second
+        order in the branch's length.
     stored : (n,) float64, µL/Pa
         Capacitance to ground at each node, beside what branches have.
     held : (n,) bool
@@ -30,10 +32,6 @@ class Circuit:
         Which waveform gives the pressure of a held node (Pa), or the flow into another (µL/s);
         -1 for no flow.
     waveforms : tuple of Waveform
-    middle : bool
-        Where a branch's capacitance sits: between its resistance and its inertance, as in
-        svZeroDSolver; else half of it at each end, which knows no direction and is of second
-        order in the branch's length.
     womersley : (b,) float64, √s, or None
         Womersley number at 1 rad/s, for branches whose impedance is Womersley's; 0 elsewhere.
     """
@@ -47,7 +45,6 @@ class Circuit:
     held: NDArray[np.bool_]
     drive: IntArray
     waveforms: tuple[Waveform, ...]
-    middle: bool = False
     womersley: FloatArray | None = None
 
     @property

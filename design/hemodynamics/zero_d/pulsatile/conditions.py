@@ -1,4 +1,4 @@
-"""Boundary conditions and wall compliance of pulsatile 0D flow."""
+"""Conditions of pulsatile flow: inlet waveform, outlets (pressure, R, Windkessel), wall."""
 
 from __future__ import annotations
 

@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.waveforms.waveform import common_period, cycle_times
-from design.hemodynamics.zero_d.nodal.conductance import NodalSystem, structure_of
+from design.hemodynamics.zero_d.nodal.conductance import NodalSystem
 from design.hemodynamics.zero_d.pulsatile.circuit import Circuit
-from design.hemodynamics.zero_d.pulsatile.ladder import Ladder, ladder_of
 from design.network import FloatArray
 
 PERIODIC = 1e-6
@@ -102,36 +101,34 @@ class _State:
 class _Scheme:
     """Factors and coefficients that hold for all steps."""
 
-    def __init__(self, circuit: Circuit, ladder: Ladder, step_s: float, rho: float) -> None:
+    def __init__(self, circuit: Circuit, step_s: float, rho: float) -> None:
         alpha_m, self.alpha_f = (3.0 - rho) / (2.0 + 2.0 * rho), 1.0 / (1.0 + rho)
         self.gamma = 0.5 + alpha_m - self.alpha_f
         self.kappa = alpha_m / (self.gamma * self.alpha_f * step_s)
         self.lag = alpha_m - self.alpha_f
         self.beta = 1.0 - alpha_m / self.gamma
-        self.step_s, self.ladder = step_s, ladder
-        self.held = np.zeros(len(ladder.stored), dtype=bool)
-        self.held[: circuit.node_count] = circuit.held
-        self.conductance = 1.0 / (ladder.resistance + self.kappa * ladder.inertance)
-        self.pulled = self.conductance * ladder.inertance
+        self.step_s, self.circuit, self.stored = step_s, circuit, _stored(circuit)
+        self.conductance = 1.0 / (circuit.resistance + self.kappa * circuit.inertance)
+        self.pulled = self.conductance * circuit.inertance
         self.heavy = bool(self.pulled.any())
-        self.system: NodalSystem = structure_of(ladder.ends, self.held).factorise(
-            self.conductance, self.kappa * ladder.stored
+        self.system: NodalSystem = circuit.structure().factorise(
+            self.conductance, self.kappa * self.stored
         )
 
     def advance(self, old: _State, driven: FloatArray, driven_next: FloatArray) -> _State:
         """One step; ``driven`` (n,) are given pressures and flows at its begin and end."""
-        count, first, last = len(old.pressure), *self.ladder.ends.T
+        circuit, count = self.circuit, len(old.pressure)
         drive = driven + self.alpha_f * (driven_next - driven)
-        source = np.where(self.held, 0.0, drive)
-        source += self.ladder.stored * (self.kappa * old.pressure - self.beta * old.rate)
+        source = np.where(circuit.held, 0.0, drive)
+        source += self.stored * (self.kappa * old.pressure - self.beta * old.rate)
         memory = self.pulled * (self.kappa * old.flow - self.beta * old.flow_rate)
         if self.heavy:
-            source -= np.bincount(first, weights=memory, minlength=count)
-            source += np.bincount(last, weights=memory, minlength=count)
+            source -= np.bincount(circuit.first, weights=memory, minlength=count)
+            source += np.bincount(circuit.last, weights=memory, minlength=count)
         pressure, flow = self.system.solve(source, drive)
         flow += memory
         p = old.pressure + (pressure - old.pressure) / self.alpha_f
-        p[self.held] = driven_next[self.held]
+        p[circuit.held] = driven_next[circuit.held]
         q = old.flow + (flow - old.flow) / self.alpha_f
         rate = self._rate(p - old.pressure, old.rate)
         # The method's rates lag α_m - α_f of a step behind its values: of first order as they are.
@@ -149,7 +146,7 @@ def march(circuit: Circuit, options: MarchOptions | None = None) -> Marched:
     ------
     FlowError
         Waveforms of different periods, pressure nowhere given, Womersley's impedance, which has
-        no form in time.
+        no form in time, a branch with neither resistance nor inertance.
     """
     how = MarchOptions() if options is None else options
     if circuit.womersley is not None:
@@ -161,11 +158,11 @@ def march(circuit: Circuit, options: MarchOptions | None = None) -> Marched:
         raise FlowError("no pressure is given anywhere, so none is determined; give an outlet one")
     period = common_period(circuit.waveforms) or 1.0
     times = cycle_times(period, how.steps, closed=True)
-    ladder = ladder_of(circuit)
-    scheme = _Scheme(circuit, ladder, period / how.steps, how.spectral_radius)
-    drives = _drives(circuit, len(ladder.stored), times)
-    state = _steady(circuit, ladder, scheme, drives[:-1].mean(axis=0))
-    record = _Record(circuit, ladder, how.steps)
+    _check_branches(circuit)
+    scheme = _Scheme(circuit, period / how.steps, how.spectral_radius)
+    drives = _drives(circuit, times)
+    state = _steady(circuit, drives[:-1].mean(axis=0))
+    record = _Record(circuit, how.steps)
     changes: list[float] = []
     for _ in range(how.cycles):
         record.keep(0, state)
@@ -179,22 +176,38 @@ def march(circuit: Circuit, options: MarchOptions | None = None) -> Marched:
     return Marched(period, times, *record.arrays(), np.array(changes), periodic)
 
 
-def _drives(circuit: Circuit, count: int, times: FloatArray) -> FloatArray:
+def _check_branches(circuit: Circuit) -> None:
+    bare = np.flatnonzero((circuit.resistance <= 0.0) & (circuit.inertance <= 0.0))
+    if len(bare):
+        raise FlowError(
+            f"branch {int(bare[0])} has neither resistance nor inertance; join its nodes instead"
+        )
+
+
+def _stored(circuit: Circuit) -> FloatArray:
+    """Capacitance at each node, with half of each branch's at either end, (n,)."""
+    found = circuit.stored.copy()
+    for ends in (circuit.first, circuit.last):
+        np.add.at(found, ends, circuit.capacitance / 2.0)
+    return found
+
+
+def _drives(circuit: Circuit, times: FloatArray) -> FloatArray:
     """What drives each node at each time, (t, n)."""
     samples = np.array([w.at(times) for w in circuit.waveforms])
-    found = np.zeros((len(times), count))
+    found = np.zeros((len(times), circuit.node_count))
     on = np.flatnonzero(circuit.drive >= 0)
     found[:, on] = samples[circuit.drive[on]].T
     return found
 
 
-def _steady(circuit: Circuit, ladder: Ladder, scheme: _Scheme, drive: FloatArray) -> _State:
+def _steady(circuit: Circuit, drive: FloatArray) -> _State:
     """The state in which nothing changes; a branch without resistance takes all that comes."""
-    resistance = ladder.resistance
+    resistance = circuit.resistance
     least = resistance[resistance > 0.0].min(initial=1.0)
     conductance = 1.0 / np.where(resistance > 0.0, resistance, 1e-9 * least)
-    system = structure_of(ladder.ends, scheme.held).factorise(conductance)
-    pressure, flow = system.balanced(np.where(scheme.held, 0.0, drive), drive)
+    system = circuit.structure().factorise(conductance)
+    pressure, flow = system.balanced(np.where(circuit.held, 0.0, drive), drive)
     still = np.zeros_like(pressure)
     return _State(pressure, still, still, flow, np.zeros_like(flow))
 
@@ -202,19 +215,18 @@ def _steady(circuit: Circuit, ladder: Ladder, scheme: _Scheme, drive: FloatArray
 class _Record:
     """One cycle of what a user asks for."""
 
-    def __init__(self, circuit: Circuit, ladder: Ladder, steps: int) -> None:
-        self.circuit, self.ladder = circuit, ladder
+    def __init__(self, circuit: Circuit, steps: int) -> None:
+        self.circuit, self.half = circuit, circuit.capacitance / 2.0
         self.pressure = np.empty((steps + 1, circuit.node_count))
-        self.first, self.last = (np.empty((steps + 1, len(ladder.into))) for _ in range(2))
-        self.stores = bool(ladder.at_first.any() or ladder.at_last.any())
+        self.first, self.last = (np.empty((steps + 1, len(self.half))) for _ in range(2))
+        self.stores = bool(self.half.any())
 
     def keep(self, k: int, state: _State) -> None:
-        ladder, circuit = self.ladder, self.circuit
-        self.pressure[k] = state.pressure[: circuit.node_count]
-        self.first[k], self.last[k] = state.flow[ladder.into], state.flow[ladder.out]
+        circuit = self.circuit
+        self.pressure[k], self.first[k], self.last[k] = state.pressure, state.flow, state.flow
         if self.stores:
-            self.first[k] += ladder.at_first * state.rate_here[circuit.first]
-            self.last[k] -= ladder.at_last * state.rate_here[circuit.last]
+            self.first[k] += self.half * state.rate_here[circuit.first]
+            self.last[k] -= self.half * state.rate_here[circuit.last]
 
     def change(self) -> float:
         worst = 0.0

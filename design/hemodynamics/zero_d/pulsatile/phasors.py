@@ -1,4 +1,4 @@
-"""Periodic state of a circuit in the frequency domain, one linear solve per harmonic.
+"""Solve for a circuit's periodic state by frequency, one linear solve per harmonic.
 
 The circuit is linear, so each harmonic of what drives it is answered by itself. Solving for the
 answer gives the periodic state with no transient to wait for: a Windkessel whose time constant is
@@ -100,16 +100,7 @@ def admittances(circuit: Circuit, omega: float) -> tuple[ComplexArray, ComplexAr
     """Each branch as a Π: along it, and to ground at its first and at its last node, (b,) each."""
     store = 1j * omega * circuit.capacitance
     along = impedance(circuit, omega)
-    if not circuit.middle:
-        return _complex(1.0 / along), _complex(store / 2.0), _complex(store / 2.0)
-    # Chain of R, C to ground, and L: the Π of the same two ports.
-    inert = 1j * omega * circuit.inertance
-    series = 1.0 / (along + circuit.resistance * store * inert)
-    return (
-        _complex(series),
-        _complex(store * inert * series),
-        _complex(circuit.resistance * store * series),
-    )
+    return _complex(1.0 / along), _complex(store / 2.0), _complex(store / 2.0)
 
 
 def _complex(values: NDArray[Any]) -> ComplexArray:

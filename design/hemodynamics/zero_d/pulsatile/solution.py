@@ -139,7 +139,9 @@ def _harmonics(samples: FloatArray) -> ComplexArray:
     return np.asarray(found[: (steps + 1) // 2])
 
 
-def swing(solution: PulsatileSolution, phasors: ComplexArray) -> tuple[FloatArray, FloatArray]:
+def cycle_extremes(
+    solution: PulsatileSolution, phasors: ComplexArray
+) -> tuple[FloatArray, FloatArray]:
     """Least and greatest value over a cycle of phasors (k, n), (n,) each."""
     times = solution.times(SAMPLES)
     count = phasors.shape[1]

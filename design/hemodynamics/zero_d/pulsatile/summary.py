@@ -11,7 +11,7 @@ from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.hemodynamics.zero_d.pulsatile.solution import (
     ComplexArray,
     PulsatileSolution,
-    swing,
+    cycle_extremes,
 )
 from design.hemodynamics.zero_d.pulsatile.table import pulse_numbers, shear_phasors
 from design.network import FloatArray, IntArray, VesselNetwork
@@ -59,10 +59,10 @@ def pulsatile_summary(
     relative to the latter.
     """
     numbers = pulse_numbers(network, solution, conditions)
-    low, high = swing(solution, solution.pressure)
+    low, high = cycle_extremes(solution, solution.pressure)
     inlets, outlets = boundary_nodes(network, conditions)
     waves = end_waves(network, solution, conditions)
-    shear_low, shear_high = swing(solution, shear_phasors(network, solution, conditions))
+    shear_low, shear_high = cycle_extremes(solution, shear_phasors(network, solution, conditions))
     power, lost = mean_powers(network, solution, conditions)
     finite = numbers.wave_speed[np.isfinite(numbers.wave_speed)]
     pulse_in, pulse_out = ((high - low)[nodes].max() for nodes in (inlets, outlets))

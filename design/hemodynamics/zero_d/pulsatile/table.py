@@ -1,4 +1,4 @@
-"""Table of a pulsatile 0D solution, one row per vessel."""
+"""Make a table of each vessel's pressures, flows and wall shear from a pulsatile 0D solution."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from design.hemodynamics.zero_d.pulsatile.solution import (
     SAMPLES,
     ComplexArray,
     PulsatileSolution,
-    swing,
+    cycle_extremes,
 )
 from design.hemodynamics.zero_d.validity import ENTRANCE_SHARE, LAMINAR_REYNOLDS, entrance_share
 from design.network import FloatArray, VesselNetwork
@@ -58,7 +58,7 @@ def pulse_numbers(
     omega = float(solution.omega[1:].min(initial=np.inf))
     omega = omega if np.isfinite(omega) else 0.0
     alpha = womersley_number(radius, omega, conditions.viscosity_pa_s, conditions.density)
-    low, high = swing(solution, middle_flow(solution))
+    low, high = cycle_extremes(solution, middle_flow(solution))
     peak = np.maximum(np.abs(low), np.abs(high))
     number = 2.0 * conditions.density * peak / (np.pi * radius * conditions.viscosity_pa_s)
     inertance = plug_inertance(network, conditions.density)
@@ -110,7 +110,7 @@ def pulsatile_table(
         "length_mm": network.lengths(),
         "diameter_mm": 2.0 * network.mean_radius(),
     }
-    swings = swing(solution, solution.pressure)
+    swings = cycle_extremes(solution, solution.pressure)
     for name, nodes in (("in", network.vessel_nodes[:, 0]), ("out", network.vessel_nodes[:, 1])):
         table |= _pressures(
             name, solution.pressure[0].real[nodes], swings[0][nodes], swings[1][nodes]
@@ -147,7 +147,7 @@ def _pressures(
 
 def _flows(solution: PulsatileSolution) -> dict[str, NDArray[np.generic]]:
     flow = middle_flow(solution)
-    low, high = swing(solution, flow)
+    low, high = cycle_extremes(solution, flow)
     mean = flow[0].real
     return {
         "flow_mean_ul_s": mean,
@@ -160,7 +160,7 @@ def _flows(solution: PulsatileSolution) -> dict[str, NDArray[np.generic]]:
 
 
 def _shears(solution: PulsatileSolution, shear: ComplexArray) -> dict[str, NDArray[np.generic]]:
-    low, high = swing(solution, shear)
+    low, high = cycle_extremes(solution, shear)
     mean = shear[0].real
     return {
         "wall_shear_mean_pa": mean,
@@ -184,7 +184,7 @@ def _oscillating(
 
 
 def _amplitude(solution: PulsatileSolution, phasors: ComplexArray) -> FloatArray:
-    low, high = swing(solution, phasors)
+    low, high = cycle_extremes(solution, phasors)
     return (high - low) / 2.0
 
 

@@ -1,30 +1,97 @@
-"""Convert an svZeroDSolver input file to a circuit."""
+"""Contents of an svZeroDSolver input file, checked and wired."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from design.hemodynamics.zero_d.pulsatile.circuit import Circuit
-from design.hemodynamics.zero_d.pulsatile.march import MarchOptions
+from design.hemodynamics.zero_d.svzerod.tables import Tables
+from design.network import FloatArray
+
+
+@dataclass(frozen=True)
+class Block:
+    """Element between connections, as the file names it.
+
+    Attributes
+    ----------
+    name, kind : str
+        ``kind`` is a key of `elements.ELEMENTS`.
+    values : (q,) float64
+        Its numbers, in the order of its element's parameters.
+    table : int
+        Number of its table; -1 for none.
+    inlets, outlets : tuple of int
+        Connections that lead in and out.
+    """
+
+    name: str
+    kind: str
+    values: FloatArray
+    table: int
+    inlets: tuple[int, ...]
+    outlets: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """What ``simulation_parameters`` says; attributes are named as its keys.
+
+    Attributes
+    ----------
+    points : int
+        Time points of a cycle, both ends counted.
+    cycles : int
+    cycle_error : float or None
+        Largest change of mean flow and pressure from cycle to cycle; None to run ``cycles``.
+    cardiac_period : float or None
+    """
+
+    points: int
+    cycles: int
+    absolute_tolerance: float = 1e-8
+    maximum_nonlinear_iterations: int = 30
+    steady_initial: bool = True
+    rho_infty: float = 0.5
+    cycle_error: float | None = None
+    cardiac_period: float | None = None
+    output_interval: int = 1
+    output_all_cycles: bool = False
+    output_mean_only: bool = False
+    output_derivative: bool = False
+    output_variable_based: bool = False
 
 
 @dataclass(frozen=True)
 class SvZeroDCase:
-    """What the file says, in its own (consistent) units.
+    """What a file says, in its own (consistent) units.
 
     Attributes
     ----------
-    names : tuple of str
-        Of the vessels, the circuit's first branches.
-    circuit : Circuit
-    options : MarchOptions
-        Steps of a cycle, cycles, and the solver's spectral radius; its cycles are all gone
-        through.
-    all_cycles : bool
-        Whether it writes every cycle, not the last alone.
+    blocks : tuple of Block
+        Vessels first, then boundary conditions, then junctions.
+    vessels : int
+        Number of vessels.
+    connections : tuple of str
+        ``first:second`` of each pair of blocks that meet.
+    options : SolverOptions
+    period : float
+        Of a cycle.
+    tables : Tables
+    initial, initial_rates : mapping
+        Values and rates of variables at the begin; those not named are 0.
     """
 
-    names: tuple[str, ...]
-    circuit: Circuit
-    options: MarchOptions
-    all_cycles: bool
+    blocks: tuple[Block, ...]
+    vessels: int
+    connections: tuple[str, ...]
+    options: SolverOptions
+    period: float
+    tables: Tables
+    initial: Mapping[str, float]
+    initial_rates: Mapping[str, float]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the vessels."""
+        return tuple(block.name for block in self.blocks[: self.vessels])

@@ -1,34 +1,61 @@
-"""Read svZeroDSolver's JSON input.
+"""Read svZeroDSolver's JSON input as a circuit for the pulsatile 0D solver.
 
-Vessels are R, then C to ground, then L (its `BloodVessel`); junctions join them without loss;
-boundary conditions are FLOW, PRESSURE, RESISTANCE and RCR. Format: the project's documentation
-and test cases (github.com/SimVascular/svZeroDSolver). What else a file may hold (chambers, valves,
-coronaries, closed loops, stenoses) is refused by name.
+Format: the project's documentation and test cases (github.com/SimVascular/svZeroDSolver). Every
+key is either followed or refused by name and place. Chambers, valves, closed loops and blocks
+coupled to another solver are refused.
 """
 
 from __future__ import annotations
 
 import json
-from itertools import pairwise
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from design.errors import FlowError
-from design.hemodynamics.waveforms import Constant, Tabulated, Waveform
-from design.hemodynamics.zero_d.pulsatile.circuit import Circuit
-from design.hemodynamics.zero_d.pulsatile.march import MarchOptions
-from design.hemodynamics.zero_d.svzerod.case import SvZeroDCase
-from design.network import IntArray
+from design.hemodynamics.zero_d.svzerod.case import Block, SvZeroDCase
+from design.hemodynamics.zero_d.svzerod.elements import (
+    CONDITIONS,
+    JUNCTIONS,
+    VESSELS,
+    Element,
+)
+from design.hemodynamics.zero_d.svzerod.keys import (
+    check_keys,
+    entries,
+    number,
+    numbers,
+    text,
+)
+from design.hemodynamics.zero_d.svzerod.options import PLACE, options_of
+from design.hemodynamics.zero_d.svzerod.tables import Tables
+from design.hemodynamics.zero_d.svzerod.wiring import Wiring, join_conditions, join_junction
+from design.network import FloatArray
 
-SPECTRAL_RADIUS = 0.5
-"""What svZeroDSolver steps with."""
-
-_JUNCTIONS = {"NORMAL_JUNCTION", "internal_junction"}
-_FOREIGN = ("closed_loop_blocks", "chambers", "valves", "external_solver_coupling_blocks")
+_FOREIGN: Final = {
+    "chambers": "no heart is modelled",
+    "closed_loop_blocks": "no heart is modelled",
+    "external_solver_coupling_blocks": "no other solver drives it",
+    "valves": "no valve is modelled",
+    "calibration_parameters": "printctl doesn't calibrate",
+    "y": "printctl doesn't calibrate",
+    "dy": "printctl doesn't calibrate",
+}
+_LISTS: Final = ("vessels", "boundary_conditions", "junctions")
+_KNOWN: Final = frozenset(
+    (*_LISTS, PLACE, "initial_condition", "initial_condition_d", "description", *_FOREIGN)
+)
+_OF_VESSEL: Final = frozenset((
+    "vessel_id", "vessel_name", "vessel_length", "boundary_conditions", "zero_d_element_type",
+    "zero_d_element_values",
+))  # fmt: skip
+_OF_CONDITION: Final = frozenset(("bc_name", "bc_type", "bc_values"))
+_OF_JUNCTION: Final = frozenset((
+    "junction_name", "junction_type", "junction_values", "inlet_vessels", "outlet_vessels",
+    "inlet_blocks", "outlet_blocks",
+))  # fmt: skip
 
 
 def read_svzerod(path: Path) -> SvZeroDCase:
@@ -43,172 +70,141 @@ def read_svzerod(path: Path) -> SvZeroDCase:
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as exc:
+        raise FlowError(f"{path} isn't JSON: {exc}") from exc
+    try:
         return case_of(data)
     except FlowError as exc:
         raise FlowError(f"{path}: {exc}") from exc
-    except ValueError as exc:
-        raise FlowError(f"{path} isn't JSON: {exc}") from exc
-    except (KeyError, TypeError, AttributeError, IndexError) as exc:
-        raise FlowError(
-            f"{path} isn't an input of svZeroDSolver: {type(exc).__name__} {exc}"
-        ) from exc
 
 
-def case_of(data: dict[str, Any]) -> SvZeroDCase:
-    """The case that parsed JSON describes.
+def case_of(data: Any) -> SvZeroDCase:
+    """Return the case that parsed JSON describes.
 
     Raises
     ------
     FlowError
-        For what isn't modelled here.
-    KeyError, TypeError
-        For what has another form.
+        For a key or kind that isn't modelled, and for what is missing or wrong.
     """
-    for key in _FOREIGN:
-        if data.get(key):
-            raise FlowError(f"{key} aren't modelled here; use svZeroDSolver for this file")
-    vessels = data["vessels"]
-    ports = _ports(vessels, data.get("junctions", []))
-    values = np.array([_values(vessel) for vessel in vessels])
-    conditions = {c["bc_name"]: c for c in data["boundary_conditions"]}
-    more = _Ends(int(ports.max()) + 1)
-    for k, vessel in enumerate(vessels):
-        for side, name in vessel.get("boundary_conditions", {}).items():
-            if name not in conditions:
-                raise FlowError(f"vessel {_name(vessel)} has {side} {name!r}, which isn't given")
-            more.add(int(ports[k, int(side == "outlet")]), conditions[name], side == "outlet")
-    parameters = data.get("simulation_parameters", {})
-    options = MarchOptions(
-        steps=int(parameters["number_of_time_pts_per_cardiac_cycle"]) - 1,
-        cycles=int(parameters.get("number_of_cardiac_cycles", 1)),
-        tolerance=None,
-        spectral_radius=SPECTRAL_RADIUS,
+    if isinstance(data, Mapping):
+        for key, why in _FOREIGN.items():
+            if data.get(key):
+                raise FlowError(f"{key}: {why}; use svZeroDSolver for this file")
+    given = check_keys(data, "the file", _KNOWN)
+    options = options_of(given.get(PLACE))
+    tables = Tables(options.cardiac_period)
+    blocks, wiring = _Reader(given, tables).read()
+    return SvZeroDCase(
+        blocks=tuple(blocks),
+        vessels=len(given["vessels"]),
+        connections=tuple(wiring.names),
+        options=options,
+        period=tables.period or 1.0,
+        tables=tables,
+        initial=_initial(given, "initial_condition"),
+        initial_rates=_initial(given, "initial_condition_d"),
     )
-    names = tuple(_name(vessel) for vessel in vessels)
-    circuit = more.circuit(ports, values)
-    return SvZeroDCase(names, circuit, options, bool(parameters.get("output_all_cycles", False)))
 
 
-def _name(vessel: dict[str, Any]) -> str:
-    return str(vessel.get("vessel_name", vessel["vessel_id"]))
+def _initial(data: Mapping[str, Any], key: str) -> dict[str, float]:
+    given = data.get(key, {})
+    if not isinstance(given, Mapping):
+        raise FlowError(f"{key} isn't an object of variables and numbers")
+    return {name: number(given, name, key) for name in given if not name.startswith("_")}
 
 
-def _values(vessel: dict[str, Any]) -> tuple[float, float, float]:
-    """R, C and L of a vessel."""
-    kind, given = vessel["zero_d_element_type"], vessel["zero_d_element_values"]
-    if kind != "BloodVessel":
-        raise FlowError(f"vessel {_name(vessel)} is a {kind}; only BloodVessel is modelled here")
-    if float(given.get("stenosis_coefficient", 0.0)) != 0.0:
-        raise FlowError(
-            f"vessel {_name(vessel)} has a stenosis_coefficient, which makes the problem "
-            "nonlinear; use svZeroDSolver for this file"
-        )
-    resistance, compliance, inertance = (given.get(key, 0.0) for key in ("R_poiseuille", "C", "L"))
-    return float(resistance), float(compliance), float(inertance)
+class _Reader:
+    """Blocks of a file, wired in svZeroDSolver's order."""
 
+    def __init__(self, data: Mapping[str, Any], tables: Tables) -> None:
+        self.vessels, self.conditions, self.junctions = (entries(data, key) for key in _LISTS)
+        if not self.vessels:
+            raise FlowError("vessels: none is given")
+        self.tables, self.wiring = tables, Wiring()
+        self.found: list[tuple[str, str, str, Element, Mapping[str, Any]]] = []
 
-def _ports(vessels: list[dict[str, Any]], junctions: list[dict[str, Any]]) -> IntArray:
-    """Node at either end of each vessel, (v, 2)."""
-    number = {int(vessel["vessel_id"]): k for k, vessel in enumerate(vessels)}
-    joined: list[tuple[int, int]] = []
-    for junction in junctions:
-        if junction["junction_type"] not in _JUNCTIONS:
+    def read(self) -> tuple[list[Block], Wiring]:
+        """Return blocks and their connections."""
+        numbered: dict[int, str] = {}
+        for k, vessel in enumerate(self.vessels):
+            self._vessel(vessel, f"vessels[{k}]", numbered)
+        for k, condition in enumerate(self.conditions):
+            self._condition(condition, f"boundary_conditions[{k}]")
+        names = [self._junction(j, f"junctions[{k}]") for k, j in enumerate(self.junctions)]
+        join_conditions(self.wiring, self.vessels)
+        for junction, name in zip(self.junctions, names, strict=True):
+            join_junction(self.wiring, junction, name, numbered)
+        return [self._block(*parts) for parts in self.found], self.wiring
+
+    def _vessel(self, vessel: Any, place: str, numbered: dict[int, str]) -> None:
+        check_keys(vessel, place, _OF_VESSEL)
+        name = text(vessel, "vessel_name", place)
+        place = f"vessel {name}"
+        identity = vessel.get("vessel_id")
+        if isinstance(identity, bool) or not isinstance(identity, int) or identity in numbered:
+            raise FlowError(f"{place}: vessel_id is {identity!r}; write an integer of its own")
+        numbered[identity] = name
+        self._add(name, place, VESSELS, vessel, "zero_d_element_type", "zero_d_element_values")
+
+    def _condition(self, condition: Any, place: str) -> None:
+        check_keys(condition, place, _OF_CONDITION)
+        name = text(condition, "bc_name", place)
+        self._add(name, f"boundary condition {name}", CONDITIONS, condition, "bc_type", "bc_values")
+
+    def _junction(self, junction: Any, place: str) -> str:
+        check_keys(junction, place, _OF_JUNCTION)
+        name = text(junction, "junction_name", place)
+        self._add(name, f"junction {name}", JUNCTIONS, junction, "junction_type", "junction_values")
+        return name
+
+    def _add(
+        self, name: str, place: str, kinds: Mapping[str, Element], data: Mapping[str, Any],
+        type_key: str, values_key: str,
+    ) -> None:  # fmt: skip
+        kind = data.get(type_key)
+        if not isinstance(kind, str) or kind not in kinds:
             raise FlowError(
-                f"junction {junction['junction_name']} is a {junction['junction_type']}; only "
-                "junctions without losses are modelled here"
+                f"{place}: {type_key} is {kind!r}, which isn't modelled; known: "
+                + ", ".join(sorted(kinds))
             )
-        meeting = [2 * number[int(v)] + 1 for v in junction["inlet_vessels"]]
-        meeting += [2 * number[int(v)] for v in junction["outlet_vessels"]]
-        joined += pairwise(meeting)
-    first, last = np.array(joined, dtype=np.int64).reshape(-1, 2).T
-    size = 2 * len(vessels)
-    graph = coo_array((np.ones(len(first), dtype=np.int8), (first, last)), shape=(size, size))
-    _, node = connected_components(graph, directed=False)
-    return np.asarray(node, dtype=np.int64).reshape(-1, 2)
+        element = kinds[kind]
+        given = check_keys(data.get(values_key, {}), f"{place}: {values_key}", element.known)
+        self.wiring.add_block(name, place)
+        self.found.append((name, kind, place, element, given))
 
-
-class _Ends:
-    """Nodes and branches that boundary conditions add."""
-
-    def __init__(self, nodes: int) -> None:
-        self.nodes = nodes
-        self.branches: list[tuple[int, int, float]] = []
-        self.stored: dict[int, float] = {}
-        self.held: list[int] = []
-        self.drive: dict[int, int] = {}
-        self.waveforms: list[Waveform] = []
-
-    def add(self, node: int, condition: dict[str, Any], outlet: bool) -> None:
-        kind, given, name = condition["bc_type"], condition["bc_values"], condition["bc_name"]
-        if kind == "FLOW":
-            # Positive in the vessel's direction: out of the network at an outlet.
-            self._push(node, _waveform(name, given["t"], given["Q"], -1.0 if outlet else 1.0))
-        elif kind == "PRESSURE":
-            self._hold(node, _waveform(name, given["t"], given["P"], 1.0))
-        elif kind == "RESISTANCE":
-            self._to(node, _one(name, given["R"]), _one(name, given.get("Pd", 0.0)))
-        elif kind == "RCR":
-            middle = self._new()
-            self.stored[middle] = _one(name, given["C"])
-            self.branches.append((node, middle, _one(name, given["Rp"])))
-            self._to(middle, _one(name, given["Rd"]), _one(name, given.get("Pd", 0.0)))
-        else:
-            raise FlowError(f"boundary condition {name} is a {kind}, which isn't modelled here")
-
-    def circuit(self, ports: IntArray, values: Any) -> Circuit:
-        ends = np.array([(a, b) for a, b, _ in self.branches], dtype=np.int64).reshape(-1, 2)
-        stored, drive = np.zeros(self.nodes), np.full(self.nodes, -1)
-        stored[list(self.stored)] = list(self.stored.values())
-        drive[list(self.drive)] = list(self.drive.values())
-        held = np.zeros(self.nodes, dtype=bool)
-        held[self.held] = True
-        bare = np.zeros(len(ends))
-        return Circuit(
-            first=np.concatenate([ports[:, 0], ends[:, 0]]),
-            last=np.concatenate([ports[:, 1], ends[:, 1]]),
-            resistance=np.concatenate([values[:, 0], [r for _, _, r in self.branches]]),
-            inertance=np.concatenate([values[:, 2], bare]),
-            capacitance=np.concatenate([values[:, 1], bare]),
-            stored=stored,
-            held=held,
-            drive=drive,
-            waveforms=tuple(self.waveforms),
-            middle=True,
+    def _block(
+        self, name: str, kind: str, place: str, element: Element, given: Mapping[str, Any]
+    ) -> Block:
+        self.wiring.check(name, element.ports, place)
+        into, out = tuple(self.wiring.inlets[name]), tuple(self.wiring.outlets[name])
+        table = -1
+        if element.table:
+            value = numbers(given, element.table, place)
+            time = numbers(given, "t", place) if len(value) > 1 or "t" in given else np.zeros(1)
+            table = self.tables.add(time, value, f"{place}: {element.table}")
+        many = element.ports == "many"
+        values = _lists if many else _scalars
+        return Block(
+            name, kind, values(given, element, place, len(into), len(out)), table, into, out
         )
 
-    def _new(self) -> int:
-        self.nodes += 1
-        return self.nodes - 1
 
-    def _push(self, node: int, waveform: Waveform) -> None:
-        self.drive[node] = len(self.waveforms)
-        self.waveforms.append(waveform)
-
-    def _hold(self, node: int, waveform: Waveform) -> None:
-        self.held.append(node)
-        self._push(node, waveform)
-
-    def _to(self, node: int, resistance: float, distal: float) -> None:
-        far = self._new()
-        self.branches.append((node, far, resistance))
-        self._hold(far, Constant(distal))
+def _scalars(given: Mapping[str, Any], element: Element, place: str, *_: int) -> FloatArray:
+    needed = [number(given, key, place) for key in element.needed]
+    return np.array(needed + [number(given, k, place, v) for k, v in element.optional.items()])
 
 
-def _waveform(name: str, time: Any, value: Any, sign: float) -> Waveform:
-    times, values = np.atleast_1d(np.array(time, float)), np.atleast_1d(np.array(value, float))
-    if len(values) and np.ptp(values) == 0.0:
-        return Constant(sign * float(values[0]))
-    try:
-        return Tabulated(times, sign * values)
-    except FlowError as exc:
-        raise FlowError(f"boundary condition {name}: {exc}") from exc
-
-
-def _one(name: str, value: Any) -> float:
-    values = np.atleast_1d(np.array(value, dtype=float))
-    if len(values) != 1:
-        raise FlowError(
-            f"boundary condition {name} changes a resistance or compliance over time, which "
-            "isn't modelled here"
-        )
-    return float(values[0])
+def _lists(
+    given: Mapping[str, Any], element: Element, place: str, into: int, out: int
+) -> FloatArray:
+    """Return a junction's numbers: one a connection, or one an outlet behind a single inlet."""
+    if not element.needed:
+        return np.zeros(0)
+    count = into + out if element.needed == ("R",) else out
+    if count == out and into != 1:
+        raise FlowError(f"{place} has {into} inlet_vessels; its type takes one")
+    found = [numbers(given, key, place) for key in element.needed]
+    for key, value in zip(element.needed, found, strict=True):
+        if len(value) != count:
+            raise FlowError(f"{place}: {key} has {len(value)} numbers; it needs {count}")
+    return np.concatenate(found)

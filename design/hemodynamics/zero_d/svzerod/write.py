@@ -1,4 +1,4 @@
-"""Write a network under pulsatile conditions as svZeroDSolver's input, in cm, g, s.
+"""Write a network with pulsatile conditions as svZeroDSolver's JSON input, in cm, g, s.
 
 Not in SI: its default absolute tolerance, 1e-8, would take flows in m³/s for converged zeros.
 """

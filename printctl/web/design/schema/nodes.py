@@ -1,4 +1,4 @@
-"""Node types of the recipe form's schema tree."""
+"""Types of the recipe form's tree: fields, sections, choices, with units, limits and defaults."""
 
 from __future__ import annotations
 

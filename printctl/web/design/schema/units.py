@@ -1,4 +1,4 @@
-"""Physical unit of a recipe key, from its suffix."""
+"""Read the physical unit of a recipe key from the key's suffix."""
 
 from __future__ import annotations
 

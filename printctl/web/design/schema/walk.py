@@ -1,4 +1,4 @@
-"""Convert pydantic models to the recipe form's schema tree."""
+"""Convert the recipe's pydantic models to the form's tree of fields with units and limits."""
 
 from __future__ import annotations
 

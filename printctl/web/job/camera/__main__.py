@@ -1,4 +1,4 @@
-"""Entry point of the camera process: reads its source from input, writes pictures to output."""
+"""Entry point of the camera process: camera name on standard input, JPEG pictures on output."""
 
 from __future__ import annotations
 

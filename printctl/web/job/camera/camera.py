@@ -1,4 +1,4 @@
-"""Server's record of a camera: latest picture, or since when and why there is none."""
+"""Run a camera in a process of its own; keep its latest picture, or the reason for having none."""
 
 from __future__ import annotations
 

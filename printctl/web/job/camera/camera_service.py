@@ -1,4 +1,4 @@
-"""Background service: run the camera and record a time-lapse per print."""
+"""Service behind the Job page's camera card: live camera picture, and a time-lapse per print."""
 
 from __future__ import annotations
 

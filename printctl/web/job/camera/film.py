@@ -13,7 +13,7 @@ from typing import Final
 
 from PIL import Image
 
-from design.files import replacing
+from design.files import atomic_replacement
 from printctl.web.low_priority import lower_priority
 
 MOST_FRAMES: Final = 600
@@ -62,7 +62,7 @@ def write_film(folder: Path, film: Path) -> int:
     if len(paths) < 2:
         return 0
     times = [_FRAME_MS] * (len(paths) - 1) + [_LAST_MS]
-    with replacing(film) as draft:
+    with atomic_replacement(film) as draft:
         _Frames(paths).save(
             draft, "WEBP", save_all=True, duration=times, loop=0, quality=_QUALITY, method=2
         )

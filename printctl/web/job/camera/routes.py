@@ -1,4 +1,4 @@
-"""REST routes of camera and time-lapses."""
+"""REST routes for the camera: state, latest picture, a print's time-lapse and its film."""
 
 from __future__ import annotations
 

@@ -1,98 +1,57 @@
 // Draws a job from above on a plain canvas, where there is no WebGL: the same numbers, the same
 // choices, the same way of drawing what was executed on top of what is there.
+import { Camera } from "./camera.js";
+import { CanvasView } from "./canvas_view.js";
 import { cssOf, hues, palette, texelOf } from "./palette.js";
 import { ACT, WIDE } from "./scene.js";
+import { fit, pan, startStrokes, zoom } from "./strokes.js";
 
 const SLICE_MS = 30;
 const LOOK_EVERY = 512; // moves between two looks at the clock
 const USUAL_UM = 200;
+const LEAST_MM = 0.5; // of a job that is fitted
 
-export class FlatPainter {
+export class FlatPainter extends CanvasView {
   constructor(element, { onView }) {
-    this.element = element;
+    const canvas = document.createElement("canvas");
+    super(element, canvas, new Camera([0, 0, 0], [1, 1, 0]));
     this.onView = onView;
-    this.canvas = document.createElement("canvas");
-    this.canvas.style.touchAction = "pan-y";
-    element.append(this.canvas);
-    this.pen = this.canvas.getContext("2d");
-    this.observer = new ResizeObserver(() => this.resize());
-    this.observer.observe(element);
-    this.fingers = new Map();
-    this.listen();
+    canvas.style.touchAction = "pan-y";
+    element.append(canvas);
+    this.pen = canvas.getContext("2d");
+    startStrokes(this, { taken: () => this.held });
   }
 
   take(scene) {
     this.scene = scene;
   }
 
-  listen() {
-    this.canvas.addEventListener("pointerdown", (event) => {
-      this.canvas.setPointerCapture(event.pointerId);
-      this.fingers.set(event.pointerId, [event.clientX, event.clientY]);
-    });
-    this.canvas.addEventListener("pointermove", (event) => this.drag(event));
-    for (const name of ["pointerup", "pointercancel"]) {
-      this.canvas.addEventListener(name, (event) => this.fingers.delete(event.pointerId));
-    }
-    this.canvas.addEventListener("wheel", (event) => {
-      if (!this.held) return;
-      event.preventDefault();
-      this.zoom(event.deltaY < 0 ? 1.15 : 1 / 1.15);
-    }, { passive: false });
-  }
-
-  drag(event) {
-    const before = this.fingers.get(event.pointerId);
-    if (!before) return;
-    const now = [event.clientX, event.clientY];
-    const others = [...this.fingers].filter(([id]) => id !== event.pointerId).map(([, at]) => at);
-    this.fingers.set(event.pointerId, now);
-    const share = 1 / (1 + others.length);
-    this.shift((now[0] - before[0]) * share, (now[1] - before[1]) * share);
-    if (!others.length) return;
-    const reach = (at) => Math.hypot(at[0] - others[0][0], at[1] - others[0][1]);
-    this.zoom(reach(now) / Math.max(reach(before), 1));
-  }
+  get finer() { return Math.min(devicePixelRatio || 1, 2); }
 
   fit() {
     const { about } = this.scene;
     const places = [about.written_low_mm, about.written_high_mm, ...about.outlines.flat()];
-    this.low = [0, 1].map((axis) => Math.min(...places.map((at) => at[axis])));
-    this.high = [0, 1].map((axis) => Math.max(...places.map((at) => at[axis])));
-    this.centre = [0, 1].map((axis) => (this.low[axis] + this.high[axis]) / 2);
-    this.zoomed = 1;
+    const ends = [0, 1].map((axis) => {
+      const all = places.map((at) => at[axis]);
+      const [low, high] = [Math.min(...all), Math.max(...all)];
+      const spare = Math.max(LEAST_MM - (high - low), 0) / 2;
+      return [low - spare, high + spare];
+    });
+    this.camera.low = [ends[0][0], ends[1][0], 0];
+    this.camera.high = [ends[0][1], ends[1][1], 0];
+    this.fitted = true;
     this.resize();
   }
 
-  resize() {
-    const { clientWidth: width, clientHeight: height } = this.element;
-    if (!width || !height || !this.centre) return;
-    this.ratio = Math.min(window.devicePixelRatio, 2);
-    this.canvas.width = width * this.ratio;
-    this.canvas.height = height * this.ratio;
-    const reach = [0, 1].map((axis) => Math.max(this.high[axis] - this.low[axis], 0.5) * 1.12);
-    this.fitted = Math.min(width / reach[0], height / reach[1]);
-    this.paint();
-  }
-
-  get scale() { return this.fitted * this.zoomed; } // CSS pixels per mm
-
   show(state) {
     this.state = state;
-    this.redraw();
-  }
-
-  redraw() {
-    if (this.waiting) return;
-    this.waiting = requestAnimationFrame(() => this.paint());
+    this.draw();
   }
 
   paint() {
-    cancelAnimationFrame(this.waiting);
     cancelAnimationFrame(this.going);
-    this.waiting = 0;
-    if (!this.state || !this.fitted) return;
-    this.named = hues(this.element);
+    if (!this.state) return;
+    this.named = hues(this.holder);
     this.colours = palette(this.state.by, this.scene.about);
     const { written, rest, travels } = this.state;
     const next = Math.max(written, this.state.next);
@@ -112,9 +71,10 @@ export class FlatPainter {
   // The transformation of a point's numbers to the canvas.
   place() {
     const { low_mm: low, step_mm: step } = this.scene.about;
-    const px = this.scale * this.ratio;
-    this.x = [px * step[0], px * (low[0] - this.centre[0]) + this.canvas.width / 2];
-    this.y = [-px * step[1], px * (this.centre[1] - low[1]) + this.canvas.height / 2];
+    const { target, size } = this.camera;
+    const px = this.camera.scale * this.finer;
+    this.x = [px * step[0], px * (low[0] - target[0]) + (size[0] * this.finer) / 2];
+    this.y = [-px * step[1], px * (target[1] - low[1]) + (size[1] * this.finer) / 2];
   }
 
   paintSlice(jobs) {
@@ -183,7 +143,7 @@ export class FlatPainter {
   dip(look, at) {
     const { points } = this.scene;
     const um = points[at + 6] || USUAL_UM;
-    const true_px = um * 1e-3 * this.scale * this.ratio;
+    const true_px = um * 1e-3 * this.camera.scale * this.finer;
     this.pen.lineWidth = look === "solid" ? Math.max(true_px, 1.2) : look === "next" ? 2 : 1;
     this.pen.strokeStyle = look === "solid"
       ? cssOf(this.colours, texelOf(this.colours, points[at + this.colours.column]))
@@ -192,11 +152,11 @@ export class FlatPainter {
 
   drawOutlines() {
     this.pen.strokeStyle = this.named.rim.text;
-    this.pen.lineWidth = this.ratio;
+    this.pen.lineWidth = this.finer;
     for (const line of this.scene.about.outlines) {
       this.pen.beginPath();
       line.forEach((at, k) => {
-        const [px, py] = this.project(at).map((value) => value * this.ratio);
+        const [px, py] = this.project(at).map((value) => value * this.finer);
         if (k) this.pen.lineTo(px, py);
         else this.pen.moveTo(px, py);
       });
@@ -210,7 +170,7 @@ export class FlatPainter {
     const { written, next } = this.painted;
     const ahead = Math.max(state.next, state.written);
     if (state.written < written || ahead < next || state.written - written > 32768) {
-      this.redraw();
+      this.draw();
       return;
     }
     if (ahead === next && state.written === written) return;
@@ -219,36 +179,21 @@ export class FlatPainter {
     this.painted = { written: state.written, next: ahead };
   }
 
-  project([x, y]) {
-    const { clientWidth, clientHeight } = this.element;
-    return [
-      clientWidth / 2 + (x - this.centre[0]) * this.scale,
-      clientHeight / 2 - (y - this.centre[1]) * this.scale,
-    ];
-  }
+  project(place) { return [this.camera.u(...place), this.camera.v(...place)]; }
 
-  shift(across, down) {
-    this.centre[0] -= across / this.scale;
-    this.centre[1] += down / this.scale;
-    this.redraw();
-  }
-
-  look() { this.fit(); }
+  look() { fit(this); }
   hold(held) {
     this.held = held;
     this.canvas.style.touchAction = held ? "none" : "pan-y";
   }
-  orbit(across, up) { this.shift(-60 * across, -60 * up); }
-  pan(across, up) { this.shift(-across, up); }
-  zoom(factor) {
-    this.zoomed = Math.min(Math.max(this.zoomed * factor, 0.2), 500);
-    this.redraw();
-  }
+  orbit(across, up) { pan(this, -60 * across, -60 * up); }
+  pan(across, up) { pan(this, -across, up); }
+  zoom(factor) { zoom(this, factor); }
 
   dispose() {
     this.observer.disconnect();
-    cancelAnimationFrame(this.waiting);
     cancelAnimationFrame(this.going);
+    this.state = null;
     this.canvas.remove();
   }
 }

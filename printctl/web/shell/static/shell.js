@@ -134,7 +134,7 @@
           : "STOP still works, by a way of its own.",
       );
     } else if (noDoor) {
-      said.push("The stop door doesn't answer: STOP depends on the server alone.");
+      said.push("The stop process doesn't answer: STOP depends on the server alone.");
     }
     const banner = at("pc-lost");
     if (!banner) return;

@@ -1,6 +1,6 @@
 // The red stop. Plain script: it needs neither NiceGUI, nor Vue, nor the server's event loop.
 //
-// A stop goes out twice at once: to the stop door, a process of its own on a port of its own (so
+// A stop goes out twice at once: to the stop process, a process of its own on a port of its own (so
 // that no hanging request of the page stands before it), and to the server.
 (() => {
   "use strict";
@@ -120,7 +120,7 @@
     const results = await Promise.allSettled(ways);
     if (!answers) {
       said.head = "STOP: NO ANSWER.";
-      said.trouble = "Neither the stop door nor the server answers. CUT THE PRINTER'S POWER.";
+      said.trouble = "Neither the stop process nor the server answers. CUT THE PRINTER'S POWER.";
     } else if (results.some((one) => one.status === "rejected")) {
       said.trouble = "One of the two ways of the stop didn't answer.";
     }

@@ -1,5 +1,5 @@
 // Starts the page's parts.
-import { startHands } from "gcode/hands";
+import { startKeys } from "gcode/keys";
 import { startPanel } from "gcode/panel";
 import { View } from "gcode/view";
 import { startTheme } from "report/theme";
@@ -10,7 +10,7 @@ try {
   const data = JSON.parse(document.getElementById("view-data").textContent);
   const view = new View(data, document.getElementById("stage"));
   startPanel(view);
-  startHands(view);
+  startKeys(view);
   viewer.dataset.state = "ready";
   view.resize();
   await view.show(data.first.layer);

@@ -1,8 +1,8 @@
 // Sliders, switches, numbers and the legend beside the stage.
 import { short } from "gcode/colours";
-import { fit } from "gcode/hands";
 import { soon } from "gcode/soon";
 import { tellScale } from "gcode/scalebar";
+import { fit } from "gcode/strokes";
 import { beyondNumbers, layerNumbers, list, moveNumbers } from "gcode/words";
 
 const PLAY_FRAMES = 600;

@@ -1,36 +1,28 @@
 // The stage: which layer and how much of it is shown, and what the pointer is over.
 import { Camera } from "gcode/camera";
+import { CanvasView } from "gcode/canvas_view";
 import { Colours } from "gcode/colours";
 import { Painter } from "gcode/draw";
 import { hues } from "gcode/hues";
 import { ACT, Chunks } from "gcode/moves";
 import { drawSeams, Outlines } from "gcode/outline";
 import { nearest } from "gcode/pick";
-import { soon } from "gcode/soon";
 
-export class View {
+export class View extends CanvasView {
   constructor(data, holder) {
-    Object.assign(this, { data, holder, layers: data.layers, passes: data.passes });
+    super(holder, holder.querySelector("canvas"), new Camera(data.low, data.high));
+    Object.assign(this, { data, layers: data.layers, passes: data.passes });
     this.chunks = new Chunks(data.rows, data.passes);
-    this.canvas = holder.querySelector("canvas");
-    this.camera = new Camera(data.low, data.high);
     this.shown = { travels: true, dots: true, below: data.passes, path: false,
       seams: !data.passes, outline: Boolean(data.outline) };
     this.outlines = data.outline ? new Outlines(data.outline) : null;
     this.painter = new Painter(this.canvas.getContext("2d"), this.camera, {});
-    this.fitted = true;
-    this.listeners = [];
     this.hovered = null;
     this.colour(data.first.colour);
-    new ResizeObserver(() => this.resize()).observe(holder);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
-    new MutationObserver(() => this.draw()).observe(
-      document.documentElement, { attributeFilter: ["data-theme"] });
+    this.watchTheme();
   }
 
   get count() { return this.layers.z.length; }
-
-  changed() { for (const tell of this.listeners) tell(); }
 
   colour(key) {
     const found = this.data.colourings.find((each) => each.key === key) ?? this.data.colourings[0];
@@ -80,29 +72,11 @@ export class View {
     return this.passes && this.shown.below ? [...this.before, now] : [now];
   }
 
-  resize() {
-    const { width, height } = this.holder.getBoundingClientRect();
-    const finer = devicePixelRatio || 1;
-    [this.canvas.width, this.canvas.height] = [width * finer, height * finer];
-    this.camera.size = [width, height];
-    if (this.fitted) this.camera.fit();
-    // A canvas of a new size is blank, and would be seen so until the next frame.
-    if (this.part) this.paint();
-  }
-
-  draw() {
-    if (this.waiting || !this.part) return;
-    this.waiting = true;
-    soon(() => { this.waiting = false; this.paint(); });
-  }
-
   paint() {
     const { painter, part, shown, colours } = this;
+    if (!part) return;
     painter.theme = hues();
-    const finer = devicePixelRatio || 1;
-    const context = painter.context;
-    context.setTransform(finer, 0, 0, finer, 0, 0);
-    context.clearRect(0, 0, ...this.camera.size);
+    this.clear(painter.context);
     const [first, last] = [part.first, part.first + this.move];
     const below = this.before.at(-1);
     if (this.passes) painter.tubes(this.drawn, colours);

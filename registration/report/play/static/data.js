@@ -1,4 +1,4 @@
-// Undoes registration/report/play/packed.py: rows in the order of time, as one piece to draw.
+// Undoes registration/report/play/serialise.py: rows in the order of time, as one piece to draw.
 import { ACT } from "gcode/moves";
 import { unpack, unpackLevels } from "report/unpack";
 

@@ -1,6 +1,6 @@
 // Starts the slider; in a page of its own the theme's switch, too.
 import { readPlay } from "play/data";
-import { startKeys, startPanel, startPlaying, startStrokes } from "play/panel";
+import { startKeys, startPanel, startPlaying, startTouch } from "play/panel";
 import { PlayView } from "play/view";
 import { startTheme } from "report/theme";
 
@@ -12,7 +12,7 @@ try {
   const view = new PlayView(data, await readPlay(data), document.getElementById("play-stage"));
   startPanel(view);
   startKeys(view, startPlaying(view));
-  startStrokes(view);
+  startTouch(view);
   viewer.dataset.state = "ready";
   const follow = () => fromAddress(view);
   window.addEventListener("hashchange", follow);

@@ -1,8 +1,8 @@
 // Slider, numbers, switches and the warnings' places.
 import { short } from "gcode/colours";
-import { drag, fit, zoom } from "gcode/hands";
 import { tellScale } from "gcode/scalebar";
 import { soon } from "gcode/soon";
+import { fit, startStrokes, zoom } from "gcode/strokes";
 import { list } from "gcode/words";
 import { offBy } from "play/shades";
 
@@ -88,36 +88,11 @@ export function startKeys(view, toggle) {
 }
 
 // Wheel and fingers scroll the page until the view is clicked; then they are the view's.
-export function startStrokes(view) {
+export function startTouch(view) {
   const stage = view.holder;
-  const held = new Map();
-  const place = (event) => {
-    const box = stage.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
-  };
-  const taken = () => document.activeElement === stage;
   stage.addEventListener("focus", () => { stage.style.touchAction = "none"; });
   stage.addEventListener("blur", () => { stage.style.touchAction = ""; });
-  stage.addEventListener("contextmenu", (event) => view.passes && event.preventDefault());
-  stage.addEventListener("pointerdown", (event) => {
-    if (event.isTrusted) stage.setPointerCapture(event.pointerId);
-    held.set(event.pointerId, place(event));
-  });
-  for (const name of ["pointerup", "pointercancel"]) {
-    stage.addEventListener(name, (event) => held.delete(event.pointerId));
-  }
-  stage.addEventListener("pointermove", (event) => {
-    const before = held.get(event.pointerId);
-    if (!before) return;
-    drag(view, held, event, before, place(event));
-    held.set(event.pointerId, place(event));
-  });
-  stage.addEventListener("wheel", (event) => {
-    if (!taken()) return;
-    event.preventDefault();
-    zoom(view, Math.exp(-event.deltaY * (event.deltaMode ? 0.05 : 0.0015)), place(event));
-  }, { passive: false });
-  stage.addEventListener("dblclick", () => fit(view));
+  startStrokes(view, { taken: () => document.activeElement === stage });
 }
 
 function tell(view) {

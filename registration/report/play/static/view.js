@@ -1,35 +1,29 @@
 // The stage at a moment: what lies there, what is being laid, where the needle is.
+import { CanvasView } from "gcode/canvas_view";
 import { Painter } from "gcode/draw";
-import { fit } from "gcode/hands";
 import { hues } from "gcode/hues";
 import { ACT } from "gcode/moves";
-import { soon } from "gcode/soon";
+import { fit } from "gcode/strokes";
 import { SnugCamera } from "play/camera";
 import { cutRow, layerStarts, rowAt, shareAt } from "play/data";
 import { Shades } from "play/shades";
 
 const FAINT = 0.5;
 
-export class PlayView {
+export class PlayView extends CanvasView {
   constructor(data, chunk, holder) {
-    Object.assign(this, { data, chunk, holder, passes: data.passes, turnsByDrag: true });
+    super(holder, holder.querySelector("canvas"), new SnugCamera(data.low, data.high, chunk));
+    Object.assign(this, { data, chunk, passes: data.passes, turnsByDrag: true });
     this.count = data.layer_z.length;
     this.first = layerStarts(chunk, this.count);
     this.duration = chunk.time[chunk.n - 1];
     this.time = this.duration;
-    this.camera = new SnugCamera(data.low, data.high, chunk);
-    this.canvas = holder.querySelector("canvas");
     this.painter = new Painter(this.canvas.getContext("2d"), this.camera, {});
     this.base = { canvas: document.createElement("canvas"), key: "" };
     this.shown = { travels: !this.passes, dots: !this.passes, faint: true };
-    this.fitted = true;
-    this.listeners = [];
     if (this.passes) this.camera.look(30, 30);
     this.colour(data.colourings[0].key);
-    new ResizeObserver(() => this.resize()).observe(holder);
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
-    new MutationObserver(() => this.draw()).observe(
-      document.documentElement, { attributeFilter: ["data-theme"] });
+    this.watchTheme();
   }
 
   colour(key) {
@@ -76,26 +70,7 @@ export class PlayView {
     this.to(chunk.time[Math.min(Math.max(at, 0), chunk.n - 1)] + (way > 0 ? 0 : -1e-4));
   }
 
-  resize() {
-    const { width, height } = this.holder.getBoundingClientRect();
-    if (!width || !height) return;
-    const finer = devicePixelRatio || 1;
-    for (const canvas of [this.canvas, this.base.canvas]) {
-      [canvas.width, canvas.height] = [width * finer, height * finer];
-    }
-    this.base.key = "";
-    this.camera.size = [width, height];
-    if (this.fitted) this.camera.fit();
-    this.paint();
-  }
-
   fit() { fit(this); }
-
-  draw() {
-    if (this.waiting) return;
-    this.waiting = true;
-    soon(() => { this.waiting = false; this.paint(); });
-  }
 
   paint() {
     const { painter, row } = this;
@@ -108,13 +83,7 @@ export class PlayView {
     if (this.shown.travels) painter.travels(this.chunk, from, row + (this.whole ? 1 : 0));
     if (this.shown.dots) painter.dots(this.chunk, this.passes ? 0 : from, row);
     if (!this.whole) this.paintNeedle();
-    for (const tell of this.listeners) tell();
-  }
-
-  clear(context) {
-    const finer = devicePixelRatio || 1;
-    context.setTransform(finer, 0, 0, finer, 0, 0);
-    context.clearRect(0, 0, ...this.camera.size);
+    this.changed();
   }
 
   paintLayer(row, share) {
@@ -153,9 +122,10 @@ export class PlayView {
   paintBase(last) {
     const { camera, colours, base, chunk } = this;
     const key = [last, colours.key, camera.scale, camera.azimuth, camera.elevation,
-      ...camera.target, ...camera.size, this.painter.theme.rim].join();
+      ...camera.target, ...camera.size, this.canvas.width, this.painter.theme.rim].join();
     if (key === base.key) return;
     base.key = key;
+    [base.canvas.width, base.canvas.height] = [this.canvas.width, this.canvas.height];
     const context = base.canvas.getContext("2d");
     this.clear(context);
     new Painter(context, camera, this.painter.theme).tubes([{ chunk, first: 0, last }], colours);

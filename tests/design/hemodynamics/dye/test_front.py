@@ -8,12 +8,12 @@ import pytest
 from design.hemodynamics import FlowConditions, solve_flow
 from design.hemodynamics.dye import (
     CarryingFlow,
-    carried_by,
     check_frames,
     dye_curves,
     dye_front,
     front_table,
     mean_age,
+    steady_transit,
 )
 from design.network import FloatArray, VesselNetwork
 from tests.design.hemodynamics.networks import network_of
@@ -29,7 +29,7 @@ SPLIT = network_of(
 
 def carried(network: VesselNetwork) -> CarryingFlow:
     given = FlowConditions(1e-3, inlet_flow_ul_s=1.0)
-    return carried_by(network, solve_flow(network, given), tuple(network.inlets().tolist()))
+    return steady_transit(network, solve_flow(network, given), tuple(network.inlets().tolist()))
 
 
 def step_out(t: FloatArray, mean_transit: float) -> FloatArray:
@@ -122,7 +122,7 @@ def test_a_vessel_at_rest_has_no_times() -> None:
     )
     given = FlowConditions(1e-3, inlet_flow_ul_s=1.0, inlets=(0,), outlets=(2, 4),
                            outlet_flow_ul_s={4: 0.0})  # fmt: skip
-    flow = carried_by(dead, solve_flow(dead, given), (0,))
+    flow = steady_transit(dead, solve_flow(dead, given), (0,))
     front = dye_front(dead, flow, 1.0)
     assert np.isnan(front.tip_enters_s[2:]).all()
     assert np.isfinite(front.half_leaves_s[:2]).all()

@@ -10,7 +10,7 @@ from design.hemodynamics import OneDOptions, PulsatileConditions
 from design.hemodynamics.one_d.grid import Grid
 from design.hemodynamics.one_d.kernels.march import State, advance, make_work
 from design.hemodynamics.one_d.nodes import Nodes
-from design.hemodynamics.one_d.solve import Problem, pose
+from design.hemodynamics.one_d.solve import Problem, set_up_problem
 from design.network import FloatArray, VesselNetwork
 
 Drive = Callable[[FloatArray], FloatArray]
@@ -18,7 +18,7 @@ Drive = Callable[[FloatArray], FloatArray]
 
 def posed(network: VesselNetwork, conditions: PulsatileConditions, options: OneDOptions) -> Problem:
     """At rest, whatever the lumped model would begin with, and nothing limited that is small."""
-    problem = pose(network, conditions, options)
+    problem = set_up_problem(network, conditions, options)
     grid = problem.grid
     problem.state.area[:] = grid.area
     problem.state.flow[:] = 0.0

@@ -27,7 +27,6 @@ from tests.design.hemodynamics.three_d.shapes import (
     straight,
     thick_and_thin,
 )
-from tests.slower import first_of
 
 pytest.importorskip("netgen")
 
@@ -73,6 +72,7 @@ def test_a_cone_has_its_volume() -> None:
     assert mesh_volume(mesh) == pytest.approx(exact, rel=2e-4)
 
 
+@pytest.mark.slow
 def test_a_bend_has_the_volume_of_a_quarter_torus() -> None:
     mesh = _sound(bent(300))
     assert mesh_volume(mesh) == pytest.approx(0.5 * np.pi**2 * 2.0 * 0.4**2, rel=2e-4)
@@ -106,7 +106,8 @@ def test_finer_meshes_have_the_same_lumen() -> None:
     assert first == pytest.approx(second, rel=3e-4)
 
 
-@pytest.mark.parametrize("network", first_of([crowded(), ring(), cross()]))
+@pytest.mark.slow
+@pytest.mark.parametrize("network", [crowded(), ring(), cross()])
 def test_junctions_loops_and_crowds_are_meshed(network: VesselNetwork) -> None:
     _sound(network)
 
@@ -149,11 +150,14 @@ def _side_by_side(gap: float) -> VesselNetwork:
     return network_of(nodes, [(0, 1), (1, 2), (2, 3), (3, 4)], 0.4)
 
 
-def test_fillets_without_room_are_refused_and_smaller_ones_fit() -> None:
-    network = _side_by_side(0.2)
+def test_fillets_without_room_are_refused() -> None:
     with pytest.raises(FlowError, match=r"crosses itself near .* lower the fillet ratio"):
-        lumen_mesh(network)
-    _sound(network, MeshOptions(fillet_ratio=0.1))
+        lumen_mesh(_side_by_side(0.2))
+
+
+@pytest.mark.slow
+def test_smaller_fillets_fit() -> None:
+    _sound(_side_by_side(0.2), MeshOptions(fillet_ratio=0.1))
     _sound(_side_by_side(0.3))
 
 
@@ -177,6 +181,7 @@ def test_far_from_junctions_vessels_side_by_side_stay_apart() -> None:
     assert least_jacobian(straighten_edges(mesh)[0]).min() > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2])
 def test_rough_centrelines_are_meshed(seed: int) -> None:
     """Kinks nearer to each other than a radius, as a scan's centreline has."""

@@ -103,6 +103,7 @@ def test_a_given_outlet_flow_comes_out() -> None:
     assert found.port_pressure[1] == pytest.approx(5.0 - 2.5 * POISEUILLE * 0.999, rel=3e-3)
 
 
+@pytest.mark.slow
 def test_a_bend_loses_more_the_faster_and_balances() -> None:
     """Dean flow: in the limit of slow flow a bend is a pipe of its axis' length, nearly."""
     mesh = bend(2, 6)

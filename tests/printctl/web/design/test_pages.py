@@ -137,6 +137,7 @@ def test_an_embedded_page_cant_reach_ours(served: Process, browser: Any) -> None
     assert frame.evaluate(asked) == "refused"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("viewport", "colours"), LOOKS[1:])
 def test_the_page_fits_small_screens(
     served: Process, browser: Any, viewport: dict[str, int], colours: str

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from printctl.web.design.pane.editor import Editor
 from printctl.web.design.recipes import Recipes
+from printctl.web.design.widgets.editor import Editor
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.workspace import Workspace
 

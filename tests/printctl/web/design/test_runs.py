@@ -12,8 +12,8 @@ import pytest
 
 from printctl.errors import UsageError
 from printctl.web.core import Core
-from printctl.web.design.making import RunProgress, read_progress
-from printctl.web.design.making.detached import LOG, PROGRESS
+from printctl.web.design.run_processes import RunProgress, read_progress
+from printctl.web.design.run_processes.detached import LOG, PROGRESS
 from printctl.web.design.service import DesignService
 from printctl.web.errors import BadRequestError, ConflictError, NotFoundError
 from printctl.web.settings import ServeSettings
@@ -84,6 +84,7 @@ def test_a_page_that_cannot_be_made_says_why_in_one_line(
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.slow
 def test_another_server_finds_a_run_and_cancels_it(
     service: DesignService, workspace: Workspace
 ) -> None:

@@ -86,6 +86,7 @@ def test_list_is_searched_and_turned_by_pages(browser, served):
     assert "job_7.gcode" in table
 
 
+@pytest.mark.slow
 def test_hostile_text_is_shown_as_text(browser, served):
     page = opened(browser, f"{served[0]}/history")
     page.wait_for_selector("text=61 prints")
@@ -129,7 +130,8 @@ def test_print_is_compared_filed_and_made_ready_again(browser, served, tmp_path)
     assert list((folder / "ws" / ".printctl" / "bundles").iterdir()) == []
 
 
-@pytest.mark.parametrize("size", first_of(["phone", "tablet", "desk"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("size", ["phone", "tablet", "desk"])
 def test_page_fits_the_screen_and_its_targets_the_finger(browser, served, size):
     page = opened(browser, f"{served[0]}/history", size)
     page.wait_for_selector("text=61 prints")

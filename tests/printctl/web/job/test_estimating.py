@@ -11,7 +11,7 @@ from firmware_profiles import Ink, Printer, Syringe, load
 from printctl.gcode_view import Pushing, read_job
 from printctl.preflight import HeadLoading, volumes
 from printctl.printing.job_table import JobTable
-from printctl.printing.journalled import read_so_far
+from printctl.printing.journal_facts import read_so_far
 from printctl.printing.progress import Filling, progress
 from printctl.printing.remaining import Estimate, Remaining
 from printctl.web.job.tabulating import make_table

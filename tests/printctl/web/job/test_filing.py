@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from printctl.link.history import PrintHistory
-from printctl.link.noted import read_notes
+from printctl.link.print_notes import read_notes
 from printctl.web.job.record import Records
-from tests.printctl.link.test_noted import begun
+from tests.printctl.link.test_print_notes import begun
 
 
 @pytest.fixture(autouse=True)

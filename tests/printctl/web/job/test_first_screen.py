@@ -24,11 +24,15 @@ from tests.sim_process import printer_process
 pytestmark = pytest.mark.browser
 LOOKS = [
     (1280, 800, "light"),
-    (1024, 768, "dark"),
     (400, 800, "dark"),
     *(
         pytest.param(*look, marks=pytest.mark.slow)
-        for look in ((1280, 800, "dark"), (1024, 768, "light"), (400, 800, "light"))
+        for look in (
+            (1024, 768, "dark"),
+            (1280, 800, "dark"),
+            (1024, 768, "light"),
+            (400, 800, "light"),
+        )
     ),
 ]
 MUST = ("time", "layer", "ink", "heat", "tip", "alarms")

@@ -13,7 +13,7 @@ from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 from fastapi.responses import HTMLResponse
 
 from printctl.web.live import JobSource
-from printctl.web.live.maker import SceneMaker
+from printctl.web.live.maker_client import SceneMaker
 from printctl.web.live.routes import router
 
 PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Live view</title>

@@ -7,7 +7,7 @@ import pytest
 from fastapi import FastAPI
 
 from printctl.web.live import JobSource, SceneError
-from printctl.web.live.maker import SceneMaker
+from printctl.web.live.maker_client import SceneMaker
 from printctl.web.live.modules import static_files
 from printctl.web.live.routes import router
 from tests.printctl.web.live import jobs

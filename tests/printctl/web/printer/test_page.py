@@ -12,6 +12,7 @@ from printctl.station import attach
 from tests.printctl.web.serving import server_process
 from tests.printctl.web.shell.browsers import LOOKS, serious
 from tests.printctl.web.shell.dialogs import serious_in_dialog
+from tests.slower import first_of
 
 pytestmark = pytest.mark.browser
 Open = Callable[..., Page]
@@ -158,6 +159,7 @@ def test_another_browser_sees_what_is_typed_as_text_and_moves_nothing(
         other.close()
 
 
+@pytest.mark.slow
 def test_a_macro_is_written_run_and_seen_in_the_console(visit: Open) -> None:
     page = connected(visit())
     page.get_by_role("button", name="New macro").click()
@@ -212,6 +214,7 @@ def test_wizard_of_a_syringe_sets_zero_and_purges(visit: Open) -> None:
     expect(page.get_by_text("µL left")).to_be_visible()
 
 
+@pytest.mark.slow
 def test_wizard_of_weighing_makes_a_job_and_reads_the_balance(visit: Open) -> None:
     page = connected(visit())
     page.get_by_role("button", name="Start: Flow by weight").click()
@@ -244,7 +247,9 @@ def test_page_is_accessible_and_fits(visit: Open, size: dict[str, int], scheme: 
 
 @pytest.mark.parametrize(
     "openers",
-    [("Say what is mounted", "Home", "New macro"), ("Change the syringe",), ("Start: Level",)],
+    first_of(
+        [("Say what is mounted", "Home", "New macro"), ("Change the syringe",), ("Start: Level",)]
+    ),
 )
 def test_dialogs_are_accessible(visit: Open, openers: tuple[str, ...]) -> None:
     page = connected(visit(820, 1180))

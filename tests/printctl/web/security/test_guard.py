@@ -8,7 +8,7 @@ from starlette.testclient import TestClient, WebSocketDenialResponse
 from starlette.websockets import WebSocketDisconnect
 
 from printctl.web.controls import Principal
-from printctl.web.security.scrubbing import scrubbed
+from printctl.web.security.redaction import scrubbed
 from tests.printctl.web.serving import PAGE, Served, served
 
 CHANGING = ("post", "put", "patch", "delete")

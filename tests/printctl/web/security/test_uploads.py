@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from printctl.web.errors import BadRequestError, ConflictError
-from printctl.web.security.kinds import kind_of
+from printctl.web.security.file_types import kind_of
 from printctl.web.security.uploads import (
     TooLargeUploadError,
     UploadLimits,

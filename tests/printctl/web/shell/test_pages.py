@@ -9,6 +9,7 @@ import pytest
 from tests.printctl.web.printing import ended_by_kill, under_way
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import LOOKS, PHONE, TABLET, WIDE, serious, shown
+from tests.slower import first_of
 
 pytestmark = pytest.mark.browser
 PAGES = ("/printer", "/job", "/design", "/scan", "/history")
@@ -153,7 +154,7 @@ def test_axe_finds_nothing_serious(
     assert serious(page) == []
 
 
-@pytest.mark.parametrize("way", PAGES)
+@pytest.mark.parametrize("way", first_of(PAGES, 3))
 def test_the_frame_fits_is_large_enough_to_touch_and_passes_axe(
     served: Any, browser: Any, way: str
 ) -> None:
@@ -186,6 +187,7 @@ def assert_targets_are_large(page: Any, size: dict[str, int]) -> None:
     page.evaluate("window.scrollTo(0, 0)")
 
 
+@pytest.mark.slow
 def test_the_theme_is_remembered(served: Any, browser: Any) -> None:
     page = shown(browser, f"{served[0].url}/printer", color_scheme="light")
     page.click("#pc-theme")

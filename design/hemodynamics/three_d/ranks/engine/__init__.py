@@ -23,4 +23,6 @@ Poiseuille's flow leaves it undisturbed. The last term keeps backflow from feedi
 
 FEniCSx 0.5 to 0.9; what differs is in `partition` (`elements`, `rows`, `distributed`) and in the
 name of the function that makes a space (`problem`).
+
+Begin with `solve.py`.
 """

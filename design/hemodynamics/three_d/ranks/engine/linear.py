@@ -1,4 +1,4 @@
-"""Linear solvers of 3D flow on MPI ranks: MUMPS, or Krylov with multigrid; coupled ports."""
+"""Solve the linear system of each Newton step on MPI ranks: MUMPS, or Krylov with multigrid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Newton's method of the MPI flow solver, started from lifted boundary values, logged."""
+"""Solve the MPI flow problem by Newton's method; return a log row for each step."""
 
 from __future__ import annotations
 

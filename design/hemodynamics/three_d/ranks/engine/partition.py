@@ -1,4 +1,4 @@
-"""Partition a case's mesh among the MPI ranks, with its boundary labels."""
+"""Read a case's mesh and divide it among MPI ranks, with its boundary labels."""
 
 from __future__ import annotations
 

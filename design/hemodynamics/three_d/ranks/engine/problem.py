@@ -1,4 +1,4 @@
-"""Discrete 3D flow problem on one MPI rank: function spaces, forms, boundary values."""
+"""Set up a case's 3D flow equations on MPI ranks: spaces, weak forms, boundary values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gather the MPI ranks' results on the first rank and write them."""
+"""Gather velocity, pressure and port flows from the MPI ranks and write them to files."""
 
 from __future__ import annotations
 

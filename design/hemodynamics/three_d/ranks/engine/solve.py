@@ -1,4 +1,4 @@
-"""Solve a case on MPI ranks, from reading its files to writing its result."""
+"""Solve a 3D flow case on MPI ranks, from reading its files to writing its result."""
 
 from __future__ import annotations
 

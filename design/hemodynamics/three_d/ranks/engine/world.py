@@ -1,4 +1,4 @@
-"""MPI communicator, its shared log, and peak memory per rank."""
+"""MPI communicator; print a log line once for all ranks; peak memory of a rank."""
 
 from __future__ import annotations
 

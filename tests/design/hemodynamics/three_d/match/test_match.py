@@ -11,7 +11,7 @@ from design.errors import FlowError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.hemodynamics.probes import Probes
 from design.hemodynamics.three_d import FlowOptions, probe_steady, solve_steady, straighten_edges
-from design.hemodynamics.three_d.effective import effective
+from design.hemodynamics.three_d.effective import effective_network
 from design.hemodynamics.three_d.match import (
     MatchOptions,
     ideal_target,
@@ -36,6 +36,7 @@ def _fork() -> VesselNetwork:
     return network_of(nodes, [(0, 1), (1, 2), (1, 3)], [0.5, 0.4, 0.4])
 
 
+@pytest.mark.slow
 def test_a_fork_gets_the_split_it_was_designed_for() -> None:
     network = _fork()
     done = match_split(network, FAST, options=COARSE)
@@ -80,7 +81,7 @@ def test_the_reduced_model_is_brought_to_the_target_at_once() -> None:
     """With the resistances of 3D held, the next radii have the wanted flows to rounding."""
     network = _fork()
     mesh, _ = straighten_edges(lumen_mesh(network, COARSE.mesh))
-    found = effective(network, FAST, solve_steady(mesh, FAST, FlowOptions(order=2)))
+    found = effective_network(network, FAST, solve_steady(mesh, FAST, FlowOptions(order=2)))
     target = ideal_target(network, FAST)
     scale = next_scales(network, FAST, target, found, free_radii(network, COARSE), np.ones(3))
     owner = np.repeat(np.arange(3), 2)

@@ -1,0 +1,136 @@
+"""Checked access to the keys of svZeroDSolver's JSON input."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Set
+from typing import Any
+
+import numpy as np
+
+from design.errors import FlowError
+from design.network import FloatArray
+
+
+def check_keys(data: Any, place: str, known: Set[str]) -> Mapping[str, Any]:
+    """Return ``data`` as a mapping; keys that begin with ``_`` are comments.
+
+    Raises
+    ------
+    FlowError
+        When it isn't an object, or has a key that isn't known.
+    """
+    if not isinstance(data, Mapping):
+        raise FlowError(f"{place} is {_short(data)}; write an object with keys")
+    if data.keys() <= known:
+        return data
+    for key in data:
+        if key not in known and not key.startswith("_"):
+            names = ", ".join(sorted(known)) or "none"
+            raise FlowError(f"{place} has the key {key!r}, which isn't modelled; known: {names}")
+    return data
+
+
+def entries(data: Mapping[str, Any], key: str) -> list[Any]:
+    """Return the list under ``key``; an absent one is empty.
+
+    Raises
+    ------
+    FlowError
+        When it isn't a list.
+    """
+    value = data.get(key, [])
+    if not isinstance(value, list):
+        raise FlowError(f"{key} is {_short(value)}; write a list")
+    return value
+
+
+def text(data: Mapping[str, Any], key: str, place: str) -> str:
+    """Return the name under ``key``.
+
+    Raises
+    ------
+    FlowError
+        When it is missing or isn't text.
+    """
+    value = data.get(key)
+    if not isinstance(value, str) or not value:
+        raise FlowError(f"{place}: {key} is {_short(value)}; write a name")
+    return value
+
+
+def number(data: Mapping[str, Any], key: str, place: str, default: float | None = None) -> float:
+    """Return the number under ``key``, or ``default`` where it is absent.
+
+    Raises
+    ------
+    FlowError
+        When it is missing, not a number, or not finite.
+    """
+    if key not in data and default is not None:
+        return default
+    value = data.get(key)
+    if type(value) is float and math.isfinite(value):
+        return value
+    if isinstance(value, list):
+        raise FlowError(f"{place}: {key} changes over time, which isn't modelled; write a number")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise FlowError(f"{place}: {key} is {_short(value)}; write a number")
+    return float(value)
+
+
+def whole(
+    data: Mapping[str, Any], key: str, place: str, least: int, default: int | None = None
+) -> int:
+    """Return the integer under ``key``, at least ``least``.
+
+    Raises
+    ------
+    FlowError
+        When it is missing, not an integer, or below ``least``.
+    """
+    value = data.get(key, default)
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise FlowError(f"{place}: {key} is {_short(value)}; write an integer of {least} or more")
+    return value
+
+
+def flag(data: Mapping[str, Any], key: str, place: str, default: bool) -> bool:
+    """Return the truth value under ``key``.
+
+    Raises
+    ------
+    FlowError
+        When it is neither true nor false.
+    """
+    value = data.get(key, default)
+    if not isinstance(value, bool):
+        raise FlowError(f"{place}: {key} is {_short(value)}; write true or false")
+    return value
+
+
+def numbers(data: Mapping[str, Any], key: str, place: str) -> FloatArray:
+    """Return the list of numbers under ``key``, (n,) float64; a single number is a list of one.
+
+    Raises
+    ------
+    FlowError
+        When it is missing, empty, or holds anything but finite numbers.
+    """
+    value = data.get(key)
+    listed = value if isinstance(value, list) else [value]
+    good = all(isinstance(v, int | float) and not isinstance(v, bool) for v in listed)
+    found = np.array(listed, dtype=np.float64) if good and listed else np.full(1, np.nan)
+    if not np.isfinite(found).all():
+        raise FlowError(f"{place}: {key} is {_short(value)}; write a list of numbers")
+    return found
+
+
+def _short(value: Any) -> str:
+    """Return a value as a message shows it."""
+    if value is None:
+        return "missing"
+    shown = repr(value)
+    return shown if len(shown) <= 40 else f"{shown[:37]}..."

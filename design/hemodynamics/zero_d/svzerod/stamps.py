@@ -1,0 +1,168 @@
+"""Equations of groups of like blocks, collected as a sparse system."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array
+
+from design.hemodynamics.zero_d.svzerod.nonlinear import Contraction, Loss, StoredLoss, Term
+from design.network import FloatArray, IntArray
+
+Places = tuple[IntArray, IntArray, FloatArray]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Blocks of one kind with the same numbers of inlets and outlets.
+
+    Attributes
+    ----------
+    values : (m, q) float64
+    tables : (m,) int64
+    variables : (m, k) int64
+        Pressure and flow of each connection, then the blocks' own.
+    equations : (m, r) int64
+    inlets, ports : int
+        Connections that lead in, and all.
+    """
+
+    values: FloatArray
+    tables: IntArray
+    variables: IntArray
+    equations: IntArray
+    inlets: int
+    ports: int
+
+
+@dataclass(frozen=True)
+class LumpedSystem:
+    """E ẏ + F y + c(t) + terms = 0.
+
+    Attributes
+    ----------
+    e, f : csr_array, (n, n)
+    constant : (n,) float64
+    drive : csr_array, (n, tables)
+        Times the tables' values, the part of c that changes.
+    terms : tuple of Term
+        What is nonlinear, or linear with coefficients that change.
+    """
+
+    e: csr_array
+    f: csr_array
+    constant: FloatArray
+    drive: csr_array
+    terms: tuple[Term, ...]
+
+
+@dataclass
+class Stamps:
+    """Collector of equations; rows and columns are those of the group at hand.
+
+    Attributes
+    ----------
+    size, tables : int
+        Number of variables and of tables.
+    steady : bool
+        Whether the equations of the steady start are asked for.
+    state, rates : (n,) float64
+        At the begin.
+    sampled : (tables,) float64
+        At the begin.
+    """
+
+    size: int
+    tables: int
+    steady: bool
+    state: FloatArray
+    rates: FloatArray
+    sampled: FloatArray
+    group: Group | None = None
+    _e: list[Places] = field(default_factory=list)
+    _f: list[Places] = field(default_factory=list)
+    _drive: list[Places] = field(default_factory=list)
+    _constant: list[tuple[IntArray, FloatArray]] = field(default_factory=list)
+    _terms: list[Term] = field(default_factory=list)
+
+    @property
+    def _here(self) -> Group:
+        assert self.group is not None
+        return self.group
+
+    @property
+    def start(self) -> tuple[FloatArray, FloatArray]:
+        """Values and rates of the group's variables at the begin, (m, k) each."""
+        return self.state[self._here.variables], self.rates[self._here.variables]
+
+    @property
+    def start_drive(self) -> FloatArray:
+        """Values of the group's tables at the begin, (m,)."""
+        return self.sampled[self._here.tables]
+
+    def e(self, row: int, entries: Mapping[int, FloatArray | float]) -> None:
+        """Add coefficients of rates to an equation, by variable."""
+        self._put(self._e, row, entries)
+
+    def f(self, row: int, entries: Mapping[int, FloatArray | float]) -> None:
+        """Add coefficients of values to an equation, by variable."""
+        self._put(self._f, row, entries)
+
+    def c(self, row: int, value: FloatArray) -> None:
+        """Add a constant to an equation."""
+        self._constant.append((self._here.equations[:, row], value))
+
+    def drive(self, row: int, factor: FloatArray | float) -> None:
+        """Add the group's tables, times a factor, to an equation."""
+        rows, tables = self._here.equations[:, row], self._here.tables
+        self._drive.append((rows, tables, np.broadcast_to(factor, rows.shape)))
+
+    def losses(self, row: int, flow: int, factor: FloatArray, on: NDArray[np.bool_]) -> None:
+        """Add -factor |Q| Q to an equation."""
+        if on.any():
+            here = self._here
+            self._terms.append(Loss(here.equations[on, row], here.variables[on, flow], factor[on]))
+
+    def stored_losses(self, row: int, flow: int, factor: FloatArray, on: NDArray[np.bool_]) -> None:
+        """Add 2 factor |Q| Q̇ to an equation."""
+        here, on = self._here, on & (factor != 0.0)
+        if on.any():
+            self._terms.append(
+                StoredLoss(here.equations[on, row], here.variables[on, flow], factor[on])
+            )
+
+    def contracting(self, row: int, volume: int, values: FloatArray) -> None:
+        """Add the resistance of a contracting muscle to an equation (`Contraction`)."""
+        here = self._here
+        self._terms.append(
+            Contraction(here.equations[:, row], here.variables[:, volume], here.tables, values)
+        )
+
+    def system(self) -> LumpedSystem:
+        """Return what was collected."""
+        constant = np.zeros(self.size)
+        for rows, values in self._constant:
+            np.add.at(constant, rows, values)
+        return LumpedSystem(
+            _matrix(self._e, self.size, self.size),
+            _matrix(self._f, self.size, self.size),
+            constant,
+            _matrix(self._drive, self.size, self.tables),
+            tuple(self._terms),
+        )
+
+    def _put(self, to: list[Places], row: int, entries: Mapping[int, FloatArray | float]) -> None:
+        rows, variables = self._here.equations[:, row], self._here.variables
+        for column, value in entries.items():
+            to.append((rows, variables[:, column], np.broadcast_to(value, rows.shape)))
+
+
+def _matrix(places: list[Places], rows: int, columns: int) -> csr_array:
+    if not places:
+        return csr_array((rows, columns))
+    row, column, value = (np.concatenate(part) for part in zip(*places, strict=True))
+    keep = value != 0.0
+    return csr_array(coo_array((value[keep], (row[keep], column[keep])), shape=(rows, columns)))

@@ -1,0 +1,394 @@
+"""Round the seams of united overlapping vessels by moving the surface's vertices.
+
+A point x of the union's surface that a ball of radius ρ, rolling outside, can't reach goes to the
+ball nearest to it: with x + v the nearest place of the ball's centre (see `fillet`), to
+x + (1 - ρ/|v|) v. That is the closing of the lone junctions, and as both walls of a seam go to the
+same ball, the surface stays in one piece with as many handles: its triangles are parted where it
+bends, and only moved.
+
+It goes wrong where there is no room: walls that come nearer than 2ρ without meeting would both go
+to the ball that lies beyond their gap. So the result is searched for crossings, the radius is made
+smaller around each (to none at last), and the work done again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf, sqrt
+from typing import Any
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from design.geometry.crossings import find_crossings
+from design.solids.smooth.fillet import least_step, wall_distance
+from design.solids.smooth.split_edges import Edges, part_faces
+from kernels import jit, pjit
+
+FloatArray = NDArray[np.float64]
+FaceArray = NDArray[np.int64]
+
+_GROWS = 1.0 / 3.0
+"""Of the radius per mm away from a thin vessel, or from a place where it is small."""
+
+_FROM_END = 0.5
+"""Radius over the distance from a ring or a flat end, which the fillet must leave alone."""
+
+_FARTHEST = 3.0
+"""Radii within which a wall counts: (1 - _GROWS · 3) leaves the others' radius as it is."""
+
+_MOST = 8
+"""Walls that the ball may touch at once; the nearest ones are kept."""
+
+_NEAR = 256
+_LOOKS = 10.0
+"""Radii within which walls are looked at; a ball that must go farther finds no room."""
+
+_STEPS = 40
+_SETTLED = 2e-3
+_SAME_WAY = 1e-9
+
+_ROUNDS = 9
+"""Of parting edges, each halving them."""
+
+_LEAST_EDGE = 0.12
+"""Of the radius; shorter edges aren't parted."""
+
+_TRIES = 6
+_SHRINK = 0.4
+_GIVE_UP = 3
+"""Tries after which a place that fails stays sharp."""
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """What is rounded, and how far.
+
+    Attributes
+    ----------
+    walls : (w, 10) float64
+        Rows of `wall_rows`, of finite length.
+    rho : (w,) float64, mm
+        Radius wanted at each wall's seams; at a seam the least counts.
+    ends : (e, 7) float64, mm
+        Discs that keep their place: centre, axis, radius.
+    tolerance_mm : float, mm
+        Greatest distance between triangles and the surface.
+    """
+
+    walls: FloatArray
+    rho: FloatArray
+    ends: FloatArray
+    tolerance_mm: float
+
+
+def round_seams(
+    vertices: FloatArray, faces: FaceArray, fixed: NDArray[np.bool_], what: Rounding
+) -> tuple[FloatArray, FaceArray]:
+    """The surface with rounded seams.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float64, mm
+    faces : (m, 3) int64
+        Their rim, if any, is of ``fixed`` vertices.
+    fixed : (n,) bool
+        Vertices that stay; an edge between two of them isn't parted.
+    what : Rounding
+
+    Returns
+    -------
+    vertices, faces
+        The first n vertices are those given, in their order. As given where nothing can be
+        rounded.
+    """
+    boxes = _boxes(what)
+    limits = np.empty((0, 5))
+    before = _crossing_vertices(vertices, faces, np.zeros(len(vertices), np.bool_))
+    for attempt in range(_TRIES):
+        # From the sharp surface each time: triangles parted for a wider fillet are slivers for a
+        # narrower one, and cross for that.
+        work = RoundedSurface.of(vertices, faces, fixed)
+        _round(work, what, boxes, limits)
+        bad = work.failed.copy()
+        went = np.any(work.moved != work.base, axis=1)
+        bad[_crossing_vertices(work.moved, work.faces, went)] = True
+        bad[: len(vertices)][before] = False
+        if not bad.any():
+            return work.moved, work.faces
+        fresh = _smaller(work.base[bad], what, boxes, limits, attempt)
+        limits = np.concatenate([limits, fresh])
+    return vertices, faces
+
+
+def _crossing_vertices(
+    vertices: FloatArray, faces: FaceArray, moved: NDArray[np.bool_]
+) -> NDArray[np.int64]:
+    """Moved vertices (all, where none is) of faces that cross others."""
+    found = np.unique(faces[find_crossings(vertices, faces).faces])
+    return found[moved[found]] if moved.any() else found
+
+
+def _smaller(
+    places: FloatArray, what: Rounding, boxes: FloatArray, limits: FloatArray, attempt: int
+) -> FloatArray:
+    """New limits around ``places``, one for those within a radius of one another."""
+    rho = np.empty(len(places))
+    _radii(places, what.walls, what.rho, what.ends, boxes, limits, rho)
+    found: list[FloatArray] = []
+    for place, radius in zip(places, rho, strict=True):
+        near = [row for row in found if np.linalg.norm(row[:3] - place) < row[3]]
+        if not near:
+            wide = max(2.0 * radius, 0.02 * float(what.rho.max()))
+            small = 0.0 if attempt >= _GIVE_UP else _SHRINK * radius
+            found.append(np.array([*place, wide * (1.0 + 0.5 * attempt), small]))
+    return np.array(found)
+
+
+def _boxes(what: Rounding) -> FloatArray:
+    """Box (w, 6) around each wall within which it counts."""
+    walls = what.walls
+    end = walls[:, :3] + walls[:, 6:7] * walls[:, 3:6]
+    wide = np.maximum(walls[:, 7], walls[:, 7] + walls[:, 8] * walls[:, 6])
+    reach = (wide + _FARTHEST * float(what.rho.max()))[:, None]
+    low, high = np.minimum(walls[:, :3], end) - reach, np.maximum(walls[:, :3], end) + reach
+    return np.ascontiguousarray(np.concatenate([low, high], axis=1))
+
+
+@dataclass
+class RoundedSurface:
+    """A surface while it is rounded.
+
+    Attributes
+    ----------
+    base, moved : (n, 3) float64, mm
+        Points on the sharp surface, and where they go.
+    failed, fixed : (n,) bool
+        Points for which no ball's place was found; that stay.
+    faces : (m, 3) int64
+    """
+
+    base: FloatArray
+    moved: FloatArray
+    failed: NDArray[np.bool_]
+    fixed: NDArray[np.bool_]
+    faces: FaceArray
+
+    @classmethod
+    def of(cls, vertices: FloatArray, faces: FaceArray, fixed: NDArray[np.bool_]) -> RoundedSurface:
+        """The sharp surface."""
+        none = np.zeros(len(vertices), dtype=np.bool_)
+        return cls(vertices, vertices.copy(), none, fixed, faces)
+
+    def add(self, places: FloatArray, moved: FloatArray, failed: NDArray[np.bool_]) -> None:
+        """More points, at the end."""
+        self.base = np.concatenate([self.base, places])
+        self.moved = np.concatenate([self.moved, moved])
+        self.failed = np.concatenate([self.failed, failed])
+        self.fixed = np.concatenate([self.fixed, np.zeros(len(places), dtype=np.bool_)])
+
+
+def _round(work: RoundedSurface, what: Rounding, boxes: FloatArray, limits: FloatArray) -> None:
+    """Move the points, and part edges while the surface bends between them."""
+
+    def move(points: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        moved, rho = np.empty_like(points), np.empty(len(points))
+        failed = np.zeros(len(points), dtype=np.bool_)
+        fields = (what.walls, what.rho, what.ends, boxes, limits)
+        _move(np.ascontiguousarray(points), fields, moved, rho, failed, 0.1 * what.tolerance_mm)
+        return moved, rho, failed
+
+    free = ~work.fixed
+    work.moved[free], _, work.failed[free] = move(work.base[free])
+    seen = np.empty(0, dtype=np.int64)
+    for _ in range(_ROUNDS):
+        edges = Edges.of(work.faces)
+        key = (edges.one << 32) + edges.two
+        held = work.fixed[edges.one] & work.fixed[edges.two]
+        ask = np.flatnonzero(~np.isin(key, seen) & ~held)
+        parted = np.zeros(len(key), dtype=np.bool_)
+        parted[ask] = _bends(work, edges.one[ask], edges.two[ask], move, what.tolerance_mm)
+        seen = np.concatenate([seen, key[ask[~parted[ask]]]])
+        if not parted.any():
+            return
+        middle = 0.5 * (work.base[edges.one[parted]] + work.base[edges.two[parted]])
+        work.faces = part_faces(work.faces, edges, parted, len(work.base))
+        moved, _, failed = move(middle)
+        work.add(middle, moved, failed)
+
+
+def _bends(
+    work: RoundedSurface,
+    one: NDArray[np.int64],
+    two: NDArray[np.int64],
+    move: Callable[[FloatArray], tuple[FloatArray, FloatArray, NDArray[np.bool_]]],
+    tolerance_mm: float,
+) -> NDArray[np.bool_]:
+    """Edges (e,) between which the surface is farther than the tolerance from a straight line."""
+    length = np.linalg.norm(work.base[one] - work.base[two], axis=1)
+    found = np.zeros(len(one), dtype=np.bool_)
+    for share in (0.5, 0.25, 0.75):
+        at = (1.0 - share) * work.base[one] + share * work.base[two]
+        goes, radius, _ = move(at)
+        flat = (1.0 - share) * work.moved[one] + share * work.moved[two]
+        way = goes - at
+        size = np.linalg.norm(way, axis=1)
+        along = np.abs(np.sum((goes - flat) * way, axis=1)) / np.where(size > 0.0, size, 1.0)
+        # Where the middle stays, what its ends do bends the line all the same.
+        error = np.where(size > 0.0, along, np.linalg.norm(flat - at, axis=1))
+        found |= (error > tolerance_mm) & (length > _LEAST_EDGE * radius)
+    return found
+
+
+@jit
+def _outside(box: FloatArray, x: float, y: float, z: float) -> bool:
+    low = x < box[0] or y < box[1] or z < box[2]
+    return bool(low or x > box[3] or y > box[4] or z > box[5])
+
+
+@jit
+def _radius_at(
+    walls: FloatArray,
+    wanted: FloatArray,
+    ends: FloatArray,
+    boxes: FloatArray,
+    limits: FloatArray,
+    x: float,
+    y: float,
+    z: float,
+) -> float:
+    """The fillet's radius at a point: the least that walls, ends and limits allow."""
+    rho = inf
+    for w in range(len(walls)):
+        if _outside(boxes[w], x, y, z):
+            continue
+        a, _, _, _ = wall_distance(walls[w], x, y, z)
+        rho = min(rho, wanted[w] + _GROWS * max(0.0, a))
+    for e in range(len(ends)):
+        dx, dy, dz = x - ends[e, 0], y - ends[e, 1], z - ends[e, 2]
+        along = dx * ends[e, 3] + dy * ends[e, 4] + dz * ends[e, 5]
+        across = sqrt(max(0.0, dx * dx + dy * dy + dz * dz - along * along))
+        over = max(0.0, across - ends[e, 6])
+        rho = min(rho, _FROM_END * sqrt(along * along + over * over))
+    for k in range(len(limits)):
+        dx, dy, dz = x - limits[k, 0], y - limits[k, 1], z - limits[k, 2]
+        square, far = dx * dx + dy * dy + dz * dz, limits[k, 3] + rho / _GROWS
+        if square > far * far:
+            continue
+        over = max(0.0, sqrt(square) - limits[k, 3])
+        rho = min(rho, limits[k, 4] + _GROWS * over)
+    return rho
+
+
+@jit
+def _radii(
+    points: FloatArray,
+    walls: FloatArray,
+    wanted: FloatArray,
+    ends: FloatArray,
+    boxes: FloatArray,
+    limits: FloatArray,
+    rho: FloatArray,
+) -> None:
+    for n in range(len(points)):
+        rho[n] = _radius_at(
+            walls, wanted, ends, boxes, limits, points[n, 0], points[n, 1], points[n, 2]
+        )
+
+
+@pjit
+def _move(
+    points: FloatArray,
+    fields: Any,
+    moved: FloatArray,
+    radius: FloatArray,
+    failed: NDArray[np.bool_],
+    least: float,
+) -> None:
+    """Where points of the union go; failed where no ball's place was found."""
+    for m in prange(len(points)):
+        _move_one(points, m, fields, moved, radius, failed, least)
+
+
+@jit
+def _move_one(
+    points: FloatArray,
+    m: int,
+    fields: Any,
+    moved: FloatArray,
+    radius: FloatArray,
+    failed: NDArray[np.bool_],
+    least: float,
+) -> None:
+    """Move one point; long, as what it works in would otherwise be handed on for each step."""
+    walls, wanted, ends, boxes, limits = fields
+    x, y, z = points[m, 0], points[m, 1], points[m, 2]
+    moved[m, 0], moved[m, 1], moved[m, 2] = x, y, z
+    rho = _radius_at(walls, wanted, ends, boxes, limits, x, y, z)
+    radius[m] = rho
+    if rho <= 0.0 or rho == inf:
+        return
+    near = np.empty(_NEAR, np.int64)
+    count, within, out = 0, 0, inf
+    for w in range(len(walls)):
+        if _outside(boxes[w], x, y, z):
+            continue
+        a, _, _, _ = wall_distance(walls[w], x, y, z)
+        # The ball's centre goes no farther than a few radii; no wall beyond can touch it.
+        within += a < 2.0 * rho
+        out = min(out, a)
+        if a < _LOOKS * rho:
+            if count == _NEAR:
+                failed[m] = True
+                return
+            near[count] = w
+            count += 1
+    if within < 2:
+        return
+    n = np.empty((_MOST, 3))
+    b = np.empty(_MOST)
+    cx, cy, cz = x, y, z
+    size, settled = 0.0, False
+    for _ in range(_STEPS):
+        used, clear = 0, True
+        for k in range(count):
+            a, gx, gy, gz = wall_distance(walls[near[k]], cx, cy, cz)
+            clear = clear and a >= (1.0 - _SETTLED) * rho
+            if a > 3.0 * rho:
+                continue
+            need = rho - a - gx * (x - cx) - gy * (y - cy) - gz * (z - cz)
+            place = used
+            # Pieces of one straight vessel push the same way: the nearer one is enough.
+            for other in range(used):
+                if gx * n[other, 0] + gy * n[other, 1] + gz * n[other, 2] > 1.0 - _SAME_WAY:
+                    place = other
+            if place < used:
+                if b[place] >= need:
+                    continue
+            elif used == _MOST:
+                place = int(np.argmin(b))
+                if b[place] >= need:
+                    continue
+            else:
+                used += 1
+            n[place, 0], n[place, 1], n[place, 2], b[place] = gx, gy, gz, need
+        if clear and settled:
+            break
+        vx, vy, vz = least_step(n, b, used)
+        step = sqrt((x + vx - cx) ** 2 + (y + vy - cy) ** 2 + (z + vz - cz) ** 2)
+        settled = step < _SETTLED * rho
+        cx, cy, cz = x + vx, y + vy, z + vz
+        size = sqrt(vx * vx + vy * vy + vz * vz)
+    # Facets lie a little within the walls; what is filled is measured from them.
+    depth = size - rho + out
+    if depth <= least:
+        return
+    if not settled or size > _LOOKS * rho:
+        failed[m] = True
+        return
+    share = depth / size
+    moved[m, 0] = x + share * (cx - x)
+    moved[m, 1] = y + share * (cy - y)
+    moved[m, 2] = z + share * (cz - z)

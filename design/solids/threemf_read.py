@@ -1,0 +1,71 @@
+"""Read a 3MF file that holds one plain mesh, without a (slow) XML parser.
+
+Any other content (several objects, components, transforms, attributes in another order) is left to
+`design.solids.read`, which takes trimesh for it.
+"""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_MODEL: Final = "3D/3dmodel.model"
+_OTHER: Final = (b"<components", b"transform=", b"<!--", b"<![CDATA[")
+"""What asks for a whole reader."""
+_NUMBERS: Final = b"0123456789.+-eE \t\r\n"
+_VERTEX: Final = (b'<vertex x="', b'" y="', b'" z="', b'"/>')
+_TRIANGLE: Final = (b'<triangle v1="', b'" v2="', b'" v3="', b'"/>')
+
+
+def read_plain_3mf(
+    path: Path,
+) -> tuple[NDArray[np.float64], NDArray[np.int64], str] | None:
+    """Read vertices (n, 3), faces (m, 3) and the unit's name; None where the file isn't plain.
+
+    Raises
+    ------
+    OSError
+        When the file can't be opened.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            model = archive.read(_MODEL)
+    except (zipfile.BadZipFile, KeyError, EOFError, NotImplementedError):
+        return None
+    begin = re.search(rb"<model\b[^>]*>", model)
+    if begin is None or model.count(b"<object ") != 1 or any(mark in model for mark in _OTHER):
+        return None
+    vertices = _numbers(model, b"vertices", _VERTEX)
+    faces = _numbers(model, b"triangles", _TRIANGLE)
+    if vertices is None or faces is None or not _indices(faces, len(vertices)):
+        return None
+    unit = re.search(rb'\bunit="(\w+)"', begin.group())
+    return vertices, faces.astype(np.int64), unit.group(1).decode() if unit else "millimeter"
+
+
+def _numbers(
+    model: bytes, list_name: bytes, around: tuple[bytes, ...]
+) -> NDArray[np.float64] | None:
+    """Three numbers of each element of a list, (n, 3); None where there is more in it."""
+    parts = re.split(rb"</?" + list_name + rb">", model)
+    if len(parts) != 3:
+        return None
+    text = parts[1]
+    count = text.count(around[0])
+    for mark in around:
+        text = text.replace(mark, b" ")
+    if text.translate(None, _NUMBERS):
+        return None
+    values = np.fromstring(text, sep=" ")
+    return values.reshape(-1, 3) if len(values) == 3 * count else None
+
+
+def _indices(faces: NDArray[np.float64], count: int) -> bool:
+    """Whether these are whole numbers of vertices."""
+    whole = faces == np.floor(faces)
+    return bool(len(faces) and np.all(whole & (faces >= 0) & (faces < count)))

@@ -1,0 +1,26 @@
+"""Compute the thickest filament of an ink that a yield-stress bath supports."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from firmware_profiles import Bath, Ink
+
+GRAVITY: Final = 9.81  # m/s²
+HELD: Final = 0.07
+"""Yield stress over (density difference × g × diameter) at which a horizontal filament stays."""
+
+
+def supported_diameter_mm(bath: Bath, ink: Ink) -> float:
+    """Thickest horizontal filament of an ink that neither sinks nor floats, mm.
+
+    Infinite without a difference of densities.
+    D = τ_y / (0.07 Δρ g), Δρ between ink and bath: Grosskopf et al., ACS Appl. Mater. Interfaces 10
+    (2018) 23353; Friedrich & Gunther. It is statics: the crevice behind the needle, surface tension
+    and the bath's recovery limit more, and are no part of it.
+    """
+    difference = abs(ink.density_g_cm3 - bath.density_g_cm3) * 1e3  # kg/m³
+    if difference == 0:
+        return math.inf
+    return bath.yield_stress_pa / (HELD * difference * GRAVITY) * 1e3

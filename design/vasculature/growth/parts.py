@@ -1,0 +1,172 @@
+"""Trees for all parts of a tissue, and how well each part is supplied."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.errors import DesignError, GrowthError, TissueError
+from design.geometry import build_triangle_tree, nearest_distance
+from design.network import VesselKind, VesselNetwork
+from design.tissue import Part, Tissue, part_demands, part_numbers, part_tissue, parts_of
+from design.vasculature.convert import tree_to_network
+from design.vasculature.growth.forest import forest_to_network
+from design.vasculature.growth.supply import PartSupply, check_supply, no_inlet, no_way
+from design.vasculature.growth.unreached import unreached
+from design.vasculature.growth.whole import grow_whole, share_terminals
+from design.vasculature.options import GrowthOptions
+from design.vasculature.tree import VesselTree
+
+FloatArray = NDArray[np.float64]
+Place = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Inlet:
+    """Where a tree enters, mm; ``direction`` is the inward normal there by default."""
+
+    point_mm: Place
+    direction: Place | None = None
+
+
+@dataclass(frozen=True)
+class GrownParts:
+    """The trees of a tissue's parts.
+
+    Attributes
+    ----------
+    trees : tuple of VesselTree
+    supply : tuple of PartSupply
+        Of each part, the largest first.
+    notes : tuple of str
+        What the user should know.
+    """
+
+    trees: tuple[VesselTree, ...]
+    supply: tuple[PartSupply, ...]
+    notes: tuple[str, ...] = ()
+
+
+def grow_parts(tissue: Tissue, options: GrowthOptions, inlets: Sequence[Inlet] = ()) -> GrownParts:
+    """Grow a tree in every part of a tissue, or several, so that each gets what it asks for.
+
+    Terminals and flow are shared among the parts by demand (by volume where it is uniform); each
+    part gets one terminal at least. All trees have the same pressure drop, so that inlets on one
+    supply share its flow as designed; with a smallest radius the drops differ, and the notes say
+    what each part then gets.
+
+    Parameters
+    ----------
+    tissue : Tissue
+    options : GrowthOptions
+        Of all trees together; a root point is that of the part it lies nearest to.
+    inlets : sequence of Inlet, optional
+        By default each part has one of its own. An inlet belongs to the part it lies nearest to;
+        several in a part share it evenly.
+
+    Raises
+    ------
+    TissueError
+        When a part is left without an inlet, or no vessel fits in it, naming it by size and place.
+    GrowthError
+        As `grow_tree`; when there are fewer terminals than inlets; and for options that only one
+        tree takes (stages, a root searched for) where there are several.
+    """
+    parts = parts_of(tissue)
+    demand = part_demands(tissue, parts)
+    roots = _roots(tissue, parts, options, inlets)
+    left = [n for n, own in enumerate(roots) if not own and demand[n] > 0]
+    if left:
+        raise TissueError(no_inlet(parts, left))
+    if len(parts) == 1 and len(roots[0]) == 1:
+        trees = list(grow_whole(tissue, roots[0], options.terminals, more_inlets=not inlets))
+    else:
+        trees = _grown(tissue, parts, demand, roots, options, bool(inlets))
+    ends, flow = terminals_of(trees)
+    missed = () if inlets else unreached(tissue, ends)
+    if missed:
+        raise TissueError(no_way(missed))
+    supply, told = check_supply(tissue, ends, flow)
+    notes = [note for tree in trees for note in tree.notes]
+    return GrownParts(tuple(trees), supply, (*notes, *told))
+
+
+def terminals_of(trees: Sequence[VesselTree]) -> tuple[FloatArray, FloatArray]:
+    """Ends of all terminals (n, 3), mm, and their flows (n,) with all inlets at one pressure."""
+    tips = [tree.children[:, 0] < 0 for tree in trees]
+    ends = [tree.distal[tip] for tree, tip in zip(trees, tips, strict=True)]
+    flows = [
+        tree.flow_ul_s[tip] / tree.pressure_drop_pa for tree, tip in zip(trees, tips, strict=True)
+    ]
+    return np.concatenate(ends), np.concatenate(flows)
+
+
+def parts_to_network(grown: GrownParts) -> VesselNetwork:
+    """All trees as one network of arteries, a tree's number in `tree`."""
+    if len(grown.trees) == 1:
+        return tree_to_network(grown.trees[0], VesselKind.ARTERY)
+    return forest_to_network(grown.trees, [VesselKind.ARTERY] * len(grown.trees))
+
+
+def _roots(
+    tissue: Tissue, parts: Sequence[Part], options: GrowthOptions, inlets: Sequence[Inlet]
+) -> list[list[GrowthOptions]]:
+    """For each part the options of its trees, by their roots; terminals aren't shared yet."""
+    if inlets and (options.root_point_mm is not None or options.root_candidates):
+        raise GrowthError("give either inlets or a root, and not both")
+    found: list[list[GrowthOptions]] = [[] for _ in parts]
+    bare = replace(options, root_point_mm=None, root_direction=None)
+    for inlet in inlets:
+        own = replace(bare, root_point_mm=inlet.point_mm, root_direction=inlet.direction)
+        found[_nearest_part(tissue, parts, inlet.point_mm)].append(own)
+    if inlets:
+        return found
+    for own_roots in found:
+        own_roots.append(bare)
+    if options.root_point_mm is not None:
+        found[_nearest_part(tissue, parts, options.root_point_mm)] = [options]
+    return found
+
+
+def _nearest_part(tissue: Tissue, parts: Sequence[Part], place: Place) -> int:
+    """The part that a place lies in, or nearest to."""
+    inside = int(part_numbers(tissue, parts, np.array([place]))[0])
+    if inside >= 0 or len(parts) == 1:
+        return max(inside, 0)
+    trees = [build_triangle_tree(tissue.surface.vertices, part.faces) for part in parts]
+    return int(np.argmin([nearest_distance(tree, *place, np.inf) for tree in trees]))
+
+
+def _grown(
+    tissue: Tissue,
+    parts: Sequence[Part],
+    demand: FloatArray,
+    roots: list[list[GrowthOptions]],
+    options: GrowthOptions,
+    inlets_given: bool,
+) -> list[VesselTree]:
+    """Grow the trees of each part that asks for any."""
+    if options.stages or options.terminal_points_mm is not None:
+        raise GrowthError(
+            "stages and given terminals go with a single tree; leave them out, or take one part of "
+            "the tissue and one inlet"
+        )
+    least = np.array(
+        [len(own) if share > 0 else 0 for own, share in zip(roots, demand, strict=True)]
+    )
+    count = share_terminals(demand, least, options.terminals)
+    trees: list[VesselTree] = []
+    for n, part in enumerate(parts):
+        if count[n] == 0:
+            continue
+        own = part_tissue(tissue, part)
+        flow = options.perfusion_ml_min_per_ml * tissue.volume_mm3 * demand[n] / own.volume_mm3
+        wish = [replace(root, perfusion_ml_min_per_ml=flow) for root in roots[n]]
+        try:
+            trees += grow_whole(own, wish, int(count[n]), more_inlets=not inlets_given)
+        except DesignError as error:
+            raise TissueError(f"{part} can't be supplied: {error}") from error
+    return trees

@@ -1,0 +1,207 @@
+"""Interpret Marlin's replies (ok, resend, busy, error) for the command in flight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+from firmware_profiles.families import link_protocol as said
+from firmware_profiles.families.link_protocol import Event
+from firmware_profiles.families.marlin.doubt import Phase, QueryGoal
+from firmware_profiles.families.marlin.doubt_resolver import DoubtResolver
+from firmware_profiles.families.marlin.replies import Kind, Reply
+from firmware_profiles.families.marlin.sender import Sender
+from firmware_profiles.families.marlin.state import LineState
+
+_STUCK: Final = 3
+"""Lines running that were answered by an ok with one number: it isn't the line's."""
+
+PERSON: Final = b"paused for user"
+"""In a busy message while a person is waited for at the printer's own button."""
+
+
+class ReplyHandler:
+    """Reply handling of `firmware_profiles.families.marlin.protocol.MarlinProtocol`.
+
+    Parameters
+    ----------
+    state : LineState
+    sender : Sender
+    doubting : DoubtResolver
+    """
+
+    def __init__(self, state: LineState, sender: Sender, doubting: DoubtResolver) -> None:
+        self._state, self._sender, self._doubting = state, sender, doubting
+
+    def hear_all(self, replies: Sequence[Reply], now: float, events: list[Event]) -> None:
+        """Take what came in one read; with an error or half a line in it, nothing leaves before."""
+        state = self._state
+        forbidden = len(replies) > 1 and any(reply.forbids for reply in replies)
+        waited, state.waits = state.waits, forbidden or bool(state.rest)
+        for reply in replies:
+            self.hear(reply, now, events)
+        if (waited or forbidden) and not state.rest:
+            state.waits = False
+            kept = state.second is not None or state.controls or not state.held
+            if state.phase is Phase.READY and kept:
+                self._sender.send_next(now)
+
+    def hear(self, reply: Reply, now: float, events: list[Event]) -> None:
+        """Take one line from the printer."""
+        state = self._state
+        if state.phase is Phase.OVER and reply.kind is not Kind.HALT:
+            return
+        if reply.kind is Kind.OK:
+            reply = self._look_at_fields(reply, events)
+        if reply.kind is Kind.ERROR and reply.number < 0:
+            state.complaint = reply.words  # why it halts, if it does
+        if reply.kind is Kind.REPORT and not reply.text.startswith(b"X:"):
+            state.report = reply.text
+        if reply.kind is Kind.BUSY and PERSON in reply.text and PERSON not in state.report:
+            state.report = reply.text
+            events.append(said.WaitingForPerson())
+        elif reply.kind is Kind.OK and PERSON in state.report:
+            state.report = b""
+        if reply.halts:
+            state.end(said.FirmwareHalted(state.complaint or reply.words), events)
+        elif reply.kind is Kind.START:
+            if state.numbered:
+                state.end(said.FirmwareReset(), events)
+            else:
+                events.append(said.FirmwareStarted())
+        elif reply.kind is Kind.ACTION:
+            events.append(said.Action(reply.words.removeprefix("//action:")))
+        elif reply.kind is Kind.FAULT:
+            events.append(state.fault(reply.words))
+        elif state.phase is Phase.FLIGHT:
+            self._in_flight(reply, now, events)
+        elif state.phase is Phase.READY:
+            self._at_rest(reply, now, events)
+        else:
+            self._doubting.hear(reply, now)
+
+    def _look_at_fields(self, reply: Reply, events: list[Event]) -> Reply:
+        """Return an ok as it may be believed; tell once where ADVANCED_OK's fields can't be."""
+        state = self._state
+        expected = state.number + 1
+        if reply.number < 0 or reply.number == expected:
+            state.times_misnamed = 0
+        elif reply.number != state.misnamed:
+            state.misnamed, state.misnamed_line, state.times_misnamed = reply.number, expected, 1
+        elif expected != state.misnamed_line:
+            state.misnamed_line, state.times_misnamed = expected, state.times_misnamed + 1
+        state.plain |= state.times_misnamed == _STUCK
+        if (state.plain or reply.senseless) and not state.told_odd:
+            state.told_odd = True
+            events.append(said.Notice(f"ADVANCED_OK makes no sense ({reply.words!r}): plain oks"))
+        return replace(reply, number=-1, text=b"ok") if state.plain else reply
+
+    def _at_rest(self, reply: Reply, now: float, events: list[Event]) -> None:
+        """Take a line with nothing in flight, but for a line whose end hasn't left yet."""
+        state, kind = self._state, reply.kind
+        refused = kind is Kind.RESEND or (kind is Kind.ERROR and reply.number >= 0)
+        if state.second is not None and (refused or kind in (Kind.UNKNOWN_COMMAND, Kind.JUNK)):
+            noisy = state.errors.count(state.number)  # it has ended that line
+            events += [noisy] if noisy else []
+            self._begin_doubt(reply, now, events)
+        elif kind is Kind.OK and state.numbered and not state.tokens.suspect:
+            # M410 without emergency parser may have a token run twice: that ok names our own line
+            self._hold_at_surplus(0 if reply.number >= 0 else 1, events)
+        elif kind is Kind.ERROR:
+            events.append(state.fault(reply.words))
+        elif kind not in (Kind.REPORT, Kind.TEXT, Kind.BUSY, Kind.WAIT):
+            events.append(said.Notice(f"stray {reply.words!r} with nothing in flight"))
+
+    def _in_flight(self, reply: Reply, now: float, events: list[Event]) -> None:
+        state = self._state
+        kind = reply.kind
+        if state.tokens.suspect and self._token(reply, now, events):
+            return
+        if kind is Kind.OK and self._is_foreign(reply):
+            self._hold_at_surplus(1, events)
+            state.deadline = now + state.timing.silence_s
+        elif kind is Kind.OK and reply.number in (-1, state.number + 1):
+            if reply.text != b"ok":
+                state.said.append(reply.text)
+            self._sender.acknowledge(now, events)
+        elif kind is Kind.BUSY:
+            state.tokens.busy(now)
+            state.deadline = now + state.timing.silence_s
+        elif kind is Kind.REPORT or (reply.text.startswith(b"echo:") and kind is Kind.TEXT):
+            state.said.append(reply.text)
+            if b" W:" in reply.text or state.flight_control:
+                state.deadline = now + state.timing.silence_s
+        elif kind is Kind.TEXT and (state.awaiting or self._answers_text):
+            state.said.append(reply.text)
+            state.deadline = now + state.timing.silence_s
+        else:
+            self._begin_doubt(reply, now, events)
+
+    def _hold_at_surplus(self, foreign: int, events: list[Event]) -> None:
+        """Hold the job: an ok came that answers none of the host's lines."""
+        events.append(said.StrayOk(self._state.number, foreign))
+        self._state.hold()
+
+    def _is_foreign(self, reply: Reply) -> bool:
+        """Whether an ok answers a line without a number; the host's have one (ADVANCED_OK)."""
+        state = self._state
+        state.names_lines |= reply.number >= 0
+        return state.names_lines and reply.unnamed and not state.tokens.suspect
+
+    @property
+    def _answers_text(self) -> bool:
+        """Whether the line in flight is a control command, which may be answered by any text."""
+        state = self._state
+        return state.flight_control and not state.tokens.flying
+
+    def _token(self, reply: Reply, now: float, events: list[Event]) -> bool:
+        """Take an echo, or an ok while a token is in flight; False for anything else."""
+        state = self._state
+        tokens = state.tokens
+        if tokens.hear(reply.text):
+            state.deadline = now + tokens.ok_wait_s(state.timing.answer_s)
+            return True
+        if tokens.flying and not tokens.echoed and tokens.resembles(reply.text):
+            tokens.move_on()
+            self._begin_doubt(reply, now, events)
+            return True
+        if reply.kind is not Kind.OK or not tokens.flying:
+            return False
+        if tokens.echoed or reply.number == state.number + 1:
+            self._token_answered(now, events)
+            return True
+        tokens.heard += 1
+        tokens.move_on()
+        if reply.text != b"ok":
+            state.said.append(reply.text)
+        state.deadline = now + state.timing.silence_s
+        return True
+
+    def _token_answered(self, now: float, events: list[Event]) -> None:
+        """The token's own ok has come: all before it is done, and what comes now is the next's."""
+        state = self._state
+        self._sender.count_flight()
+        if state.tokens.behind:
+            self._sender.send_token(now, events)
+            return
+        self._sender.answer(events)
+        doubted = state.tokens.doubted
+        surplus = state.tokens.settle()
+        if surplus:
+            self._hold_at_surplus(0 if doubted else surplus, events)
+        state.flight = None
+        if state.confirming:
+            state.confirming = False
+            self._doubting.arrive(events)
+        else:
+            self._sender.send_next(now)
+
+    def _begin_doubt(self, reply: Reply, now: float, events: list[Event]) -> None:
+        state = self._state
+        if reply.kind not in (Kind.RESEND, Kind.ERROR):
+            events.append(said.Notice(f"doubtful reply {reply.words!r} to line {state.number + 1}"))
+        state.begin_doubt(QueryGoal.GO_ON, now)
+        if reply.kind is Kind.ERROR and reply.number < 0:
+            state.doubt.error = reply.words
+        self._doubting.hear(reply, now)

@@ -1,0 +1,15 @@
+"""Results of `printctl flow`: numbers and files to tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+
+@dataclass
+class FlowOutput:
+    """What is said at the end: numbers, those of other fidelities in dicts, and files."""
+
+    summary: dict[str, Any] = field(default_factory=dict)
+    files: list[Path] = field(default_factory=list)

@@ -1,0 +1,66 @@
+"""Find, read and archive the operator's notes stored beside a print's journal.
+
+A folder's last print has ``journal.log`` and ``record.json``; of those before, both were put aside
+by one number: ``journal.2.log`` and ``record.2.json``.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+from printctl.link.journal import read_records
+from printctl.link.record import JOURNAL
+
+NOTED: Final = "record.json"
+_LARGEST: Final = 16 * 2**20
+
+
+def notes_path(journal: Path) -> Path:
+    """Path of the record of a journal's print, whether it exists or not."""
+    number = journal.name.removeprefix(Path(JOURNAL).stem).removesuffix(".log")
+    return journal.with_name(f"record{number}.json")
+
+
+def read_notes(journal: Path) -> dict[str, Any]:
+    """What was noted of a journal's print; empty where nothing was, or it can't be read."""
+    path = notes_path(journal)
+    try:
+        if path.stat().st_size > _LARGEST:
+            return {}
+        found = json.loads(path.read_text(encoding="utf-8"), parse_constant=lambda _: None)
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def archive_journal(folder: Path) -> Path:
+    """Give an earlier print's journal and record a number, and the path of the new journal."""
+    path = folder / JOURNAL
+    if path.exists():
+        count = len(list(folder.glob(f"{path.stem}.*{path.suffix}")))
+        aside = folder / f"{path.stem}.{count + 1}{path.suffix}"
+        if notes_path(path).exists():
+            notes_path(path).replace(notes_path(aside))
+        path.rename(aside)
+    return path
+
+
+def journal_started_before(folder: Path, at: float) -> Path:
+    """Journal of the folder's last print that had begun by a time, s since 1970.
+
+    The present journal where none had.
+    """
+    begun = {_begun(path): path for path in folder.glob(f"{Path(JOURNAL).stem}*.log")}
+    earlier = [started for started in begun if 0.0 < started <= at]
+    return begun[max(earlier)] if earlier else folder / JOURNAL
+
+
+def _begun(journal: Path) -> float:
+    try:
+        records = read_records(journal)
+        first = next((one for one in records if one and one.get("t") == "job"), {})
+        return float(first.get("started", 0.0))
+    except (OSError, TypeError, ValueError):
+        return 0.0

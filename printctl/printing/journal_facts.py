@@ -1,0 +1,96 @@
+"""Read from a print's journal its active time without pauses and its syringe changes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from printctl.link.journal import read_records
+from printctl.link.journalled_print import times_words
+from printctl.link.states import LinkState
+
+_AT_WORK: Final = LinkState.PRINTING
+
+
+@dataclass(frozen=True)
+class JournalledFacts:
+    """Facts of a print so far, from its journal.
+
+    Attributes
+    ----------
+    sha256 : str
+        Of the file that is printed.
+    started : float
+        Wall-clock time, s since 1970.
+    active_s : float, s
+        Time in which it was printing, pauses left out, up to ``since`` or the end.
+    since : float or None
+        Since when it has been printing without a pause; None while it isn't.
+    filled : (int, float) or None
+        Commands before the last change of syringe, and the travel used up of the one put in, mm.
+    paces : tuple of (int, float)
+        Commands taken and time without pauses, s, at each checkpoint.
+    last_alarm : str
+    """
+
+    sha256: str = ""
+    started: float = 0.0
+    active_s: float = 0.0
+    since: float | None = None
+    filled: tuple[int, float] | None = None
+    paces: tuple[tuple[int, float], ...] = ()
+    last_alarm: str = ""
+
+    def active_until(self, now: float) -> float:
+        """Time without pauses until ``now``, s."""
+        return self.active_s + (max(now - self.since, 0.0) if self.since is not None else 0.0)
+
+
+def read_journal_facts(path: Path) -> JournalledFacts:
+    """Read a journal; an absent one counts as empty."""
+    try:
+        return read_so_far(record for record in read_records(path) if record)
+    except OSError:
+        return JournalledFacts()
+
+
+def read_so_far(records: Iterable[dict[str, Any]]) -> JournalledFacts:
+    """Read the last print of a journal's records."""
+    found, paces = JournalledFacts(), list[tuple[int, float]]()
+    for record in records:
+        sort, at = record.get("t"), float(record.get("at", 0.0))
+        if sort == "job":
+            found, before = _begun(found, record), found
+            paces = paces if before.sha256 == found.sha256 else []
+        elif sort in ("state", "end"):
+            found = _changed(found, record.get("state") == _AT_WORK and sort == "state", at)
+        elif sort == "syringe":
+            filled = int(record.get("done", 0)), float(record.get("plunger_mm", 0.0))
+            found = _with(found, filled=filled)
+        elif sort == "alarm":
+            found = _with(found, last_alarm=str(record.get("text", "")))
+        elif sort == "repeated":
+            found = _with(found, last_alarm=times_words(record))
+        elif sort == "checkpoint" and found.since is not None:
+            paces.append((int(record.get("done", 0)), found.active_until(at)))
+    return _with(found, paces=tuple(paces))
+
+
+def _begun(before: JournalledFacts, record: dict[str, Any]) -> JournalledFacts:
+    """A job record begins a print, or goes on with an interrupted one."""
+    sha256, at = str(record.get("sha256", "")), float(record.get("started", 0.0))
+    if before.sha256 == sha256 and before.sha256:
+        return _with(before, since=None)
+    return JournalledFacts(sha256=sha256, started=at)
+
+
+def _changed(before: JournalledFacts, works: bool, at: float) -> JournalledFacts:
+    if works:
+        return before if before.since is not None else _with(before, since=at)
+    return _with(before, active_s=before.active_until(at), since=None)
+
+
+def _with(before: JournalledFacts, **said: Any) -> JournalledFacts:
+    return JournalledFacts(**{**vars(before), **said})

@@ -1,7 +1,0 @@
-"""Pipeline runs started by the web server as separate processes that survive its restart."""
-
-from printctl.web.design.making.detached import DetachedProcesses
-from printctl.web.design.making.progress import RunProgress, StageProgress, read_progress
-from printctl.web.design.making.runs import Runs
-
-__all__ = ["DetachedProcesses", "RunProgress", "Runs", "StageProgress", "read_progress"]

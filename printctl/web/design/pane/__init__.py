@@ -1,1 +1,0 @@
-"""Widgets of the Design page: recipe editor, run control, run views, comparison."""

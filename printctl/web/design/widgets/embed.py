@@ -1,0 +1,55 @@
+"""Show product HTML pages in frames that follow the theme and turn together side by side."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from nicegui import ui
+
+_FOLLOW: Final = """
+if (!window.pcThemed) {
+  window.pcThemed = true;
+  const themed = () => {
+    const theme = document.documentElement.dataset.theme || "system";
+    for (const frame of document.querySelectorAll("iframe[data-page]")) {
+      const address = `${frame.dataset.page}?theme=${theme}`;
+      if (frame.getAttribute("src") !== address) frame.setAttribute("src", address);
+    }
+  };
+  const reachable = () => {
+    for (const box of document.querySelectorAll(".q-table__middle")) box.tabIndex = 0;
+  };
+  new MutationObserver(reachable).observe(document.body, { subtree: true, childList: true });
+  new MutationObserver(themed).observe(document.documentElement,
+    { attributes: true, attributeFilter: ["data-theme"] });
+  new MutationObserver(themed).observe(document.body,
+    { subtree: true, childList: true, attributes: true, attributeFilter: ["data-page"] });
+  // Frames beside each other see the same way (report/linked).
+  window.addEventListener("message", (event) => {
+    if (event.data?.printctl !== "view") return;
+    const frames = [...document.querySelectorAll(".pc-linked iframe")];
+    if (!frames.some((frame) => frame.contentWindow === event.source)) return;
+    for (const frame of frames) {
+      if (frame.contentWindow === event.source) continue;
+      frame.contentWindow.postMessage({ printctl: "view", view: event.data.view }, "*");
+    }
+  });
+  themed();
+  reachable();
+}
+"""
+
+
+def follow_theme() -> None:
+    """Let every embedded page of this browser's page have its theme."""
+    ui.run_javascript(_FOLLOW)
+
+
+def embed(address: str, title: str) -> ui.element:
+    """A frame with the page at an address of the API; without one, it is empty."""
+    frame = ui.element("iframe").classes("pc-embed")
+    frame.props('sandbox="allow-scripts allow-downloads" loading=lazy')
+    frame.props["title"] = title
+    if address:
+        frame.props["data-page"] = address
+    return frame

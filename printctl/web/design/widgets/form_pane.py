@@ -1,0 +1,262 @@
+"""Recipe form on the Design page: inputs for all fields in folding sections, errors beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from typing import Any, Final
+
+from nicegui import ui
+from nicegui.elements.mixins.validation_element import ValidationElement
+
+from printctl.web.design import form as forms
+from printctl.web.design.schema import FormField, Node
+from printctl.web.design.widgets.editor import Editor
+from printctl.web.design.widgets.field_text import hint, label
+from printctl.web.design.widgets.value_input import Say, leaf
+from printctl.web.shell.run_or_notify import run_or_notify
+
+_LEAVES: Final = ("number", "text", "flag", "one_of", "profile", "file", "free")
+_AXES: Final = ("x", "y", "z")
+
+
+class FormPane:
+    """Shows an editor's data as a form; rebuilt where the data's shape changes."""
+
+    def __init__(self, editor: Editor) -> None:
+        self._editor = editor
+        self._inputs: dict[forms.Path, ValidationElement[Any]] = {}
+        self._heads: dict[forms.Path, ui.expansion] = {}
+        self._opened: set[forms.Path] = set()
+        self._box = ui.column().classes("w-full gap-1")
+        editor.changed.append(self._after)
+
+    def build(self) -> None:
+        """Make the whole form anew; what was open stays open."""
+        self._inputs.clear()
+        self._heads.clear()
+        self._box.clear()
+        with self._box:
+            plain = [one for one in self._editor.form.fields if _is_leaf(one.node)]
+            with ui.element("div").classes("pc-fields"):
+                for field in plain:
+                    self._leaf(field, (field.key,))
+            for field in self._editor.form.fields:
+                if field not in plain:
+                    self._part(field, (field.key,))
+        self._mark()
+
+    def show(self, path: forms.Path) -> None:
+        """Open the sections that lead to a field, and go there."""
+        self._opened |= {path[:n] for n in range(1, len(path) + 1)}
+        self.build()
+        element = self._inputs.get(path) or self._heads.get(path)
+        if element is not None:
+            ui.run_javascript(
+                f"setTimeout(() => {{ const e = getHtmlElement({element.id}); "
+                "e.scrollIntoView({block: 'center'}); "
+                "(e.querySelector('input, [tabindex]') || e).focus(); }, 300)"
+            )
+
+    def places(self) -> dict[str, forms.Path]:
+        """Every field that the recipe as it is can have, by its words."""
+        found: dict[str, forms.Path] = {}
+        self._collect(self._editor.form, self._editor.data, (), found)
+        return found
+
+    def _collect(
+        self, node: Node, value: Any, path: forms.Path, found: dict[str, forms.Path]
+    ) -> None:
+        if node.sort == "choice":
+            option = node.option(value)
+            node = option.node if option else Node("free")
+        for field in node.fields:
+            here = (*path, field.key)
+            found[" › ".join([*map(str, path), label(field)])] = here
+            self._collect(field.node, forms.value_at(value, (field.key,)), here, found)
+
+    # --- parts ------------------------------------------------------------------------------
+
+    def _part(self, field: FormField, path: forms.Path) -> None:
+        """A field that holds others, to be opened."""
+        if _is_leaf(field.node):
+            self._leaf(field, path)
+            return
+        if field.node.sort == "row":
+            self._row(field, path)
+            return
+        is_open = path in self._opened
+        box = ui.expansion(field.label, value=is_open).classes("w-full pc-part")
+        box.props("dense-toggle header-class=pc-part-head")
+        self._heads[path] = box
+        with box:
+            inside = ui.column().classes("w-full gap-2")
+
+        def opened() -> None:
+            self._opened.discard(path)
+            if box.value:
+                self._opened.add(path)
+                if not inside.default_slot.children:
+                    with inside:
+                        self._inside(field, path)
+                    self._mark()
+
+        box.on_value_change(opened)
+        if is_open:
+            with inside:
+                self._inside(field, path)
+
+    def _inside(self, field: FormField, path: forms.Path) -> None:
+        node, value = field.node, forms.value_at(self._editor.data, path)
+        if field.help:
+            ui.label(field.help).classes("pc-quiet")
+        if node.sort == "list":
+            self._list(field, path, value)
+        elif node.sort == "choice":
+            self._choice(field, path, value)
+        else:
+            self._optional_section(field, path, value)
+
+    def _optional_section(self, field: FormField, path: forms.Path, value: Any) -> None:
+        if field.node.optional:
+            self._switch(field, path, value is not None)
+            if value is None:
+                return
+        self._fields(field.node, path)
+
+    def _switch(self, field: FormField, path: forms.Path, on: bool) -> None:
+        async def changed(event: Any) -> None:
+            await self._say(path, {} if event.value else None, rebuild=True)
+
+        ui.switch(f"with {field.label}", value=on, on_change=changed)
+
+    def _choice(self, field: FormField, path: forms.Path, value: Any) -> None:
+        options = {one.tag: one.tag.replace("_", " ") for one in field.node.options}
+        if not field.required:
+            options = {"": "default" if field.default else "none", **options}
+        now = field.node.option(value)
+
+        async def changed(event: Any) -> None:
+            chosen = next((o for o in field.node.options if o.tag == event.value), None)
+            begin = None if chosen is None else dict(chosen.begin)
+            await self._say(path, begin, rebuild=True)
+
+        tag = now.tag if now else ("" if not field.required else None)
+        select = ui.select(options, label=f"kind of {field.label}", value=tag, on_change=changed)
+        select.props("outlined dense stack-label").classes("pc-field")
+        self._inputs[path] = select
+        shown = now or field.node.option(field.default)
+        if shown is not None:
+            ui.label(shown.node.title).classes("pc-quiet")
+            self._fields(shown.node, path, without=set(shown.begin) & _fixed(shown.node))
+
+    def _fields(self, node: Node, path: forms.Path, without: set[str] | None = None) -> None:
+        shown = [one for one in node.fields if one.key not in (without or set())]
+        with ui.element("div").classes("pc-fields"):
+            for field in shown:
+                if _is_leaf(field.node):
+                    self._leaf(field, (*path, field.key))
+        for field in shown:
+            if not _is_leaf(field.node):
+                self._part(field, (*path, field.key))
+
+    def _list(self, field: FormField, path: forms.Path, value: Any) -> None:
+        item = replace(field, node=field.node.items[0], required=True, default=None, help="")
+        count = len(value) if isinstance(value, list) else 0
+        for number in range(count):
+            here = (*path, number)
+            with ui.card().classes("w-full").props("flat bordered"):
+                with ui.row().classes("items-center w-full"):
+                    ui.label(f"{field.label} {number + 1}").classes("pc-item")
+                    ui.space()
+                    ui.button("Remove", on_click=self._asking(here, None)).props("flat")
+                if item.node.sort == "section":
+                    self._fields(item.node, here)
+                elif item.node.sort == "choice":
+                    self._choice(item, here, value[number])
+        begin: Any = dict(item.node.options[0].begin) if item.node.options else {}
+        ui.button(f"Add to {field.label}", on_click=self._asking((*path, count), begin))
+
+    def _asking(self, path: forms.Path, value: Any) -> Callable[[], Awaitable[None]]:
+        async def ask() -> None:
+            await self._say(path, value, rebuild=True)
+
+        return ask
+
+    def _row(self, field: FormField, path: forms.Path) -> None:
+        """A few numbers beside each other, said together."""
+        value = forms.value_at(self._editor.data, path)
+        now: list[Any] = list(value) if isinstance(value, list) else []
+        items = field.node.items
+        default = field.default if isinstance(field.default, list) else [None] * len(items)
+        names = _AXES if len(items) == 3 else ("", "") if len(items) != 2 else ("1st", "2nd")
+        with ui.element("div").classes("pc-row").props(f'role=group aria-label="{field.label}"'):
+            for k, node in enumerate(items):
+                one = replace(
+                    field, node=node, help=hint(field) if k == 0 else "", default=default[k]
+                )
+                said = now[k] if k < len(now) else None
+                self._inputs[(*path, k)] = leaf(
+                    one,
+                    said,
+                    self._saying_item(field, path, k),
+                    self._editor.recipes,
+                    f"{label(field)} {names[k]}",
+                )
+
+    def _saying_item(self, field: FormField, path: forms.Path, k: int) -> Say:
+        async def say(value: Any) -> None:
+            said = forms.value_at(self._editor.data, path)
+            default = field.default if isinstance(field.default, list) else []
+            begin = said if isinstance(said, list) else default
+            count = len(field.node.items)
+            row = [begin[i] if i < len(begin) else None for i in range(count)]
+            row[k] = value
+            empty = all(one is None for one in row)
+            await self._say(path, None if empty or row == field.default else row)
+
+        return say
+
+    def _leaf(self, field: FormField, path: forms.Path) -> None:
+        async def say(value: Any) -> None:
+            same = value == field.default and not field.required
+            await self._say(path, None if same and value is not True else value)
+
+        value = forms.value_at(self._editor.data, path)
+        self._inputs[path] = leaf(field, value, say, self._editor.recipes)
+
+    # --- changes ----------------------------------------------------------------------------
+
+    async def _say(self, path: forms.Path, value: Any, rebuild: bool = False) -> None:
+        if value is None:
+            await run_or_notify(self._editor.remove, path)
+        else:
+            await run_or_notify(self._editor.put, path, value)
+        self._editor.tell(False)
+        if rebuild:
+            self._opened.add(path)
+            self.build()
+
+    def _after(self, rebuild: bool) -> None:
+        if rebuild:
+            self.build()
+        else:
+            self._mark()
+
+    def _mark(self) -> None:
+        """Put what is wrong to its field, and how much is to the sections."""
+        for path, element in self._inputs.items():
+            element.error = self._editor.problem_at(path) or None
+        for path, head in self._heads.items():
+            count = self._editor.problems_below(path)
+            head.props(f'caption="{count} to mend"' if count else "caption=")
+
+
+def _fixed(node: Node) -> set[str]:
+    """Keys that have one value alone: the kind says it."""
+    return {f.key for f in node.fields if f.node.sort == "one_of" and len(f.node.values) == 1}
+
+
+def _is_leaf(node: Node) -> bool:
+    """Whether one input holds it; a list of plain values is one, too."""
+    return node.sort in _LEAVES or (node.sort == "list" and node.items[0].sort in _LEAVES)

@@ -1,0 +1,68 @@
+"""Layout helpers shared by the History page's cards."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from nicegui import ui
+
+STYLE = Path(__file__).with_name("history.css")
+
+
+@contextmanager
+def card(title: str, wide: bool = False) -> Iterator[None]:
+    """A part of the page under a heading of its own."""
+    made = ui.element("section").classes("ph-card" + (" ph-wide" if wide else ""))
+    made.props["aria-label"] = title
+    with made:
+        heading(title)
+        yield
+
+
+def heading(words: str) -> None:
+    """A heading of plain text."""
+    with ui.element("h2").classes("ph-name"):
+        plain_text(words)
+
+
+def plain_text(words: str) -> None:
+    """Text, whatever stands in it."""
+    ui.label(words).style("display:inline")
+
+
+def facts(rows: Sequence[tuple[str, str]]) -> None:
+    """Names and values, those without a value left out."""
+    with ui.element("dl").classes("ph-facts"):
+        for name, value in rows:
+            if value:
+                with ui.element("dt"):
+                    ui.label(name)
+                with ui.element("dd"):
+                    ui.label(value)
+
+
+def cell(words: str, name: str = "", classes: str = "") -> None:
+    """A cell of a table; ``name`` stands before it where the table has no head for want of room."""
+    made = ui.element("td").classes(classes)
+    if name:
+        made.props["data-name"] = name
+    with made:
+        ui.label(words).style("display:inline")
+
+
+def head(names: Sequence[str]) -> None:
+    """A table's head."""
+    with ui.element("thead"), ui.element("tr"):
+        for name in names:
+            with ui.element("th").props("scope=col"):
+                ui.label(name)
+
+
+def download(words: str, way: str) -> ui.element:
+    """A button that fetches a file from the API."""
+    made = ui.button(words).props("outline no-caps").style("min-height:44px")
+    made.props["href"] = way
+    made.props["download"] = ""
+    return made

@@ -1,1 +1,0 @@
-"""Widgets of the Scan page: slices, registration, result."""

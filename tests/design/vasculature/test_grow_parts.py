@@ -1,0 +1,113 @@
+"""Trees for every part of a tissue, and the check of what each part gets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from manifold3d import Manifold
+
+from design.errors import GrowthError, TissueError
+from design.tissue import depth_demand, part_demands, parts_of, tissue_from_surface
+from design.tissue.manifolds import surface_of
+from design.vasculature import (
+    GrowthOptions,
+    Inlet,
+    check_supply,
+    grow_parts,
+    grow_tree,
+    parts_to_network,
+    terminals_of,
+)
+from design.vasculature.growth.whole import share_terminals
+
+OPTIONS = GrowthOptions(terminals=60)
+LARGE = Manifold.cube((10.0, 10.0, 10.0))
+SMALL = Manifold.cube((6.0, 6.0, 6.0)).translate((20.0, 0.0, 0.0))
+
+
+def _tissue(whole):
+    found = surface_of(whole, "the test's tissue")
+    return tissue_from_surface(found.vertices, found.faces)
+
+
+@pytest.fixture(scope="module")
+def two():
+    return _tissue(LARGE + SMALL)
+
+
+@pytest.fixture(scope="module")
+def dumbbell():
+    """Two balls, the neck between them thinner than a vessel."""
+    ball, neck = Manifold.sphere(6.0, 48), Manifold.cube((4.0, 0.1, 0.1))
+    other = Manifold.sphere(5.0, 48).translate((12.5, 0.0, 0.0))
+    return _tissue(ball + neck.translate((5.0, -0.05, -0.05)) + other)
+
+
+def test_each_part_gets_vessels_and_flow_by_its_volume(two):
+    grown = grow_parts(two, OPTIONS)
+    assert len(grown.trees) == 2
+    assert [one.terminals for one in grown.supply] == [49, 11]
+    for one in grown.supply:
+        assert one.flow_share == pytest.approx(one.demand_share, rel=1e-9)
+    assert len(parts_to_network(grown).outlets()) == 60
+    assert "2 separate parts, each with vessels (1e+03 mm³: 49 terminals" in grown.notes[-1]
+    assert grow_parts(two, OPTIONS).trees[1].distal.tolist() == grown.trees[1].distal.tolist()
+
+
+def test_demand_of_a_part_sets_its_share(two):
+    deep = replace(two, demand=depth_demand(two, [0.0, 3.0, 3.5], [0.0, 0.0, 1.0]))
+    demand = part_demands(deep, parts_of(deep))
+    assert demand.tolist() == [1.0, 0.0]
+    grown = grow_parts(deep, OPTIONS)
+    assert [one.terminals for one in grown.supply] == [60, 0]
+
+
+def test_a_part_without_an_inlet_is_refused_by_size_and_place(two):
+    with pytest.raises(TissueError, match=r"no vessel ends in the part of 216 mm³ around \(23, 3"):
+        grow_parts(two, OPTIONS, [Inlet((5.0, 5.0, 10.0))])
+
+
+def test_several_inlets_share_the_part_they_enter(two):
+    places = [(2.0, 2.0, 10.0), (8.0, 8.0, 10.0), (23.0, 3.0, 6.0)]
+    grown = grow_parts(two, OPTIONS, [Inlet(place, (0.0, 0.0, -1.0)) for place in places])
+    assert [tree.proximal[0].tolist() for tree in grown.trees] == [list(p) for p in places]
+    assert [one.terminals for one in grown.supply] == [49, 11]
+
+
+def test_a_lobe_behind_a_neck_gets_an_inlet_of_its_own(dumbbell):
+    grown = grow_parts(dumbbell, OPTIONS)
+    ends, _ = terminals_of(grown.trees)
+    assert len(ends) == 60
+    share = float((ends[:, 0] > 6.5).mean())
+    assert share == pytest.approx(125 / (216 + 125), abs=0.06)
+    assert "1 more were added" in grown.notes[0]
+
+
+def test_a_lobe_that_one_tree_misses_is_told_by_size_and_place(dumbbell):
+    tree = grow_tree(dumbbell, OPTIONS)
+    supply, notes = check_supply(dumbbell, *terminals_of([tree]))
+    assert len(supply) == 1
+    assert "none ends in the" in notes[0]
+    assert "mm³ around (" in notes[0]
+
+
+def test_a_whole_tissue_is_said_nothing_of():
+    tissue = _tissue(LARGE)
+    supply, notes = check_supply(tissue, *terminals_of([grow_tree(tissue, OPTIONS)]))
+    assert (supply[0].terminals, notes) == (60, ())
+
+
+def test_terminals_are_shared_by_largest_remainders():
+    count = share_terminals(np.array([0.5, 0.3, 0.199, 0.001]), np.array([1, 1, 1, 1]), 10)
+    assert count.tolist() == [5, 3, 1, 1]
+    assert share_terminals(np.array([0.7, 0.3, 0.0]), np.array([1, 1, 0]), 3).tolist() == [2, 1, 0]
+    with pytest.raises(GrowthError, match=r"1 terminals are fewer than the 2 inlets"):
+        share_terminals(np.array([0.5, 0.5]), np.array([1, 1]), 1)
+
+
+def test_what_one_tree_alone_takes_is_refused(two):
+    points = [(1.0, 1.0, 1.0), (5.0, 5.0, 5.0)]
+    with pytest.raises(GrowthError, match="stages and given terminals go with a single tree"):
+        grow_parts(two, GrowthOptions(terminal_points_mm=points))

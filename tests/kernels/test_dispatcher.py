@@ -1,0 +1,68 @@
+"""Two forms of a kernel: for other kernels alone, and for Python."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba.core import types
+
+from kernels.folder import FOR_KERNELS
+from kernels.with_numba import compiled
+
+
+@pytest.fixture(autouse=True)
+def store(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """An empty store."""
+    monkeypatch.setenv("PRINTCTL_CACHE", str(tmp_path))
+    return tmp_path / "kernels"
+
+
+def _forms(store: Path) -> dict[str, list[bool]]:
+    """For each kernel with a file, whether its files are for kernels alone."""
+    kept: dict[str, list[bool]] = {}
+    for file in sorted(store.iterdir()):
+        name = file.name.rpartition("-")[0].rpartition(".")[2]
+        kept.setdefault(name, []).append(file.name.endswith(FOR_KERNELS))
+    return {name: sorted(forms) for name, forms in kept.items()}
+
+
+def test_what_only_kernels_call_has_no_entry_until_python_calls_it(store: Path) -> None:
+    assert _quarter(3.0) == 0.75
+    assert _forms(store) == {"_half": [True], "_quarter": [False]}
+    assert _half(3.0) == 1.5
+    assert _forms(store) == {"_half": [False, True], "_quarter": [False]}
+    with pytest.raises(ValueError, match="below zero"):
+        _quarter(-1.0)
+    with pytest.raises(ValueError, match="below zero"):
+        _half(-1.0)
+
+
+@compiled
+def _half(x: float) -> float:
+    if x < 0:
+        raise ValueError("below zero")
+    return x / 2
+
+
+@compiled
+def _quarter(x: float) -> float:
+    return _half(_half(x))
+
+
+@compiled
+def _twice(x: np.ndarray) -> np.ndarray:
+    return np.sort(x)[::-1] * 2
+
+
+@compiled
+def _four_times(x: np.ndarray) -> np.ndarray:
+    return _twice(_twice(x))
+
+
+def test_a_form_for_kernels_is_read_by_those_compiled_after(store: Path) -> None:
+    _twice.compile_for_kernels((types.Array(types.float64, 1, "C"),))
+    assert _forms(store) == {"_twice": [True]}
+    assert _four_times(np.array([1.0, 3.0])).tolist() == [12.0, 4.0]
+    assert _twice(np.array([1.0, 3.0])).tolist() == [6.0, 2.0]

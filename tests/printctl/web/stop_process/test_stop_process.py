@@ -1,0 +1,267 @@
+"""Emergency stop: reaches the printer whatever the server does."""
+
+import json
+import os
+import signal
+import socket
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+from printctl.web.security.sessions import GRACE_S, LIFETIME_S, Sessions, signing_secret
+from tests.printctl.web.printing import UnderWay, ended_by_kill, soon, under_way
+from tests.printctl.web.serving import Process, server_process
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+
+
+def ask(url: str, method: str = "POST", **headers: str) -> tuple[int, list[dict], dict[str, str]]:
+    request = urllib.request.Request(url, method=method, headers=headers, data=None)
+    try:
+        with urllib.request.urlopen(request, timeout=10) as answer:
+            text, status, said = answer.read().decode(), answer.status, dict(answer.headers)
+    except urllib.error.HTTPError as exc:
+        text, status, said = exc.read().decode(), exc.code, dict(exc.headers)
+    return status, [json.loads(line) for line in text.splitlines() if line], said
+
+
+def by_token(server: Process) -> dict[str, str]:
+    return {"Authorization": f"Bearer {server.token}"}
+
+
+def by_cookie(server: Process, workspace: Path, age_s: float = 0.0) -> dict[str, str]:
+    private = workspace / ".printctl"
+    sessions = Sessions(
+        signing_secret(private, None), private / "revoked", lambda: time.time() - age_s
+    )
+    name = f"printctl_{urlsplit(server.url).port}"
+    return {"Cookie": f"a=b; {name}={sessions.issue()}", "Origin": server.url}
+
+
+def connected(server: Process) -> int:
+    _, said, _ = ask(server.stop.replace("/stop", "/alive"), "GET", **by_token(server))
+    return int(said[0]["connected"])
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> tuple[Process, Path]:
+    workspace = tmp_path_factory.mktemp("serve") / "workspace"
+    with server_process(workspace) as server:
+        yield server, workspace
+
+
+def test_a_stop_reaches_the_printer_while_the_server_hangs(served: tuple[Process, Path]) -> None:
+    server, workspace = served
+    with under_way(workspace, "hanging") as print_:
+        assert soon(lambda: connected(server) == 1)
+        server.halt()
+        try:
+            status, said, headers = ask(server.stop, **by_cookie(server, workspace))
+        finally:
+            server.go_on()
+        assert status == 200
+        assert headers["Access-Control-Allow-Origin"] == server.url
+        assert [one["folder"] for one in said[0]["sent"]] == [str(print_.folder)]
+        assert said[1]["outcome"][0]["state"] == "killed"
+        assert "M112 left the host after" in said[1]["outcome"][0]["message"]
+        assert ended_by_kill(print_)
+
+
+def test_a_halt_that_nobody_confirms_says_to_cut_the_power(served: tuple[Process, Path]) -> None:
+    server, workspace = served
+    with under_way(workspace, "suspended") as print_:
+        assert soon(lambda: connected(server) == 1)
+        process = json.loads((print_.folder / "link.json").read_text())["pid"]
+        os.kill(process, signal.SIGSTOP)
+        try:
+            _, said, _ = ask(server.stop, **by_token(server))
+        finally:
+            os.kill(process, signal.SIGCONT)
+        assert len(said[0]["sent"]) == 1  # to the process that speaks to the printer, which sleeps
+        assert "CUT ITS POWER" in said[1]["outcome"][0]["message"]
+        assert ended_by_kill(print_)
+
+
+def test_rest_says_it_too(served: tuple[Process, Path]) -> None:
+    server, workspace = served
+    with under_way(workspace, "asleep") as print_:
+        process = json.loads((print_.folder / "link.json").read_text())["pid"]
+        os.kill(process, signal.SIGSTOP)
+        try:
+            _, said, _ = ask(f"{server.url}/api/v1/stop", **by_token(server))
+        finally:
+            os.kill(process, signal.SIGCONT)
+        assert "CUT ITS POWER" in said[0]["message"]
+        assert ended_by_kill(print_)
+
+
+def test_the_server_stops_too_and_finds_a_print_that_just_began(
+    served: tuple[Process, Path],
+) -> None:
+    server, workspace = served
+    with under_way(workspace, "fresh") as print_:
+        status, said, _ = ask(f"{server.url}/api/v1/stop", **by_token(server))
+        assert status == 200
+        assert len(said[0]["sent"]) == 1
+        assert "CUT" not in said[0]["message"]
+        assert ended_by_kill(print_)
+
+
+def test_with_nothing_to_stop_the_answer_says_so(served: tuple[Process, Path]) -> None:
+    server, _ = served
+    assert soon(lambda: connected(server) == 0)
+    status, said, _ = ask(server.stop, **by_token(server))
+    assert (status, said) == (200, [{"sent": []}, {"outcome": []}])
+
+
+def test_who_may_not_stop_is_refused(served: tuple[Process, Path]) -> None:
+    server, workspace = served
+    mine = by_cookie(server, workspace)
+    assert ask(server.stop)[0] == 401
+    assert ask(server.stop, Origin=server.url)[0] == 401
+    assert ask(server.stop, Authorization="Bearer no")[0] == 401
+    assert ask(server.stop, Cookie=mine["Cookie"])[0] == 401  # no page of ours said so
+    for origin in ("http://evil.example", "null", server.url + "0", server.stop[:-5]):
+        status, _, headers = ask(server.stop, **{**mine, "Origin": origin})
+        assert status == 403
+        assert "Access-Control-Allow-Origin" not in headers
+    assert ask(server.stop, **{**mine, "Host": "evil.example"})[0] == 421
+    old = by_cookie(server, workspace, LIFETIME_S + GRACE_S + 60)
+    assert ask(server.stop, **old)[0] == 401
+    assert ask(server.stop.replace("/stop", "/other"), **mine)[0] == 404
+    forged = {**mine, "Cookie": mine["Cookie"][:-4] + "0000"}
+    assert ask(server.stop, **forged)[0] == 401
+
+
+def test_a_session_that_just_ended_may_still_stop(served: tuple[Process, Path]) -> None:
+    server, workspace = served
+    assert ask(server.stop, **by_cookie(server, workspace, LIFETIME_S + 60))[0] == 200
+
+
+def test_a_crowd_of_idle_connections_and_wrong_tokens_keeps_no_stop_out(
+    served: tuple[Process, Path],
+) -> None:
+    server, workspace = served
+    door = urlsplit(server.stop)
+    alive = server.stop.replace("/stop", "/alive")
+    crowd = []
+    try:
+        for n in range(400):  # of many addresses and of one; 200 once shut the door
+            origin = f"127.0.{1 + n % 3}.{1 + n // 3 % 250}" if n % 2 else "127.0.0.1"
+            crowd.append(socket.create_connection((door.hostname, door.port), 10, (origin, 0)))
+        for _ in range(20):
+            assert ask(alive, "GET", Authorization="Bearer no")[0] == 401
+        with under_way(workspace, "crowded") as print_:
+            assert soon(lambda: connected(server) == 1)
+            server.halt()
+            try:
+                assert ask(server.stop, **by_cookie(server, workspace))[0] == 200
+            finally:
+                server.go_on()
+            assert ended_by_kill(print_)
+        assert soon(lambda: all(is_closed(one) for one in crowd))  # none has shown a session
+    finally:
+        for one in crowd:
+            one.close()
+
+
+def is_closed(one: socket.socket) -> bool:
+    one.settimeout(0)
+    try:
+        return one.recv(1) == b""
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("sent", "status"),
+    [
+        (b"hello\r\n\r\n", b"400"),
+        (b"POST /stop HTTP/1.1\r\nContent-Length: -1\r\n\r\n", b"400"),
+        (b"POST /stop HTTP/1.1\r\nContent-Length: 99999\r\n\r\n", b"413"),
+        (b"POST /stop HTTP/1.1\r\nHost\r\n\r\n", b"400"),
+        (b"GET / HTTP/1.1\r\n" + b"a: " + b"b" * 20_000 + b"\r\n\r\n", b"413"),
+    ],
+)
+def test_what_isnt_a_request_is_refused_and_the_connection_closed(
+    served: tuple[Process, Path], sent: bytes, status: bytes
+) -> None:
+    door = urlsplit(served[0].stop)
+    with socket.create_connection((door.hostname, door.port), 10) as one:
+        one.sendall(sent)
+        said = b""
+        while data := one.recv(4096):
+            said += data
+    assert said.split(b" ")[1] == status
+
+
+def test_one_connection_carries_many_requests(served: tuple[Process, Path]) -> None:
+    server, _ = served
+    door = urlsplit(server.stop)
+    asked = (
+        f"GET /alive HTTP/1.1\r\nHost: {door.netloc}\r\n"
+        f"Authorization: Bearer {server.token}\r\n\r\n"
+    ).encode()
+    with socket.create_connection((door.hostname, door.port), 10) as one:
+        one.sendall(asked + asked[:20])
+        time.sleep(0.05)
+        one.sendall(asked[20:])
+        said = b""
+        while said.count(b'"ready": true') < 2:
+            data = one.recv(4096)
+            assert data
+            said += data
+
+
+def test_a_door_that_ends_is_opened_again(served: tuple[Process, Path]) -> None:
+    server, _ = served
+    door = next(pid for pid in children(server.pid) if "stop_process" in command_of(pid))
+    os.kill(door, signal.SIGKILL)
+    assert soon(lambda: not Path(f"/proc/{door}/cmdline").exists() and answers(server))
+
+
+def test_a_server_that_is_told_to_end_or_killed_leaves_the_print_alone(
+    served: tuple[Process, Path],
+) -> None:
+    """The last test here: it ends the server of the others."""
+    server, workspace = served
+    with under_way(workspace) as print_:
+        before = print_.client.status.lines_done
+        server.process.send_signal(signal.SIGINT)
+        assert server.process.wait(10) == 0
+        assert not answers(server)
+        assert not (workspace / ".printctl" / "serve.json").exists()
+        assert soon(lambda: print_.client.status.lines_done > before)
+        with server_process(workspace) as again:
+            assert soon(lambda: connected(again) == 1)
+            _killed_leaves_its_door(again, print_)
+
+
+def _killed_leaves_its_door(server: Process, print_: UnderWay) -> None:
+    server.process.kill()
+    server.process.wait()
+    assert not print_.client.status.ended
+    assert ask(server.stop, **by_token(server))[0] == 200
+    assert ended_by_kill(print_)
+    assert soon(lambda: not answers(server))
+
+
+def answers(server: Process) -> bool:
+    try:
+        return ask(server.stop.replace("/stop", "/alive"), "GET", **by_token(server))[0] == 200
+    except OSError:
+        return False
+
+
+def children(pid: int) -> list[int]:
+    return [int(one) for one in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def command_of(pid: int) -> str:
+    return Path(f"/proc/{pid}/cmdline").read_text()
