@@ -21,6 +21,7 @@ import numpy as np
 
 from benchmarks.checkers import box_triangles, write_stl
 from benchmarks.machine import ROOT, commit, machine, row
+from benchmarks.vasculature_anatomy import anatomy_jobs
 from benchmarks.vasculature_checks import Found, check, rows_of
 from benchmarks.vasculature_loops import loop_rows, seed_rows
 from benchmarks.vasculature_peer import NoPeerError, grow_svv, ratios_path
@@ -171,6 +172,7 @@ def jobs(asked: argparse.Namespace, folder: Path) -> Iterator[tuple[str, Callabl
     yield "closed loops 2 x 500", lambda: loop_rows_small(data, folder)
     yield "polish", lambda: polish_all(data, folder)
     yield "printable 500", lambda: print_rows(data, folder)
+    yield from anatomy_jobs(data, folder)
     if asked.large:
         yield "closed loops 2 x 10,000", lambda: loop_rows_large(data, folder)
         yield "1,000,000", lambda: biventricle_rows(data, folder, 1_000_000, 120.0, 4.0)

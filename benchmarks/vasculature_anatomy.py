@@ -1,0 +1,205 @@
+"""Rows on anatomic templates: heart and kidney, on real meshes and on shapes made up here."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.checkers import (
+    murray_residual,
+    near_pairs,
+    outlet_flows,
+    pieces_outside,
+    read_network,
+    read_stl,
+    spread,
+)
+from benchmarks.checkers.anatomy import (
+    kinks,
+    outer_triangles,
+    strahler_from_root,
+    triangle_distance,
+)
+from benchmarks.machine import row
+
+Row = dict[str, Any]
+_CLEARANCE = 0.1
+
+_GROW = """
+import json, sys, time
+from pathlib import Path
+from design.anatomy.heart import grow_heart
+from design.anatomy.kidney import grow_kidney
+from design.anatomy.network import curved_network
+from design.anatomy.presets import PRESETS
+from design.measures import compare_orders
+from design.network_files.csv_format import write_network_csv
+from design.tissue import load_tissue
+from design.units import PA_PER_MMHG
+from design.vasculature import GrowthOptions
+stl, organ, terminals, out, seed = sys.argv[1:]
+tissue = load_tissue(Path(stl), "mm")
+preset = PRESETS[organ]
+options = GrowthOptions(terminals=int(terminals), seed=int(seed), clearance_mm=0.1,
+    murray_exponent=preset.murray_exponent, pressure_drop_pa=preset.pressure_drop_mmhg * PA_PER_MMHG)
+begin = time.process_time()
+found = {"heart": grow_heart, "kidney": grow_kidney}[organ](tissue, options)
+network = curved_network(found.trees, found.kinds)
+write_network_csv(Path(out), network)
+known = {"cpu_s": time.process_time() - begin, "notes": found.notes,
+    "drop_pa": options.pressure_drop_pa, "murray": preset.murray_exponent,
+    "trunks": [[one.proximal[one.given].tolist(), one.distal[one.given].tolist()] for one in found.trees]}
+if organ == "heart":
+    known["against"] = compare_orders(network, "coronary")
+print(json.dumps(known))
+"""
+
+
+def grown(stl: Path, organ: str, terminals: int, out: Path, seed: int = 1) -> dict[str, Any]:
+    """Grow by a template in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, "-c", _GROW, str(stl), organ, str(terminals), str(out), str(seed)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise ValueError(done.stderr.strip().splitlines()[-1])
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def anatomy_rows(
+    name: str, stl: Path, organ: str, terminals: int, folder: Path, seed: int = 1
+) -> Iterator[Row]:
+    """All rows of one organ."""
+    out = folder / f"{organ}.csv"
+    known = grown(stl, organ, terminals, out, seed)
+    net, tissue = read_network(out), read_stl(stl)
+    yield row(f"{name}: growth, CPU", round(known["cpu_s"], 1), "s")
+    yield _zero(f"{name}: kinks over 30 degrees, above 5 % of the root", kinks(net, 30.0, 0.05))
+    near = near_pairs(net, _CLEARANCE, 0.1)
+    yield _zero(f"{name}: colliding pairs", len(near.colliding))
+    yield _zero(f"{name}: pieces out of the tissue", len(pieces_outside(net, tissue).pieces))
+    yield _most(f"{name}: Murray residual", murray_residual(net, known["murray"]), 1e-9)
+    flow = outlet_flows(net, known["drop_pa"], 4e-3)
+    yield _most(f"{name}: terminal flow spread", spread(flow), 1e-9)
+    ends = len(net.outlets())
+    yield row(f"{name}: terminals", ends, "1", str(terminals), ends == terminals)
+    yield from (_heart if organ == "heart" else _kidney)(name, net, tissue, known)
+
+
+def _heart(name: str, net: Any, tissue: Any, known: dict[str, Any]) -> Iterator[Row]:
+    ostia = len(np.setdiff1d(net.node[:, 0], net.node[:, 1]))
+    yield row(f"{name}: ostia", ostia, "1", "2", ostia == 2)
+    begin, end = (
+        np.concatenate([np.array(one[side]) for one in known["trunks"]]) for side in (0, 1)
+    )
+    length = np.linalg.norm(end - begin, axis=1)
+    middle = 0.5 * (begin + end)
+    away = triangle_distance(middle, outer_triangles(tissue))
+    share = float(length[away <= 1.0].sum() / length.sum())
+    yield row(
+        f"{name}: trunk axes within 1 mm of the epicardium",
+        share,
+        "of length",
+        ">= 0.8",
+        share >= 0.8,
+    )
+    judged = [
+        cell["inside"]
+        for line in known["against"]["orders"]
+        for cell in (line["diameter_mm"], line["length_mm"], line["length_over_diameter"])
+        if cell["inside"] is not None
+    ]
+    yield row(
+        f"{name}: orders' figures within one sd",
+        sum(judged),
+        f"of {len(judged)}",
+        "all",
+        all(judged),
+    )
+    for ratio, value in known["against"]["ratios"].items():
+        goal = f"{value['mean']:.3g} ± {value['sd']:.2g}"
+        yield row(f"{name}: {ratio}", value["ours"], "1", goal, value["inside"])
+
+
+def _kidney(name: str, net: Any, tissue: Any, known: dict[str, Any]) -> Iterator[Row]:
+    order = strahler_from_root(net)
+    wide = order >= order.max() - 2
+    capsule = outer_triangles(tissue)
+    points = np.concatenate([net.start[wide], net.end[wide]])
+    cortex = float(known["notes"][1].split()[3])
+    depth = triangle_distance(points, capsule)
+    inlet = net.start[~np.isin(net.node[:, 0], net.node[:, 1])][0]
+    far = np.linalg.norm(points - inlet, axis=1) > cortex
+    yield _zero(
+        f"{name}: ends of the three widest orders in the cortex's outer third",
+        int((depth[far] < cortex / 3).sum()),
+    )
+    away = float(triangle_distance(inlet[None], capsule)[0])
+    yield row(f"{name}: entry from the outer surface", away, "mm") | {"notes": known["notes"]}
+
+
+def _zero(name: str, count: int) -> Row:
+    return row(name, count, "1", "0", count == 0)
+
+
+def _most(name: str, value: float, limit: float) -> Row:
+    return row(name, value, "relative", f"< {limit:g}", value < limit)
+
+
+def turned_scaled(stl: Path, out: Path, scale: float) -> Path:
+    """The mesh turned, scaled and cut finer, as a file."""
+    import trimesh
+
+    mesh = trimesh.load(stl)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(1.1, [1, 2, -1]))
+    mesh.apply_scale(scale)
+    mesh.export(out)
+    return out
+
+
+def ellipsoid_ventricle(out: Path, length_mm: float = 78.0, wall_mm: float = 9.0) -> Path:
+    """A truncated ellipsoid with one cavity, open at its base."""
+    import trimesh
+
+    outer = trimesh.creation.icosphere(5)
+    inner = trimesh.creation.icosphere(5)
+    half = np.array([0.36, 0.34, 0.62]) * length_mm
+    outer.apply_scale(half)
+    inner.apply_scale(half - wall_mm)
+    box = trimesh.creation.box(extents=(3 * length_mm,) * 3)
+    box.apply_translation([0, 0, -1.5 * length_mm + 0.38 * length_mm])
+    cup = trimesh.boolean.intersection([outer, box], engine="manifold")
+    trimesh.boolean.difference([cup, inner], engine="manifold").export(out)
+    return out
+
+
+def anatomy_jobs(data: Path, folder: Path) -> Iterator[tuple[str, Any]]:
+    """Organs with their names: meshes the templates were tuned on, and others."""
+    heart, kidney = data / "biventricle_svv.stl", data / "kidney_left_hubmap_VHM.stl"
+    other = data / "heart_ventricles_hubmap_VHM.stl"
+    cases = (
+        ("anatomy: heart 8,000", "heart", lambda: heart),
+        ("anatomy: another heart 8,000", "heart", lambda: other),
+        (
+            "anatomy: ellipsoid ventricle 8,000",
+            "heart",
+            lambda: ellipsoid_ventricle(folder / "e.stl"),
+        ),
+        ("anatomy: kidney 8,000", "kidney", lambda: kidney),
+        (
+            "anatomy: kidney turned, 0.7 as large, 8,000",
+            "kidney",
+            lambda: turned_scaled(kidney, folder / "k.stl", 0.7),
+        ),
+    )
+    for name, organ, stl in cases:
+        yield name, lambda n=name, o=organ, s=stl: anatomy_rows(n, s(), o, 8000, folder)
