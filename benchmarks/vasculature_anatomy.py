@@ -46,15 +46,17 @@ from design.vasculature import GrowthOptions
 stl, organ, terminals, out, seed = sys.argv[1:]
 tissue = load_tissue(Path(stl), "mm")
 preset = PRESETS[organ]
+drop = preset.pressure_drop_mmhg * PA_PER_MMHG
 options = GrowthOptions(terminals=int(terminals), seed=int(seed), clearance_mm=0.1,
-    murray_exponent=preset.murray_exponent, pressure_drop_pa=preset.pressure_drop_mmhg * PA_PER_MMHG)
+    murray_exponent=preset.murray_exponent, pressure_drop_pa=drop)
 begin = time.process_time()
 found = {"heart": grow_heart, "kidney": grow_kidney}[organ](tissue, options)
 network = curved_network(found.trees, found.kinds)
 write_network_csv(Path(out), network)
 known = {"cpu_s": time.process_time() - begin, "notes": found.notes,
     "drop_pa": options.pressure_drop_pa, "murray": preset.murray_exponent,
-    "trunks": [[one.proximal[one.given].tolist(), one.distal[one.given].tolist()] for one in found.trees]}
+    "trunks": [[end[one.given].tolist() for end in (one.proximal, one.distal)]
+        for one in found.trees]}
 if organ == "heart":
     known["against"] = compare_orders(network, "coronary")
 print(json.dumps(known))
