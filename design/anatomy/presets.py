@@ -1,4 +1,4 @@
-"""What each template takes where its user says nothing."""
+"""Murray exponent and pressure drop of each template, where its user names none."""
 
 from __future__ import annotations
 
