@@ -43,6 +43,7 @@ from design.network_files.csv_format import write_network_csv
 from design.tissue import load_tissue
 from design.units import PA_PER_MMHG
 from design.vasculature import GrowthOptions
+from design.vasculature.treemath import tree_radii
 stl, organ, terminals, out, seed = sys.argv[1:]
 tissue = load_tissue(Path(stl), "mm")
 preset = PRESETS[organ]
@@ -55,7 +56,7 @@ network = curved_network(found.trees, found.kinds)
 write_network_csv(Path(out), network)
 known = {"cpu_s": time.process_time() - begin, "notes": found.notes,
     "drop_pa": options.pressure_drop_pa, "murray": preset.murray_exponent,
-    "trunks": [[end[one.given].tolist() for end in (one.proximal, one.distal)]
+    "trunks": [[end[one.given].tolist() for end in (one.proximal, one.distal, tree_radii(one))]
         for one in found.trees]}
 if organ == "heart":
     known["against"] = compare_orders(network, "coronary")
@@ -100,20 +101,15 @@ def anatomy_rows(
 def _heart(name: str, net: Any, tissue: Any, known: dict[str, Any]) -> Iterator[Row]:
     ostia = len(np.setdiff1d(net.node[:, 0], net.node[:, 1]))
     yield row(f"{name}: ostia", ostia, "1", "2", ostia == 2)
-    begin, end = (
-        np.concatenate([np.array(one[side]) for one in known["trunks"]]) for side in (0, 1)
+    begin, end, radius = (
+        np.concatenate([np.array(one[side]) for one in known["trunks"]]) for side in range(3)
     )
     length = np.linalg.norm(end - begin, axis=1)
-    middle = 0.5 * (begin + end)
-    away = triangle_distance(middle, outer_triangles(tissue))
-    share = float(length[away <= 1.0].sum() / length.sum())
-    yield row(
-        f"{name}: trunk axes within 1 mm of the epicardium",
-        share,
-        "of length",
-        ">= 0.8",
-        share >= 0.8,
-    )
+    away = triangle_distance(0.5 * (begin + end), outer_triangles(tissue))
+    for what, near in (("axes", away <= 1.0), ("lumens", away - radius <= 1.0)):
+        share = float(length[near].sum() / length.sum())
+        measure = f"{name}: trunk {what} within 1 mm of the epicardium"
+        yield row(measure, share, "of length", ">= 0.8", share >= 0.8)
     judged = [
         cell["inside"]
         for line in known["against"]["orders"]
