@@ -1,4 +1,4 @@
-"""Content key of a compiled kernel: everything its machine code depends on.
+"""Hash a kernel's bytecode, frozen values, called kernels and compiler versions to a cache key.
 
 Numba compiles bytecode and freezes every global value that the bytecode reads: constants, arrays,
 named-tuple classes, enums, and other kernels, which it inlines. So a kernel's machine code is

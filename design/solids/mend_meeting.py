@@ -1,4 +1,4 @@
-"""Count self-intersections of a surface patch under repair (compiled)."""
+"""Count faces that a surface patch under repair meets, in itself and in the rest (compiled)."""
 
 from __future__ import annotations
 

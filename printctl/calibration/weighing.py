@@ -1,4 +1,4 @@
-"""Fit plunger travel per volume, or flow per valve time, from weighed ink."""
+"""Fit volume per plunger travel, or flow through an open valve, from weighed doses of ink."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of `printctl slice`."""
+"""Typer option types of `printctl slice`: meshes, heads, profiles, layers, lines, infill, speed."""
 
 from __future__ import annotations
 

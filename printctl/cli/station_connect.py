@@ -1,4 +1,4 @@
-"""`printctl station connect`: open a printer's port and stay connected."""
+"""`printctl station connect`: start a background process that holds a printer's port open."""
 
 from __future__ import annotations
 

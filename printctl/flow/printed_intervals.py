@@ -1,4 +1,4 @@
-"""Confidence intervals (95 %) of flow as printed, from those of the measured lumens."""
+"""95 % intervals of flow as printed, by drawing lumens within their measured errors (0D)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Start a process detached from its parent, so that it outlives the parent."""
+"""Start a process that outlives its parent, or put the running one into the background."""
 
 from __future__ import annotations
 

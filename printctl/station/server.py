@@ -1,4 +1,4 @@
-"""Command socket server of a station; shared protocol in `printctl.link.command_socket`.
+"""Pass clients' requests on to a station; the socket itself: `printctl.link.command_socket`.
 
 Further wishes are those of `printctl.station.idle_commands`, ``mount``, ``reconnect``, ``print``,
 ``close`` and ``stop_motion``. Each is answered by ``{"event": "reply", "do": ..., "status": ...}``

@@ -1,4 +1,4 @@
-"""Write a comparison of several prints as verdict, sentences, notes and JSON."""
+"""Turn a comparison of several prints into a verdict, sentences, notes and a JSON-ready dict."""
 
 from __future__ import annotations
 

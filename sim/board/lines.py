@@ -1,4 +1,4 @@
-"""Split a simulated board's received bytes into lines, accepted or refused."""
+"""Split a simulated board's received bytes into lines; interface for checking their numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pulse times of Marlin's stepper interrupt over a block's trapezoidal speed profile.
+"""Step a motion block as Marlin's stepper interrupt does: step events done, timer ticks taken.
 
 The interrupt of an 8-bit board runs on a 16-bit timer at 2 MHz. After each pulse it works out the
 rate of the next one from the time spent accelerating so far and turns it into a timer interval by

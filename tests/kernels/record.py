@@ -111,8 +111,10 @@ def run_embedded(scratch: Path) -> None:
 
 def design(scratch: Path) -> None:
     """What is designed, or grown in one tree."""
+    folder = scratch / "designed"  # not where a run has left what it made
+    folder.mkdir()
     for data in (LAYERED, EMBEDDED):
-        _design(data, scratch)
+        _design(data, folder)
 
 
 def polish(scratch: Path) -> None:

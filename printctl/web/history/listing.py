@@ -1,4 +1,4 @@
-"""List of past prints on the History page: search, filter, sort, paging."""
+"""Draw the History page's table of prints, with search form, filters, order and page buttons."""
 
 from __future__ import annotations
 

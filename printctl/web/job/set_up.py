@@ -1,4 +1,4 @@
-"""Print set-up of a job (printer, mounted profiles, start, supervision), as form and REST type."""
+"""Print set-up of a job as REST type: printer, mounted profiles, start, supervision."""
 
 from __future__ import annotations
 

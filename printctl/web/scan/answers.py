@@ -1,4 +1,4 @@
-"""Request and response types of the Scan page's REST routes."""
+"""REST types of the Scan page: scan list, volume, metadata overrides, registration, findings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Variance components of a gauge study as standard deviations, each with its 95 % interval.
+"""Estimate a gauge study's variance components from mean squares, with 95 % intervals, and ndc.
 
 Components from expected mean squares, those below zero set to zero (AIAG, MSA 4th ed.,
 appendix A). Intervals of a mean square: chi-squared; of sums: modified large sample (Graybill &
