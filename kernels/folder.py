@@ -16,7 +16,7 @@ FOR_KERNELS: Final = f".inner{ALL}"
 def cache_dir() -> Path:
     """Return the folder of compiled kernels, below the user's cache.
 
-    ``PRINTCTL_CACHE`` moves it (the Makefile puts it into the virtual environment).
+    ``PRINTCTL_CACHE`` moves it.
     """
     base = os.environ.get("PRINTCTL_CACHE")
     root = Path(base) if base else Path.home() / ".cache" / "printctl"

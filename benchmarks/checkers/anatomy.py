@@ -1,4 +1,4 @@
-"""Independent measures of anatomy: kinks, trunks below a surface, orders in the cortex."""
+"""Measure anatomy independently: kinks, depth of trunks, orders by branching and by diameter."""
 
 from __future__ import annotations
 

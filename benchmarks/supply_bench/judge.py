@@ -1,4 +1,4 @@
-"""Which parts a tissue has, which terminals lie in which, and the verdict; nothing of the product.
+"""Judge a grown tissue: its parts, the terminals in each, the verdict; no code of the product.
 
 Parts come from how the tissue was made. `welded_volumes` finds them once more from the faces, for
 tissues whose parts don't touch and whose file isn't spoilt: a test compares the two.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from design.errors import GrowthError
 from design.network import VesselKind, VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.collisions.collide import collisions
-from design.vasculature.growth.forest import RootSpec, grow_forest
+from design.vasculature.growth.forest import RootSpec, grow_forest, likely_radius
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
@@ -45,7 +44,6 @@ WIDER = 1.15
 
 _ROUNDS = 2
 _STUB = 4
-_LIKELY = 2.0
 _SPACING = 1.25
 """Room between trunks over what their radii and clearance ask for."""
 
@@ -122,18 +120,6 @@ def trunk_radii(lines: TrunkLines, trees: Sequence[VesselTree]) -> FloatArray:
     for inlet in np.flatnonzero(lines.parent < 0):
         radius[inlet] = radius[lines.tree == lines.tree[inlet]].max()
     return radius
-
-
-def likely_radius(tissue: Tissue, options: GrowthOptions) -> float:
-    """Radius of one root for the whole flow, before there is a tree, mm."""
-    if options.smallest_radius_mm is not None:
-        spread = options.terminal_spread or 1.5
-        count = float(options.terminals)
-        return options.smallest_radius_mm * spread * count ** (1.0 / options.murray_exponent)
-    across = _LIKELY * float(np.cbrt(tissue.volume_mm3))
-    flow = options.flow_ul_s(tissue.volume_mm3)
-    resistance = 8.0 * options.viscosity_pa_s * across / pi
-    return float((flow * resistance / options.pressure_drop_pa) ** 0.25)
 
 
 def laid(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +12,7 @@ from design.geometry.bvh import build_triangle_tree, nearest_distances
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.runs import free_ends
 from design.solids.solid import Solid
-from design.tissue.depth import winding_number
-from kernels import jit
+from design.tissue.depth import enclosed
 
 Array = NDArray[np.float64]
 
@@ -172,16 +170,7 @@ def _free_ends(network: VesselNetwork) -> tuple[IntArray, FloatArray, FloatArray
 def depths(body: Solid, points: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Distance (n,) from the surface of ``body``, mm, and whether each of ``points`` lies in it."""
     tree = build_triangle_tree(body.vertices, body.faces.astype(np.int32))
-    return nearest_distances(tree, points), _windings(tree, points) > 0
-
-
-@jit
-def _windings(tree: Any, points: FloatArray) -> IntArray:
-    """How often the surface winds around each point, (n,)."""
-    wound = np.empty(len(points), dtype=np.int64)
-    for i in range(len(points)):
-        wound[i] = winding_number(tree, points[i, 0], points[i, 1], points[i, 2])
-    return wound
+    return nearest_distances(tree, points), enclosed(tree, points)
 
 
 def _dot(left: Array, right: Array) -> Array:

@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import TissueError
-from design.geometry import TriangleTree, build_triangle_tree
+from design.geometry import build_triangle_tree
 from design.tissue.closed import FaceArray, enclosed_volume
 from design.tissue.demand import UNIFORM, Demand
-from design.tissue.depth import winding_number
+from design.tissue.depth import enclosed
 from design.tissue.shells import enclosures, shells_of
 from design.tissue.spacing import SpacingRule
 from design.tissue.surface import SizeLimits, tissue_from_surface
 from design.tissue.tissue import Tissue
-from kernels import jit
 
 FloatArray = NDArray[np.float64]
 
@@ -90,26 +88,13 @@ def _part(points: FloatArray, faces: FaceArray, volume_mm3: float) -> Part:
 
 def part_numbers(tissue: Tissue, parts: Sequence[Part], points: FloatArray) -> NDArray[np.int64]:
     """Number of the part that each of ``points`` (n, 3), mm, lies in; -1 for none."""
-    number = np.full(len(points), -1)
+    number, points = np.full(len(points), -1), np.ascontiguousarray(points)
     if len(parts) == 1:
         number[tissue.contains(points)] = 0
         return number
     for n, part in enumerate(parts):
-        number[_within(build_triangle_tree(tissue.surface.vertices, part.faces), points)] = n
+        number[enclosed(build_triangle_tree(tissue.surface.vertices, part.faces), points)] = n
     return number
-
-
-def _within(tree: TriangleTree, points: FloatArray) -> NDArray[np.bool_]:
-    found: NDArray[np.bool_] = _wound(tree, np.ascontiguousarray(points))
-    return found
-
-
-@jit
-def _wound(tree: Any, points: Any) -> Any:
-    found = np.empty(len(points), np.bool_)
-    for n in range(len(points)):
-        found[n] = winding_number(tree, points[n, 0], points[n, 1], points[n, 2]) > 0
-    return found
 
 
 def part_tissue(tissue: Tissue, part: Part) -> Tissue:
@@ -161,5 +146,5 @@ def _mean_weight(tissue: Tissue, part: Part) -> float:
     corners = points[np.unique(part.faces)]
     low, high = corners.min(axis=0), corners.max(axis=0)
     tried = low + np.random.default_rng(0).random((_TRIED, 3)) * (high - low)
-    tried = tried[_within(tree, tried)]
+    tried = tried[enclosed(tree, tried)]
     return float(tissue.demand.weight(tried).mean()) if len(tried) else 1.0

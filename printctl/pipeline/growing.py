@@ -139,27 +139,31 @@ def printable_tree(context: RunContext, part: GrownNetwork, options: GrowthOptio
     return replace(done.tree, notes=(*notes, *done.tree.notes))
 
 
-def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> ClosedLoops:
+def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> tuple[ClosedLoops, tuple[str, ...]]:
     """Artery and vein, grown in turn, and every terminal of the one joined to one of the other.
 
-    Where a few had to be pruned, the others are balanced anew, by narrowing alone.
+    Where a few had to be pruned, the others are balanced anew, by narrowing alone. With it come
+    notes on what the artery or the vein doesn't reach.
     """
     artery = growth_options(part, seed)
     vein = replace(artery, root_point_mm=part.vein_root_mm, root_direction=part.vein_root_direction)
     roots = [RootSpec(artery, VesselKind.ARTERY), RootSpec(vein, VesselKind.VEIN)]
     arterial, venous = grow_forest(tissue, roots)
-    for tree in (arterial, venous):
-        check_supply(tissue, *terminals_of([tree]))
+    notes = [
+        f"{name}: {note}"
+        for name, tree in (("artery", arterial), ("vein", venous))
+        for note in check_supply(tissue, *terminals_of([tree]))[1]
+    ]
     thinnest = part.smallest_diameter_mm / 2 if part.smallest_diameter_mm else None
     joined = LoopOptions(seed=seed, clearance_mm=part.clearance_mm, smallest_radius_mm=thinnest)
     closed = close_loops(tissue, arterial, venous, joined)
     if not closed.pruned:
-        return closed
+        return closed, tuple(notes)
     conditions = FlowConditions(
         artery.viscosity_pa_s, inlet_flow_ul_s=artery.flow_ul_s(tissue.volume_mm3)
     )
     narrowed = balance(closed.network, conditions, widen=False, smallest_radius_mm=thinnest or 0.0)
-    return replace(closed, network=narrowed)
+    return replace(closed, network=narrowed), tuple(notes)
 
 
 def loops_report(closed: ClosedLoops) -> dict[str, int]:

@@ -218,14 +218,14 @@ def _options(root: RootSpec | GrowthOptions) -> GrowthOptions:
 
 
 def _stem(tissue: Tissue, options: GrowthOptions) -> _Stem:
-    radius = _likely_radius(tissue, options)
+    radius = likely_radius(tissue, options)
     wall = options.clearance_mm
     begin, end = stem(tissue, options, radius, wall)
     return _Stem(begin[None], end[None], np.array([STEM_ROOM * radius]))
 
 
-def _likely_radius(tissue: Tissue, options: GrowthOptions) -> float:
-    """Root radius before there is a tree, mm."""
+def likely_radius(tissue: Tissue, options: GrowthOptions) -> float:
+    """Radius of one root for the whole flow, before there is a tree, mm."""
     if options.smallest_radius_mm is not None:
         spread = options.terminal_spread or 1.5
         count = float(options.terminals)

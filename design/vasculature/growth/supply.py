@@ -133,8 +133,8 @@ def no_way(missed: Sequence[Unreached], most: int = 3) -> str:
     more = f" and {len(missed) - most} more" if len(missed) > most else ""
     return (
         f"vessels don't reach all of the tissue: none ends in {said}{more}. The way there is too "
-        "narrow for them; give that place an inlet of its own (inlets under vasculature), ask for "
-        "thinner vessels, or take it out of the mesh"
+        "narrow for them: ask for thinner vessels, take that place out of the mesh, or give it an "
+        "inlet of its own (inlets, with grow: tree and without a template)"
     )
 
 

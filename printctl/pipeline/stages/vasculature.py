@@ -97,8 +97,9 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
             told = {"notes": list(grown.notes), **supply_report(grown.supply)}
             return parts_to_network(grown), told
         case ClosedLoop():
-            closed = closed_loop(context.tissue, part, context.recipe.seed)
-            return closed.network, {"loops": loops_report(closed)}
+            closed, notes = closed_loop(context.tissue, part, context.recipe.seed)
+            told = {"notes": list(notes)} if notes else {}
+            return closed.network, {"loops": loops_report(closed), **told}
     check_network(network, clearance)
     return network, {"notes": list(notes)} if notes else {}
 
