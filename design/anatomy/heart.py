@@ -8,14 +8,16 @@ from typing import Final
 import numpy as np
 
 from design.anatomy.from_trunks import TrunkPlan
+from design.anatomy.graph_trunk import LayerForest
 from design.anatomy.grown import AnatomicTrees, grow_fitted
-from design.anatomy.heart_places import HeartPlaces, find_heart_places
+from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
 from design.anatomy.heart_trunk import LEFT, RIGHT, heart_forest, heart_layer, ostium_above
-from design.anatomy.openness import sample_surface
+from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.trunk_lines import lines_of
 from design.errors import GrowthError
 from design.network import VesselKind
 from design.tissue import Tissue
+from design.vasculature.growth.parts import check_inlet
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.options import GrowthOptions
 
@@ -79,23 +81,45 @@ def grow_heart(
     places = find_heart_places(samples, _vector(anatomy.base), _vector(anatomy.right))
     layer = heart_layer(tissue, samples, places, max(1.0, anatomy.trunk_depth_mm))
     given = {LEFT: anatomy.left_ostium_mm, RIGHT: anatomy.right_ostium_mm}
+    for tree, place in given.items():
+        check_inlet(tissue, NAMES[tree], place)
     near = {tree: np.array(place) for tree, place in given.items() if place is not None}
     forest = heart_forest(layer, places, ends, anatomy.balance, near)
-    begins = {t: int(np.flatnonzero((forest.parent == -1) & (forest.tree == t))[0]) for t in given}
+    begins = {tree: _begin(forest, tree, given) for tree in given}
     ostia = {t: ostium_above(tissue, layer.points[i], places.base) for t, i in begins.items()}
     volume, _ = demand_points(tissue, _VOLUME, options.seed)
     plan = TrunkPlan(lines_of(forest, ostia, volume), anatomy.trunk_depth_mm)
     trees = grow_fitted(tissue, plan, options)
-    return AnatomicTrees(trees, (VesselKind.ARTERY,) * 2, NAMES, _notes(places, ostia))
+    return AnatomicTrees(trees, (VesselKind.ARTERY,) * 2, NAMES, _notes(samples, places, ostia))
+
+
+def _begin(forest: LayerForest, tree: int, given: dict[int, Place | None]) -> int:
+    """Number of the place in the layer where a coronary begins."""
+    found = np.flatnonzero((forest.parent == -1) & (forest.tree == tree))
+    if len(found) == 0:
+        said = ", ".join(f"{NAMES[one]} near {place}" for one, place in given.items() if place)
+        raise GrowthError(
+            f"{NAMES[tree]} finds no place of its own to begin (given: {said or 'none'}); give "
+            "left_coronary and right_coronary places further apart"
+        )
+    return int(found[0])
 
 
 def _vector(place: Place | None) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:
     return None if place is None else np.array(place, dtype=np.float64)
 
 
-def _notes(places: HeartPlaces, ostia: dict[int, np.ndarray]) -> tuple[str, ...]:
+def _notes(
+    samples: SurfaceSamples, places: HeartPlaces, ostia: dict[int, np.ndarray]
+) -> tuple[str, ...]:
     say = "({:.3g}, {:.3g}, {:.3g})"
+    hollow = (~samples.outer).mean() >= FEWEST
+    guess = (
+        "no cavity opens in this shape, so that it may not be a heart's: base and right side are "
+        "guesses from its outline; give base_direction and right_direction",
+    )
     return (
+        *(() if hollow else guess),
         f"the heart's base was taken to lie towards {say.format(*places.base)}, its right side "
         f"towards {say.format(*places.right)}",
         "ostia: "

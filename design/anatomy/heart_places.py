@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.anatomy.openness import SurfaceSamples
+from design.errors import TissueError
 
 FloatArray = NDArray[np.float64]
 
@@ -17,7 +18,7 @@ _BASAL = 0.5
 epicardium."""
 
 _SECTORS = 36
-_FEWEST = 0.03
+FEWEST = 0.03
 """Share of the surface that isn't outer below which there are no cavities to go by."""
 
 
@@ -71,9 +72,14 @@ def find_heart_places(
     The base lies where the cavities open, and away from the apex; the right ventricle where the
     wall is thinner. The grooves are where the wall's thickness changes, a third of a turn from
     the right side at most, or 60 degrees where nothing tells.
+
+    Raises
+    ------
+    TissueError
+        Where base and right side are one direction.
     """
     outer = samples.outer
-    cavity = samples.points[~outer] if (~outer).mean() >= _FEWEST else samples.points
+    cavity = samples.points[~outer] if (~outer).mean() >= FEWEST else samples.points
     middle = cavity.mean(axis=0)
     up = _unit(base) if base is not None else _base(samples, middle)
     normal = -samples.inward
@@ -86,7 +92,13 @@ def find_heart_places(
         right = (across * thin[:, None]).sum(axis=0) if wall.std() > 0.1 * wall.mean() else None
     if right is None:
         right = _widest_across(points, up)
-    side = _unit(right - (right @ up) * up)
+    across = right - (right @ up) * up
+    if np.linalg.norm(across) < 1e-3 * np.linalg.norm(right):
+        raise TissueError(
+            f"the heart's right side, {np.round(right, 3).tolist()}, lies in the direction of its "
+            "base; give a right_direction across base_direction"
+        )
+    side = _unit(across)
     front = np.cross(up, side)
     places = HeartPlaces(middle, up, side, front, (np.pi / 3, -np.pi / 3), epicardium)
     angle = places.angle(samples.points[epicardium])
@@ -97,7 +109,7 @@ def _base(samples: SurfaceSamples, middle: FloatArray) -> FloatArray:
     """Direction of the base: the mean of where cavities open, and of apex to middle."""
     outer = samples.points[samples.outer]
     inner = ~samples.outer
-    out = samples.way_out[inner].sum(axis=0) if inner.mean() >= _FEWEST else np.zeros(3)
+    out = samples.way_out[inner].sum(axis=0) if inner.mean() >= FEWEST else np.zeros(3)
     if np.linalg.norm(out) < 1e-3 * max(1, inner.sum()):
         apex = outer[np.argmax(np.linalg.norm(outer - middle, axis=1))]
         return _unit(middle - apex)
@@ -111,7 +123,7 @@ def _wall(samples: SurfaceSamples, epicardium: NDArray[np.int64]) -> FloatArray:
     """Thickness of the wall below each epicardial sample, mm; even over its surroundings."""
     inner = samples.points[~samples.outer]
     points = samples.points[epicardium]
-    if len(inner) < _FEWEST * len(samples.points):
+    if len(inner) < FEWEST * len(samples.points):
         return np.ones(len(points))
     thick = cKDTree(inner).query(points)[0]
     near = cKDTree(points).query(points, min(40, len(points)))[1]

@@ -18,6 +18,7 @@ from design.anatomy.trunk_lines import lines_of
 from design.errors import GrowthError
 from design.network import VesselKind
 from design.tissue import Demand, Tissue, function_demand
+from design.vasculature.growth.parts import check_inlet
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.options import GrowthOptions
 
@@ -77,6 +78,7 @@ def grow_kidney(
         raise GrowthError(f"{options.terminals} terminals are too few for a kidney; ask for 24")
     samples = sample_surface(tissue, _SAMPLES, options.seed)
     volume, _ = demand_points(tissue, _VOLUME, options.seed)
+    check_inlet(tissue, "hilum", anatomy.hilum_mm)
     entry = None if anatomy.hilum_mm is None else np.array(anatomy.hilum_mm)
     places = find_kidney_places(tissue, samples, volume, entry, anatomy.cortex_mm)
     tissue = replace(tissue, demand=_demand(tissue, places, anatomy.cortex_demand))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.anatomy.openness import SurfaceSamples
+from design.errors import TissueError
 from design.tissue import Tissue
 
 FloatArray = NDArray[np.float64]
@@ -70,11 +71,24 @@ def find_kidney_places(
         Points all over the tissue.
     entry : (3,) float64, mm, optional
         Near where the vessels enter; else the middle of the sinus.
+
+    Raises
+    ------
+    TissueError
+        Where the surface is as open everywhere, and no entry is given.
     """
     least = float(np.quantile(samples.openness, _SINUS))
     inner = samples.openness <= max(min(0.5, 0.97 * samples.openness.max()), least)
     if inner.mean() > 0.5:
         inner = samples.openness <= least
+    if inner.mean() > 0.5:
+        if entry is None:
+            raise TissueError(
+                "no hilum is found: the surface is as open everywhere; give the place where the "
+                "vessels enter (anatomy: {inlets: {hilum: {at_mm: [x, y, z]}}})"
+            )
+        away = np.linalg.norm(samples.points - entry, axis=1)
+        inner = away <= np.quantile(away, _SINUS)
     capsule = samples.points[~inner]
     middle = samples.points[inner].mean(axis=0)
     target = middle if entry is None else entry

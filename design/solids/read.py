@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -67,7 +66,13 @@ def read_solid(path: Path, unit: LengthUnit | None, *, for_sections: bool = Fals
         faces = np.arange(3 * len(corners)).reshape(-1, 3)
         return _solid(corners.reshape(-1, 3), faces, path, for_sections)
     mesh = load_mesh(path)
-    stated = _UNIT_NAMES.get(str(mesh.units)) if path.suffix.lower() == ".3mf" else None
+    said = str(mesh.units) if path.suffix.lower() == ".3mf" and mesh.units else ""
+    stated = _UNIT_NAMES.get(said)
+    if said and stated is None:
+        raise SolidError(
+            f"{path}: the file's unit is {said}, which isn't read; export it in one of "
+            f"{', '.join(_UNIT_NAMES)}"
+        )
     if unit is None and stated is None:
         raise SolidError(f"{path}: the file doesn't say its unit; give one of {', '.join(MM_PER)}")
     if unit is not None and stated not in (None, unit):
@@ -115,12 +120,22 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
     with path.open("rb") as handle:
         try:
             mesh = trimesh.load_mesh(handle, file_type=kind[1:], process=False)
-        except (ValueError, KeyError, IndexError, TypeError, zipfile.BadZipFile) as exc:
-            raise SolidError(f"{path}: not a readable {kind[1:].upper()} file ({exc})") from exc
+        except (OSError, MemoryError):
+            raise
+        except Exception as exc:  # trimesh and lxml raise what they like for a damaged file
+            name = type(exc).__name__
+            raise SolidError(
+                f"{path}: not a readable {kind[1:].upper()} file ({name}: {exc})"
+            ) from exc
     if isinstance(mesh, trimesh.Scene):
         mesh = mesh.to_mesh()
     if len(mesh.faces) == 0:
         raise SolidError(f"{path}: no triangles in the file; export the surface again")
+    if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
+        raise SolidError(
+            f"{path}: a triangle names a corner that isn't there (of {len(mesh.vertices)}); export "
+            "the surface again"
+        )
     return _merged(mesh)
 
 

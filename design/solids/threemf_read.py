@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 _MODEL: Final = "3D/3dmodel.model"
-_OTHER: Final = (b"<components", b"transform=", b"<!--", b"<![CDATA[")
+_OTHER: Final = (
+    b"<components",
+    b"transform=",
+    b"<!--",
+    b"<![CDATA[",
+    b"requiredextensions=",
+    b'type="s',  # a support, or a surface
+)
 """What asks for a whole reader."""
 _NUMBERS: Final = b"0123456789.+-eE \t\r\n"
 _VERTEX: Final = (b'<vertex x="', b'" y="', b'" z="', b'"/>')
@@ -38,7 +45,9 @@ def read_plain_3mf(
     except (zipfile.BadZipFile, KeyError, EOFError, NotImplementedError):
         return None
     begin = re.search(rb"<model\b[^>]*>", model)
-    if begin is None or model.count(b"<object ") != 1 or any(mark in model for mark in _OTHER):
+    whole = begin is not None and model.rstrip().endswith(b"</model>")
+    single = model.count(b"<object ") == 1 and model.count(b"<item ") == 1
+    if begin is None or not whole or not single or any(mark in model for mark in _OTHER):
         return None
     vertices = _numbers(model, b"vertices", _VERTEX)
     faces = _numbers(model, b"triangles", _TRIANGLE)

@@ -24,15 +24,29 @@ _MARKS: Final = (
 
 
 def read_case(path: Path) -> dict[str, Any] | None:
-    """Return the JSON of an input file of svZeroDSolver; None for any other file."""
+    """Return the JSON of an input file of svZeroDSolver; None for any other file.
+
+    Raises
+    ------
+    FlowError
+        As `parse_json`.
+    OSError
+        When it can't be read.
+    """
     if path.suffix.lower() != ".json" or not path.is_file():
         return None
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError:
+        text = path.read_text(encoding="utf-8")
+        data = json.loads(text)
+    except (ValueError, RecursionError):
         return None
-    known = isinstance(data, dict) and any(marks <= set(data) for marks in _MARKS)
-    return data if known else None
+    if not isinstance(data, dict) or not any(marks <= set(data) for marks in _MARKS):
+        return None
+    try:
+        found: dict[str, Any] = svzerod.parse_json(text)
+    except FlowError as exc:
+        raise FlowError(f"{path}: {exc}") from exc
+    return found
 
 
 def run_case(context: typer.Context, data: dict[str, Any], path: Path, out: Path) -> FlowOutput:

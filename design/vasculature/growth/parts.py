@@ -23,6 +23,9 @@ from design.vasculature.tree import VesselTree
 FloatArray = NDArray[np.float64]
 Place = tuple[float, float, float]
 
+_FAR = 0.1
+"""Of the tissue's largest extent: how far from its surface an inlet may be given."""
+
 
 @dataclass(frozen=True)
 class Inlet:
@@ -70,7 +73,8 @@ def grow_parts(tissue: Tissue, options: GrowthOptions, inlets: Sequence[Inlet] =
     Raises
     ------
     TissueError
-        When a part is left without an inlet, or no vessel fits in it, naming it by size and place.
+        When a part is left without an inlet, no vessel fits in it, or an inlet is far off; by name,
+        size and place.
     GrowthError
         As `grow_tree`; when there are fewer terminals than inlets; and for options that only one
         tree takes (stages, a root searched for) where there are several.
@@ -92,6 +96,26 @@ def grow_parts(tissue: Tissue, options: GrowthOptions, inlets: Sequence[Inlet] =
     supply, told = check_supply(tissue, ends, flow)
     notes = [note for tree in trees for note in tree.notes]
     return GrownParts(tuple(trees), supply, (*notes, *told))
+
+
+def check_inlet(tissue: Tissue, name: str, place: Place | None) -> None:
+    """Refuse a place that is far from the tissue's surface; None is taken.
+
+    Raises
+    ------
+    TissueError
+        When it is farther away than a tenth of the tissue's largest extent.
+    """
+    if place is None:
+        return
+    tree = build_triangle_tree(tissue.surface.vertices, tissue.surface.faces)
+    most = _FAR * float(np.ptp(tissue.bounds, axis=0).max())
+    away = float(nearest_distance(tree, *place, np.inf))
+    if away > most:
+        raise TissueError(
+            f"{name} at {place} mm is {away:.3g} mm from the tissue's surface (limit {most:.3g}, a "
+            "tenth of its extent); give a place on the surface"
+        )
 
 
 def terminals_of(trees: Sequence[VesselTree]) -> tuple[FloatArray, FloatArray]:
@@ -119,7 +143,8 @@ def _roots(
         raise GrowthError("give either inlets or a root, and not both")
     found: list[list[GrowthOptions]] = [[] for _ in parts]
     bare = replace(options, root_point_mm=None, root_direction=None)
-    for inlet in inlets:
+    for number, inlet in enumerate(inlets, 1):
+        check_inlet(tissue, f"inlet {number}", inlet.point_mm)
         own = replace(bare, root_point_mm=inlet.point_mm, root_direction=inlet.direction)
         found[_nearest_part(tissue, parts, inlet.point_mm)].append(own)
     if inlets:

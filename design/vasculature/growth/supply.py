@@ -132,9 +132,10 @@ def no_way(missed: Sequence[Unreached], most: int = 3) -> str:
     said = ", ".join(map(str, missed[:most]))
     more = f" and {len(missed) - most} more" if len(missed) > most else ""
     return (
-        f"vessels don't reach all of the tissue: none ends in {said}{more}. The way there is too "
-        "narrow for them: ask for thinner vessels, take that place out of the mesh, or give it an "
-        "inlet of its own (inlets, with grow: tree and without a template)"
+        f"vessels don't reach all of the tissue: none ends in {said}{more}. The way there may be "
+        "too narrow for them, or taken by others: ask for thinner vessels or a smaller clearance, "
+        "take that place out of the mesh, or give it an inlet of its own (inlets, with grow: tree "
+        "and without a template)"
     )
 
 

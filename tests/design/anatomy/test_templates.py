@@ -4,12 +4,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+import trimesh
 
 from design.anatomy.grown import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.network import curved_network
-from design.errors import GrowthError
+from design.errors import GrowthError, TissueError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.tissue import Tissue, biventricle, tissue_from_surface
 from design.vasculature import GrowthOptions
@@ -148,3 +149,31 @@ def test_same_seed_same_bytes():
 def test_too_few_terminals_are_refused():
     with pytest.raises(GrowthError, match="too few"):
         grow_heart(heart_tissue(), GrowthOptions(terminals=12))
+
+
+@pytest.mark.parametrize(
+    ("anatomy", "why"),
+    [
+        (HeartAnatomy(left_ostium_mm=(900.0, 0.0, 0.0)), "mm from the tissue's surface"),
+        (
+            HeartAnatomy(left_ostium_mm=(10.0, 18.0, 57.0), right_ostium_mm=(10.0, 18.0, 57.0)),
+            "no place of its own",
+        ),
+        (HeartAnatomy(base=(0.0, 0.0, 2.0), right=(0.0, 0.0, 1.0)), "direction of its base"),
+    ],
+)
+def test_places_that_a_heart_cant_have_are_refused(anatomy, why):
+    with pytest.raises((GrowthError, TissueError), match=why):
+        grow_heart(heart_tissue(), HEART, anatomy)
+
+
+def ball() -> Tissue:
+    found = trimesh.creation.icosphere(4, 15.0)
+    return tissue_from_surface(found.vertices, found.faces)
+
+
+def test_a_ball_has_no_hilum_and_its_base_is_called_a_guess():
+    with pytest.raises(TissueError, match="no hilum is found"):
+        grow_kidney(ball(), KIDNEY)
+    found = grow_heart(ball(), HEART, HeartAnatomy(trunk_ends=40))
+    assert any("guesses" in note for note in found.notes)

@@ -141,6 +141,8 @@ IN, OUT, VESSEL = ("boundary_conditions", 0), ("boundary_conditions", 1), ("vess
         ((*VESSEL, "boundary_conditions", "outlet"), "X", "'X', which isn't given"),
         ((*VESSEL, "boundary_conditions"), {"inlet": "IN"}, "1 inlets and 0 outlets"),
         ((*VESSEL, "vessel_id"), None, "branch0_seg0: vessel_id"),
+        ((*VESSEL, "vessel_name"), "a,b", "vessel_name is 'a,b'; a name has no comma"),
+        ((*VESSEL, "zero_d_element_values", "L"), 10**400, "L is .*; write a finite number"),
         ((*VESSEL, "vessel_name"), 3, r"vessels\[0\]: vessel_name is 3"),
         ((*VESSEL, "color"), 3, r"vessels\[0\] has the key 'color'"),
         ((*OUT, "bc_type"), "ClosedLoopRCR", "OUT: bc_type is 'ClosedLoopRCR'"),
@@ -175,6 +177,19 @@ def test_what_isnt_modelled_is_refused_by_key_and_place(
     file.write_text(json.dumps(_changed(path, value)))
     with pytest.raises(FlowError, match=words):
         run_svzerod(read_svzerod(file))
+
+
+@pytest.mark.parametrize(
+    ("said", "why"),
+    [('{"vessels": [], "vessels": []}', "'vessels' stands twice"), ("[" * 100_000, "JSON")],
+)
+def test_a_key_given_twice_and_endless_lists_are_refused(
+    tmp_path: Path, said: str, why: str
+) -> None:
+    file = tmp_path / "case.json"
+    file.write_text(said)
+    with pytest.raises(FlowError, match=why):
+        read_svzerod(file)
 
 
 def test_a_network_without_pressure_and_a_stenosis_without_bounds_are_errors() -> None:

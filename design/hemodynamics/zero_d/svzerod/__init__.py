@@ -10,6 +10,7 @@ from design.on_demand import on_demand
 
 if TYPE_CHECKING:
     from design.hemodynamics.zero_d.svzerod.case import SvZeroDCase
+    from design.hemodynamics.zero_d.svzerod.keys import parse_json
     from design.hemodynamics.zero_d.svzerod.read import case_of, read_svzerod
     from design.hemodynamics.zero_d.svzerod.results import (
         ResultTable,
@@ -25,6 +26,7 @@ __all__ = [
     "SvZeroDCase",
     "SvZeroDRun",
     "case_of",
+    "parse_json",
     "read_svzerod",
     "result_table",
     "run_svzerod",

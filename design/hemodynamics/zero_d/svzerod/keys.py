@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Set
 from typing import Any
@@ -10,6 +11,31 @@ import numpy as np
 
 from design.errors import FlowError
 from design.network import FloatArray
+
+
+def parse_json(text: str) -> Any:
+    """Return what JSON says.
+
+    Raises
+    ------
+    FlowError
+        When it isn't JSON, is nested too deeply, or gives a key twice, of which one would be lost.
+    """
+    try:
+        return json.loads(text, object_pairs_hook=_once)
+    except FlowError:  # which is a ValueError too
+        raise
+    except (ValueError, RecursionError) as exc:
+        raise FlowError(f"not readable as JSON: {exc}") from exc
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise FlowError(f"the key {twice!r} stands twice in one object; leave one out")
+    return found
 
 
 def check_keys(data: Any, place: str, known: Set[str]) -> Mapping[str, Any]:
@@ -56,6 +82,11 @@ def text(data: Mapping[str, Any], key: str, place: str) -> str:
     value = data.get(key)
     if not isinstance(value, str) or not value:
         raise FlowError(f"{place}: {key} is {_short(value)}; write a name")
+    if not value.isprintable() or set(value) & set(',"'):
+        raise FlowError(
+            f"{place}: {key} is {_short(value)}; a name has no comma, quotation mark or line "
+            "break, which would break the table of results"
+        )
     return value
 
 
@@ -74,9 +105,15 @@ def number(data: Mapping[str, Any], key: str, place: str, default: float | None 
         return value
     if isinstance(value, list):
         raise FlowError(f"{place}: {key} changes over time, which isn't modelled; write a number")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float):
         raise FlowError(f"{place}: {key} is {_short(value)}; write a number")
-    return float(value)
+    try:
+        found = float(value)
+    except OverflowError:  # an integer of hundreds of digits
+        found = math.inf
+    if not math.isfinite(found):
+        raise FlowError(f"{place}: {key} is {_short(value)}; write a finite number")
+    return found
 
 
 def whole(

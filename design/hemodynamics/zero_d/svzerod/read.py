@@ -7,7 +7,6 @@ coupled to another solver are refused.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -27,6 +26,7 @@ from design.hemodynamics.zero_d.svzerod.keys import (
     entries,
     number,
     numbers,
+    parse_json,
     text,
 )
 from design.hemodynamics.zero_d.svzerod.options import PLACE, options_of
@@ -69,11 +69,9 @@ def read_svzerod(path: Path) -> SvZeroDCase:
         When it can't be read.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as exc:
-        raise FlowError(f"{path} isn't JSON: {exc}") from exc
-    try:
-        return case_of(data)
+        return case_of(parse_json(path.read_text(encoding="utf-8")))
+    except UnicodeDecodeError as exc:
+        raise FlowError(f"{path} isn't text in UTF-8: {exc}") from exc
     except FlowError as exc:
         raise FlowError(f"{path}: {exc}") from exc
 
