@@ -19,7 +19,6 @@ from design.vasculature import (
     GrownParts,
     GrowthOptions,
     Inlet,
-    LoopOptions,
     PartSupply,
     RootSpec,
     VesselTree,
@@ -34,7 +33,7 @@ from design.vasculature import (
 from design.vasculature.polish import PolishOptions, polish
 from printctl.errors import RecipeError
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.growth_source import growth_options, read_trunk
+from printctl.pipeline.growth_source import growth_options, loop_options, read_trunk
 from printctl.pipeline.printability import printability
 from printctl.recipe.anatomy import AnatomyPart
 from printctl.recipe.growth import ClosedLoop, GrownNetwork
@@ -154,16 +153,18 @@ def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> tuple[ClosedLoop
         for name, tree in (("artery", arterial), ("vein", venous))
         for note in check_supply(tissue, *terminals_of([tree]))[1]
     ]
-    thinnest = part.smallest_diameter_mm / 2 if part.smallest_diameter_mm else None
-    joined = LoopOptions(seed=seed, clearance_mm=part.clearance_mm, smallest_radius_mm=thinnest)
-    closed = close_loops(tissue, arterial, venous, joined)
+    closed = close_loops(tissue, arterial, venous, loop_options(part, seed))
+    return rebalanced(closed, artery, artery.flow_ul_s(tissue.volume_mm3)), tuple(notes)
+
+
+def rebalanced(closed: ClosedLoops, options: GrowthOptions, flow_ul_s: float) -> ClosedLoops:
+    """Equal flows again where terminals were pruned, by narrowing alone."""
     if not closed.pruned:
-        return closed, tuple(notes)
-    conditions = FlowConditions(
-        artery.viscosity_pa_s, inlet_flow_ul_s=artery.flow_ul_s(tissue.volume_mm3)
-    )
-    narrowed = balance(closed.network, conditions, widen=False, smallest_radius_mm=thinnest or 0.0)
-    return replace(closed, network=narrowed), tuple(notes)
+        return closed
+    conditions = FlowConditions(options.viscosity_pa_s, inlet_flow_ul_s=flow_ul_s)
+    thinnest = options.smallest_radius_mm or 0.0
+    narrowed = balance(closed.network, conditions, widen=False, smallest_radius_mm=thinnest)
+    return replace(closed, network=narrowed)
 
 
 def loops_report(closed: ClosedLoops) -> dict[str, int]:
@@ -181,7 +182,7 @@ def polish_options(part: GrownNetwork, seed: int) -> PolishOptions:
     return PolishOptions(
         seed=seed,
         clearance_mm=part.clearance_mm,
-        clearance_ratio=GrowthOptions.clearance_ratio,
+        clearance_ratio=part.clearance_ratio,
         length_to_radius=part.length_to_radius,
         branch_angle_degrees=part.branch_angle_degrees,
         turn_angle_degrees=part.turn_angle_degrees,
