@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from printctl.errors import SafetyError
+from printctl.pipeline.collect import collect
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.facts import run_facts
 from printctl.pipeline.plate.cut import cut_stage
@@ -26,7 +27,7 @@ def design_plate(whole: RunContext) -> dict[str, Any]:
     """Design every variant in its own folder; give the plate and the first one's numbers."""
     run = _begin(whole)
     first = next(iter(run.runs.values()))
-    return {**report.collect(first), "wells": collect_plate(run, {})["wells"]}
+    return {**collect(first), "wells": collect_plate(run, {})["wells"]}
 
 
 def toolpath_plate(whole: RunContext) -> dict[str, Any]:
