@@ -138,7 +138,7 @@ def _pair(
             if length < _BEYOND_HALF_BALL * run.radius[end]:
                 return None
     sewing = _sewn(layout, extended)
-    swapped = with_other_tubes(layout, sewing, others, ("round", "round"))
+    swapped = with_other_tubes(layout, sewing, others)
     if swapped is None:
         return None
     made = []

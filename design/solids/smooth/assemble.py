@@ -125,7 +125,7 @@ def _fits(faces: FaceArray, ring_of: NDArray[np.int64], count: int) -> bool:
     tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     size = int(faces.max(initial=0)) + 1
     edges, back = tail * size + head, head * size + tail
-    rim = edges[~np.isin(edges, back)]
+    rim = np.setdiff1d(edges, back, assume_unique=True)
     if len(rim) != count:
         return False
     begin, end = rim // size, rim % size

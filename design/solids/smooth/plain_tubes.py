@@ -88,9 +88,9 @@ def trimmed(layout: Layout, index: int, run: Chain) -> Chain:
 
 
 def with_other_tubes(
-    layout: Layout, sewing: Sewing, others: Mapping[int, Chain], shape: Shape
+    layout: Layout, sewing: Sewing, others: Mapping[int, Chain]
 ) -> tuple[FloatArray, FaceArray] | None:
-    """The surface with the tubes of some runs swapped; None where one can't be.
+    """The surface with the tubes of some runs swapped, round at free ends; None where one can't be.
 
     Parameters
     ----------
@@ -98,8 +98,6 @@ def with_other_tubes(
     sewing : Sewing
     others : mapping of run to Chain
         The same run with its free ends elsewhere.
-    shape : pair of "flat" or "round"
-        Of these free ends.
     """
     vertices, faces = sewing.surface()
     meshes, kept, count = [vertices], np.ones(len(faces), np.bool_), len(vertices)
@@ -109,8 +107,9 @@ def with_other_tubes(
         if layout.swallowed[index]:
             return None
         facets, part = layout.facets[index], trimmed(layout, index, run)
-        points, triangles = tube_mesh(part.points, part.radius, facets, shape)
         opened = [(index, end) in joined for end in (0, 1)]
+        head, tail = ("flat" if is_open else "round" for is_open in opened)
+        points, triangles = tube_mesh(part.points, part.radius, facets, (head, tail))
         own, rings = _opened(triangles, len(points), facets, opened)
         number = count + np.arange(len(points))
         for end, ring in rings.items():

@@ -22,7 +22,8 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     report(0.6, "writing")
     names, steps = write_solids(context, built)
     report(0.8, "reading back")
-    checks = validate_files([context.folder / name for name in names if checkable(name)])
+    made = [built.lumen, built.construct]
+    checks = validate_files([context.folder / name for name in names if checkable(name)], made)
     for check in checks.values():
         check.require_valid()
         if check.crossing_faces:
