@@ -24,6 +24,9 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
 
 
 def _work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
+    heavy = context.recipe.solid.heavy_facets(context.network.vessel_count)
+    if heavy:
+        context.bars.remark("solid", heavy)
     built = built_solids(context)
     report(0.6, "writing")
     names, steps = write_solids(context, built)
