@@ -1,4 +1,4 @@
-"""A scanned organ's solids by `printctl design`: CPU, memory, and the files checked from outside."""
+"""A scanned organ's solids by `printctl design`: CPU, memory, files checked from outside."""
 
 from __future__ import annotations
 
