@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -109,17 +111,14 @@ def lumen_pair(
     """
     _check(extend_ends_mm, FACET_TOLERANCE_MM, fillet_ratio)
     extended = extended_ends(network, extend_ends_mm, extend_nodes)
-    how = {"facet_ratio": facet_ratio, "fillet_ratio": fillet_ratio}
+    alone = partial(lumen_solid, network, facet_ratio=facet_ratio, fillet_ratio=fillet_ratio)
     if not extended:
-        solid = lumen_solid(network, **how)
+        solid = alone()
         return solid, solid
     pair = _pair(network, extended, facet_ratio, fillet_ratio)
     if pair is not None:
         return pair
-    drawn_out = lumen_solid(
-        network, extend_ends_mm=extend_ends_mm, extend_nodes=extend_nodes, **how
-    )
-    return lumen_solid(network, **how), drawn_out
+    return alone(), alone(extend_ends_mm=extend_ends_mm, extend_nodes=extend_nodes)
 
 
 def _pair(

@@ -9,7 +9,6 @@ from typing import Any
 
 from rich.console import Console
 
-from printctl.pipeline.collect import collect
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.design_stages import DESIGN
 from printctl.pipeline.facts import run_facts
@@ -17,6 +16,7 @@ from printctl.pipeline.lock import run_lock
 from printctl.pipeline.names import DESIGN_NAMES, names_until
 from printctl.pipeline.run_options import RunOptions
 from printctl.pipeline.stage import Stage, run_stages
+from printctl.pipeline.stages.collect import collect
 from printctl.progress import StageBars
 from printctl.recipe import Recipe
 from printctl.run_folder.manifest import Manifest

@@ -9,14 +9,15 @@ from typing import Any
 from rich.console import Console
 
 from printctl.errors import UsageError
-from printctl.pipeline.collect import collect
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.design_run import begun_run, run_all
+from printctl.pipeline.design_stages import DESIGN
 from printctl.pipeline.plate.run import design_plate, run_plate, toolpath_plate
 from printctl.pipeline.run_options import RunOptions
-from printctl.pipeline.sequences import DESIGN, TOOLPATH, WHOLE, in_order, stages_until
+from printctl.pipeline.sequences import TOOLPATH, WHOLE, in_order, stages_until
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import report
+from printctl.pipeline.stages.collect import collect
 from printctl.recipe import Recipe
 
 

@@ -108,8 +108,8 @@ def with_other_tubes(
             return None
         facets, part = layout.facets[index], trimmed(layout, index, run)
         opened = [(index, end) in joined for end in (0, 1)]
-        head, tail = ("flat" if is_open else "round" for is_open in opened)
-        points, triangles = tube_mesh(part.points, part.radius, facets, (head, tail))
+        ends: list[EndShape] = ["flat" if is_open else "round" for is_open in opened]
+        points, triangles = tube_mesh(part.points, part.radius, facets, (ends[0], ends[1]))
         own, rings = _opened(triangles, len(points), facets, opened)
         number = count + np.arange(len(points))
         for end, ring in rings.items():

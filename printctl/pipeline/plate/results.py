@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from design.files import write_bytes, write_text
-from printctl.pipeline.collect import collect
 from printctl.pipeline.plate.wells import WELLS, PlateRun
+from printctl.pipeline.stages.collect import collect
 from printctl.run_folder.artefacts import HTML, JSON, PLATE_PICTURE, PLATE_TABLE
 from registration.report.plate_figure import plate_figure
 from registration.report.plate_page import write_plate_html

@@ -15,10 +15,10 @@ from printctl.flow.lattice_comparison import PICTURE
 from printctl.gcode_view import Pushing
 from printctl.link.print_identity import print_identity
 from printctl.oxygen import CAPTION, SLICE
-from printctl.pipeline.collect import collect
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.layer_pictures import layer_pictures
 from printctl.pipeline.outlines import outlined_design
+from printctl.pipeline.stages.collect import collect
 from printctl.pipeline.stages.printing import JOURNAL_FOLDER
 from printctl.pipeline.verdict import verdict
 from printctl.recipe.making import Fresh
