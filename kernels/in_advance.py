@@ -64,16 +64,16 @@ def compiling(
 
     Yields how many of ``rows`` couldn't be compiled. Those are left to their first call, which
     compiles them or says what is wrong. A call of a kernel of ``beside`` waits for it. What isn't
-    begun when the caller has ended isn't compiled.
+    done when the caller has ended isn't compiled.
     """
     # Spawned: a fork of a process with numba's threads may hang.
     spawn = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(processes(), spawn, initializer=_begin)
+    others = set(multiprocessing.active_children())
+    waiting = [pool.submit(_compiled, one.kernel, one.takes, one.entry) for one in (*rows, *beside)]
+    workers = set(multiprocessing.active_children()) - others
+    first, later = waiting[: len(rows)], waiting[len(rows) :]
     try:
-        first, later = (
-            [pool.submit(_compiled, one.kernel, one.takes, one.entry) for one in part]
-            for part in (rows, beside)
-        )
         expect(beside, later)
         failed = len(rows)
         with suppress(BrokenProcessPool):
@@ -86,6 +86,10 @@ def compiling(
             _mark_as_checked(beside)
     finally:
         expect_no_more()
+        if not all(one.done() for one in waiting):
+            # They ignore Ctrl-C, and a kernel takes seconds.
+            for worker in workers:
+                worker.terminate()
         pool.shutdown(cancel_futures=True)
 
 

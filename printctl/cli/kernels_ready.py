@@ -43,11 +43,12 @@ def have_kernels(*works: str, listener: Listener | None = None) -> None:
 def kernels_for_a_run(*works: str, listener: Listener | None = None) -> Iterator[None]:
     """Do the same, and compile what only registration needs while the stages before it run."""
     rows = _missing(works)
-    late = [one for one in rows if one.kernel.startswith(_NEEDED_LATE)]
     if not rows:
         yield
         return
-    with _compiling([one for one in rows if one not in late], late, listener):
+    soon = [one for one in rows if not one.kernel.startswith(_NEEDED_LATE)]
+    late = [one for one in rows if one not in soon] if soon else []
+    with _compiling(soon or rows, late, listener):
         yield
 
 
