@@ -1,0 +1,111 @@
+"""Laws of blocks that are nonlinear or change with time, by the blocks' own variables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from design.hemodynamics.zero_d.svzerod.nonlinear import Added, Moment
+from design.hemodynamics.zero_d.svzerod.stamps import Group
+from design.network import FloatArray, IntArray
+
+Places = Mapping[tuple[int, int], FloatArray]
+
+
+@dataclass(frozen=True)
+class Local:
+    """State of blocks of one kind.
+
+    Attributes
+    ----------
+    time, period : float
+    y, rate : (k, m) float64
+        Of each of a block's variables, in `Group`'s order.
+    activation : (m,) float64
+        Of chambers; empty for other kinds.
+    """
+
+    time: float
+    period: float
+    y: FloatArray
+    rate: FloatArray
+    activation: FloatArray
+
+
+@dataclass(frozen=True)
+class Response:
+    """What a law adds, each (m,).
+
+    Attributes
+    ----------
+    values : mapping of int
+        By equation.
+    by_state, by_rate : mapping of (int, int)
+        Derivatives, by equation and variable.
+    shut : mapping of int to (m,) bool
+        Flows that closed valves hold at 0, by variable.
+    """
+
+    values: Mapping[int, FloatArray]
+    by_state: Places
+    by_rate: Places = field(default_factory=dict)
+    shut: Mapping[int, FloatArray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Law:
+    """Term of the equations that follows from the blocks' own variables."""
+
+    smooth: ClassVar[bool] = False
+    group: Group
+    response: Callable[[Local], Response]
+
+    def at(self, moment: Moment) -> Added:
+        """Return value and derivatives."""
+        own = self.group.variables.T
+        active = np.array([a(moment.time) for a in self.group.activations])
+        found = self.response(
+            Local(moment.time, moment.period, moment.state[own], moment.rates[own], active)
+        )
+        equations = self.group.equations.T
+        keys = list(dict.fromkeys((*found.by_state, *found.by_rate)))
+        none = np.zeros(own.shape[1])
+        return Added(
+            rows=equations[list(found.values)].ravel(),
+            value=np.concatenate(list(found.values.values())),
+            entries=(
+                equations[[row for row, _ in keys]].ravel(),
+                own[[variable for _, variable in keys]].ravel(),
+            ),
+            by_state=np.concatenate([found.by_state.get(key, none) for key in keys]),
+            by_rate=np.concatenate([found.by_rate.get(key, none) for key in keys]),
+            shut=_shut(own, found.shut),
+        )
+
+
+def _shut(own: IntArray, closed: Mapping[int, FloatArray]) -> IntArray:
+    if not closed:
+        return np.zeros(0, dtype=np.int64)
+    return np.concatenate([own[variable][on.astype(bool)] for variable, on in closed.items()])
+
+
+@dataclass(frozen=True)
+class Coupled:
+    """A variable of another block, times a factor, in an equation: -factor P.
+
+    The derivative is left out, as in svZeroDSolver: iterations go the same way.
+    """
+
+    smooth: ClassVar[bool] = False
+    rows: IntArray
+    factor: FloatArray
+    variable: int
+
+    def at(self, moment: Moment) -> Added:
+        """Return the value."""
+        none = np.zeros(0, dtype=np.int64)
+        value = -self.factor * moment.state[self.variable]
+        return Added(self.rows, value, (none, none), np.zeros(0), np.zeros(0))
