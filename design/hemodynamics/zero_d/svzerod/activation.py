@@ -48,7 +48,9 @@ def activation_of(data: Any, place: str, period: float | None) -> Activation:
     needed, make = _KINDS[kind]
     check_keys(data, place, frozenset(("type", *needed)))
     if period is None:
-        raise FlowError(f"{place} needs a cycle's length; give simulation_parameters cardiac_period")
+        raise FlowError(
+            f"{place} needs a cycle's length; give simulation_parameters cardiac_period"
+        )
     return make(period, *(_positive(data, key, place) for key in needed))
 
 

@@ -114,9 +114,7 @@ class Blocks:
         return Block(name, found.kind, read, table, into, out, element.written, active)
 
 
-def _scalars(
-    given: Mapping[str, Any], element: Element, place: str, *_: int
-) -> FloatArray:
+def _scalars(given: Mapping[str, Any], element: Element, place: str, *_: int) -> FloatArray:
     found = {key: number(given, key, place) for key in element.needed}
     found |= {k: number(given, k, place, default) for k, default in element.optional.items()}
     for key, value in found.items():

@@ -1,6 +1,6 @@
 """Heart chambers and valves of svZeroDSolver's input: their equations.
 
-Variables are pressure and flow at the inlet, then at the outlet, then the element's own (`elements`).
+Variables are pressure and flow at the inlet, at the outlet, then the element's own (`elements`).
 As in svZeroDSolver's documentation:
 
 * LinearElastanceChamber (Regazzoni et al. 2022, doi 10.1016/j.jcp.2022.111083): P = E (V - V_rest),
@@ -18,6 +18,7 @@ As in svZeroDSolver's documentation:
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -62,19 +63,20 @@ def exponential_chamber(group: Group, to: Stamps) -> None:
 
 
 def atrium(
-    active: FloatArray, filled: FloatArray, greatest: FloatArray, pressure: FloatArray,
-    volume: FloatArray,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Return the pressure of a chamber that is exponential at rest, and its derivative, (m,) each.
+    active: Any, filled: Any, greatest: Any, pressure: Any, volume: Any, exp: Any = np.exp
+) -> tuple[Any, Any]:
+    """Return the pressure of a chamber that is exponential at rest, and its derivative.
 
     Parameters
     ----------
-    active, filled : (m,) float64
+    active, filled : float or (m,) float64
         Activation; volume above that without pressure.
-    greatest, pressure, volume : (m,) float64
+    greatest, pressure, volume : float or (m,) float64
         Elastance when contracted; K_p and K_v at rest.
+    exp : function
+        `math.exp` for plain numbers.
     """
-    grown = np.exp(volume * filled)
+    grown = exp(volume * filled)
     value = active * greatest * filled + (1.0 - active) * pressure * (grown - 1.0)
     slope = active * greatest + (1.0 - active) * pressure * volume * grown
     return value, slope

@@ -1,24 +1,24 @@
 """Closed loops of svZeroDSolver's input: heart and lungs, Windkessels and coronaries.
 
 After Sankaran et al. 2012 (doi 10.1007/s10439-012-0579-3) and Menon et al. 2023, as svZeroDSolver
-solves it: atria as in `chambers.atrium`, ventricles P = E(t) (V - V_u), each chamber's outflow through
-a resistance and an inertance, the lungs C_p dP/dt = Q_RV - (P - P_LA)/R_pd, the aorta's capacitance at
-the outlet. A valve is closed where neither flow nor pressure drives it forward; its flow counts
-for nothing then, and is 0 after the step.
+solves it: atria as in `chambers.atrium`, ventricles P = E(t) (V - V_u), each chamber's outflow
+through a resistance and an inertance, the lungs C_p dP/dt = Q_RV - (P - P_LA)/R_pd, the aorta's
+capacitance at the outlet. A valve is closed where neither flow nor pressure drives it forward; its
+flow counts for nothing then, and is 0 after the step.
 """
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Final
+import math
+from typing import ClassVar, Final
 
 import numpy as np
 
 from design.hemodynamics.zero_d.svzerod.activation import WrappingCosine, fourier
 from design.hemodynamics.zero_d.svzerod.chambers import atrium
-from design.hemodynamics.zero_d.svzerod.laws import Coupled, Law, Local, Response
+from design.hemodynamics.zero_d.svzerod.laws import Coupled
+from design.hemodynamics.zero_d.svzerod.nonlinear import Added, Moment
 from design.hemodynamics.zero_d.svzerod.stamps import Group, Stamps
-from design.network import FloatArray
 
 HEART: Final = "CLH"
 """Name of the heart in results and initial conditions."""
@@ -40,7 +40,7 @@ _VALVES: Final = (
 )  # fmt: skip
 """Flow, pressure before and behind, resistance and momentum equation of each valve."""
 _FED: Final = {_Q_RA: (2, 5), _Q_RV: (5, 7, 9), _Q_LA: (9, 12), _Q_LV: (12, 1)}
-"""Balances that each valve's flow leaves (the first) and enters."""
+"""Balances that each valve's flow leaves (the first) and enters; the lungs hold no volume."""
 
 
 def heart(group: Group, to: Stamps) -> None:
@@ -60,35 +60,64 @@ def heart(group: Group, to: Stamps) -> None:
     ):
         to.e(row, {flow: values[key]})
         to.f(row, {before: -1.0, behind: 1.0})
-    to.add(Law(group, partial(_heart_law, values)))
+    to.add(Heart(group))
 
 
-def _heart_law(values: dict[str, FloatArray], here: Local) -> Response:
-    shape = zip(values["Tsa"], values["tpwave"], strict=True)
-    active = np.array([WrappingCosine(here.period, a, b)(here.time) for a, b in shape])
-    scale = fourier(float(np.fmod(here.time, here.period)), here.period)
-    value: dict[int, FloatArray] = {}
-    slopes: dict[tuple[int, int], FloatArray] = {}
-    for row, volume, side in ((0, _V_RA, "ra"), (8, _V_LA, "la")):
-        of_side = (values[f"{key}_{side}"] for key in ("Emax", "Kxp", "Kxv"))
-        pressure, slope = atrium(active, here.y[volume] - values[f"Vaso_{side}"], *of_side)
-        value[row], slopes[row, volume] = -pressure, -slope
-    for row, volume, side in ((4, _V_RV, "rv"), (11, _V_LV, "lv")):
-        elastance = scale * values[f"E{side}_s"]
-        value[row] = -elastance * (here.y[volume] - values[f"V{side}_u"])
-        slopes[row, volume] = -elastance
-    shut = {}
-    for flow, before, behind, key, row in _VALVES:
-        closed = (here.y[before] <= here.y[behind]) & (here.y[flow] <= 0.0)
-        shut[flow] = closed
-        through = np.where(closed, 0.0, here.y[flow])
-        is_open = np.where(closed, 0.0, 1.0)
-        value[row], slopes[row, flow] = values[key] * through, values[key] * is_open
-        for place, balance in enumerate(_FED[flow]):
-            sign = 1.0 if place == 0 else -1.0
-            value[balance] = value.get(balance, np.zeros_like(through)) + sign * through
-            slopes[balance, flow] = sign * is_open
-    return Response(value, slopes, shut=shut)
+class Heart:
+    """Chambers and valves of the heart, in plain numbers: there is one, and it is asked often.
+
+    Each of its summands depends on one variable: an atrium's and a ventricle's pressure on the
+    volume, a valve's pressure drop and what it takes from one balance to another on the flow.
+    """
+
+    smooth: ClassVar[bool] = False
+
+    def __init__(self, group: Group) -> None:
+        self.values = dict(zip(PARAMETERS, group.values[0].tolist(), strict=True))
+        self.own = group.variables[0]
+        pressures = ((0, _V_RA), (8, _V_LA), (4, _V_RV), (11, _V_LV))
+        flows = [(row, flow) for flow, _, _, _, row in _VALVES for row in (row, *_FED[flow])]
+        self.rows, self.columns = (
+            array[[pair[k] for pair in (*pressures, *flows)]]
+            for k, array in enumerate((group.equations[0], self.own))
+        )
+        self._beat: tuple[float, float, float] = (np.nan, 0.0, 0.0)
+
+    def at(self, moment: Moment) -> Added:
+        """Return value and derivatives."""
+        if moment.time != self._beat[0]:
+            self._beat = (moment.time, *self._activation(moment))
+        y = moment.state[self.own].tolist()
+        found = [self._atrium(side, y[volume]) for side, volume in (("ra", _V_RA), ("la", _V_LA))]
+        found += [self._ventricle(side, y[v]) for side, v in (("rv", _V_RV), ("lv", _V_LV))]
+        shut = []
+        for flow, before, behind, key, _ in _VALVES:
+            through, is_open = y[flow], 1.0
+            if y[before] <= y[behind] and y[flow] <= 0.0:
+                through, is_open = 0.0, 0.0
+                shut.append(flow)
+            found.append((self.values[key] * through, self.values[key] * is_open))
+            found += [(through, is_open)] + [(-through, -is_open)] * (len(_FED[flow]) - 1)
+        value, slope = np.array(found).T
+        none = np.zeros_like(slope)
+        return Added(self.rows, value, (self.rows, self.columns), slope, none, self.own[shut])
+
+    def _activation(self, moment: Moment) -> tuple[float, float]:
+        atria = WrappingCosine(moment.period, self.values["Tsa"], self.values["tpwave"])
+        scale = fourier(math.fmod(moment.time, moment.period), moment.period)
+        return atria(moment.time), float(scale)
+
+    def _atrium(self, side: str, volume: float) -> tuple[float, float]:
+        of = self.values
+        pressure, slope = atrium(
+            self._beat[1], volume - of[f"Vaso_{side}"], of[f"Emax_{side}"], of[f"Kxp_{side}"],
+            of[f"Kxv_{side}"], math.exp,
+        )  # fmt: skip
+        return -pressure, -slope
+
+    def _ventricle(self, side: str, volume: float) -> tuple[float, float]:
+        elastance = self._beat[2] * self.values[f"E{side}_s"]
+        return -elastance * (volume - self.values[f"V{side}_u"]), -elastance
 
 
 def closed_windkessel(group: Group, to: Stamps) -> None:

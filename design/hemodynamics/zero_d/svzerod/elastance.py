@@ -1,7 +1,7 @@
 """Fourier coefficients of the ventricles' elastance in svZeroDSolver's closed loops.
 
-The numbers are part of what its files mean (Menon et al. 2023, "Predictors of myocardial ischemia in
-patients with Kawasaki disease", after J. Tran's tuning framework):
+The numbers are part of what its files mean (Menon et al. 2023, "Predictors of myocardial ischemia
+in patients with Kawasaki disease", after J. Tran's tuning framework):
 E(t)/E_scale = Σ a_k cos(2πkt/T) - b_k sin(2πkt/T).
 """
 

@@ -45,23 +45,29 @@ class Response:
         By equation.
     by_state, by_rate : mapping of (int, int)
         Derivatives, by equation and variable.
-    shut : mapping of int to (m,) bool
-        Flows that closed valves hold at 0, by variable.
     """
 
     values: Mapping[int, FloatArray]
     by_state: Places
     by_rate: Places = field(default_factory=dict)
-    shut: Mapping[int, FloatArray] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
 class Law:
-    """Term of the equations that follows from the blocks' own variables."""
+    """Term of the equations that follows from the blocks' own variables.
+
+    Parameters
+    ----------
+    response : function
+        Its answer has the same equations and derivatives every time.
+    """
 
     smooth: ClassVar[bool] = False
-    group: Group
-    response: Callable[[Local], Response]
+
+    def __init__(self, group: Group, response: Callable[[Local], Response]) -> None:
+        self.group, self.response = group, response
+        self._none = np.zeros(len(group.values))
+        self._keys: list[tuple[int, int]] = []
+        self._rows = self._row = self._column = np.zeros(0, dtype=np.int64)
 
     def at(self, moment: Moment) -> Added:
         """Return value and derivatives."""
@@ -70,26 +76,22 @@ class Law:
         found = self.response(
             Local(moment.time, moment.period, moment.state[own], moment.rates[own], active)
         )
-        equations = self.group.equations.T
-        keys = list(dict.fromkeys((*found.by_state, *found.by_rate)))
-        none = np.zeros(own.shape[1])
+        if not self._keys:
+            self._place(found)
         return Added(
-            rows=equations[list(found.values)].ravel(),
+            rows=self._rows,
             value=np.concatenate(list(found.values.values())),
-            entries=(
-                equations[[row for row, _ in keys]].ravel(),
-                own[[variable for _, variable in keys]].ravel(),
-            ),
-            by_state=np.concatenate([found.by_state.get(key, none) for key in keys]),
-            by_rate=np.concatenate([found.by_rate.get(key, none) for key in keys]),
-            shut=_shut(own, found.shut),
+            entries=(self._row, self._column),
+            by_state=np.concatenate([found.by_state.get(k, self._none) for k in self._keys]),
+            by_rate=np.concatenate([found.by_rate.get(k, self._none) for k in self._keys]),
         )
 
-
-def _shut(own: IntArray, closed: Mapping[int, FloatArray]) -> IntArray:
-    if not closed:
-        return np.zeros(0, dtype=np.int64)
-    return np.concatenate([own[variable][on.astype(bool)] for variable, on in closed.items()])
+    def _place(self, found: Response) -> None:
+        equations, own = self.group.equations.T, self.group.variables.T
+        self._keys = list(dict.fromkeys((*found.by_state, *found.by_rate)))
+        self._rows = equations[list(found.values)].ravel()
+        self._row = equations[[row for row, _ in self._keys]].ravel()
+        self._column = own[[variable for _, variable in self._keys]].ravel()
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from scipy.linalg.lapack import dgesv
 from scipy.sparse import csc_array, csr_array
 
 from design.errors import FlowError
@@ -66,7 +67,7 @@ class Stepper:
         self._full = bool(self._terms) and count <= _FULL
         if self._full:
             self._e, self._f = system.e.toarray(), system.f.toarray()
-            self._base = self._base.toarray()
+            self._base = np.asfortranarray(self._base.toarray())
         self._sizes = (abs(system.e), abs(system.f)) if self._keeps and self._terms else None
         self._predicted = system.e * (1.0 - self.alpha_m / self.gamma)
         self._factors: Factors | None = None
@@ -128,13 +129,13 @@ class Stepper:
     def _solved(self, added: list[Added], residual: FloatArray) -> FloatArray:
         if not self._full:
             return Factors(self._matrix(added)).solve(residual)
-        matrix = self._base.copy()
+        matrix = self._base.copy(order="F")
         for term in added:
             np.add.at(matrix, term.entries, self._weighted(term.by_rate, term.by_state))
-        try:
-            return np.linalg.solve(matrix, residual)
-        except np.linalg.LinAlgError as exc:
-            raise FlowError(Factors.SINGULAR) from exc
+        _, _, change, failed = dgesv(matrix, residual, overwrite_a=True)
+        if failed:
+            raise FlowError(Factors.SINGULAR)
+        return np.asarray(change)
 
     def _with_kept_factors(
         self, old: State, at: float, sampled: FloatArray, constant: FloatArray

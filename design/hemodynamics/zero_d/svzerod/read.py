@@ -38,8 +38,18 @@ from design.hemodynamics.zero_d.svzerod.wiring import join_conditions, join_junc
 _FOREIGN: Final = ("calibration_parameters", "y", "dy")
 _LISTS: Final = ("vessels", "boundary_conditions", "junctions")
 _KNOWN: Final = frozenset(
-    (*_LISTS, PLACE, "initial_condition", "initial_condition_d", "description", *_FOREIGN,
-     "chambers", "closed_loop_blocks", "external_solver_coupling_blocks", "valves")
+    (
+        *_LISTS,
+        PLACE,
+        "initial_condition",
+        "initial_condition_d",
+        "description",
+        *_FOREIGN,
+        "chambers",
+        "closed_loop_blocks",
+        "external_solver_coupling_blocks",
+        "valves",
+    )
 )
 _OF_VESSEL: Final = frozenset((
     "vessel_id", "vessel_name", "vessel_length", "boundary_conditions", "zero_d_element_type",

@@ -146,7 +146,9 @@ def read_valves(blocks: Blocks, listed: list[Any]) -> list[tuple[str, str, str]]
         name = text(data, "name", f"valves[{k}]")
         place = f"valve {name}"
         given = blocks.add(name, place, VALVES, data, ("type", "params"), _SIDES).given
-        upstream, downstream = (text(given, f"{s}_block", place) for s in ("upstream", "downstream"))
+        upstream, downstream = (
+            text(given, f"{s}_block", place) for s in ("upstream", "downstream")
+        )
         joins += [
             (upstream, name, f"{place}: upstream_block"),
             (name, downstream, f"{place}: downstream_block"),
