@@ -8,6 +8,7 @@ from design.errors import DesignError, GrowthError, RootError, TissueError
 from design.network import VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.deep_roots import deep_roots
+from design.vasculature.growth.regions.large_growth import LargeGrowth, suits_regions
 from design.vasculature.growth.root_search import search_root
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.growth.tree_growth import ROUNDS, TreeGrowth
@@ -140,7 +141,8 @@ def grow_from_root(
     best: DesignError = GrowthError("not tried")
     for attempt in range(attempts):
         spread = spreads[attempt % len(spreads)]
-        growth = TreeGrowth.open(tissue, options, Surroundings(), spread, attempt, trunk)
+        kind = LargeGrowth if suits_regions(options, trunk) else TreeGrowth
+        growth = kind.open(tissue, options, Surroundings(), spread, attempt, trunk)
         try:
             return growth.run()
         except (GrowthError, TissueError) as error:
