@@ -122,7 +122,7 @@ class RegionSampler(Sampler):
         cell = random.integers(len(self.corners), size=tries)
         points = self.corners[cell] + self.edge_mm * random.uniform(size=(tries, 3))
         low, high = self.corners.min(axis=0), self.corners.max(axis=0) + self.edge_mm
-        points = inside(self.tissue.grid.arrays, points, low, high, in_order)
+        points = inside(self.tissue.grid.arrays, points, low, high, True)
         if not (self.dense or self.flows):
             return self.weighed(random, points)
         with _ONE_AT_A_TIME:
