@@ -35,7 +35,7 @@ ROUNDS = 20
 
 _PATIENCE = 20_000
 _CHUNK = 4096
-_TRIES = 0.5
+TRIES = 0.5
 """Points in the tissue sampled at a time, over the terminals there are: few enough that a tree
 grown to them in order is like one grown in random order."""
 
@@ -175,14 +175,18 @@ class TreeGrowth(GrowthState):
     def _more(self) -> Samples:
         """More points to grow to."""
         if self.given is None:
-            tries = _TRIES * self._per_wanted * self.terminals
-            return self._samples(int(np.clip(tries, _CHUNK, 1 << 21)))
+            return self._samples(self._tries())
         missing = self._missing(self.given)
         if len(missing) == self.unreached:
             # A whole pass reached none of them.
             return self._made_way(self.given, missing)
         self.unreached = len(missing)
         return self.given.samples(self.random.permutation(missing))
+
+    def _tries(self) -> int:
+        """Points to draw at a time."""
+        tries = TRIES * self._per_wanted * self.terminals
+        return int(np.clip(tries, _CHUNK, 1 << 21))
 
     def _made_way(self, given: GivenPoints, missing: NDArray[np.int64]) -> Samples:
         """Take away what lies nearest to points that can't be reached, and put these first."""

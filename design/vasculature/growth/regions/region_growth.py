@@ -18,7 +18,6 @@ from design.vasculature.growth.regions.cells import RegionSampler
 from design.vasculature.growth.regions.job import RegionJob, box_of
 from design.vasculature.growth.state import SEGMENT, Segments, refresh
 from design.vasculature.growth.step import (
-    CANDIDATES,
     GROWTH_POWER,
     PROGRESS,
     REBUILD,
@@ -26,13 +25,17 @@ from design.vasculature.growth.step import (
     derive_radii,
 )
 from design.vasculature.growth.surroundings import Surroundings
-from design.vasculature.growth.tree_growth import TreeGrowth
+from design.vasculature.growth.tree_growth import TRIES, TreeGrowth
 from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.penalty import sample_penalty
 from kernels import jit
 
 LOAD_POWER = 1.0 + 4.0 * GROWTH_POWER
 """A branch's load grows with this power of its terminals: the root's radius with `GROWTH_POWER`."""
+
+_NEAR = 6
+"""Nearest segments considered for a new terminal: with `step.CANDIDATES` growth takes a fifth longer
+and finds no less volume (100,000 terminals: 1258 mm³, with these 1257)."""
 
 _SYNC = 8
 """Branches elsewhere are made to grow alike each time the region has grown by one in so many."""
@@ -64,7 +67,7 @@ class RegionGrowth(TreeGrowth):
         progress = np.zeros(1, PROGRESS)
         progress["count"], progress["terminals"] = len(job.segments), job.terminals
         progress["apart"], progress["thick"], progress["held"] = 0.9, 1.0, len(job.held)
-        progress["candidates"] = ALL_AROUND if options.flow_ratio else CANDIDATES
+        progress["candidates"] = ALL_AROUND if options.flow_ratio else _NEAR
         share = job.goal / scale.goal
         plain = Sampler.by(tissue, options, None)
         sampler = RegionSampler(tissue, plain.dense, plain.flows, None, job.corners, job.edge_mm)
@@ -93,6 +96,10 @@ class RegionGrowth(TreeGrowth):
     def _per_wanted(self) -> float:
         cells = len(self.job.corners) * self.job.edge_mm**3
         return cells / (self.scale.volume * self.sampler.kept)
+
+    def _tries(self) -> int:
+        # They come in order, so that more would make another tree: 2 % more volume, measured.
+        return int(TRIES * self._per_wanted * self.terminals) + 1
 
     def _pause_at(self) -> int:
         return min(super()._pause_at(), self.sync_at)
