@@ -62,7 +62,7 @@ def test_a_chamber_at_rest_is_a_capacitor(kind: str, values: dict[str, float]) -
 
 def test_a_passive_sphere_swells_until_its_wall_carries_the_pressure() -> None:
     thickness, radius, w1, w2 = 0.1, 1.0, 1000.0, 40.0
-    data = _between("LV", steady("P", 500.0), points=401, cycles=3, steady_initial=False)
+    data = _between("LV", steady("P", 300.0), points=401, cycles=12, steady_initial=False)
     data["chambers"] = [
         {"name": "LV", "type": "ChamberSphere", "values": {
             "rho": 1.0, "thick0": thickness, "radius0": radius, "W1": w1, "W2": w2, "eta": 50.0,
@@ -75,7 +75,7 @@ def test_a_passive_sphere_swells_until_its_wall_carries_the_pressure() -> None:
     assert found["stress:LV"][-1] == pytest.approx(stress, rel=1e-3)
     assert found["pressure:LV:J1"][-1] == pytest.approx(stress * thickness / radius / s, rel=1e-3)
     assert found["volume:LV"][-1] == pytest.approx(4 / 3 * np.pi * radius**3 * (s**3 - 1), rel=1e-2)
-    assert found["pressure:LV:J1"][-1] == pytest.approx(300.0, rel=1e-2)
+    assert found["pressure:LV:J1"][-1] == pytest.approx(180.0, rel=1e-2)
 
 
 @pytest.mark.parametrize("kind", ["ValveTanh", "PiecewiseValve"])
