@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from math import ceil
 
 from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
-from design.anatomy.round_trees import SPARE, fitted_trees
+from design.anatomy.round_trees import SECOND, SPARE, fitted_trees
+from design.anatomy.side_by_side import side_by_side, tube_options
 from design.errors import GrowthError
 from design.network import VesselKind
 from design.tissue import Tissue
@@ -72,3 +73,24 @@ def grow_fitted(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> tupl
         except GrowthError as failed:
             error = failed
     raise GrowthError(f"{error} (last of {ATTEMPTS} attempts)") from error
+
+
+def grow_pair(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> tuple[VesselTree, ...]:
+    """Grow an artery and a vein beside it from a plan's trunks, with so many terminals each.
+
+    Raises
+    ------
+    TissueError, GrowthError
+        As `grow_fitted`.
+    """
+    more = replace(tube_options(options), terminals=ceil(SPARE * options.terminals) + 8)
+    (tubes,) = grow_fitted(tissue, plan, more)
+    return fitted_trees(
+        tissue,
+        side_by_side(tubes, options),
+        options.clearance_mm,
+        options.clearance_ratio,
+        options.terminals,
+        each=True,
+        least=SECOND,
+    )

@@ -33,7 +33,7 @@ SPARE = 1.08
 
 ROUNDS = 10
 _AGAIN = 12
-_SECOND = np.radians(24.0)
+SECOND = np.radians(24.0)
 _LESS, _LEAST = 0.5, 0.01
 
 
@@ -43,6 +43,8 @@ def fitted_trees(
     clearance_mm: float,
     clearance_ratio: float,
     terminals: int,
+    each: bool = False,
+    least: float = STRAIGHT,
 ) -> Trees:
     """Curved trees of so many terminals that fit: trunks sunk, misfits pruned, kinks rounded.
 
@@ -54,6 +56,10 @@ def fitted_trees(
         Kept in the end.
     terminals : int
         In the end, of all trees together.
+    each : bool
+        Whether each tree has so many, and its own flow.
+    least : float, rad
+        Turns below it aren't rounded in the first round.
 
     Raises
     ------
@@ -61,19 +67,20 @@ def fitted_trees(
         When too many terminals don't fit.
     """
     mm, ratio = clearance_mm, clearance_ratio
-    done, least = _sunk(tissue, tuple(trees), mm, ratio), STRAIGHT
-    flow = float(sum(tree.flow_ul_s[0] for tree in trees)) / terminals
-    done = tuple(with_flow(tree, flow) for tree in done)
+    done = _sunk(tissue, tuple(trees), mm, ratio)
+    flow = [float(tree.flow_ul_s[0]) / terminals for tree in trees]
+    flow = flow if each else [sum(flow)] * len(flow)
+    done = tuple(with_flow(*pair) for pair in zip(done, flow, strict=True))
     for _ in range(_AGAIN):
         done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
-        least = _SECOND
+        least = SECOND
         if not _any(bad):
-            final = trimmed(done, terminals)
+            final = _trimmed(done, terminals, each)
             bad = misfits(tissue, final, mm, ratio)
             if not _any(bad) and not kinks(final):
                 return final
             # Most spare terminals go, and what that bends or widens is mended.
-            done = _spared(done, terminals)
+            done = _spared(done, terminals, each)
             bad = misfits(tissue, done, mm, ratio)
         given = np.concatenate([tree.given for tree in done])
         # Trunks that reach out are sunk deeper next time.
@@ -85,8 +92,17 @@ def fitted_trees(
     )
 
 
-def _spared(trees: Trees, terminals: int) -> Trees:
+def _trimmed(trees: Trees, terminals: int, each: bool) -> Trees:
+    """The trees with so many terminals, together or each."""
+    if each:
+        return tuple(one for tree in trees for one in trimmed((tree,), terminals))
+    return trimmed(trees, terminals)
+
+
+def _spared(trees: Trees, terminals: int, each: bool) -> Trees:
     """The trees with a fifth of the terminals that they have to spare."""
+    if each:
+        return tuple(one for tree in trees for one in _spared((tree,), terminals, False))
     spare = sum(int(tree.terminals[0]) for tree in trees) - terminals
     return trimmed(trees, terminals + spare // 5)
 

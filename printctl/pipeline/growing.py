@@ -101,6 +101,7 @@ def _grown(tissue: Tissue, options: GrowthOptions, part: AnatomyPart) -> Anatomi
     if part.template == "kidney":
         said: dict[str, Any] = {
             "hilum_mm": at.get("hilum"),
+            "vein": part.vein,
             "cortex_mm": part.cortex_mm,
             "cortex_demand": part.cortex_demand,
             "trunk_ends": part.trunk_ends,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from printctl.recipe.parts import Length, Part, Point
 
@@ -13,7 +14,7 @@ _INLETS = {
     "kidney": ("hilum",),
 }
 _OF_HEART = ("base_direction", "right_direction")
-_OF_KIDNEY = ("cortex_mm", "cortex_demand")
+_OF_KIDNEY = ("vein", "cortex_mm", "cortex_demand")
 
 
 class InletPart(Part):
@@ -39,6 +40,9 @@ class AnatomyPart(Part):
     trunk_depth_mm: Length | None = Field(
         default=None, description="Heart: least depth of the trunks' axes; 0.3 by default."
     )
+    vein: Literal["none", "beside"] | None = Field(
+        default=None, description="Kidney: beside the artery, along all of it; none by default."
+    )
     cortex_mm: Length | None = Field(
         default=None,
         description="Kidney: thickness of the cortex; a third of the depth by default.",
@@ -46,6 +50,24 @@ class AnatomyPart(Part):
     cortex_demand: Annotated[float, Field(gt=0, le=1000)] | None = Field(
         default=None, description="Kidney: flow of the cortex per volume over the medulla's."
     )
+
+    @field_validator("inlets", mode="before")
+    @classmethod
+    def _inlets_are_places(cls, given: Any) -> Any:
+        like = "{at_mm: [x, y, z]}, in mm"
+        if not isinstance(given, Mapping):
+            raise ValueError(
+                f"an organ's inlets have names; write {{name: {like[:-7]}}}, or leave the key "
+                "away, and they are found in the shape"
+            )
+        for name, place in given.items():
+            at = place.get("at_mm") if isinstance(place, Mapping) else place
+            at = place.at_mm if isinstance(place, InletPart) else at
+            if not isinstance(place, Mapping | InletPart) or not (
+                isinstance(at, list | tuple) and len(at) == 3
+            ):
+                raise ValueError(f"inlet {name} is {place}; write {name}: {like}")
+        return given
 
     @model_validator(mode="after")
     def _keys_fit(self) -> AnatomyPart:
