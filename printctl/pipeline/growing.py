@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
+from design.anatomy.cortex import CortexAnatomy, grow_cortex
 from design.anatomy.grown import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
@@ -107,6 +108,16 @@ def _grown(tissue: Tissue, options: GrowthOptions, part: AnatomyPart) -> Anatomi
             "trunk_ends": part.trunk_ends,
         }
         return grow_kidney(tissue, options, KidneyAnatomy(**_known(said)))
+    if part.template == "cortex":
+        said = {
+            "entry_mm": at.get("pial_artery"),
+            "pial_direction": part.pial_direction,
+            "thickness_mm": part.cortex_mm,
+            "trunk_ends": part.trunk_ends,
+            "trunk_depth_mm": part.trunk_depth_mm,
+            "arterioles_per_mm2": part.arterioles_per_mm2,
+        }
+        return grow_cortex(tissue, options, CortexAnatomy(**_known(said)))
     said = {
         "trunk_ends": part.trunk_ends,
         "trunk_depth_mm": part.trunk_depth_mm,
