@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import ceil
 
 from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
-from design.anatomy.round_trees import SECOND, SPARE, fitted_trees
+from design.anatomy.push_apart import push_apart
+from design.anatomy.round_trees import SPARE, fitted_trees
 from design.anatomy.side_by_side import side_by_side, tube_options
 from design.errors import GrowthError
 from design.network import VesselKind
@@ -14,8 +16,13 @@ from design.tissue import Tissue
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 
+Trees = tuple[VesselTree, ...]
+
 ATTEMPTS = 5
 """Growths with more room between trunks, where too many vessels don't fit."""
+
+SPARE_PAIRS = 1.15
+"""Terminals to grow over those wanted where artery and vein share a tube."""
 
 _MORE_ROOM = 0.15
 _CLEARER, _CLEARER_RATIO = 1.15, 1.3
@@ -43,7 +50,7 @@ class AnatomicTrees:
     notes: tuple[str, ...]
 
 
-def grow_fitted(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> tuple[VesselTree, ...]:
+def grow_fitted(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:
     """Grow trees from a plan's trunks, curve them and keep what fits: so many terminals in all.
 
     Raises
@@ -51,31 +58,15 @@ def grow_fitted(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> tupl
     TissueError, GrowthError
         As `grow_from_plan` and `fitted_trees`, after some attempts.
     """
-    more = replace(
-        options,
-        terminals=ceil(SPARE * options.terminals) + 8,
-        clearance_mm=_CLEARER * options.clearance_mm,
-        clearance_ratio=_CLEARER_RATIO * options.clearance_ratio,
-    )
-    error = GrowthError("not tried")
-    for attempt in range(ATTEMPTS):
-        wider = WIDER * (1.0 + _MORE_ROOM * attempt)
-        wide = replace(plan, wider=wider)
-        trees, _ = grow_from_plan(tissue, wide, more)
-        try:
-            return fitted_trees(
-                tissue,
-                trees,
-                options.clearance_mm,
-                options.clearance_ratio,
-                options.terminals,
-            )
-        except GrowthError as failed:
-            error = failed
-    raise GrowthError(f"{error} (last of {ATTEMPTS} attempts)") from error
+    mm, ratio = options.clearance_mm, options.clearance_ratio
+
+    def fitted(trees: Trees) -> Trees:
+        return fitted_trees(tissue, trees, mm, ratio, options.terminals)
+
+    return _attempts(tissue, plan, _with_spare(options, SPARE), fitted)
 
 
-def grow_pair(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> tuple[VesselTree, ...]:
+def grow_pair(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:
     """Grow an artery and a vein beside it from a plan's trunks, with so many terminals each.
 
     Raises
@@ -83,14 +74,35 @@ def grow_pair(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> tuple[
     TissueError, GrowthError
         As `grow_fitted`.
     """
-    more = replace(tube_options(options), terminals=ceil(SPARE * options.terminals) + 8)
-    (tubes,) = grow_fitted(tissue, plan, more)
-    return fitted_trees(
-        tissue,
-        side_by_side(tubes, options),
-        options.clearance_mm,
-        options.clearance_ratio,
-        options.terminals,
-        each=True,
-        least=SECOND,
+    mm, ratio = options.clearance_mm, options.clearance_ratio
+
+    def fitted(tubes: Trees) -> Trees:
+        pair = push_apart(tissue, side_by_side(tubes[0], options), mm, ratio)
+        return fitted_trees(tissue, pair, mm, ratio, options.terminals, each=True)
+
+    return _attempts(tissue, plan, _with_spare(tube_options(options), SPARE_PAIRS), fitted)
+
+
+def _with_spare(options: GrowthOptions, spare: float) -> GrowthOptions:
+    """Options of growth: more terminals and clearance than are kept once vessels are curved."""
+    return replace(
+        options,
+        terminals=ceil(spare * options.terminals) + 8,
+        clearance_mm=_CLEARER * options.clearance_mm,
+        clearance_ratio=_CLEARER_RATIO * options.clearance_ratio,
     )
+
+
+def _attempts(
+    tissue: Tissue, plan: TrunkPlan, options: GrowthOptions, fitted: Callable[[Trees], Trees]
+) -> Trees:
+    """What ``fitted`` makes of the first growth that it doesn't refuse."""
+    error = GrowthError("not tried")
+    for attempt in range(ATTEMPTS):
+        wider = WIDER * (1.0 + _MORE_ROOM * attempt)
+        trees, _ = grow_from_plan(tissue, replace(plan, wider=wider), options)
+        try:
+            return fitted(trees)
+        except GrowthError as failed:
+            error = failed
+    raise GrowthError(f"{error} (last of {ATTEMPTS} attempts)") from error

@@ -33,7 +33,7 @@ SPARE = 1.08
 
 ROUNDS = 10
 _AGAIN = 12
-SECOND = np.radians(24.0)
+_SECOND = np.radians(24.0)
 _LESS, _LEAST = 0.5, 0.01
 
 
@@ -44,7 +44,6 @@ def fitted_trees(
     clearance_ratio: float,
     terminals: int,
     each: bool = False,
-    least: float = STRAIGHT,
 ) -> Trees:
     """Curved trees of so many terminals that fit: trunks sunk, misfits pruned, kinks rounded.
 
@@ -58,8 +57,6 @@ def fitted_trees(
         In the end, of all trees together.
     each : bool
         Whether each tree has so many, and its own flow.
-    least : float, rad
-        Turns below it aren't rounded in the first round.
 
     Raises
     ------
@@ -67,13 +64,13 @@ def fitted_trees(
         When too many terminals don't fit.
     """
     mm, ratio = clearance_mm, clearance_ratio
-    done = _sunk(tissue, tuple(trees), mm, ratio)
+    done, least = _sunk(tissue, tuple(trees), mm, ratio), STRAIGHT
     flow = [float(tree.flow_ul_s[0]) / terminals for tree in trees]
     flow = flow if each else [sum(flow)] * len(flow)
     done = tuple(with_flow(*pair) for pair in zip(done, flow, strict=True))
     for _ in range(_AGAIN):
         done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
-        least = SECOND
+        least = _SECOND
         if not _any(bad):
             final = _trimmed(done, terminals, each)
             bad = misfits(tissue, final, mm, ratio)

@@ -24,11 +24,17 @@ WIDTH = 2.1
 _GAP = 1.2
 """Room between artery and vein over the clearance."""
 
+_APART = 1.05
+"""Room for each vessel over its radius: where both bend or twist, they come nearer."""
+
 _TURN = np.radians(12.0)
 """Twist from piece to piece."""
 
 _STEEPEST = 0.8
 """Way round the tube over the way along it, at most."""
+
+_STRAIGHT_ON = 0.1
+"""Sine of the branches' angles to their trunk below which they have no plane."""
 
 _MERGE = 1.3
 """Way along a branch, over its trunk's radius, on which its vessels come together."""
@@ -106,7 +112,7 @@ def side_by_side(tubes: VesselTree, options: GrowthOptions) -> tuple[VesselTree,
 def _offsets(tubes: VesselTree, options: GrowthOptions) -> _Offsets:
     artery = tree_radii(tubes) / WIDTH
     half = 0.5 * _GAP * np.maximum(options.clearance_mm, options.clearance_ratio * artery)
-    return _Offsets(artery + half, artery * VEIN_DROP**-0.25 + half)
+    return _Offsets(_APART * artery + half, _APART * artery * VEIN_DROP**-0.25 + half)
 
 
 class _Sheet:
@@ -149,8 +155,8 @@ class _Sheet:
         for one, two in pairwise(run):
             sides.append(_across(_carried(sides[-1], self.way[one], self.way[two]), self.way[two]))
         total = float(self.length[run].sum())
-        twist = self._twist(run[-1], sides[-1], total, float(own.sum()))
-        merge = min(merge, 0.8 * total)
+        merge = min(merge, 0.6 * total)
+        twist = self._twist(run[-1], sides[-1], total - merge, float(own.sum()))
         gone = 0.0
         for n, s in enumerate(run):
             parts = 1 if above < 0 and n == 0 else self._parts(s, twist, total, gone, merge)
@@ -158,9 +164,11 @@ class _Sheet:
                 at = gone + k / parts * self.length[s]
                 normal = sides[n]
                 if k == parts and n + 1 < len(run):
+                    # As far from both pieces, where the bend lies across the sheet.
                     normal = sides[n] + sides[n + 1]
-                    normal = normal / np.linalg.norm(normal)
-                turned = _turned(normal, self.way[s], twist * _smooth(at / total))
+                    normal = normal / max(0.5, 1.0 + float(sides[n] @ sides[n + 1]))
+                part = _smooth((at - merge) / (total - merge))
+                turned = _turned(normal, self.way[s], twist * part)
                 here = own + (before - own) * (1.0 - _smooth(at / merge) if merge > 0 else 0.0)
                 point = self.tubes.proximal[s] + k / parts * self.length[s] * self.way[s]
                 up = self.found.add(point, turned, here, up, s)
@@ -171,36 +179,41 @@ class _Sheet:
     def _parts(self, s: int, twist: float, total: float, gone: float, merge: float) -> int:
         """Pieces for one of a vessel's: as its twist and the way to its own place ask for."""
         long = float(self.length[s])
-        turn = abs(twist) * abs(_smooth((gone + long) / total) - _smooth(gone / total))
-        parts = 1 + int(turn / _TURN)
+        begin, end = ((at - merge) / (total - merge) for at in (gone, gone + long))
+        parts = 1 + int(abs(twist) * (_smooth(end) - _smooth(begin)) / _TURN)
         if gone < merge:
             parts = max(parts, 1 + int(_MERGE_STEPS * min(long, merge - gone) / merge))
         return parts
 
     def _twist(self, last: int, side: FloatArray, total: float, apart: float) -> float:
-        """Angle by which the sheet turns along a vessel to hold the joint at its end."""
-        normal = self._joint_normal(last)
-        if normal is None:
+        """Angle by which the sheet turns on the last ``total`` mm to hold the joint at the end."""
+        wanted = self._joint_normal(last)
+        if wanted is None:
             return 0.0
         way = self.way[last]
-        wanted = normal - (normal @ way) * way
-        size = float(np.linalg.norm(wanted))
-        if size < 0.1:
-            return 0.0
         angle = float(np.arctan2(np.cross(side, wanted) @ way, side @ wanted))
         angle = (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi
         most = _STEEPEST * total / apart
         return float(np.clip(angle, -most, most))
 
     def _joint_normal(self, last: int) -> FloatArray | None:
-        """Unit normal of the plane of a joint's branches; None at terminals and straight joints."""
+        """Unit vector across a vessel to which the branches at its end are as normal as can be.
+
+        None at terminals, and where both branches go straight on.
+        """
         a, b = self.tubes.children[last].tolist()
         if a < 0:
             return None
-        reach = 1.5 * float(self.radius[last])
-        normal = np.cross(self._heading(a, reach), self._heading(b, reach))
-        size = float(np.linalg.norm(normal))
-        return None if size < 0.05 else normal / size
+        way, reach = self.way[last], 1.5 * float(self.radius[last])
+        headings = np.array([self._heading(a, reach), self._heading(b, reach)])
+        one = _across(np.eye(3)[int(np.argmin(np.abs(way)))], way)
+        frame = np.array([one, np.cross(way, one)])
+        across = headings @ frame.T
+        if (across**2).sum() < _STRAIGHT_ON**2:
+            return None
+        _, vectors = np.linalg.eigh(across.T @ across)
+        normal: FloatArray = vectors[:, 0] @ frame
+        return normal
 
     def _heading(self, s: int, reach: float) -> FloatArray:
         """Direction from a segment's begin to where its vessel is ``reach`` further on."""
@@ -218,10 +231,9 @@ class _Sheet:
 
     def _first_side(self, run: list[int]) -> FloatArray:
         """The first joint's normal, brought up to the inlet."""
-        normal = self._joint_normal(run[-1])
-        if normal is None:
-            normal = np.eye(3)[int(np.argmin(np.abs(self.way[run[-1]])))]
-        side = _across(normal, self.way[run[-1]])
+        side = self._joint_normal(run[-1])
+        if side is None:
+            side = _across(self.way[run[-1]][[1, 2, 0]], self.way[run[-1]])
         for one, two in zip(run[:0:-1], run[-2::-1], strict=True):
             side = _across(_carried(side, self.way[one], self.way[two]), self.way[two])
         return side

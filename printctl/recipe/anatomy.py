@@ -47,7 +47,7 @@ class AnatomyPart(Part):
     )
     trunk_ends: Annotated[int, Field(ge=6, le=2000)] | None = Field(
         default=None,
-        description="Ends of the trunks, at about; 600 in a heart, 120 in a kidney, 200 in a cortex.",
+        description="Ends of the trunks, at about; heart: 600, kidney: 120, cortex: 200 at most.",
     )
     trunk_depth_mm: Length | None = Field(
         default=None,
