@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from math import ceil
 
 from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
-from design.anatomy.push_apart import push_apart
+from design.anatomy.prune_terminals import with_flow
 from design.anatomy.round_trees import SPARE, fitted_trees
 from design.anatomy.side_by_side import side_by_side, tube_options
 from design.errors import GrowthError
@@ -77,7 +77,9 @@ def grow_pair(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:
     mm, ratio = options.clearance_mm, options.clearance_ratio
 
     def fitted(tubes: Trees) -> Trees:
-        pair = push_apart(tissue, side_by_side(tubes[0], options), mm, ratio)
+        # Those to spare go in the end, and the others get their flow.
+        flow = float(tubes[0].flow_ul_s[0]) / options.terminals
+        pair = side_by_side(with_flow(tubes[0], flow), options)
         return fitted_trees(tissue, pair, mm, ratio, options.terminals, each=True)
 
     return _attempts(tissue, plan, _with_spare(tube_options(options), SPARE_PAIRS), fitted)

@@ -41,10 +41,11 @@ def push_apart(
     """
     trees = tuple(trees)
     for _ in range(ROUNDS):
-        shift = _pushes(trees, _MORE * clearance_mm, _MORE * clearance_ratio)
-        shift += _back(tissue, trees, clearance_mm)
-        if not shift.any():
+        shift, worst = _pushes(trees, clearance_mm, clearance_ratio)
+        back = _back(tissue, trees, clearance_mm)
+        if worst <= 0.0 and not back.any():
             break
+        shift += back
         first = np.cumsum([0, *(len(tree.parent) for tree in trees)])
         trees = tuple(
             moved_tree(tree, tree.distal + _spread(tree, shift[a:b]))
@@ -53,8 +54,11 @@ def push_apart(
     return trees
 
 
-def _pushes(trees: Sequence[VesselTree], mm: float, ratio: float) -> FloatArray:
-    """How far the end of each segment, numbered on, is to move for what is too near, (n, 3), mm."""
+def _pushes(trees: Sequence[VesselTree], mm: float, ratio: float) -> tuple[FloatArray, float]:
+    """How far the end of each segment, numbered on, is to move for what is near, (n, 3), mm.
+
+    And how much the nearest pair lacks, mm; at most 0 where all are clear.
+    """
     first = np.cumsum([0, *(len(tree.parent) for tree in trees)])
     begin = np.concatenate([tree.proximal for tree in trees])
     end = np.concatenate([tree.distal for tree in trees])
@@ -63,11 +67,12 @@ def _pushes(trees: Sequence[VesselTree], mm: float, ratio: float) -> FloatArray:
         [np.where(t.parent >= 0, t.parent + a, -1) for t, a in zip(trees, first[:-1], strict=True)]
     )
     shift, pushed = np.zeros_like(end), np.zeros(len(end))
-    found = collisions(forest_to_network(trees), mm, ratio)
+    found = collisions(forest_to_network(trees), _MORE * mm, _MORE * ratio)
     if not found.count:
-        return shift
+        return shift, 0.0
     one, two = found.pieces.T
-    lack = np.maximum(mm, ratio * np.minimum(radius[one], radius[two])) - found.gap_mm
+    need = np.maximum(mm, ratio * np.minimum(radius[one], radius[two]))
+    lack = _MORE * need - found.gap_mm
     for mine, other in ((one, two), (two, one)):
         way = end[mine] - begin[mine]
         along = np.einsum("ij,ij->i", found.place_mm - begin[mine], way)
@@ -80,7 +85,7 @@ def _pushes(trees: Sequence[VesselTree], mm: float, ratio: float) -> FloatArray:
             there = node >= 0
             np.add.at(shift, node[there], (far * weight)[there, None] * off[there])
             np.add.at(pushed, node[there], weight[there])
-    return shift / np.maximum(pushed, 1.0)[:, None]
+    return shift / np.maximum(pushed, 1.0)[:, None], float((need - found.gap_mm).max())
 
 
 def _back(tissue: Tissue, trees: Sequence[VesselTree], mm: float) -> FloatArray:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from design.anatomy.curves import STRAIGHT, Lines, curve_tree, main_children, turns
 from design.anatomy.prune_terminals import trimmed, with_flow, without_collisions
+from design.anatomy.push_apart import push_apart
 from design.anatomy.sink import sink_trunk
 from design.errors import GrowthError
 from design.tissue import Tissue
@@ -56,7 +57,8 @@ def fitted_trees(
     terminals : int
         In the end, of all trees together.
     each : bool
-        Whether each tree has so many, and its own flow.
+        Whether each tree has so many, and its own flow; trunks that run side by side are pushed
+        apart, too.
 
     Raises
     ------
@@ -64,12 +66,12 @@ def fitted_trees(
         When too many terminals don't fit.
     """
     mm, ratio = clearance_mm, clearance_ratio
-    done, least = _sunk(tissue, tuple(trees), mm, ratio), STRAIGHT
+    done, least = _sunk(tissue, tuple(trees), mm, ratio, each), STRAIGHT
     flow = [float(tree.flow_ul_s[0]) / terminals for tree in trees]
     flow = flow if each else [sum(flow)] * len(flow)
     done = tuple(with_flow(*pair) for pair in zip(done, flow, strict=True))
     for _ in range(_AGAIN):
-        done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
+        done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio, each), mm, ratio, least)
         least = _SECOND
         if not _any(bad):
             final = _trimmed(done, terminals, each)
@@ -79,6 +81,8 @@ def fitted_trees(
             # Most spare terminals go, and what that bends or widens is mended.
             done = _spared(done, terminals, each)
             bad = misfits(tissue, done, mm, ratio)
+        if each:
+            continue  # they are pushed apart first
         given = np.concatenate([tree.given for tree in done])
         # Trunks that reach out are sunk deeper next time.
         done = without_collisions(done, bad[0], bad[1][~given[bad[1]]])
@@ -108,11 +112,14 @@ def _any(bad: Misfits) -> bool:
     return bool(bad[0]) or bool(len(bad[1]))
 
 
-def _sunk(tissue: Tissue, trees: Trees, clearance_mm: float, clearance_ratio: float) -> Trees:
-    """Trees whose trunks lie deep enough, without what then doesn't fit."""
+def _sunk(tissue: Tissue, trees: Trees, mm: float, ratio: float, apart: bool) -> Trees:
+    """Trees whose trunks lie deep enough, or are pushed apart, without what then doesn't fit."""
     for _ in range(_AGAIN):
-        trees = tuple(sink_trunk(tissue, tree, clearance_mm) for tree in trees)
-        bad = misfits(tissue, trees, clearance_mm, clearance_ratio)
+        if apart:
+            trees = push_apart(tissue, trees, mm, ratio)
+        else:
+            trees = tuple(sink_trunk(tissue, tree, mm) for tree in trees)
+        bad = misfits(tissue, trees, mm, ratio)
         if not _any(bad):
             break
         trees = without_collisions(trees, *bad)

@@ -27,7 +27,7 @@ _GAP = 1.2
 _APART = 1.05
 """Room for each vessel over its radius: where both bend or twist, they come nearer."""
 
-_TURN = np.radians(12.0)
+_TURN = np.radians(15.0)
 """Twist from piece to piece."""
 
 _STEEPEST = 0.8
@@ -39,7 +39,7 @@ _STRAIGHT_ON = 0.1
 _MERGE = 1.3
 """Way along a branch, over its trunk's radius, on which its vessels come together."""
 
-_MERGE_STEPS = 4
+_MERGE_STEPS = 3
 
 
 @dataclass(frozen=True)
