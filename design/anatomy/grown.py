@@ -61,7 +61,8 @@ def grow_fitted(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Tree
     mm, ratio = options.clearance_mm, options.clearance_ratio
 
     def fitted(trees: Trees) -> Trees:
-        return fitted_trees(tissue, trees, mm, ratio, options.terminals)
+        shallow = plan.shallow_mm if plan.exactly else None
+        return fitted_trees(tissue, trees, mm, ratio, options.terminals, shallow_mm=shallow)
 
     return _attempts(tissue, plan, _with_spare(options, SPARE), fitted)
 

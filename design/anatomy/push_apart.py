@@ -93,10 +93,16 @@ def _back(tissue: Tissue, trees: Sequence[VesselTree], mm: float) -> FloatArray:
     found = []
     for tree in trees:
         need = tree_radii(tree) + mm
-        lack = need + tissue.grid.distance(tree.distal)
+        inside = tissue.grid.capsule_inside(tree.proximal, tree.distal, need)
+        out = np.flatnonzero(~inside & (tree.parent >= 0))
+        wanted = np.zeros(len(need))
+        for nodes in (out, tree.parent[out]):
+            np.maximum.at(wanted, nodes, need[out])
+        nodes = np.flatnonzero(wanted)
+        lack = wanted[nodes] + tissue.grid.distance(tree.distal[nodes])
+        far = np.maximum(lack, 0.03 * wanted[nodes])
         shift = np.zeros_like(tree.distal)
-        out = np.flatnonzero((lack > 0.0) & (tree.parent >= 0))
-        shift[out] = -1.02 * lack[out, None] * outward(tissue, tree.distal[out])
+        shift[nodes] = -_MORE * far[:, None] * outward(tissue, tree.distal[nodes])
         found.append(shift)
     return np.concatenate(found)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from design.anatomy.curves import STRAIGHT, Lines, curve_tree, main_children, turns
 from design.anatomy.prune_terminals import trimmed, with_flow, without_collisions
 from design.anatomy.push_apart import push_apart
-from design.anatomy.sink import sink_trunk
+from design.anatomy.sink import rise_trunk, sink_trunk
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.collisions.collide import collisions
@@ -45,6 +45,7 @@ def fitted_trees(
     clearance_ratio: float,
     terminals: int,
     each: bool = False,
+    shallow_mm: float | None = None,
 ) -> Trees:
     """Curved trees of so many terminals that fit: trunks sunk, misfits pruned, kinks rounded.
 
@@ -59,6 +60,8 @@ def fitted_trees(
     each : bool
         Whether each tree has so many, and its own flow; trunks that run side by side are pushed
         apart, too.
+    shallow_mm : float, optional
+        Trunks first rise to where their radii allow, but no higher than this depth.
 
     Raises
     ------
@@ -70,11 +73,14 @@ def fitted_trees(
     flow = [float(tree.flow_ul_s[0]) / terminals for tree in trees]
     flow = flow if each else [sum(flow)] * len(flow)
     done = tuple(with_flow(*pair) for pair in zip(done, flow, strict=True))
+    if shallow_mm is not None:
+        done = tuple(rise_trunk(tissue, tree, mm, shallow_mm) for tree in done)
     for _ in range(_AGAIN):
         done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio, each), mm, ratio, least)
         least = _SECOND
         if not _any(bad):
             final = _trimmed(done, terminals, each)
+            final = push_apart(tissue, final, mm, ratio) if each else final
             bad = misfits(tissue, final, mm, ratio)
             if not _any(bad) and not kinks(final):
                 return final
