@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import ceil
 
+from design.anatomy.fit_pair import SPARE as SPARE_PAIRS
+from design.anatomy.fit_pair import fitted_pair
 from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
 from design.anatomy.prune_terminals import with_flow
 from design.anatomy.round_trees import SPARE, fitted_trees
@@ -20,9 +22,6 @@ Trees = tuple[VesselTree, ...]
 
 ATTEMPTS = 5
 """Growths with more room between trunks, where too many vessels don't fit."""
-
-SPARE_PAIRS = 1.15
-"""Terminals to grow over those wanted where artery and vein share a tube."""
 
 _MORE_ROOM = 0.15
 _CLEARER, _CLEARER_RATIO = 1.15, 1.3
@@ -81,7 +80,7 @@ def grow_pair(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:
         # Those to spare go in the end, and the others get their flow.
         flow = float(tubes[0].flow_ul_s[0]) / options.terminals
         pair = side_by_side(with_flow(tubes[0], flow), options)
-        return fitted_trees(tissue, pair, mm, ratio, options.terminals, each=True)
+        return fitted_pair(tissue, pair, mm, ratio, options.terminals)
 
     return _attempts(tissue, plan, _with_spare(tube_options(options), SPARE_PAIRS), fitted)
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from design.anatomy.curves import STRAIGHT, Lines, curve_tree, main_children, turns
 from design.anatomy.prune_terminals import trimmed, with_flow, without_collisions
-from design.anatomy.push_apart import push_apart
-from design.anatomy.sink import rise_trunk, sink_trunk
+from design.anatomy.rise import risen, risen_trees
+from design.anatomy.sink import sink_trunk
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.collisions.collide import collisions
@@ -33,8 +33,8 @@ SPARE = 1.08
 """Terminals to grow over those wanted: some are taken away where vessels don't fit."""
 
 ROUNDS = 10
-_AGAIN = 12
-_SECOND = np.radians(24.0)
+AGAIN = 12
+SECOND = np.radians(24.0)
 _LESS, _LEAST = 0.5, 0.01
 
 
@@ -44,7 +44,6 @@ def fitted_trees(
     clearance_mm: float,
     clearance_ratio: float,
     terminals: int,
-    each: bool = False,
     shallow_mm: float | None = None,
 ) -> Trees:
     """Curved trees of so many terminals that fit: trunks sunk, misfits pruned, kinks rounded.
@@ -57,11 +56,8 @@ def fitted_trees(
         Kept in the end.
     terminals : int
         In the end, of all trees together.
-    each : bool
-        Whether each tree has so many, and its own flow; trunks that run side by side are pushed
-        apart, too.
     shallow_mm : float, optional
-        Trunks first rise to where their radii allow, but no higher than this depth.
+        Trunks rise to where their radii allow, but no higher than this depth.
 
     Raises
     ------
@@ -69,47 +65,49 @@ def fitted_trees(
         When too many terminals don't fit.
     """
     mm, ratio = clearance_mm, clearance_ratio
-    done, least = _sunk(tissue, tuple(trees), mm, ratio, each), STRAIGHT
-    flow = [float(tree.flow_ul_s[0]) / terminals for tree in trees]
-    flow = flow if each else [sum(flow)] * len(flow)
-    done = tuple(with_flow(*pair) for pair in zip(done, flow, strict=True))
+    done, least = _sunk(tissue, tuple(trees), mm, ratio), STRAIGHT
+    flow = float(sum(tree.flow_ul_s[0] for tree in trees)) / terminals
+    done = tuple(with_flow(tree, flow) for tree in done)
     if shallow_mm is not None:
-        done = tuple(rise_trunk(tissue, tree, mm, shallow_mm) for tree in done)
-    for _ in range(_AGAIN):
-        done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio, each), mm, ratio, least)
-        least = _SECOND
+        done = tuple(risen(tissue, tree, mm, shallow_mm) for tree in done)
+    for _ in range(AGAIN):
+        done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
+        least = SECOND
         if not _any(bad):
-            final = _trimmed(done, terminals, each)
-            final = push_apart(tissue, final, mm, ratio) if each else final
+            final = trimmed(done, terminals)
             bad = misfits(tissue, final, mm, ratio)
             if not _any(bad) and not kinks(final):
-                return final
+                if shallow_mm is None:
+                    return final
+                return _risen(tissue, final, mm, ratio, shallow_mm)
             # Most spare terminals go, and what that bends or widens is mended.
-            done = _spared(done, terminals, each)
+            done = _spared(done, terminals)
             bad = misfits(tissue, done, mm, ratio)
-        if each:
-            continue  # they are pushed apart first
         given = np.concatenate([tree.given for tree in done])
         # Trunks that reach out are sunk deeper next time.
         done = without_collisions(done, bad[0], bad[1][~given[bad[1]]])
     raise GrowthError(
         f"{len(bad[0])} pairs of vessels are too near, {len(bad[1])} pieces out of the tissue and "
-        f"{kinks(done)} kinks are left after {_AGAIN} rounds; ask for fewer terminals or a higher "
+        f"{kinks(done)} kinks are left after {AGAIN} rounds; ask for fewer terminals or a higher "
         "pressure_drop_mmhg"
     )
 
 
-def _trimmed(trees: Trees, terminals: int, each: bool) -> Trees:
-    """The trees with so many terminals, together or each."""
-    if each:
-        return tuple(one for tree in trees for one in trimmed((tree,), terminals))
-    return trimmed(trees, terminals)
+def _risen(tissue: Tissue, trees: Trees, mm: float, ratio: float, shallow_mm: float) -> Trees:
+    """The trees with their trunks as shallow as they fit, kinks no more than before."""
+    free = kinks(trees) == 0
+
+    def bad(moved: Trees) -> IntArray:
+        pairs, out = misfits(tissue, moved, mm, ratio)
+        bent = kinked(moved) if free else np.empty(0, dtype=np.int64)
+        flat = np.array(pairs, dtype=np.int64).ravel()
+        return np.unique(np.concatenate([flat, out, bent]))
+
+    return risen_trees(tissue, trees, mm, shallow_mm, bad)
 
 
-def _spared(trees: Trees, terminals: int, each: bool) -> Trees:
+def _spared(trees: Trees, terminals: int) -> Trees:
     """The trees with a fifth of the terminals that they have to spare."""
-    if each:
-        return tuple(one for tree in trees for one in _spared((tree,), terminals, False))
     spare = sum(int(tree.terminals[0]) for tree in trees) - terminals
     return trimmed(trees, terminals + spare // 5)
 
@@ -118,14 +116,11 @@ def _any(bad: Misfits) -> bool:
     return bool(bad[0]) or bool(len(bad[1]))
 
 
-def _sunk(tissue: Tissue, trees: Trees, mm: float, ratio: float, apart: bool) -> Trees:
-    """Trees whose trunks lie deep enough, or are pushed apart, without what then doesn't fit."""
-    for _ in range(_AGAIN):
-        if apart:
-            trees = push_apart(tissue, trees, mm, ratio)
-        else:
-            trees = tuple(sink_trunk(tissue, tree, mm) for tree in trees)
-        bad = misfits(tissue, trees, mm, ratio)
+def _sunk(tissue: Tissue, trees: Trees, clearance_mm: float, clearance_ratio: float) -> Trees:
+    """Trees whose trunks lie deep enough, without what then doesn't fit."""
+    for _ in range(AGAIN):
+        trees = tuple(sink_trunk(tissue, tree, clearance_mm) for tree in trees)
+        bad = misfits(tissue, trees, clearance_mm, clearance_ratio)
         if not _any(bad):
             break
         trees = without_collisions(trees, *bad)
@@ -207,9 +202,16 @@ def _wider(tree: VesselTree, curved: tuple[VesselTree, Lines]) -> IntArray:
 
 def kinks(trees: Sequence[VesselTree], degrees: float = KINK, of_root: float = WIDE) -> int:
     """Turns of main lines above an angle, in vessels wider than a part of their root's radius."""
-    count = 0
+    return len(kinked(trees, degrees, of_root))
+
+
+def kinked(trees: Sequence[VesselTree], degrees: float = KINK, of_root: float = WIDE) -> IntArray:
+    """Segments, numbered on, at whose end such a turn is."""
+    found, first = [], 0
     for tree in trees:
         upper, turn = turns(tree)
-        wide = tree_radii(tree) > of_root * float(tree_radii(tree)[0])
-        count += int(((turn > np.radians(degrees)) & wide[upper]).sum())
-    return count
+        radius = tree_radii(tree)
+        sharp = (turn > np.radians(degrees)) & (radius[upper] > of_root * float(radius[0]))
+        found.append(upper[sharp] + first)
+        first += len(tree.parent)
+    return np.concatenate(found)

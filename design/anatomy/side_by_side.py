@@ -98,21 +98,29 @@ def side_by_side(tubes: VesselTree, options: GrowthOptions) -> tuple[VesselTree,
     options : GrowthOptions
         Of the artery.
     """
-    lines = _Sheet(tubes, _offsets(tubes, options)).lines()
+    radius = tree_radii(tubes) / WIDTH
+    pair = _laid(tubes, options, radius)
+    # Paths beside the axes are longer, and so the vessels wider.
+    wider = max(
+        float(tree_radii(pair[0])[0]) / radius[0],
+        float(tree_radii(pair[1])[0]) * VEIN_DROP**0.25 / radius[0],
+    )
+    return _laid(tubes, options, wider * radius)
+
+
+def _laid(
+    tubes: VesselTree, options: GrowthOptions, artery: FloatArray
+) -> tuple[VesselTree, VesselTree]:
+    """The two with room for arteries of these radii (n,), mm, and their veins."""
+    half = 0.5 * _GAP * np.maximum(options.clearance_mm, options.clearance_ratio * artery)
+    vein = VEIN_DROP**-0.25 * artery
+    lines = _Sheet(tubes, _Offsets(_APART * artery + half, _APART * vein + half)).lines()
     side, points = np.array(lines.side), np.array(lines.points)
-    artery = points - np.array(lines.artery)[:, None] * side
-    vein = points + np.array(lines.vein)[:, None] * side
     drop = options.pressure_drop_pa
     return (
-        _tree(tubes, lines, artery, drop),
-        _tree(tubes, lines, vein, VEIN_DROP * drop),
+        _tree(tubes, lines, points - np.array(lines.artery)[:, None] * side, drop),
+        _tree(tubes, lines, points + np.array(lines.vein)[:, None] * side, VEIN_DROP * drop),
     )
-
-
-def _offsets(tubes: VesselTree, options: GrowthOptions) -> _Offsets:
-    artery = tree_radii(tubes) / WIDTH
-    half = 0.5 * _GAP * np.maximum(options.clearance_mm, options.clearance_ratio * artery)
-    return _Offsets(_APART * artery + half, _APART * artery * VEIN_DROP**-0.25 + half)
 
 
 class _Sheet:

@@ -1,4 +1,4 @@
-"""Bring trunks to the depth below the surface that the radii they came out with ask for."""
+"""Sink trunks that came out wider than they were laid for, until they fit below the surface."""
 
 from __future__ import annotations
 
@@ -18,9 +18,6 @@ ROUNDS = 8
 _A_LITTLE = 1.02
 _WIDER = 1.01
 """Radii that are made room for, over those that the tree has: curves change them a little."""
-
-_ROOM = 1.012
-"""The same where trunks rise."""
 
 
 def sink_trunk(tissue: Tissue, tree: VesselTree, clearance_mm: float) -> VesselTree:
@@ -47,27 +44,6 @@ def sink_trunk(tissue: Tissue, tree: VesselTree, clearance_mm: float) -> VesselT
         moved[nodes] -= (_A_LITTLE * short)[:, None] * outward(tissue, points)
         tree = moved_tree(tree, moved)
     return tree
-
-
-def rise_trunk(
-    tissue: Tissue, tree: VesselTree, clearance_mm: float, shallow_mm: float
-) -> VesselTree:
-    """The tree with each node of its trunk no deeper than the widest vessel there asks for.
-
-    Trunks are laid for radii with a margin, and chords and joints draw them inwards: what is left
-    of that is taken back here.
-    """
-    radius = tree_radii(tree)
-    own = np.flatnonzero(tree.given & (tree.parent >= 0))
-    need = np.full(len(tree.parent), shallow_mm)
-    for nodes in (own, tree.parent[own]):
-        np.maximum.at(need, nodes, _ROOM * radius[own] + clearance_mm)
-    points = tree.distal[own]
-    deeper = -tissue.grid.distance(points) - need[own]
-    far = np.clip(deeper, 0.0, need.max())
-    moved = tree.distal.copy()
-    moved[own] += far[:, None] * outward(tissue, points)
-    return moved_tree(tree, moved)
 
 
 def moved_tree(tree: VesselTree, distal: FloatArray) -> VesselTree:
