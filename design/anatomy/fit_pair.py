@@ -11,10 +11,10 @@ from design.anatomy.round_trees import AGAIN, SECOND, Trees, curve_trees, kinks,
 from design.errors import GrowthError
 from design.tissue import Tissue
 
-SPARE = 1.15
+SPARE = 1.2
 """Terminals to grow over those wanted."""
 
-_LAST_SPARE = 0.05
+_LAST_SPARE = 0.1
 """Of those wanted, what is left to spare once the two are clear of each other."""
 
 

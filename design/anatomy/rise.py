@@ -20,9 +20,12 @@ Trees = tuple[VesselTree, ...]
 _ROOM = 1.012
 """Radii that are kept below the surface, over those that the tree has."""
 
-_ROUNDS = 8
-_AROUND = 3
-"""Nodes on either side of a misfit that rise less."""
+_ROUNDS, _LAST = 14, 6
+_LESS = 0.75
+"""What is left of a rise near a misfit, each round; in the last rounds nothing."""
+
+_AROUND = 2
+"""Nodes on either side of a misfit that rise less; twice as many in each of the last rounds."""
 
 
 def risen_trees(
@@ -35,7 +38,7 @@ def risen_trees(
     """The trees with their trunks as shallow as their radii allow, where nothing is in the way.
 
     Trunks are laid for radii with a margin, and chords and curves draw them inwards: what is left
-    of that is taken back here. Nodes near what doesn't fit then rise by half, and so on.
+    of that is taken back here. Nodes near what doesn't fit then rise less, and at last not at all.
 
     Parameters
     ----------
@@ -55,7 +58,8 @@ def risen_trees(
             return moved
         for n, tree in enumerate(trees):
             mine = bad[(bad >= first[n]) & (bad < first[n + 1])] - first[n]
-            shift[n][_around(tree, mine)] *= 0.5 if left > _ROUNDS // 2 else 0.0
+            far = _AROUND * 2 ** max(0, _LAST - left)
+            shift[n][_around(tree, mine, far)] *= _LESS if left >= _LAST else 0.0
     return trees
 
 
@@ -78,12 +82,12 @@ def rise(tissue: Tissue, tree: VesselTree, clearance_mm: float, shallow_mm: floa
     return shift
 
 
-def _around(tree: VesselTree, segments: IntArray) -> NDArray[np.bool_]:
-    """Which segments are some nodes from any of ``segments`` at most."""
+def _around(tree: VesselTree, segments: IntArray, far: int) -> NDArray[np.bool_]:
+    """Which segments are ``far`` nodes from any of ``segments`` at most."""
     near = np.zeros(len(tree.parent), dtype=np.bool_)
     near[segments] = True
     up = np.flatnonzero(tree.parent >= 0)
-    for _ in range(_AROUND):
+    for _ in range(far):
         more = near.copy()
         more[up] |= near[tree.parent[up]]
         np.logical_or.at(more, tree.parent[up], near[up])
