@@ -88,11 +88,12 @@ def anatomy_rows(
     known = grown(stl, organ, terminals, out, seed)
     net, tissue = read_network(out), read_stl(stl)
     yield row(f"{name}: growth, CPU", round(known["cpu_s"], 1), "s")
-    yield _zero(f"{name}: kinks over 30 degrees, above 5 % of the root", kinks(net, 30.0, 0.05))
+    trees = [one_kind(net, kind) for kind in np.unique(net.kind)]
+    bent = sum(kinks(tree, 30.0, 0.05) for tree in trees)
+    yield _zero(f"{name}: kinks over 30 degrees, above 5 % of the root", bent)
     near = near_pairs(net, _CLEARANCE, 0.1)
     yield _zero(f"{name}: colliding pairs", len(near.colliding))
     yield _zero(f"{name}: pieces out of the tissue", len(pieces_outside(net, tissue).pieces))
-    trees = [one_kind(net, kind) for kind in np.unique(net.kind)]
     murray = max(murray_residual(tree, known["murray"]) for tree in trees)
     yield _most(f"{name}: Murray residual", murray, 1e-9)
     # Of each kind all have one drop; arteries come first.

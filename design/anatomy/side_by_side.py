@@ -27,6 +27,9 @@ _GAP = 1.2
 _APART = 1.05
 """Room for each vessel over its radius: where both bend or twist, they come nearer."""
 
+_INLETS = 1.1
+"""Room between the inlets, over that further on: they stay where they are put."""
+
 _TURN = np.radians(15.0)
 """Twist from piece to piece."""
 
@@ -154,7 +157,7 @@ class _Sheet:
         own = self.away[run[0]]
         if above < 0:
             side = self._first_side(run)
-            up = self.found.add(self.tubes.proximal[run[0]], side, own, -1, -1)
+            up = self.found.add(self.tubes.proximal[run[0]], side, _INLETS * own, -1, -1)
             before, merge = own, 0.0
         else:
             side, up = _across(self.end_side[above], self.way[run[0]]), int(self.node[above])
