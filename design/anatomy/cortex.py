@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from design.anatomy.cortex_places import CortexPlaces, depth_along_normal, find_cortex_places
 from design.anatomy.from_trunks import TrunkPlan, not_in_the_way
 from design.anatomy.graph_trunk import LayerForest, apart_for, spread_sites
-from design.anatomy.grown import AnatomicTrees, grow_fitted
+from design.anatomy.grown import AnatomicTrees, grow_apart
 from design.anatomy.layer import Layer, below_surface, join_layer
 from design.anatomy.openness import sample_surface
 from design.anatomy.trunk_lines import TrunkLines, lines_of, outward, with_shares
@@ -111,7 +111,7 @@ def grow_cortex(
             tissue, lines, radius, rule, volume, options
         ),
     )
-    trees = grow_fitted(tissue, plan, options)
+    trees = grow_apart(tissue, plan, options)
     return AnatomicTrees(trees, (VesselKind.ARTERY,), ("pial_artery",), _notes(places, rule, entry))
 
 

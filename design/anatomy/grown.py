@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import ceil
 
-from design.anatomy.fit_pair import SPARE as SPARE_PAIRS
-from design.anatomy.fit_pair import fitted_pair
+from design.anatomy.fit_apart import SPARE as SPARE_APART
+from design.anatomy.fit_apart import fitted_apart
 from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
 from design.anatomy.prune_terminals import with_flow
 from design.anatomy.round_trees import SPARE, fitted_trees
@@ -66,6 +66,22 @@ def grow_fitted(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Tree
     return _attempts(tissue, plan, _with_spare(options, SPARE), fitted)
 
 
+def grow_apart(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:
+    """Grow one tree from a plan's trunk; its vessels are pushed apart rather than sunk.
+
+    Raises
+    ------
+    TissueError, GrowthError
+        As `grow_fitted`.
+    """
+    mm, ratio = options.clearance_mm, options.clearance_ratio
+
+    def fitted(trees: Trees) -> Trees:
+        return fitted_apart(tissue, trees, mm, ratio, options.terminals)
+
+    return _attempts(tissue, plan, _with_spare(options, SPARE), fitted)
+
+
 def grow_pair(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:
     """Grow an artery and a vein beside it from a plan's trunks, with so many terminals each.
 
@@ -80,9 +96,9 @@ def grow_pair(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:
         # Those to spare go in the end, and the others get their flow.
         flow = float(tubes[0].flow_ul_s[0]) / options.terminals
         pair = side_by_side(with_flow(tubes[0], flow), options)
-        return fitted_pair(tissue, pair, mm, ratio, options.terminals)
+        return fitted_apart(tissue, pair, mm, ratio, options.terminals)
 
-    return _attempts(tissue, plan, _with_spare(tube_options(options), SPARE_PAIRS), fitted)
+    return _attempts(tissue, plan, _with_spare(tube_options(options), SPARE_APART), fitted)
 
 
 def _with_spare(options: GrowthOptions, spare: float) -> GrowthOptions:

@@ -8,14 +8,16 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
+from design.anatomy.cortex import CortexAnatomy, grow_cortex
 from design.anatomy.grown import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.network import curved_network
+from design.anatomy.trunk_lines import outward
 from design.errors import GrowthError, TissueError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.network import VesselKind
-from design.tissue import Tissue, biventricle, tissue_from_surface
+from design.tissue import Tissue, biventricle, folded_cortex, tissue_from_surface
 from design.tissue import kidney as kidney_shape
 from design.vasculature import GrowthOptions
 from design.vasculature.collisions.collide import collisions
@@ -53,11 +55,26 @@ def pair() -> AnatomicTrees:
     return grow_kidney(kidney_tissue(), options, KidneyAnatomy(trunk_ends=12, vein="beside"))
 
 
+CORTEX = GrowthOptions(terminals=160, clearance_mm=0.05, pressure_drop_pa=2700)
+
+
+@cache
+def cortex_tissue() -> Tissue:
+    surface = folded_cortex(width_mm=12.0, folds=1.0)
+    return tissue_from_surface(surface.vertices, surface.faces)
+
+
+@cache
+def cortex() -> AnatomicTrees:
+    return grow_cortex(cortex_tissue(), CORTEX, CortexAnatomy(trunk_ends=20))
+
+
 def cases():
     return [
         pytest.param(heart, heart_tissue, 160, 2.5, id="heart"),
         pytest.param(kidney, kidney_tissue, 200, 3.0, id="kidney"),
         pytest.param(pair, kidney_tissue, 60, 3.0, id="artery and vein"),
+        pytest.param(cortex, cortex_tissue, 160, 3.0, id="cortex"),
     ]
 
 
@@ -169,6 +186,20 @@ def test_vein_runs_beside_the_artery_and_leaves_at_the_hilum():
     beside = np.linspace(vein.proximal, vein.distal, 5).reshape(-1, 3)
     near = cKDTree(beside).query(middle)[0] <= 6.0 * tree_radii(artery)
     assert length[near].sum() > 0.9 * length.sum()
+
+
+def test_cortex_has_pial_arteries_and_arterioles_at_right_angles_to_its_surface():
+    tree = cortex().trees[0]
+    trunk = np.flatnonzero(tree.given & (tree.parent >= 0))
+    middle = 0.5 * (tree.proximal + tree.distal)[trunk]
+    way = (tree.distal - tree.proximal)[trunk]
+    length = np.linalg.norm(way, axis=1)
+    cosine = np.abs((way * outward(cortex_tissue(), middle)).sum(axis=1)) / length
+    # Below the middle the nearest surface is the other one, with nearly the same normal.
+    deep = -cortex_tissue().grid.distance(middle) > 0.7
+    assert length[deep & (cosine > np.cos(np.radians(30)))].sum() > 0.7 * length[deep].sum()
+    assert 0.2 * length.sum() < length[deep].sum() < 0.8 * length.sum()
+    assert middle[~deep][:, 2].mean() > middle[deep][:, 2].mean()
 
 
 def test_same_seed_same_bytes():

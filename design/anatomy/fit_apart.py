@@ -1,4 +1,4 @@
-"""Fit an artery and a vein that run side by side: apart, curved, with as many terminals each."""
+"""Fit trees whose trunks crowd: pushed apart, curved, with as many terminals each."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LAST_SPARE = 0.1
 """Of those wanted, what is left to spare once the two are clear of each other."""
 
 
-def fitted_pair(
+def fitted_apart(
     tissue: Tissue, trees: Trees, clearance_mm: float, clearance_ratio: float, terminals: int
 ) -> Trees:
     """Trees pushed apart, curved and pruned until all fits, with so many terminals each.
