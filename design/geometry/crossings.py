@@ -208,9 +208,12 @@ def _meet_in_space(one: Any, two: Any, own: Any, its: Any, shared: int) -> int:
 def _flat(tri: Any) -> tuple[int, int]:
     """The two axes along which a triangle is best looked at."""
     u, v = tri[1] - tri[0], tri[2] - tri[0]
-    normal = np.abs(np.cross(u, v))
-    drop = int(np.argmax(normal))
-    return (drop + 1) % 3, (drop + 2) % 3
+    nx = abs(u[1] * v[2] - u[2] * v[1])
+    ny = abs(u[2] * v[0] - u[0] * v[2])
+    nz = abs(u[0] * v[1] - u[1] * v[0])
+    if nx >= ny and nx >= nz:
+        return 1, 2
+    return (2, 0) if ny >= nz else (0, 1)
 
 
 @jit
