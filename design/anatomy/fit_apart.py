@@ -51,7 +51,7 @@ def fitted_apart(
         bad = misfits(tissue, final, mm, ratio)
         if not bad[0] and not len(bad[1]) and not kinks(final):
             return final
-        spare //= 2
+        spare //= 4
     raise GrowthError(
         f"{len(bad[0])} pairs of vessels are too near, {len(bad[1])} pieces out of the tissue and "
         f"{kinks(done)} kinks are left after {AGAIN} rounds; ask for fewer terminals or a higher "

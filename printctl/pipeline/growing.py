@@ -11,6 +11,7 @@ from design.anatomy.grown import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.presets import PRESETS
+from design.anatomy.shares import uneven_notes
 from design.hemodynamics import FlowConditions, balance
 from design.network import VesselKind
 from design.tissue import Tissue
@@ -93,8 +94,11 @@ def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
     if "pressure_drop_mmhg" not in own:
         options = replace(options, pressure_drop_pa=preset.pressure_drop_mmhg * PA_PER_MMHG)
     found = _grown(context.tissue, options, anatomy)
-    _, notes = check_supply(context.tissue, *terminals_of(found.trees))
-    return replace(found, notes=(*found.notes, *notes))
+    ends, flow = terminals_of(found.trees)
+    _, notes = check_supply(context.tissue, ends, flow)
+    # A kidney's template has a demand of its own.
+    uneven = () if anatomy.template == "kidney" else uneven_notes(context.tissue, ends)
+    return replace(found, notes=(*found.notes, *notes, *uneven))
 
 
 def _grown(tissue: Tissue, options: GrowthOptions, part: AnatomyPart) -> AnatomicTrees:
