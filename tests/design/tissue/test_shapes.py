@@ -6,7 +6,15 @@ import trimesh
 from scipy.integrate import quad
 
 from design.errors import TissueError
-from design.tissue import annulus, biventricle, block, cylinder, folded_cortex, kidney
+from design.tissue import (
+    annulus,
+    biventricle,
+    block,
+    cylinder,
+    folded_cortex,
+    kidney,
+    tissue_from_surface,
+)
 from design.tissue import heart as heart_module
 
 SHAPES = {
@@ -89,9 +97,9 @@ def test_kidney_lies_on_the_bed_with_its_sinus_at_its_concave_side():
     shape = kidney(60.0)
     assert np.ptp(shape.vertices[:, 1]) == pytest.approx(60.0)
     assert shape.vertices[:, 2].min() == 0.0
-    mesh = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+    tissue = tissue_from_surface(shape.vertices, shape.faces)
     middle = np.array([[x, 0.0, 12.6] for x in (-14.0, -5.0, 5.0)])
-    assert mesh.contains(middle).tolist() == [False, False, True]
+    assert tissue.contains(middle).tolist() == [False, False, True]
 
 
 @pytest.mark.parametrize(
