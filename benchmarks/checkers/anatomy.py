@@ -67,7 +67,8 @@ def _one_each(points: FloatArray, triangle: FloatArray) -> FloatArray:
     inner = (u >= 0) & (v >= 0) & (u + v <= 1) & (size > 0)
     plane = np.abs(np.einsum("ij,ij->i", to, normal)) / np.sqrt(safe)
     edges = np.minimum.reduce([_edge(points, *ends) for ends in ((a, b), (b, c), (c, a))])
-    return np.where(inner, plane, edges)
+    found: FloatArray = np.where(inner, plane, edges)
+    return found
 
 
 def _edge(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
@@ -172,7 +173,8 @@ def length_beside(
     points, piece, share = _sampled(net, step_mm)
     away = cKDTree(targets).query(points)[0]
     near = away <= diameters * 2.0 * net.radius.mean(axis=1)[piece]
-    return net.length, np.bincount(piece, net.length[piece] * share * near, net.count)
+    beside: FloatArray = np.bincount(piece, net.length[piece] * share * near, net.count)
+    return net.length, beside
 
 
 def _sampled(net: Pieces, step_mm: float) -> tuple[FloatArray, IntArray, FloatArray]:

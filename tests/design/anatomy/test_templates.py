@@ -73,7 +73,7 @@ def cases():
     return [
         pytest.param(heart, heart_tissue, 160, 2.5, id="heart"),
         pytest.param(kidney, kidney_tissue, 200, 3.0, id="kidney"),
-        pytest.param(pair, kidney_tissue, 60, 3.0, id="artery and vein"),
+        pytest.param(pair, kidney_tissue, 60, 3.0, id="artery and vein", marks=pytest.mark.slow),
         pytest.param(cortex, cortex_tissue, 160, 3.0, id="cortex"),
     ]
 
@@ -174,6 +174,7 @@ def test_kidneys_artery_enters_at_the_notch_and_its_trunk_leaves_the_cortex_free
     assert depth[far].min() > 0.6 * cortex
 
 
+@pytest.mark.slow
 def test_vein_runs_beside_the_artery_and_leaves_at_the_hilum():
     found = pair()
     artery, vein = found.trees
