@@ -264,12 +264,13 @@ def anatomy_jobs(data: Path, folder: Path) -> Iterator[tuple[str, Any]]:
             "heart",
             lambda: ellipsoid_ventricle(folder / "e.stl"),
         ),
-        ("anatomy: kidney 8,000", "kidney", lambda: kidney),
+        ("anatomy: kidney 2,000", "kidney", lambda: kidney),
         (
-            "anatomy: kidney turned, 0.7 as large, 8,000",
+            "anatomy: kidney turned, 0.7 as large, 1,000",
             "kidney",
             lambda: turned_scaled(kidney, folder / "k.stl", 0.7),
         ),
     )
     for name, organ, stl in cases:
-        yield name, lambda n=name, o=organ, s=stl: anatomy_rows(n, s(), o, 8000, folder)
+        count = int(name.rsplit(" ", 1)[-1].replace(",", ""))
+        yield name, lambda n=name, o=organ, s=stl, c=count: anatomy_rows(n, s(), o, c, folder)
