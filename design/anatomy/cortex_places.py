@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from design.anatomy.openness import SurfaceSamples
@@ -21,8 +19,9 @@ _NEIGHBOURS = 12
 _SAME_SIDE = 0.7
 """Cosine between normals of neighbours on one side; rims are sharper."""
 
-_LEAST_SIDE = 0.2
-"""Share of the surface that a side has at least."""
+_SHEET = 0.2
+"""Thickness over the extent above which a shape is no sheet: all its surface is pial."""
+
 
 _ALIKE = 0.95
 """Share of the larger side from which on two count as equally large."""
@@ -53,7 +52,7 @@ def find_cortex_places(
     direction: FloatArray | None = None,
     thickness_mm: float | None = None,
 ) -> CortexPlaces:
-    """Find the pial side: the larger of the surface's smooth sides, or that of a direction.
+    """Find the pial side: the larger side of a sheet, or that of a direction.
 
     Of two equally large ones (a slab) the one that looks up.
 
@@ -67,12 +66,13 @@ def find_cortex_places(
     Raises
     ------
     TissueError
-        When no side is smooth.
+        When the sides can't be told apart.
     """
-    sides = _sides(samples)
-    if not sides:
+    every = depth_along_normal(tissue, samples.points, samples.inward)
+    sides = _sides(samples, every)
+    if not all(len(side) for side in sides):
         raise TissueError(
-            "no smooth side was found that could be the pial surface; the mesh may be too rough"
+            "the two sides of the sheet can't be told apart; the mesh may be too rough for a cortex"
         )
     normal = [-samples.inward[side].sum(axis=0) for side in sides]
     if direction is not None:
@@ -82,7 +82,7 @@ def find_cortex_places(
         alike = size >= _ALIKE * size.max()
         best = int(np.argmax(np.where(alike, [each[2] for each in normal], -np.inf)))
     pial = sides[best]
-    deep = depth_along_normal(tissue, samples.points[pial], samples.inward[pial])
+    deep = every[pial]
     outward = normal[best]
     return CortexPlaces(
         pial,
@@ -106,13 +106,31 @@ def depth_along_normal(tissue: Tissue, points: FloatArray, inward: FloatArray) -
     return gone
 
 
-def _sides(samples: SurfaceSamples) -> list[IntArray]:
-    """Samples of each smooth part of the surface, the largest first."""
-    near = cKDTree(samples.points).query(samples.points, _NEIGHBOURS)[1]
-    same = np.einsum("nkx,nx->nk", samples.inward[near], samples.inward) > _SAME_SIDE
-    begin = np.repeat(np.arange(len(near)), _NEIGHBOURS)[same.ravel()]
-    links = coo_matrix((np.ones(len(begin)), (begin, near[same])), shape=(len(near),) * 2)
-    number = connected_components(links, directed=False)[1]
-    count = np.bincount(number)
-    large = [n for n in np.argsort(-count, kind="stable") if count[n] >= _LEAST_SIDE * len(near)]
-    return [np.flatnonzero(number == n) for n in large]
+def _sides(samples: SurfaceSamples, deep: FloatArray) -> list[IntArray]:
+    """Samples of each side of a sheet; of a solid body all samples, as one."""
+    points, inward = samples.points, samples.inward
+    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+    if np.median(deep) > _SHEET * extent:
+        return [np.arange(len(points))]
+    index = cKDTree(points)
+    near = index.query(points, _NEIGHBOURS)[1]
+    same = np.einsum("nkx,nx->nk", inward[near], inward) > _SAME_SIDE
+    away, across = index.query(points + deep[:, None] * inward)
+    facing = np.einsum("nx,nx->n", inward, inward[across])
+    # From the place that faces its other side best, on both sides at once: rims come last.
+    side = np.zeros(len(points), dtype=np.int64)
+    thin = deep <= 1.1 * np.median(deep)
+    seed = int(np.argmin(np.where(thin, facing + away / np.median(deep), np.inf)))
+    side[seed], side[across[seed]] = 1, -1
+    queue = [seed, int(across[seed])]
+    for here in queue:
+        for there in near[here][same[here]].tolist():
+            if side[there]:
+                continue
+            side[there] = side[here]
+            queue.append(there)
+            other = int(across[there])
+            if not side[other] and facing[there] < -_SAME_SIDE:
+                side[other] = -side[here]
+                queue.append(other)
+    return [np.flatnonzero(side == 1), np.flatnonzero(side == -1)]
