@@ -93,8 +93,8 @@ def anatomy_rows(
     yield _zero(f"{name}: kinks over 30 degrees, above 5 % of the root", bent)
     near = near_pairs(net, _CLEARANCE, 0.1)
     yield _zero(f"{name}: colliding pairs", len(near.colliding))
-    out = sum(len(pieces_outside(tree, tissue).pieces) for tree in trees)
-    yield _zero(f"{name}: pieces out of the tissue", out)
+    outside = sum(len(pieces_outside(tree, tissue).pieces) for tree in trees)
+    yield _zero(f"{name}: pieces out of the tissue", outside)
     murray = max(murray_residual(tree, known["murray"]) for tree in trees)
     yield _most(f"{name}: Murray residual", murray, 1e-9)
     # Of each kind all have one drop; arteries come first.

@@ -173,7 +173,8 @@ def length_beside(
     points, piece, share = _sampled(net, step_mm)
     away = cKDTree(targets).query(points)[0]
     near = away <= diameters * 2.0 * net.radius.mean(axis=1)[piece]
-    beside: FloatArray = np.bincount(piece, net.length[piece] * share * near, net.count)
+    weight: FloatArray = net.length[piece] * share * near
+    beside = np.bincount(piece, weight, net.count).astype(np.float64)
     return net.length, beside
 
 

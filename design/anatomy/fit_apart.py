@@ -10,6 +10,7 @@ from design.anatomy.push_apart import push_apart
 from design.anatomy.round_trees import AGAIN, SECOND, Trees, curve_trees, kinks, misfits
 from design.errors import GrowthError
 from design.tissue import Tissue
+from design.vasculature.tree import VesselTree
 
 SPARE = 1.2
 """Terminals to grow over those wanted."""
@@ -72,7 +73,7 @@ def _clear(tissue: Tissue, trees: Trees, mm: float, ratio: float) -> Trees:
 
 def _trimmed(trees: Trees, terminals: int, spare: int) -> Trees:
     """The trees with so many terminals each, and so many to spare where they have them."""
-    found = []
+    found: list[VesselTree] = []
     for tree in trees:
         most = max(terminals, min(terminals + spare, int(tree.terminals[0])))
         found += trimmed((tree,), most)
