@@ -19,7 +19,7 @@ serve: $(VENV)/.ready-web
 test: lint pytest
 
 pytest: kernels
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
+	$(BIN)/python -m pytest --numprocesses 3 --dist loadfile
 
 # All kernels, compiled by all cores before tests want them; no work where they are kept.
 kernels: $(VENV)/.ready-test

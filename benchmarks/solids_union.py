@@ -85,7 +85,7 @@ def _rows(name: str, run: Row, path: Path, goals: list[Any]) -> Iterator[Row]:
     volume = 0.0
     for suffix in ("stl", "3mf"):
         file = Path(run["stem"] + "." + suffix)
-        found, others = check_file(file), _read_elsewhere(file)
+        found, others = check_file(file), read_elsewhere(file)
         volume = found.volume
         good = found.closed and (found.bodies, found.handles) == (1, genus) and all(others.values())
         told = f"closed, oriented, 1 body, genus {genus}"
@@ -105,7 +105,7 @@ def _rows(name: str, run: Row, path: Path, goals: list[Any]) -> Iterator[Row]:
     }
 
 
-def _read_elsewhere(path: Path) -> dict[str, bool]:
+def read_elsewhere(path: Path) -> dict[str, bool]:
     """Whether other readers call the file a closed solid."""
     import trimesh
     from manifold3d import Error, Manifold, Mesh

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         block,
         cylinder,
         folded_cortex,
+        kidney,
         load_tissue,
         tissue_from_surface,
     )
@@ -90,6 +91,7 @@ __all__ = [
     "forest_to_network",
     "grow_forest",
     "grow_tree",
+    "kidney",
     "load_tissue",
     "lumen_solid",
     "plan_embedded",

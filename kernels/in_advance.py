@@ -11,15 +11,16 @@ import multiprocessing
 import os
 import signal
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from kernels.folder import ALL, FOR_KERNELS, cache_dir, kernel_of
 from kernels.needed import NeededKernel, resolve_name, types_of
+from kernels.under_way import expect, expect_no_more
 
 _SOURCES: Final = Path(__file__).resolve().parent.parent
 _MOST_PROCESSES: Final = 8
@@ -55,25 +56,47 @@ def processes() -> int:
     return min(cores or 1, _MOST_PROCESSES)
 
 
-def compile_in_advance(rows: Sequence[NeededKernel], told: Told = lambda done: None) -> int:
-    """Compile ``rows`` into the store; return how many couldn't be.
+@contextmanager
+def compiling(
+    rows: Sequence[NeededKernel], beside: Sequence[NeededKernel], told: Told = lambda done: None
+) -> Iterator[int]:
+    """Compile ``rows`` into the store; go on with ``beside`` while the caller is at work.
 
-    Those are left to their first call, which compiles them or says what is wrong.
+    Yields how many of ``rows`` couldn't be compiled. Those are left to their first call, which
+    compiles them or says what is wrong. A call of a kernel of ``beside`` waits for it. What isn't
+    done when the caller has ended isn't compiled.
     """
     # Spawned: a fork of a process with numba's threads may hang.
     spawn = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(processes(), spawn, initializer=_begin)
-    failed = len(rows)
+    others = set(multiprocessing.active_children())
+    waiting = [pool.submit(_compiled, one.kernel, one.takes, one.entry) for one in (*rows, *beside)]
+    workers = set(multiprocessing.active_children()) - others
+    first, later = waiting[: len(rows)], waiting[len(rows) :]
     try:
-        waiting = [pool.submit(_compiled, one.kernel, one.takes, one.entry) for one in rows]
+        expect(beside, later)
+        failed = len(rows)
         with suppress(BrokenProcessPool):
-            for done, one in enumerate(as_completed(waiting), 1):
+            for done, one in enumerate(as_completed(first), 1):
                 failed -= one.result()
                 told(done)
+        _mark_as_checked(rows)
+        yield failed
+        if all(one.done() for one in later):
+            _mark_as_checked(beside)
     finally:
+        expect_no_more()
+        if not all(one.done() for one in waiting):
+            # They ignore Ctrl-C, and a kernel takes seconds.
+            for worker in workers:
+                worker.terminate()
         pool.shutdown(cancel_futures=True)
-    _mark_as_checked(rows)
-    return failed
+
+
+def compile_in_advance(rows: Sequence[NeededKernel], told: Told = lambda done: None) -> int:
+    """Compile ``rows`` into the store; return how many couldn't be."""
+    with compiling(rows, (), told) as failed:
+        return failed
 
 
 def _begin() -> None:

@@ -23,6 +23,7 @@ from numba.core.serialize import dumps
 from kernels.files import read_whole, write_whole
 from kernels.folder import ALL, FOR_KERNELS, cache_dir
 from kernels.key import Memo, UnkeepableError, kernel_key, signature_text
+from kernels.under_way import waited_for
 
 _MEMO: Memo = {}
 
@@ -55,10 +56,20 @@ class KernelStore(NullCache):
         lists the rest.
         """
         rtsys.initialize(target_context)
+        payload = self._of_either_form(sig, target_context)
+        if payload is None and waited_for(self._name(), sig):
+            payload = self._of_either_form(sig, target_context)
+        return None if payload is None else CompileResult._rebuild(target_context, *payload)
+
+    def _of_either_form(self, sig: Any, target_context: Any) -> tuple[Any, ...] | None:
         payload = self.kept(sig, target_context)
         if payload is None and self._kernel.for_kernels:
             payload = self.kept(sig, target_context, for_kernels=True)
-        return None if payload is None else CompileResult._rebuild(target_context, *payload)
+        return payload
+
+    def _name(self) -> str:
+        function = self._kernel.py_func
+        return f"{function.__module__}:{function.__name__}"
 
     def kept(
         self, sig: Sequence[types.Type], target_context: Any, for_kernels: bool = False
@@ -88,12 +99,11 @@ class KernelStore(NullCache):
 
     def _path(self, sig: Sequence[types.Type], codegen: Any, for_kernels: bool) -> Path | None:
         """File for argument types ``sig``; None where such a kernel isn't kept."""
-        function = self._kernel.py_func
         try:
             key, types_text = kernel_key(self._kernel, _MEMO), signature_text(sig, _MEMO)
         except UnkeepableError:
             return None
         parts = [key, types_text, repr(codegen.magic_tuple())]
-        name = f"{function.__module__}.{function.__name__}"
+        name = self._name().replace(":", ".")
         digest = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
         return cache_dir() / f"{name}-{digest}{FOR_KERNELS if for_kernels else ALL}"

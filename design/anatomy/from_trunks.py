@@ -63,6 +63,8 @@ class TrunkPlan:
         Radii by which trunks are kept clear of each other, over those they are laid for.
     keep : function of (n, 3) to (n, 3), optional
         Brings nodes back to a zone, after they were brought to their depth.
+    branches : function of lines and radii to both, optional
+        Adds trunks that leave the laid ones.
     """
 
     lines: TrunkLines
@@ -70,6 +72,7 @@ class TrunkPlan:
     exactly: bool = True
     wider: float = WIDER
     keep: Callable[[FloatArray], FloatArray] | None = None
+    branches: Callable[[TrunkLines, FloatArray], tuple[TrunkLines, FloatArray]] | None = None
 
 
 def grow_from_plan(
@@ -90,7 +93,8 @@ def grow_from_plan(
     for left in range(_ROUNDS - 1, -1, -1):
         smooth, kept = laid(tissue, plan, lines, radius, options)
         lines, radius = without(lines, ~kept), radius[kept]
-        trees = grow_forest(tissue, roots_of(thinned(smooth, STRAIGHTER * radius), radius, options))
+        whole, wide = plan.branches(smooth, radius) if plan.branches else (smooth, radius)
+        trees = grow_forest(tissue, roots_of(thinned(whole, STRAIGHTER * wide), wide, options))
         found = trunk_radii(smooth, trees)
         if left == 0 or (found <= radius).all():
             break
@@ -187,6 +191,17 @@ def _in_the_way(
     enters = lines.parent[lines.parent[piece]] < 0
     gone[piece[~inside & ~enters]] = True
     return _whole_branches(lines, gone)
+
+
+def not_in_the_way(
+    tissue: Tissue, lines: TrunkLines, radius: FloatArray, options: GrowthOptions
+) -> tuple[TrunkLines, FloatArray]:
+    """Lines and radii without what is in another trunk's way or out of the tissue."""
+    while True:
+        gone = _in_the_way(tissue, lines, radius, options)
+        if not gone.any():
+            return lines, radius
+        lines, radius = without(lines, gone), radius[~gone]
 
 
 def _whole_branches(lines: TrunkLines, gone: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
 
 from design.anatomy.layer import Layer
 from design.errors import GrowthError
@@ -137,3 +138,11 @@ def spread_sites(points: FloatArray, count: int, taken: FloatArray) -> IntArray:
         sites.append(site)
         away = np.minimum(away, np.linalg.norm(points - points[site], axis=1))
     return np.array(sites, dtype=np.int64)
+
+
+def apart_for(layer: Layer, ends: int) -> float:
+    """Distance of branches at which so many ends cover the layer, mm."""
+    near = cKDTree(layer.points).query(layer.points, 2)[0][:, 1]
+    # A place of a random pattern has its nearest neighbour half the root of its area away.
+    area = len(layer.points) * (2.0 * float(near.mean())) ** 2
+    return 0.62 * float(np.sqrt(area / ends))

@@ -7,9 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from design.anatomy.graph_trunk import LayerForest, cheapest_path, spread_sites
+from design.anatomy.graph_trunk import LayerForest, apart_for, cheapest_path, spread_sites
 from design.anatomy.heart_places import HeartPlaces
 from design.anatomy.layer import Layer, below_surface, join_layer
 from design.anatomy.openness import SurfaceSamples
@@ -113,7 +112,7 @@ def heart_forest(
     epi = _epicardium(layer, places)
     front, back = places.grooves
     back += 2 * np.pi
-    forest = LayerForest(layer, balance, layer.length.copy(), _apart(layer, ends))
+    forest = LayerForest(layer, balance, layer.length.copy(), apart_for(layer, ends))
     apex = int(np.argmin(epi.height))
     begin = {LEFT: front + _LEFT_OF_GROOVE, RIGHT: front - _RIGHT_OF_GROOVE}
     for tree, place in (ostia or {}).items():
@@ -131,14 +130,6 @@ def heart_forest(
     taken = layer.points[np.flatnonzero(forest.parent > -2)]
     forest.join(spread_sites(layer.points, 3 * ends, taken))
     return forest
-
-
-def _apart(layer: Layer, ends: int) -> float:
-    """Distance of branches at which so many ends cover the layer, mm."""
-    near = cKDTree(layer.points).query(layer.points, 2)[0][:, 1]
-    # A place of a random pattern has its nearest neighbour half the root of its area away.
-    area = len(layer.points) * (2.0 * float(near.mean())) ** 2
-    return 0.62 * float(np.sqrt(area / ends))
 
 
 def ostium_above(tissue: Tissue, place: FloatArray, up: FloatArray) -> FloatArray:

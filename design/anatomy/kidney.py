@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from design.anatomy.from_trunks import TrunkPlan
 from design.anatomy.graph_trunk import LayerForest, spread_sites
-from design.anatomy.grown import AnatomicTrees, grow_fitted
+from design.anatomy.grown import AnatomicTrees, grow_fitted, grow_pair
 from design.anatomy.kidney_places import KidneyPlaces, find_kidney_places
 from design.anatomy.layer import Layer, join_layer
 from design.anatomy.openness import sample_surface
@@ -50,18 +51,21 @@ class KidneyAnatomy:
         Terminals per volume of the cortex over the medulla's.
     trunk_ends : int
         How many ends the trunks have, at about.
+    vein : "none" or "beside"
+        Whether a vein runs beside the artery.
     """
 
     hilum_mm: Place | None = None
     cortex_mm: float | None = None
     cortex_demand: float = 4.0
     trunk_ends: int = 120
+    vein: Literal["none", "beside"] = "none"
 
 
 def grow_kidney(
     tissue: Tissue, options: GrowthOptions, anatomy: KidneyAnatomy | None = None
 ) -> AnatomicTrees:
-    """Grow the artery of any kidney.
+    """Grow the artery of any kidney, and the vein beside it where it is asked for.
 
     Hilum, capsule and cortex are found in the shape (`find_kidney_places`). Trunks enter on the
     sinus's wall, go through the medulla to the border of the cortex and on along it; the wide
@@ -86,6 +90,10 @@ def grow_kidney(
     forest = kidney_forest(layer, places, ends)
     lines = lines_of(forest, {0: places.entry}, volume)
     plan = TrunkPlan(lines, 0.3, exactly=False, keep=places.kept_in_medulla)
+    if anatomy.vein == "beside":
+        kinds = (VesselKind.ARTERY, VesselKind.VEIN)
+        trees = grow_pair(tissue, plan, options)
+        return AnatomicTrees(trees, kinds, ("artery", "vein"), _notes(places))
     trees = grow_fitted(tissue, plan, options)
     return AnatomicTrees(trees, (VesselKind.ARTERY,), ("artery",), _notes(places))
 

@@ -113,22 +113,28 @@ def trimmed(trees: Sequence[VesselTree], terminals: int) -> tuple[VesselTree, ..
 
 
 def _side_tips(tree: VesselTree) -> IntArray:
-    """Terminals that leave a wider vessel, no trunk's, the shortest first."""
+    """Terminals by how little is lost with them: first those that leave a wider vessel.
+
+    Of these, and of the others, the shortest first; a trunk's ends last.
+    """
     radius = tree_radii(tree)
     length = np.linalg.norm(tree.distal - tree.proximal, axis=1)
-    joint = np.flatnonzero(tree.children[:, 1] >= 0)
-    a, b = tree.children[joint].T.astype(np.int64)
-    thin, wide = np.where(radius[a] < radius[b], a, b), np.where(radius[a] < radius[b], b, a)
-    # A terminal may end a run of pieces: follow it down.
-    tip, total = thin.copy(), length[thin]
+    tips = np.flatnonzero(tree.children[:, 0] < 0)
+    # A terminal may end a run of pieces: follow it up to its joint.
+    top, total = tips.astype(np.int64), length[tips]
     while True:
-        on = (tree.children[tip, 0] >= 0) & (tree.children[tip, 1] < 0)
+        above = tree.parent[top]
+        on = (above >= 0) & (tree.children[np.maximum(above, 0), 1] < 0)
         if not on.any():
             break
-        tip = np.where(on, tree.children[tip, 0], tip)
-        total = total + np.where(on, length[tip], 0.0)
-    fits = (tree.children[tip, 0] < 0) & ~tree.given[tip] & (tree.terminals[wide] >= _STEADY)
-    return np.asarray(tip[fits][np.argsort(total[fits], kind="stable")], dtype=np.int64)
+        top = np.where(on, above, top)
+        total = total + np.where(on, length[top], 0.0)
+    above = np.maximum(tree.parent[top], 0)
+    a, b = tree.children[above].T.astype(np.int64)
+    beside = np.where(a == top, b, a)
+    side = (radius[top] < radius[beside]) & (tree.terminals[beside] >= _STEADY)
+    rank = np.where(tree.given[tips], 2, np.where(side & (tree.parent[top] >= 0), 0, 1))
+    return np.asarray(tips[np.lexsort((total, rank))], dtype=np.int64)
 
 
 def with_flow(tree: VesselTree, terminal_flow_ul_s: float) -> VesselTree:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from design.anatomy.curves import STRAIGHT, Lines, curve_tree, main_children, turns
 from design.anatomy.prune_terminals import trimmed, with_flow, without_collisions
+from design.anatomy.rise import risen, risen_trees
 from design.anatomy.sink import sink_trunk
 from design.errors import GrowthError
 from design.tissue import Tissue
@@ -32,8 +33,8 @@ SPARE = 1.08
 """Terminals to grow over those wanted: some are taken away where vessels don't fit."""
 
 ROUNDS = 10
-_AGAIN = 12
-_SECOND = np.radians(24.0)
+AGAIN = 12
+SECOND = np.radians(24.0)
 _LESS, _LEAST = 0.5, 0.01
 
 
@@ -43,6 +44,7 @@ def fitted_trees(
     clearance_mm: float,
     clearance_ratio: float,
     terminals: int,
+    shallow_mm: float | None = None,
 ) -> Trees:
     """Curved trees of so many terminals that fit: trunks sunk, misfits pruned, kinks rounded.
 
@@ -54,6 +56,8 @@ def fitted_trees(
         Kept in the end.
     terminals : int
         In the end, of all trees together.
+    shallow_mm : float, optional
+        Trunks rise to where their radii allow, but no higher than this depth.
 
     Raises
     ------
@@ -64,14 +68,18 @@ def fitted_trees(
     done, least = _sunk(tissue, tuple(trees), mm, ratio), STRAIGHT
     flow = float(sum(tree.flow_ul_s[0] for tree in trees)) / terminals
     done = tuple(with_flow(tree, flow) for tree in done)
-    for _ in range(_AGAIN):
+    if shallow_mm is not None:
+        done = tuple(risen(tissue, tree, mm, shallow_mm) for tree in done)
+    for _ in range(AGAIN):
         done, bad = curve_trees(tissue, _sunk(tissue, done, mm, ratio), mm, ratio, least)
-        least = _SECOND
+        least = SECOND
         if not _any(bad):
             final = trimmed(done, terminals)
             bad = misfits(tissue, final, mm, ratio)
             if not _any(bad) and not kinks(final):
-                return final
+                if shallow_mm is None:
+                    return final
+                return _risen(tissue, final, mm, ratio, shallow_mm)
             # Most spare terminals go, and what that bends or widens is mended.
             done = _spared(done, terminals)
             bad = misfits(tissue, done, mm, ratio)
@@ -80,9 +88,22 @@ def fitted_trees(
         done = without_collisions(done, bad[0], bad[1][~given[bad[1]]])
     raise GrowthError(
         f"{len(bad[0])} pairs of vessels are too near, {len(bad[1])} pieces out of the tissue and "
-        f"{kinks(done)} kinks are left after {_AGAIN} rounds; ask for fewer terminals or a higher "
+        f"{kinks(done)} kinks are left after {AGAIN} rounds; ask for fewer terminals or a higher "
         "pressure_drop_mmhg"
     )
+
+
+def _risen(tissue: Tissue, trees: Trees, mm: float, ratio: float, shallow_mm: float) -> Trees:
+    """The trees with their trunks as shallow as they fit, kinks no more than before."""
+    free = kinks(trees) == 0
+
+    def bad(moved: Trees) -> IntArray:
+        pairs, out = misfits(tissue, moved, mm, ratio)
+        bent = kinked(moved) if free else np.empty(0, dtype=np.int64)
+        flat = np.array(pairs, dtype=np.int64).ravel()
+        return np.unique(np.concatenate([flat, out, bent]))
+
+    return risen_trees(tissue, trees, mm, shallow_mm, bad)
 
 
 def _spared(trees: Trees, terminals: int) -> Trees:
@@ -97,7 +118,7 @@ def _any(bad: Misfits) -> bool:
 
 def _sunk(tissue: Tissue, trees: Trees, clearance_mm: float, clearance_ratio: float) -> Trees:
     """Trees whose trunks lie deep enough, without what then doesn't fit."""
-    for _ in range(_AGAIN):
+    for _ in range(AGAIN):
         trees = tuple(sink_trunk(tissue, tree, clearance_mm) for tree in trees)
         bad = misfits(tissue, trees, clearance_mm, clearance_ratio)
         if not _any(bad):
@@ -181,9 +202,16 @@ def _wider(tree: VesselTree, curved: tuple[VesselTree, Lines]) -> IntArray:
 
 def kinks(trees: Sequence[VesselTree], degrees: float = KINK, of_root: float = WIDE) -> int:
     """Turns of main lines above an angle, in vessels wider than a part of their root's radius."""
-    count = 0
+    return len(kinked(trees, degrees, of_root))
+
+
+def kinked(trees: Sequence[VesselTree], degrees: float = KINK, of_root: float = WIDE) -> IntArray:
+    """Segments, numbered on, at whose end such a turn is."""
+    found, first = [], 0
     for tree in trees:
         upper, turn = turns(tree)
-        wide = tree_radii(tree) > of_root * float(tree_radii(tree)[0])
-        count += int(((turn > np.radians(degrees)) & wide[upper]).sum())
-    return count
+        radius = tree_radii(tree)
+        sharp = (turn > np.radians(degrees)) & (radius[upper] > of_root * float(radius[0]))
+        found.append(upper[sharp] + first)
+        first += len(tree.parent)
+    return np.concatenate(found)

@@ -25,6 +25,9 @@ IntArray = NDArray[np.int64]
 _ROUNDING = 8e-16
 """Of a 3 x 3 determinant over the sum of its terms' sizes: Shewchuk's (7 + 56 ε) ε, rounded up."""
 
+_BLUR = 1e-14
+"""Of the greatest sum of three products: differences and products to 2^-53 each, sums too."""
+
 _NOWHERE: Any = np.int64(-1)
 """A kernel is compiled anew for each literal and for prange's own unsigned index."""
 
@@ -112,7 +115,7 @@ def _search(tree: Any, faces: Any, n: int, at: int, pairs: Any, status: Any) -> 
     while node >= 0:
         for m in range(max(n + 1, tree.first[node]), tree.first[node] + tree.size[node]):
             two = tree.triangles[m].reshape(3, 3)
-            if boxes_apart(two, low, high):
+            if boxes_apart(two, low, high) or _parted_across(one, two):
                 continue
             met = meeting_kind(one, two, faces[tree.face[n]], faces[tree.face[m]])
             if met == APART:
@@ -123,6 +126,57 @@ def _search(tree: Any, faces: Any, n: int, at: int, pairs: Any, status: Any) -> 
             count += 1
         node, top = next_leaf(tree, low, high, stack, top)
     return count
+
+
+@jit
+def _parted_across(one: Any, two: Any) -> bool:
+    """Whether a plane along the longest edges parts two triangles, beyond what rounding blurs.
+
+    Boxes of long, thin triangles (a rod's walls) meet by the million where the rods are far apart.
+    """
+    ux, uy, uz, long = _longest(one)
+    vx, vy, vz, other = _longest(two)
+    ox, oy, oz = one[0, 0], one[0, 1], one[0, 2]
+    dx, dy, dz = two[0, 0] - ox, two[0, 1] - oy, two[0, 2] - oz
+    if other > long:
+        along = (dx * vx + dy * vy + dz * vz) / other
+        px, py, pz = dx - along * vx, dy - along * vy, dz - along * vz
+    else:
+        along = (dx * ux + dy * uy + dz * uz) / long
+        px, py, pz = dx - along * ux, dy - along * uy, dz - along * uz
+    if _parted_along(one, two, px, py, pz):
+        return True
+    return _parted_along(one, two, uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx)
+
+
+@jit
+def _longest(tri: Any) -> tuple[float, float, float, float]:
+    """A triangle's longest edge, and the square of its length."""
+    x, y, z, most = 0.0, 0.0, 0.0, -1.0
+    for i in range(3):
+        k = (i + 1) % 3
+        dx, dy, dz = tri[k, 0] - tri[i, 0], tri[k, 1] - tri[i, 1], tri[k, 2] - tri[i, 2]
+        square = dx * dx + dy * dy + dz * dz
+        if square > most:
+            x, y, z, most = dx, dy, dz, square
+    return x, y, z, most
+
+
+@jit
+def _parted_along(one: Any, two: Any, x: float, y: float, z: float) -> bool:
+    """Whether there is a gap between two triangles seen along a direction."""
+    ox, oy, oz = one[0, 0], one[0, 1], one[0, 2]
+    low, high, least, most, size = 0.0, 0.0, np.inf, -np.inf, 0.0
+    for i in range(3):
+        px, py, pz = x * (one[i, 0] - ox), y * (one[i, 1] - oy), z * (one[i, 2] - oz)
+        at = px + py + pz
+        low, high = min(low, at), max(high, at)
+        qx, qy, qz = x * (two[i, 0] - ox), y * (two[i, 1] - oy), z * (two[i, 2] - oz)
+        at = qx + qy + qz
+        least, most = min(least, at), max(most, at)
+        size = max(size, abs(px) + abs(py) + abs(pz), abs(qx) + abs(qy) + abs(qz))
+    gap = max(least - high, low - most)
+    return gap > _BLUR * size
 
 
 @jit
@@ -208,9 +262,12 @@ def _meet_in_space(one: Any, two: Any, own: Any, its: Any, shared: int) -> int:
 def _flat(tri: Any) -> tuple[int, int]:
     """The two axes along which a triangle is best looked at."""
     u, v = tri[1] - tri[0], tri[2] - tri[0]
-    normal = np.abs(np.cross(u, v))
-    drop = int(np.argmax(normal))
-    return (drop + 1) % 3, (drop + 2) % 3
+    nx = abs(u[1] * v[2] - u[2] * v[1])
+    ny = abs(u[2] * v[0] - u[0] * v[2])
+    nz = abs(u[0] * v[1] - u[1] * v[0])
+    if nx >= ny and nx >= nz:
+        return 1, 2
+    return (2, 0) if ny >= nz else (0, 1)
 
 
 @jit

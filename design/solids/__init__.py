@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     )
     from design.solids.construct import block_solid, construct_solid, solid_from_surface
     from design.solids.genus import construct_genus, network_genus
-    from design.solids.lumen import lumen_solid
+    from design.solids.lumen import lumen_pair, lumen_solid
     from design.solids.marks import fiducial_places, text_solid, with_text
     from design.solids.obj import write_obj
     from design.solids.ply import write_ply
@@ -55,6 +55,7 @@ __all__ = [
     "fiducial_places",
     "find_crossings",
     "find_ports",
+    "lumen_pair",
     "lumen_solid",
     "network_genus",
     "open_ends",

@@ -15,10 +15,14 @@ from design.errors import SolidError
 from design.geometry.crossings import find_crossings
 from design.geometry.surface import Surface
 from design.solids.read import load_mesh
+from design.solids.solid import Solid
 from design.solids.topology import edge_faults, surface_genus
 
 if TYPE_CHECKING:
     import trimesh
+
+Triangles = tuple[NDArray[np.float64], NDArray[np.int64]]
+"""Vertices (n, 3) and faces (m, 3)."""
 
 SELF_INTERSECTION: Final = (
     "all pairs of triangles whose boxes meet are tried, neighbours too, exactly: counted are those "
@@ -89,10 +93,11 @@ class SolidCheck:
         )
 
 
-def validate_files(paths: Sequence[Path]) -> dict[str, SolidCheck]:
+def validate_files(paths: Sequence[Path], made: Sequence[Solid] = ()) -> dict[str, SolidCheck]:
     """Read files back and check each as `validate_file` does; by name.
 
-    Files that hold the same triangles are checked once.
+    Files that hold the same triangles are checked once. Crossings aren't looked for again in a
+    file that holds exactly the triangles of a solid in which none were found (``made``, some).
 
     Raises
     ------
@@ -100,13 +105,15 @@ def validate_files(paths: Sequence[Path]) -> dict[str, SolidCheck]:
         As `validate_file`.
     """
     found: dict[str, SolidCheck] = {}
-    known: list[tuple[trimesh.Trimesh, SolidCheck]] = []
+    known: list[tuple[Triangles, SolidCheck]] = []
+    uncrossed = [solid for solid in made if solid.uncrossed]
     for path in paths:
         mesh = load_mesh(path)
-        check = next((check for other, check in known if _same(mesh, other)), None)
+        read = _triangles(mesh)
+        check = next((check for other, check in known if _same(read, other)), None)
         if check is None:
-            check = _checked(mesh, path)
-            known.append((mesh, check))
+            check = _checked(mesh, path, any(_holds(read, solid) for solid in uncrossed))
+            known.append((read, check))
         found[path.name] = replace(check, file=path.name)
     return found
 
@@ -124,33 +131,51 @@ def validate_file(path: Path) -> SolidCheck:
     return _checked(load_mesh(path), path)
 
 
-def _same(mesh: trimesh.Trimesh, other: trimesh.Trimesh) -> bool:
-    """Whether two meshes, both with equal vertices merged, are the same triangles in order."""
-    return np.array_equal(mesh.faces, other.faces) and np.array_equal(mesh.vertices, other.vertices)
-
-
-def _checked(mesh: trimesh.Trimesh, path: Path) -> SolidCheck:
+def _triangles(mesh: trimesh.Trimesh) -> Triangles:
+    """Vertices (n, 3) and faces (m, 3), without what trimesh keeps beside them."""
     vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
-    faces = np.ascontiguousarray(mesh.faces, dtype=np.int64)
+    return vertices, np.ascontiguousarray(mesh.faces, dtype=np.int64)
+
+
+def _same(one: Triangles, other: Triangles) -> bool:
+    """Whether two meshes, both with equal vertices merged, are the same triangles in order."""
+    return np.array_equal(one[1], other[1]) and np.array_equal(one[0], other[0])
+
+
+def _holds(read: Triangles, solid: Solid) -> bool:
+    """Whether a file holds a solid's triangles, in order, to the last digit."""
+    vertices, faces = read
+    if faces.shape != solid.faces.shape or len(vertices) != len(solid.vertices):
+        return False
+    # A place has one number in either: as many numbers, and each corner at the same place.
+    return all(
+        np.array_equal(vertices[faces[:, k]], solid.vertices[solid.faces[:, k]]) for k in range(3)
+    )
+
+
+def _checked(mesh: trimesh.Trimesh, path: Path, uncrossed: bool = False) -> SolidCheck:
+    vertices, faces = _triangles(mesh)
     volume = Surface(vertices, faces).volume_mm3  # in the file's unit, whatever it is
     manifold = Manifold(Mesh64(vertices, faces.astype(np.uint64)))
     same = bool(np.isclose(manifold.volume(), volume, rtol=1e-6, atol=0.0))
+    valid = manifold.status() == Error.NoError and same
+    del manifold  # a large file's takes a gigabyte
     faults = edge_faults(faces)
     genus, shells = (None, None) if faults else surface_genus(faces)
-    met = find_crossings(vertices, faces[_proper(faces)])
+    crossing = 0 if uncrossed else len(find_crossings(vertices, faces[_proper(faces)]).faces)
     return SolidCheck(
         file=path.name,
         vertices=len(vertices),
         faces=len(faces),
         watertight=bool(mesh.is_watertight),
         oriented=bool(mesh.is_winding_consistent) and volume > 0.0,
-        manifold=manifold.status() == Error.NoError and same,
+        manifold=valid,
         volume=volume,
         genus=genus,
         shells=shells,
         open_edges=faults.open,
         wrong_edges=faults.wrong,
-        crossing_faces=len(met.faces),
+        crossing_faces=crossing,
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -12,12 +14,17 @@ from design.solids.facets import FACET_TOLERANCE_MM, Facets
 from design.solids.runs import free_ends
 from design.solids.smooth.assemble import sew_parts
 from design.solids.smooth.layout import Layout, lay_out
+from design.solids.smooth.plain_tubes import with_other_tubes
+from design.solids.smooth.sewing import Sewing
 from design.solids.snap import mended_solid, solid_from_mesh
 from design.solids.solid import Solid
 from design.solids.tube import EndShape
 
 _TRIES = 3
 """Of leaving groups sharp that can't be rounded without crossing themselves."""
+
+_BEYOND_HALF_BALL = 1.2
+"""Radii from a free end that hold the half ball which closes it (`dome_profile` stretches it)."""
 
 
 def lumen_solid(
@@ -71,16 +78,13 @@ def lumen_solid(
     """
     _check(extend_ends_mm, tolerance_mm, fillet_ratio if fillet_mm is None else fillet_mm)
     extended = extended_ends(network, extend_ends_mm, extend_nodes)
-    # Around the middle of the network, so that far from the origin no digits are lost in between.
-    middle = np.round(0.5 * (network.points.min(axis=0) + network.points.max(axis=0)))
-    moved, sharp = network.moved(-middle), set[int]()
+    middle, moved = _around_middle(network)
+    sharp = set[int]()
     for _ in range(_TRIES):
         layout = lay_out(moved, Facets(tolerance_mm, facet_ratio), fillet_ratio, fillet_mm)
         layout.sharp |= sharp
-        solid = _made(layout, extended, middle)
-        if not _united(layout):
-            return solid
-        solid, crossing = mended_solid(solid, tolerance_mm)
+        vertices, faces = _sewn(layout, extended).surface()
+        solid, crossing = _rounded(layout, vertices + middle, faces, tolerance_mm)
         crowded = [joint for joint in range(len(layout.ends)) if layout.crowded(joint)]
         if len(crossing) == 0 or not crowded or not (fillet_ratio > 0.0 or fillet_mm):
             return solid
@@ -92,12 +96,67 @@ def lumen_solid(
     return solid
 
 
-def _made(
-    layout: Layout,
-    extended: dict[int, float],
-    middle: FloatArray,
-) -> Solid:
-    """All parts sewn and rounded; where some were united, crossings may still be in it."""
+def lumen_pair(
+    network: VesselNetwork,
+    extend_ends_mm: float | FloatArray,
+    extend_nodes: IntArray,
+    *,
+    facet_ratio: float = 0.0,
+    fillet_ratio: float = 0.0,
+) -> tuple[Solid, Solid]:
+    """Two `lumen_solid`: with round ends, and with ``extend_nodes`` drawn out; sewn once.
+
+    Parameters and errors are those of `lumen_solid`. Where an end that is drawn out is part of a
+    group of junctions, or is drawn out by less than its half ball, they are made one by one.
+    """
+    _check(extend_ends_mm, FACET_TOLERANCE_MM, fillet_ratio)
+    extended = extended_ends(network, extend_ends_mm, extend_nodes)
+    alone = partial(lumen_solid, network, facet_ratio=facet_ratio, fillet_ratio=fillet_ratio)
+    if not extended:
+        solid = alone()
+        return solid, solid
+    pair = _pair(network, extended, facet_ratio, fillet_ratio)
+    if pair is not None:
+        return pair
+    return alone(), alone(extend_ends_mm=extend_ends_mm, extend_nodes=extend_nodes)
+
+
+def _pair(
+    network: VesselNetwork, extended: dict[int, float], facet_ratio: float, fillet_ratio: float
+) -> tuple[Solid, Solid] | None:
+    middle, moved = _around_middle(network)
+    layout = lay_out(moved, Facets(ratio=facet_ratio), fillet_ratio, None)
+    others = {
+        index: run
+        for index, run in enumerate(layout.runs)
+        if extended.keys() & {int(run.node[0]), int(run.node[-1])}
+    }
+    for run in others.values():
+        for end in (0, -1):
+            length = extended.get(int(run.node[end]), np.inf)
+            if length < _BEYOND_HALF_BALL * run.radius[end]:
+                return None
+    sewing = _sewn(layout, extended)
+    swapped = with_other_tubes(layout, sewing, others)
+    if swapped is None:
+        return None
+    made = []
+    for vertices, faces in (swapped, sewing.surface()):
+        solid, crossing = _rounded(layout, vertices + middle, faces, FACET_TOLERANCE_MM)
+        if len(crossing) and fillet_ratio > 0.0:
+            return None
+        made.append(solid)
+    return made[0], made[1]
+
+
+def _around_middle(network: VesselNetwork) -> tuple[FloatArray, VesselNetwork]:
+    """The network's middle, and the network around it: far from the origin no digits are lost."""
+    middle = np.round(0.5 * (network.points.min(axis=0) + network.points.max(axis=0)))
+    return middle, network.moved(-middle)
+
+
+def _sewn(layout: Layout, extended: dict[int, float]) -> Sewing:
+    """All parts sewn; the layout's runs are drawn out at the nodes ``extended``."""
     joined = layout.joint_of()
     shapes: list[tuple[EndShape, EndShape]] = []
     for index, run in enumerate(layout.runs):
@@ -107,9 +166,16 @@ def _made(
             ends.append("flat" if (index, end) in joined or node in extended else "round")
         shapes.append((ends[0], ends[1]))
         layout.runs[index] = extend_ends(run, extended)
-    vertices, faces = sew_parts(layout, shapes)
-    mend = not _united(layout)
-    return solid_from_mesh(vertices + middle, faces, "the lumens' union", mend=mend)
+    return sew_parts(layout, shapes)
+
+
+def _rounded(
+    layout: Layout, vertices: FloatArray, faces: IntArray, tolerance_mm: float
+) -> tuple[Solid, IntArray]:
+    """The solid in float32, mended where parts were united, and its faces that cross still."""
+    united = _united(layout)
+    solid = solid_from_mesh(vertices, faces, "the lumens' union", mend=not united)
+    return mended_solid(solid, tolerance_mm) if united else (solid, np.empty(0, np.int64))
 
 
 def _united(layout: Layout) -> bool:
@@ -157,12 +223,22 @@ def extended_ends(
 
 
 def extend_ends(run: Chain, extended: dict[int, float]) -> Chain:
-    """The same run, longer at the nodes ``extended`` by the lengths given there, mm."""
+    """The same run, longer at the nodes ``extended`` by the lengths given there, mm.
+
+    A piece of one radius goes on to the new end: one piece more would be taken for a vessel that
+    isn't joined to what its own junction joins.
+    """
     points, radius, node = run.points, run.radius, run.node
-    for at in (0, -1):
+    for at, inner in ((0, 1), (-1, -2)):
         length = extended.get(int(run.node[at]))
-        if length is not None:
-            points, radius = _drawn_out(points, radius, at, length)
+        if length is None:
+            continue
+        longer = _drawn_out(points, radius, at, length)
+        if radius[at] == radius[inner]:
+            points = points.copy()
+            points[at] = longer[0][at]
+        else:
+            points, radius = longer
             node = np.insert(node, 0 if at == 0 else len(node), node[at])
     return Chain(points, radius, node)
 

@@ -117,6 +117,11 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
         mesh = trimesh.Trimesh(plain[0], plain[1], process=False)
         mesh.units = plain[2]
         return _merged(mesh)
+    if kind == ".stl" and (corners := read_corners(path)) is not None:
+        mesh = trimesh.Trimesh(
+            corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), process=False
+        )
+        return _merged(mesh)
     with path.open("rb") as handle:
         try:
             mesh = trimesh.load_mesh(handle, file_type=kind[1:], process=False)

@@ -8,6 +8,8 @@ apart sheets that merely touch, and look again. Then take away what crosses (`me
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from manifold3d import Manifold
 from numpy.typing import NDArray
@@ -108,7 +110,7 @@ def mended_solid(
         solid.vertices, faces, max(_MEND_FACETS * tolerance_mm, step)
     )
     if vertices is solid.vertices:
-        return solid, left
+        return replace(solid, uncrossed=len(left) == 0), left
     used, faces = np.unique(faces, return_inverse=True)
     mended = Solid(vertices[used], faces.reshape(-1, 3).astype(np.int32))
     if len(left) and not is_closed(snap_mesh(mended.vertices, mended.faces.astype(np.int64))[1]):

@@ -23,9 +23,12 @@ class Solid(Surface):
         Every coordinate is representable in float32.
     faces : (m, 3) int32
         Counter-clockwise seen from outside.
+    uncrossed : bool
+        Every two faces have been tried, and none cross. False where that isn't known.
     """
 
     faces: NDArray[np.int32]
+    uncrossed: bool = False
 
     def __post_init__(self) -> None:
         if len(self.faces) == 0:

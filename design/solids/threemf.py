@@ -59,6 +59,9 @@ _MODEL = """<?xml version="1.0" encoding="UTF-8"?>
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 """The earliest time a zip archive can hold; no clock is read."""
 
+_LEVEL: Final = 3
+"""Of deflate: half the usual one's time, and files a sixth larger."""
+
 _COLOUR = re.compile(r"#[0-9A-Fa-f]{6}([0-9A-Fa-f]{2})?")
 
 
@@ -117,7 +120,7 @@ def write_3mf(
         for name, text in files.items():
             entry = zipfile.ZipInfo(name, _EPOCH)
             entry.compress_type = zipfile.ZIP_DEFLATED
-            packed.writestr(entry, text)
+            packed.writestr(entry, text, compresslevel=_LEVEL)
     write_bytes(path, archive.getvalue())
 
 

@@ -16,6 +16,7 @@ from design.tissue.demand_sources import depth_demand, function_demand, image_de
 from design.tissue.grid import SignedDistanceGrid
 from design.tissue.heart import biventricle
 from design.tissue.images import VolumeImage, read_image
+from design.tissue.kidney_shape import kidney
 from design.tissue.labels import label_surface, load_label_surface
 from design.tissue.load import load_surface, load_tissue
 from design.tissue.parts import Part, part_demands, part_numbers, part_tissue, parts_of
@@ -63,6 +64,7 @@ __all__ = [
     "folded_cortex",
     "function_demand",
     "image_demand",
+    "kidney",
     "label_surface",
     "load_label_surface",
     "load_point_surface",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,17 +35,14 @@ def read_case(path: Path) -> dict[str, Any] | None:
     if path.suffix.lower() != ".json" or not path.is_file():
         return None
     try:
-        text = path.read_text(encoding="utf-8")
-        data = json.loads(text)
-    except (ValueError, RecursionError):
-        return None
-    if not isinstance(data, dict) or not any(marks <= set(data) for marks in _MARKS):
-        return None
-    try:
-        found: dict[str, Any] = svzerod.parse_json(text)
+        data = svzerod.parse_json(path.read_text(encoding="utf-8-sig"))
+    except UnicodeDecodeError as exc:
+        raise FlowError(f"{path} isn't text in UTF-8: {exc}") from exc
     except FlowError as exc:
         raise FlowError(f"{path}: {exc}") from exc
-    return found
+    if not isinstance(data, dict) or not any(marks <= set(data) for marks in _MARKS):
+        return None
+    return data
 
 
 def run_case(context: typer.Context, data: dict[str, Any], path: Path, out: Path) -> FlowOutput:
@@ -71,12 +67,18 @@ def run_case(context: typer.Context, data: dict[str, Any], path: Path, out: Path
     out.mkdir(parents=True, exist_ok=True)
     write = svzerod.write_svzerod_npz if kind == "npz" else svzerod.write_svzerod_csv
     write(file, svzerod.result_table(case, stepped))
-    told = {
+    told: dict[str, object] = {
         "vessels": case.vessels,
         "cycles": stepped.cycles,
         "last_change": stepped.change,
         "periodic": stepped.periodic,
     }
+    if stepped.unused:
+        messages().print(
+            f"initial values of no variable of the model, left out: {', '.join(stepped.unused)}",
+            style="yellow",
+        )
+        told["initial_values_unused"] = list(stepped.unused)
     if not stepped.periodic:
         messages().print(
             f"the last cycle still changed by {stepped.change:.2g} of the largest value: the "

@@ -8,28 +8,9 @@ from typing import Annotated, Literal
 
 import typer
 
+from printctl.cli.option_group import with_options_of
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines
-from printctl.cli.scan_options import (
-    AirAbove,
-    Axes,
-    CountRange,
-    CountsPerDb,
-    DbAtZero,
-    DbRange,
-    DepthDown,
-    Filled,
-    Mirrored,
-    Modality,
-    OctCalibrationFile,
-    OpticalDepth,
-    RefractiveIndex,
-    Scale,
-    ScanFile,
-    VoxelUm,
-    WallsFile,
-    count_overrides,
-    scan_overrides,
-)
+from printctl.cli.scan_options import ScanFile, ScanOptions
 from printctl.pipeline.overlay_files import HTML, summary_lines, write_overlay
 from printctl.pipeline.overlaying import chosen_layers, overlay_scan
 from printctl.pipeline.written_layers import read_written
@@ -41,7 +22,9 @@ from registration.segmentation import segment
 from registration.walls_file import read_walls
 
 
+@with_options_of(ScanOptions, "scan_said")
 def overlay(
+    *,
     scan: ScanFile,
     model: Annotated[
         Path,
@@ -63,22 +46,7 @@ def overlay(
         list[int] | None,
         typer.Option("--layer", min=1, help="Only this one, from 1; may be given more than once."),
     ] = None,
-    voxel_um: VoxelUm = None,
-    refractive_index: RefractiveIndex = None,
-    optical_depth: OpticalDepth = None,
-    modality: Modality = None,
-    scale: Scale = None,
-    axes: Axes = None,
-    depth_down: DepthDown = None,
-    mirrored: Mirrored = None,
-    db_range: DbRange = None,
-    count_range: CountRange = None,
-    counts_per_db: CountsPerDb = None,
-    db_at_zero: DbAtZero = None,
-    oct_calibration: OctCalibrationFile = None,
-    air_above: AirAbove = False,
-    walls: WallsFile = None,
-    filled: Filled = False,
+    scan_said: ScanOptions,
     as_json: JsonFlag = False,
 ) -> None:
     """Lay a scan over the lines that a print in layers wrote: gaps, and gel in lumens.
@@ -86,27 +54,19 @@ def overlay(
     A scan taken while the part is printed can't be aligned by itself: give --pose.
     """
     options = RegistrationOptions(
-        lumens="bright" if filled else "dark", walls=None if walls is None else read_walls(walls)
+        lumens="bright" if scan_said.filled else "dark",
+        walls=None if scan_said.walls is None else read_walls(scan_said.walls),
     )
     known = None if pose is None else read_pose(pose, fit)
     run = read_written(model, messages(), fit)
     chosen = chosen_layers(run.layers, layer or [])
-    counts = count_overrides(db_range, count_range, counts_per_db, db_at_zero)
-    said = scan_overrides(
-        voxel_um,
-        refractive_index,
-        optical_depth,
-        modality,
-        scale,
-        axes,
-        depth_down,
-        mirrored,
-        counts,
-    )
+    overrides = scan_said.overrides()
     bars = StageBars(messages())
     with bars.all():
         with bars.stage("scan"):
-            measured = corrected_scan(scan, said, oct_calibration, air_above)
+            measured = corrected_scan(
+                scan, overrides, scan_said.oct_calibration, scan_said.air_above
+            )
         with bars.stage("segmentation"):
             found = segment(measured, segmentation_options(measured, options, run.thinnest_mm))
         with bars.stage("pose"):

@@ -9,6 +9,7 @@ from typing import Any, Final
 import typer
 
 from printctl.cli.kernels_ready import have_kernels
+from printctl.cli.option_group import with_options_of
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.pdf_option import PdfFlag
 from printctl.cli.progress_option import ProgressFileOption, Steps
@@ -25,27 +26,7 @@ from printctl.cli.register_options import (
     RmsOption,
     ToleranceOption,
 )
-from printctl.cli.scan_options import (
-    AirAbove,
-    Axes,
-    CountRange,
-    CountsPerDb,
-    DbAtZero,
-    DbRange,
-    DepthDown,
-    Filled,
-    Mirrored,
-    Modality,
-    OctCalibrationFile,
-    OpticalDepth,
-    RefractiveIndex,
-    Scale,
-    ScanFile,
-    VoxelUm,
-    WallsFile,
-    count_overrides,
-    scan_overrides,
-)
+from printctl.cli.scan_options import ScanFile, ScanOptions
 from printctl.collection import collected_rarely
 from printctl.run_folder.artefacts import HTML, PDF
 from printctl.second_process import SecondProcess
@@ -54,29 +35,16 @@ PAGES: Final = "printctl.pipeline.registration_pages"
 """What draws, in the second process; loading it takes seconds, as the search for the pose does."""
 
 
+@with_options_of(ScanOptions, "scan_said")
 def register(
+    *,
     scan: ScanFile,
     model: ModelOption,
     out: OutOption,
     network: NetworkOption = None,
     lumens: LumensFlag = False,
     unit: ModelUnit = "mm",
-    voxel_um: VoxelUm = None,
-    refractive_index: RefractiveIndex = None,
-    optical_depth: OpticalDepth = None,
-    modality: Modality = None,
-    scale: Scale = None,
-    axes: Axes = None,
-    depth_down: DepthDown = None,
-    mirrored: Mirrored = None,
-    db_range: DbRange = None,
-    count_range: CountRange = None,
-    counts_per_db: CountsPerDb = None,
-    db_at_zero: DbAtZero = None,
-    oct_calibration: OctCalibrationFile = None,
-    air_above: AirAbove = False,
-    walls: WallsFile = None,
-    filled: Filled = False,
+    scan_said: ScanOptions,
     datums: DatumsOption = None,
     printed_in: PrintOption = None,
     record: RecordOption = None,
@@ -117,11 +85,16 @@ def register(
         stated = RecordPart() if record is None else read_record(record)
         limits = tolerances_of(tolerance, tolerance_um, diameter_tolerance_percent)
         limits.check_network(design.vessels)
-        counts = count_overrides(db_range, count_range, counts_per_db, db_at_zero)
-        said = scan_overrides(voxel_um, refractive_index, optical_depth, modality, scale, axes,
-                            depth_down, mirrored, counts)  # fmt: skip
         laid_on = datums_of(datums, design.vessels)
-        how = Measuring(scan, said, oct_calibration, walls, air_above, filled, laid_on)
+        how = Measuring(
+            scan,
+            scan_said.overrides(),
+            scan_said.oct_calibration,
+            scan_said.walls,
+            scan_said.air_above,
+            scan_said.filled,
+            laid_on,
+        )
         made = read_and_register(how, design, steps)
         data = judge_registration(made, how, limits, stated)
         steps.begin("writing")

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from printctl.cli.kernels_ready import have_kernels
+from printctl.cli.kernels_ready import kernels_for_a_run
 from printctl.cli.options import (
     JsonFlag,
     RecipeArg,
@@ -67,10 +67,10 @@ def run(
     told = None if progress_file is None else ProgressFile(progress_file)
     with nullcontext() if told is None else told.whole(message_of):
         loaded = load_recipe(recipe, print_note)
-        have_kernels(*_works(loaded, until), listener=told)
         folder = out if out is not None else Path("runs") / loaded.name
         how = RunOptions(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=told)
-        data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)
+        with kernels_for_a_run(*_works(loaded, until), listener=told):
+            data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)
     if as_json:
         print_json(data)
     else:

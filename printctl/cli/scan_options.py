@@ -1,12 +1,13 @@
 """Command-line options for scan metadata that the file lacks (voxel size, axes, grey values).
 
-The names stand in the commands, each with one of these types; typer makes options of them.
+Commands take them all as `ScanOptions` (`printctl.cli.option_group`).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -81,49 +82,49 @@ Filled = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class ScanOptions:
+    """What the command line says of a scan and of its calibrations, as typer reads it."""
+
+    voxel_um: VoxelUm = None
+    refractive_index: RefractiveIndex = None
+    optical_depth: OpticalDepth = None
+    modality: Modality = None
+    scale: Scale = None
+    axes: Axes = None
+    depth_down: DepthDown = None
+    mirrored: Mirrored = None
+    db_range: DbRange = None
+    count_range: CountRange = None
+    counts_per_db: CountsPerDb = None
+    db_at_zero: DbAtZero = None
+    oct_calibration: OctCalibrationFile = None
+    air_above: AirAbove = False
+    walls: WallsFile = None
+    filled: Filled = False
+
+    def overrides(self) -> ScanOverrides:
+        """What the scan's file doesn't say; raises `UsageError` for numbers that aren't."""
+        db, counts = self.db_range, self.count_range
+        return readers.ScanOverrides(
+            voxel_mm=voxel_mm(self.voxel_um),
+            refractive_index=self.refractive_index,
+            optical_depth=self.optical_depth,
+            scale=self.scale,
+            modality=self.modality,
+            depth_down=self.depth_down,
+            axes=self.axes,
+            mirrored=self.mirrored,
+            db_range=None if db is None else two_numbers(db, "--db-range"),
+            count_range=None if counts is None else two_numbers(counts, "--count-range"),
+            counts_per_db=self.counts_per_db,
+            db_at_zero=self.db_at_zero,
+        )
+
+
 def voxel_mm(text: str | None) -> tuple[float, float, float] | None:
     """``X,Y,Z`` in µm to (dz, dy, dx) in mm."""
     if text is None:
         return None
     x, y, z = three_numbers(text, "--voxel-um")
     return (z * 1e-3, y * 1e-3, x * 1e-3)
-
-
-def count_overrides(
-    db_range: str | None,
-    count_range: str | None,
-    counts_per_db: float | None,
-    db_at_zero: float | None,
-) -> dict[str, Any]:
-    """What the command line says of counts, by the names of `ScanOverrides`."""
-    return {
-        "db_range": None if db_range is None else two_numbers(db_range, "--db-range"),
-        "count_range": None if count_range is None else two_numbers(count_range, "--count-range"),
-        "counts_per_db": counts_per_db,
-        "db_at_zero": db_at_zero,
-    }
-
-
-def scan_overrides(
-    voxel_um: str | None,
-    refractive_index: float | None,
-    optical_depth: bool | None,
-    modality: Literal["oct", "microct", "confocal"] | None,
-    scale: Literal["linear", "db"] | None,
-    axes: str | None,
-    depth_down: bool | None,
-    mirrored: bool | None,
-    counts: dict[str, Any],
-) -> ScanOverrides:
-    """What the command line says of a scan."""
-    return readers.ScanOverrides(
-        voxel_mm=voxel_mm(voxel_um),
-        refractive_index=refractive_index,
-        optical_depth=optical_depth,
-        scale=scale,
-        modality=modality,
-        depth_down=depth_down,
-        axes=axes,
-        mirrored=mirrored,
-        **counts,
-    )

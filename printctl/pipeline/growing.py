@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
+from design.anatomy.cortex import CortexAnatomy, grow_cortex
 from design.anatomy.grown import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.presets import PRESETS
+from design.anatomy.shares import uneven_notes
 from design.hemodynamics import FlowConditions, balance
 from design.network import VesselKind
 from design.tissue import Tissue
@@ -91,8 +93,11 @@ def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
     if "pressure_drop_mmhg" not in own:
         options = replace(options, pressure_drop_pa=preset.pressure_drop_mmhg * PA_PER_MMHG)
     found = _grown(context.tissue, options, anatomy)
-    _, notes = check_supply(context.tissue, *terminals_of(found.trees))
-    return replace(found, notes=(*found.notes, *notes))
+    ends, flow = terminals_of(found.trees)
+    _, notes = check_supply(context.tissue, ends, flow)
+    # A kidney's template has a demand of its own.
+    uneven = () if anatomy.template == "kidney" else uneven_notes(context.tissue, ends)
+    return replace(found, notes=(*found.notes, *notes, *uneven))
 
 
 def _grown(tissue: Tissue, options: GrowthOptions, part: AnatomyPart) -> AnatomicTrees:
@@ -100,11 +105,22 @@ def _grown(tissue: Tissue, options: GrowthOptions, part: AnatomyPart) -> Anatomi
     if part.template == "kidney":
         said: dict[str, Any] = {
             "hilum_mm": at.get("hilum"),
+            "vein": part.vein,
             "cortex_mm": part.cortex_mm,
             "cortex_demand": part.cortex_demand,
             "trunk_ends": part.trunk_ends,
         }
         return grow_kidney(tissue, options, KidneyAnatomy(**_known(said)))
+    if part.template == "cortex":
+        said = {
+            "entry_mm": at.get("pial_artery"),
+            "pial_direction": part.pial_direction,
+            "thickness_mm": part.cortex_mm,
+            "trunk_ends": part.trunk_ends,
+            "trunk_depth_mm": part.trunk_depth_mm,
+            "arterioles_per_mm2": part.arterioles_per_mm2,
+        }
+        return grow_cortex(tissue, options, CortexAnatomy(**_known(said)))
     said = {
         "trunk_ends": part.trunk_ends,
         "trunk_depth_mm": part.trunk_depth_mm,

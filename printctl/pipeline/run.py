@@ -14,7 +14,6 @@ from printctl.pipeline.names import (
     WHOLE_NAMES,
     names_until,
 )
-from printctl.pipeline.refusals import refuse_before
 from printctl.pipeline.run_options import RunOptions
 from printctl.recipe import Recipe
 
@@ -45,7 +44,13 @@ def run_recipe(
     """
     names = WHOLE_NAMES if how.until is None else names_until(how.until)
     if JOB_NAMES[0] in names:
+        from printctl.pipeline.refusals import refuse_before  # a design needs none of it
+
         refuse_before(recipe, recipe_folder)
+    elif recipe.plate is None:
+        from printctl.pipeline.design_run import run_design  # loads the design's stages alone
+
+        return run_design(recipe, recipe_folder, folder, console, how)
     # What does the work takes seconds to load; a refusal doesn't wait for it.
     from printctl.pipeline.whole_run import run_wanted
 
@@ -53,10 +58,14 @@ def run_recipe(
 
 
 def design_recipe(
-    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console
+    recipe: Recipe,
+    recipe_folder: Path,
+    folder: Path,
+    console: Console,
+    until: str = DESIGN_NAMES[-1],
 ) -> dict[str, Any]:
-    """Run the design stages; return their summaries."""
-    return run_recipe(recipe, recipe_folder, folder, console, RunOptions(until=DESIGN_NAMES[-1]))
+    """Run the design stages up to ``until``; return their summaries."""
+    return run_recipe(recipe, recipe_folder, folder, console, RunOptions(until=until))
 
 
 def toolpath_recipe(

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from printctl.pipeline.design_stages import DESIGN
 from printctl.pipeline.names import names_until
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import (
     dry_run,
-    fidelities,
-    flow,
     lumens,
-    measures,
-    oxygen,
     printing,
     registration,
     scan,
-    solid,
     tissue,
     toolpath,
     vasculature,
@@ -24,15 +20,6 @@ from printctl.pipeline.stages import (
 from printctl.recipe import Recipe
 from printctl.recipe.making import Embedded
 
-DESIGN: Sequence[Stage] = (
-    tissue.STAGE,
-    vasculature.STAGE,
-    flow.STAGE,
-    fidelities.STAGE,
-    measures.STAGE,
-    oxygen.STAGE,
-    solid.STAGE,
-)
 JOB: Sequence[Stage] = (toolpath.STAGE, dry_run.STAGE, lumens.STAGE)
 TOOLPATH: Sequence[Stage] = (*DESIGN, *JOB)
 WHOLE: Sequence[Stage] = (*TOOLPATH, printing.STAGE, scan.STAGE, registration.STAGE)

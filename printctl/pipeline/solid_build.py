@@ -18,7 +18,7 @@ from design.solids import (
     end_ports,
     fiducial_places,
     find_ports,
-    lumen_solid,
+    lumen_pair,
     network_genus,
     open_ends,
     solid_from_surface,
@@ -109,17 +109,13 @@ def build(
     for port, fitting in fitted:
         body = with_connector(body, fitting.connector, port.at, port.outward)
     dimples = [*(marks if part.tubes is None else []), *_fiducials(part)]
-    construct = _opened(part, network, body, nodes, fitted, beyond)
-    construct = _dimpled(construct, dimples)
+    lumen, tool = _lumens(part, network, nodes, fitted, beyond)
+    construct = _dimpled(construct_solid(body, tool), dimples)
     for index, text in enumerate(part.texts):
         construct = _lettered(construct, text, index)
     chamber, holes = _chamber(part.chamber, network, construct, nodes)
     return RunSolids(
-        lumen=lumen_solid(
-            network,
-            fillet_ratio=part.fillet_ratio,
-            facet_ratio=part.facet_ratio(network.vessel_count),
-        ),
+        lumen=lumen,
         construct=construct,
         chamber=chamber,
         ports=nodes,
@@ -166,25 +162,23 @@ def _with_fittings(
     return found
 
 
-def _opened(
+def _lumens(
     part: SolidPart,
     network: VesselNetwork,
-    body: Solid,
     nodes: IntArray,
     fitted: list[tuple[Port, ConnectorPart]],
     beyond_mm: float,
-) -> Solid:
-    """The body minus lumens: through its face at plain ports, up to the bore at fittings."""
+) -> tuple[Solid, Solid]:
+    """Lumens with round ends; and drawn out at plain ports, up to the bore at fittings."""
     into = {port.node: max(0.0, port.beyond_mm) + INTO_BORE_MM for port, _ in fitted}
     lengths = np.array([into.get(node, beyond_mm) for node in nodes.tolist()])
-    tool = lumen_solid(
+    return lumen_pair(
         network,
-        extend_ends_mm=lengths,
-        extend_nodes=nodes,
+        lengths,
+        nodes,
         fillet_ratio=part.fillet_ratio,
         facet_ratio=part.facet_ratio(network.vessel_count),
     )
-    return construct_solid(body, tool)
 
 
 def _fiducials(part: SolidPart) -> list[Dimple]:

@@ -24,6 +24,7 @@ from design.tissue import (
     depth_demand,
     folded_cortex,
     image_demand,
+    kidney,
     load_label_surface,
     load_point_surface,
     load_surface,
@@ -41,6 +42,7 @@ from printctl.recipe.tissue import (
     DepthDemandPart,
     FileSection,
     FoldedCortex,
+    Kidney,
     LabelTissue,
     MeshPart,
     MeshTissue,
@@ -90,6 +92,8 @@ def _surface(part: TissuePart, folder: Path) -> tuple[Surface, tuple[str, ...]]:
             return annulus(part.outer_diameter_mm, part.inner_diameter_mm, part.height_mm), ()
         case Biventricle():
             return biventricle(part.length_mm), ()
+        case Kidney():
+            return kidney(part.length_mm), ()
         case FoldedCortex():
             return folded_cortex(part.thickness_mm), ()
 

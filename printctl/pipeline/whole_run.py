@@ -10,17 +10,15 @@ from rich.console import Console
 
 from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.facts import run_facts
-from printctl.pipeline.lock import run_lock
+from printctl.pipeline.design_run import begun_run, run_all
+from printctl.pipeline.design_stages import DESIGN
 from printctl.pipeline.plate.run import design_plate, run_plate, toolpath_plate
 from printctl.pipeline.run_options import RunOptions
-from printctl.pipeline.sequences import DESIGN, TOOLPATH, WHOLE, in_order, stages_until
-from printctl.pipeline.stage import Stage, run_stages
+from printctl.pipeline.sequences import TOOLPATH, WHOLE, in_order, stages_until
+from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages import report
-from printctl.pipeline.stages.report import collect
-from printctl.progress import StageBars
+from printctl.pipeline.stages.collect import collect
 from printctl.recipe import Recipe
-from printctl.run_folder.manifest import Manifest
 
 
 def run_wanted(
@@ -28,14 +26,10 @@ def run_wanted(
 ) -> dict[str, Any]:
     """Run the stages as `printctl.pipeline.run.run_recipe` says."""
     stages = in_order(WHOLE if how.until is None else stages_until(how.until), recipe)
-    with run_lock(folder):
-        context = _context(recipe, recipe_folder, folder, console, how)
-        if how.listener is not None:
-            names = [stage.name for stage in stages if stage.asked(context)]
-            how.listener.begin(names, stages[-1].name)
+    with begun_run(recipe, recipe_folder, folder, console, how, stages) as context:
         if recipe.plate is not None:
             return _plate(context, how, stages)
-        _run(context, stages)
+        run_all(context, stages)
         return report.write_report(context, how.pdf) if how.until is None else collect(context)
 
 
@@ -50,24 +44,4 @@ def _plate(context: RunContext, how: RunOptions, stages: Sequence[Stage]) -> dic
     raise UsageError(
         f"a plate can't end at {how.until}: its wells go together as far as {DESIGN[-1].name}, "
         f"and then as far as {TOOLPATH[-1].name}; give one of these"
-    )
-
-
-def _run(context: RunContext, stages: Sequence[Stage]) -> None:
-    context.manifest.facts = run_facts(context)
-    context.manifest.save()
-    run_stages(context, stages, context.bars)
-
-
-def _context(
-    recipe: Recipe, recipe_folder: Path, folder: Path, console: Console, how: RunOptions
-) -> RunContext:
-    return RunContext(
-        recipe,
-        recipe_folder,
-        folder,
-        Manifest.load(folder),
-        StageBars(console, how.listener),
-        how.assume_yes,
-        printed=how.printed,
     )

@@ -145,6 +145,16 @@ class SolidPart(Part):
             return self.facet_percent / 100
         return _MANY_VESSELS_FACETS if vessels > _MANY_VESSELS else 0.0
 
+    def heavy_facets(self, vessels: int) -> str:
+        """What to know of facets asked for that so many vessels are too many for; else empty."""
+        if vessels <= _MANY_VESSELS or self.facet_ratio(vessels) > 0.0:
+            return ""
+        return (
+            f"facet_percent 0: facets of 1 µm on {vessels} vessels may take minutes, and files "
+            f"of 100 MB and more; leave it out (then {100 * _MANY_VESSELS_FACETS:g} % of each "
+            "vessel's radius) or give a small share, such as 1"
+        )
+
     @model_validator(mode="after")
     def _formats_differ(self) -> SolidPart:
         if len(set(self.formats)) < len(self.formats):

@@ -247,6 +247,13 @@ class Biventricle(ShapeSection):
     length_mm: Length = 60.0
 
 
+class Kidney(ShapeSection):
+    """A phantom of a kidney."""
+
+    shape: Literal["kidney"]
+    length_mm: Length = 60.0
+
+
 class FoldedCortex(ShapeSection):
     """A folded slab of grey matter."""
 
@@ -269,6 +276,7 @@ TissuePart = Annotated[
     | Annotated[Cylinder, Tag("cylinder")]
     | Annotated[Annulus, Tag("annulus")]
     | Annotated[Biventricle, Tag("biventricle")]
+    | Annotated[Kidney, Tag("kidney")]
     | Annotated[FoldedCortex, Tag("folded_cortex")],
     Discriminator(_tissue_kind),
 ]

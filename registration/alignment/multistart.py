@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numba
 import numpy as np
@@ -108,18 +107,38 @@ def descend(
                         for b in range(a + 1):
                             normal[a, b] += weight * row[a] * row[b]
                 for a in range(6):
-                    for b in range(a):
-                        normal[b, a] = normal[a, b]
                     normal[a, a] = normal[a, a] * 1.001 + 1e-9
-                delta = np.linalg.solve(normal, right)
-                _advance(pose, delta)
-                if np.abs(delta).max() < 1e-5:
+                _solve(normal, right)
+                _advance(pose, right)
+                if np.abs(right).max() < 1e-5:
                     break
     return out
 
 
 @jit
-def _advance(pose: FloatArray, delta: NDArray[Any]) -> None:
+def _solve(normal: FloatArray, right: FloatArray) -> None:
+    """Put into ``right`` the solution of a system by Cholesky's factors of its lower triangle.
+
+    Numba's own solver takes five seconds to compile.
+    """
+    for a in range(6):
+        for b in range(a + 1):
+            left = normal[a, b]
+            for c in range(b):
+                left -= normal[a, c] * normal[b, c]
+            normal[a, b] = left / normal[b, b] if b < a else math.sqrt(left)
+    for a in range(6):
+        for b in range(a):
+            right[a] -= normal[a, b] * right[b]
+        right[a] /= normal[a, a]
+    for a in range(5, -1, -1):
+        for b in range(a + 1, 6):
+            right[a] -= normal[b, a] * right[b]
+        right[a] /= normal[a, a]
+
+
+@jit
+def _advance(pose: FloatArray, delta: FloatArray) -> None:
     """Turn a pose by the rotation vector ``delta[:3]`` (Rodrigues) and shift it."""
     x, y, z = delta[0], delta[1], delta[2]
     angle = math.sqrt(x * x + y * y + z * z)
@@ -128,8 +147,12 @@ def _advance(pose: FloatArray, delta: NDArray[Any]) -> None:
         x, y, z, angle = x * 0.3 / angle, y * 0.3 / angle, z * 0.3 / angle, 0.3
     a = math.sin(angle) / angle if angle > 1e-12 else 1.0
     b = (1.0 - math.cos(angle)) / (angle * angle) if angle > 1e-12 else 0.5
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn = np.eye(3) + a * cross + b * (cross @ cross)
-    pose[:, :3] = turn @ np.ascontiguousarray(pose[:, :3])
+    rest = 1.0 - b * angle * angle
+    for c in range(3):
+        px, py, pz = pose[0, c], pose[1, c], pose[2, c]
+        along = b * (x * px + y * py + z * pz)
+        pose[0, c] = rest * px + a * (y * pz - z * py) + along * x
+        pose[1, c] = rest * py + a * (z * px - x * pz) + along * y
+        pose[2, c] = rest * pz + a * (x * py - y * px) + along * z
     for c in range(3):
         pose[c, 3] += delta[3 + c]

@@ -71,9 +71,9 @@ def running_median(values: FloatVolume, half: int) -> FloatVolume:
     for y in numba.prange(ny):
         window = np.empty(2 * half + 1, dtype=values.dtype)
         for x in range(nx):
-            for k in range(-half, half + 1):
-                window[k + half] = values[min(max(k, 0), nz - 1), y, x]
-            window.sort()
+            window[:] = values[0, y, x]
+            for k in range(1, half + 1):
+                _replace(window, values[0, y, x], values[min(k, nz - 1), y, x])
             out[0, y, x] = window[half]
             for z in range(1, nz):
                 gone = values[max(z - 1 - half, 0), y, x]

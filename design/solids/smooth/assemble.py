@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field
 
 import numpy as np
 from manifold3d import Manifold
 from numpy.typing import NDArray
 
-from design.network import FloatArray
-from design.solids.chains import Chain
 from design.solids.facets import area_factor
 from design.solids.manifolds import to_manifold
 from design.solids.smooth.conflicts import overlapping_runs
 from design.solids.smooth.group_walls import crowd_rounding
-from design.solids.smooth.layout import End, Layout, absorb_runs, first_piece, keep_clear_of_balls
+from design.solids.smooth.layout import Layout, absorb_runs, keep_clear_of_balls
 from design.solids.smooth.overlap_group import (
     COARSER_BALLS,
     LostRingError,
@@ -23,12 +20,12 @@ from design.solids.smooth.overlap_group import (
     connecting_tube,
     unite_parts,
 )
+from design.solids.smooth.plain_tubes import add_plain_tubes
 from design.solids.smooth.round_seams import round_seams
+from design.solids.smooth.sewing import FaceArray, Sewing
 from design.solids.smooth.star import star_mesh
 from design.solids.topology import is_closed
 from design.solids.tube import EndShape, tube_mesh
-
-FaceArray = NDArray[np.int64]
 
 _MIDDLES = 1.0
 """Facet tolerances between a junction's surface and its triangles' middles, as tubes have it."""
@@ -49,49 +46,7 @@ _CRUMB = 0.1
 """Of the thinnest radius: side of a cube that is no part of a lumen."""
 
 
-@dataclass
-class Sewing:
-    """Closed surface under assembly.
-
-    Attributes
-    ----------
-    vertices, faces : list of arrays
-    count : int
-        Vertices so far.
-    rings : dict of (run, end) to (n,) int64
-        Vertices of the open end of each plain tube.
-    """
-
-    vertices: list[FloatArray] = field(default_factory=list)
-    faces: list[FaceArray] = field(default_factory=list)
-    count: int = 0
-    rings: dict[End, NDArray[np.int64]] = field(default_factory=dict)
-
-    def add(self, vertices: FloatArray, faces: FaceArray) -> int:
-        """Add a piece whose vertices are all its own; returns the number of its first one."""
-        first = self.count
-        self.vertices.append(vertices)
-        self.faces.append(faces + first)
-        self.count += len(vertices)
-        return first
-
-    def sew(self, vertices: FloatArray, faces: FaceArray, known: NDArray[np.int64]) -> None:
-        """Add a piece with vertices that are here already: ``known`` (n,), -1 for the others."""
-        number = known.copy()
-        fresh = number < 0
-        number[fresh] = self.count + np.arange(int(fresh.sum()))
-        self.vertices.append(vertices[fresh])
-        self.faces.append(number[faces])
-        self.count += int(fresh.sum())
-
-    def place(self, ring: NDArray[np.int64]) -> FloatArray:
-        """Positions of a ring of the tubes, which were added first and as one array."""
-        return self.vertices[0][ring]
-
-
-def sew_parts(
-    layout: Layout, shapes: list[tuple[EndShape, EndShape]]
-) -> tuple[FloatArray, FaceArray]:
+def sew_parts(layout: Layout, shapes: list[tuple[EndShape, EndShape]]) -> Sewing:
     """Make all parts and sew them to one closed surface.
 
     Parameters
@@ -99,34 +54,29 @@ def sew_parts(
     layout : Layout
     shapes : list of pairs
         How each run ends where it isn't joined.
-
-    Returns
-    -------
-    vertices : (n, 3) float64, mm
-    faces : (m, 3) int64
     """
     overlaps = overlapping_runs(layout)
     absorb_runs(layout, np.unique(overlaps).tolist())
     for _ in range(_TRIES):
-        vertices, faces, torn = _sewn(layout, shapes, overlaps)
-        if not torn and is_closed(faces):
-            return vertices, faces
+        sewing, torn = _sewn(layout, shapes, overlaps)
+        if not torn and is_closed(sewing.surface()[1]):
+            return sewing
         # Vessels lie in one another's end planes there: take in those around as well.
         absorb_runs(layout, torn or range(len(layout.runs)))
     absorb_runs(layout, range(len(layout.runs)))
-    return _sewn(layout, shapes, overlaps)[:2]
+    return _sewn(layout, shapes, overlaps)[0]
 
 
 def _sewn(
     layout: Layout,
     shapes: list[tuple[EndShape, EndShape]],
     overlaps: NDArray[np.int64],
-) -> tuple[FloatArray, FaceArray, list[int]]:
+) -> tuple[Sewing, list[int]]:
     """As `sew_parts`, and the runs around groups that couldn't be parted from the rest."""
     keep_clear_of_balls(layout)
     sewing = Sewing()
     torn: list[int] = []
-    _plain_tubes(layout, shapes, sewing)
+    add_plain_tubes(layout, shapes, sewing)
     failed = [
         joint
         for joint in range(len(layout.ends))
@@ -140,50 +90,7 @@ def _sewn(
             _crowd(layout, joints, runs, overlaps, shapes, sewing)
         except LostRingError:
             torn += [run for joint in joints for run, _ in layout.ends[joint]]
-    return np.concatenate(sewing.vertices), np.concatenate(sewing.faces), torn
-
-
-def _plain_tubes(layout: Layout, shapes: list[tuple[EndShape, EndShape]], sewing: Sewing) -> None:
-    """Tubes of all runs that have room for one, open where they are joined."""
-    joined = layout.joint_of()
-    meshes, faces, first = [], [], 0
-    for index in range(len(layout.runs)):
-        if layout.swallowed[index]:
-            continue
-        facets = layout.facets[index]
-        part = _trimmed(layout, index)
-        vertices, triangles = tube_mesh(part.points, part.radius, facets, shapes[index])
-        opened = [(index, end) in joined for end in (0, 1)]
-        # The last two fans of faces close the ends; an unused apex is dropped later.
-        sides = len(triangles) - 2 * facets
-        kept = [triangles[:sides]]
-        rings = (len(vertices) - 2) // facets
-        for end in (0, 1):
-            fan = triangles[sides + end * facets : sides + (end + 1) * facets]
-            if opened[end]:
-                ring = first + (0 if end == 0 else (rings - 1) * facets) + np.arange(facets)
-                sewing.rings[index, end] = ring
-            else:
-                kept.append(fan)
-        meshes.append(vertices)
-        faces += [triangle + first for triangle in kept]
-        first += len(vertices)
-    if meshes:
-        sewing.add(np.concatenate(meshes), np.concatenate(faces))
-    else:
-        sewing.add(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
-
-
-def _trimmed(layout: Layout, index: int) -> Chain:
-    run = layout.runs[index]
-    points, radius = run.points.copy(), run.radius.copy()
-    for end in (0, 1):
-        reach = layout.reach.get((index, end))
-        if reach is not None:
-            start, axis, _, near, slope = first_piece(run, end)
-            points[-end] = start + reach * axis
-            radius[-end] = near + slope * reach
-    return Chain(points, radius, run.node)
+    return sewing, torn
 
 
 def _lone(layout: Layout, joint: int, sewing: Sewing) -> bool:
@@ -218,7 +125,7 @@ def _fits(faces: FaceArray, ring_of: NDArray[np.int64], count: int) -> bool:
     tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     size = int(faces.max(initial=0)) + 1
     edges, back = tail * size + head, head * size + tail
-    rim = edges[~np.isin(edges, back)]
+    rim = np.setdiff1d(edges, back, assume_unique=True)
     if len(rim) != count:
         return False
     begin, end = rim // size, rim % size

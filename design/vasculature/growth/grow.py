@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import replace
 
 from design.errors import DesignError, GrowthError, RootError, TissueError
 from design.network import VesselNetwork
 from design.tissue import Tissue
 from design.vasculature.growth.deep_roots import deep_roots
+from design.vasculature.growth.regions.large_growth import LargeGrowth, suits_regions
 from design.vasculature.growth.root_search import search_root
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.growth.tree_growth import ROUNDS, TreeGrowth
@@ -41,6 +43,7 @@ def grow_tree(
     *,
     attempts: int = ATTEMPTS,
     trunk: VesselNetwork | VesselTree | None = None,
+    pool: Executor | None = None,
 ) -> VesselTree:
     """Grow a tree that stays in the tissue and doesn't collide.
 
@@ -61,6 +64,10 @@ def grow_tree(
     trunk : VesselNetwork or VesselTree, optional
         Growth goes on from it (`growth.trunk`): its segments stay, its radii follow
         from what they then feed. Its ends count as terminals, unless the terminals are given.
+    pool : concurrent.futures.Executor, optional
+        Who grows the regions of a large tree (`growth.regions`): processes, or a Dask cluster by
+        its client's ``get_executor()``. By default threads, as many as numba may use. The tree is
+        the same by any.
 
     Returns
     -------
@@ -80,11 +87,11 @@ def grow_tree(
     stem = None if trunk is None else trunk_of(trunk)
     if not options.root_candidates:
         try:
-            return grow_from_root(tissue, options, attempts, stem)
+            return grow_from_root(tissue, options, attempts, stem, pool)
         except RootError as error:
             if stem is not None or options.root_point_mm is not None:
                 raise
-            return _grow_from_deep_root(tissue, options, attempts, error)
+            return _grow_from_deep_root(tissue, options, attempts, error, pool)
     if stem is not None:
         raise GrowthError("a trunk has a root of its own; set root_candidates to 0")
     found = search_root(tissue, options, _probed)
@@ -92,12 +99,16 @@ def grow_tree(
     placed = replace(
         options, root_candidates=0, root_point_mm=tuple(point), root_direction=tuple(way)
     )
-    tree = grow_from_root(tissue, placed, attempts, None)
+    tree = grow_from_root(tissue, placed, attempts, None, pool)
     return replace(tree, notes=(found.note, *tree.notes))
 
 
 def _grow_from_deep_root(
-    tissue: Tissue, options: GrowthOptions, attempts: int, why: RootError
+    tissue: Tissue,
+    options: GrowthOptions,
+    attempts: int,
+    why: RootError,
+    pool: Executor | None,
 ) -> VesselTree:
     """Grow from where the tissue is deep, once the default root has turned out to be too shallow.
 
@@ -108,7 +119,7 @@ def _grow_from_deep_root(
         dx, dy, dz = way.tolist()
         placed = replace(options, root_point_mm=(x, y, z), root_direction=(dx, dy, dz))
         try:
-            tree = grow_from_root(tissue, placed, attempts, None)
+            tree = grow_from_root(tissue, placed, attempts, None, pool)
         except RootError:
             continue
         note = (
@@ -125,7 +136,11 @@ def _probed(tissue: Tissue, options: GrowthOptions) -> VesselTree:
 
 
 def grow_from_root(
-    tissue: Tissue, options: GrowthOptions, attempts: int, trunk: Trunk | None
+    tissue: Tissue,
+    options: GrowthOptions,
+    attempts: int,
+    trunk: Trunk | None,
+    pool: Executor | None = None,
 ) -> VesselTree:
     """The first attempt that succeeds from the root as it is given, or from the highest point.
 
@@ -140,7 +155,10 @@ def grow_from_root(
     best: DesignError = GrowthError("not tried")
     for attempt in range(attempts):
         spread = spreads[attempt % len(spreads)]
-        growth = TreeGrowth.open(tissue, options, Surroundings(), spread, attempt, trunk)
+        kind = LargeGrowth if suits_regions(options, trunk) else TreeGrowth
+        growth = kind.open(tissue, options, Surroundings(), spread, attempt, trunk)
+        if isinstance(growth, LargeGrowth):
+            growth.pool = pool
         try:
             return growth.run()
         except (GrowthError, TissueError) as error:

@@ -81,7 +81,9 @@ class GrowthState:
         drop = options.flow_ul_s(volume) / options.pressure_drop_pa
         patience = _PATIENT if fixed else _EAGER
         own = np.zeros(2 * goal + 1 + (len(trunk.parent) if trunk else 0), SEGMENT)
-        own["flow"] = own["thick"] = 1.0
+        # The stem and its first two; all others get theirs when they are made. Memory that isn't
+        # written isn't taken.
+        own["flow"][:3] = own["thick"][:3] = 1.0
         progress = np.zeros(1, PROGRESS)
         progress["apart"], progress["thick"] = 0.9, 1.0
         progress["candidates"] = ALL_AROUND if options.flow_ratio else CANDIDATES
@@ -150,14 +152,18 @@ class GrowthState:
         Of the tree's own segments ``own`` are listed, or all.
         """
         self.indexed = max(4, self.terminals)
-        if self.terminals > _SMALL:
-            self.segments = depth_first(self.segments, self.count)
+        self._in_order()
         goal = min(self.goal, 2 * self.terminals)
         cell = CELL * float(np.cbrt(self.scale.volume / max(8, goal)))
         count = self.count if own is None else own
         self.index = index_segments(
             self.tissue.bounds, cell, self.segments, count, self.others.count, self.room
         )
+
+    def _in_order(self) -> None:
+        """Number the segments by branch where the cache asks for it."""
+        if self.terminals > _SMALL:
+            self.segments = depth_first(self.segments, self.count)
 
     def _enter_stage(self) -> GrowthOptions:
         """Take the parameters of the stage that growth is in, and return them."""

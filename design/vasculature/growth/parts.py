@@ -14,9 +14,10 @@ from design.network import VesselKind, VesselNetwork
 from design.tissue import Part, Tissue, part_demands, part_numbers, part_tissue, parts_of
 from design.vasculature.convert import tree_to_network
 from design.vasculature.growth.forest import forest_to_network
+from design.vasculature.growth.sharing import share_terminals
 from design.vasculature.growth.supply import PartSupply, check_supply, no_inlet, no_way
 from design.vasculature.growth.unreached import unreached
-from design.vasculature.growth.whole import grow_whole, share_terminals
+from design.vasculature.growth.whole import grow_whole
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 

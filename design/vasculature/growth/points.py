@@ -72,6 +72,10 @@ class Sampler:
         if self.owns is not None:
             points = points[self.owns(points)]
         points = inside(self.tissue.grid.arrays, points, low, high, in_order)
+        return self.weighed(random, points)
+
+    def weighed(self, random: np.random.Generator, points: FloatArray) -> Samples:
+        """Those of some points inside the tissue that are wanted, with their flows."""
         if not (self.dense or self.flows):
             return plain_samples(points)
         weight, mean = self.tissue.demand.weight(points), self.tissue.demand.mean_weight

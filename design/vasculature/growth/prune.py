@@ -67,7 +67,7 @@ def prune(
             _take(segments, _smaller_end(segments, i), gone, index, room, law, smallest)
         if segments[0].left < 0:
             return 1
-    return _compact(segments, count, gone)
+    return drop_marked(segments, count, gone)
 
 
 @jit
@@ -220,7 +220,8 @@ def _mark(segments: Any, i: int, gone: Any) -> None:
 
 
 @jit
-def _compact(segments: Any, count: int, gone: Any) -> int:
+def drop_marked(segments: Any, count: int, gone: Any) -> int:
+    """Close the gaps of segments that are gone; return the new count."""
     number = np.full(count + 1, -1, np.int32)
     size = 0
     for i in range(count):

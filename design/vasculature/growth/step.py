@@ -36,6 +36,7 @@ PROGRESS = np.dtype(
         ("thick", "f8"),
         ("candidates", "i8"),
         ("careful", "i8"),
+        ("held", "i8"),
     ]
 )
 """Where growth stands.
@@ -45,7 +46,9 @@ tried : points tried; since : points tried since the last success; apart : share
 spacing that a new terminal must be away from the tree; root_radius : predicted, mm;
 smallest : terminal radius, predicted, mm; thick : mean viscosity of the terminals, over μ;
 candidates : nearest segments considered for a new terminal; careful : 1 where vessels are kept
-from becoming too wide terminal by terminal, not only each time radii are derived anew.
+from becoming too wide terminal by terminal, not only each time radii are derived anew;
+held : first segments that take no branch, nor do those from ``count`` on (a region's growth alone,
+`growth.by_regions`).
 """
 
 
@@ -66,6 +69,8 @@ class Scale(NamedTuple):
     patience : int
         Points tried without success before nearer ones to the tree are let in: what is far is
         reached by wide vessels only once these have come near.
+    share : float
+        Of the whole tree's terminals, those that this growth has: below 1 for a region's.
     """
 
     flow_over_drop: float
@@ -74,6 +79,7 @@ class Scale(NamedTuple):
     goal: int
     volume: float
     patience: int
+    share: float = 1.0
 
 
 DONE, MORE_POINTS, FULL_INDEX, REBUILD = 0, 1, 2, 3
@@ -104,7 +110,7 @@ def predicted_root_radius(segments: Any, law: Law, scale: Scale) -> float:
         return scale.root_radius
     n = segments[0].terminals
     now = np.sqrt(np.sqrt(scale.flow_over_drop * segments[0].load / segments[0].flow))
-    return now * (scale.goal / n) ** GROWTH_POWER
+    return now * (scale.goal / scale.share / n) ** GROWTH_POWER
 
 
 @jit
@@ -112,7 +118,8 @@ def thinnest(terminals: int, root_radius: float, law: Law, scale: Scale) -> floa
     """Smallest radius that a terminal may have in a tree of so many, mm; 0 for no limit."""
     if scale.spread <= 0.0:
         return 0.0
-    return THIN_MARGIN * root_radius * terminals ** (-1.0 / law.gamma) / scale.spread
+    whole = terminals / scale.share
+    return THIN_MARGIN * root_radius * whole ** (-1.0 / law.gamma) / scale.spread
 
 
 @jit
@@ -169,6 +176,17 @@ def commit(
     done = set_allowed_radius(segments, index, room, i)
     done = set_allowed_radius(segments, index, room, lower) and done
     return set_allowed_radius(segments, index, room, tip) and done
+
+
+@jit
+def drop_held(found: Any, size: int, held: int, count: int) -> int:
+    """Keep those of ``found[:size]`` that are numbered from ``held`` to below ``count``."""
+    kept = 0
+    for n in range(size):
+        if held <= found[n] < count:
+            found[kept] = found[n]
+            kept += 1
+    return kept
 
 
 @jit
@@ -249,10 +267,13 @@ def grow(
         size = nearest_segments(index, segments, t[0], t[1], t[2], found, away)
         if away[0] < s.apart * (spacing * samples.near[n]):
             continue
+        if s.held > 0:
+            size = drop_held(found, size, s.held, s.count)
         if s.careful != 0:
             size = drop_full(segments, found, size, samples.flow[n], law)
         limit = thinnest(s.terminals + 1, s.root_radius, law, scale)
-        tip = max(limit, 0.5 * s.root_radius * (s.terminals + 1) ** (-1.0 / law.gamma))
+        whole = (s.terminals + 1) / scale.share
+        tip = max(limit, 0.5 * s.root_radius * whole ** (-1.0 / law.gamma))
         shallow = -read(room.grid, t[0], t[1], t[2]) < tip + room.wall
         if shallow and samples.near[n] > 0.0:
             continue

@@ -35,7 +35,7 @@ ROUNDS = 20
 
 _PATIENCE = 20_000
 _CHUNK = 4096
-_TRIES = 0.5
+TRIES = 0.5
 """Points in the tissue sampled at a time, over the terminals there are: few enough that a tree
 grown to them in order is like one grown in random order."""
 
@@ -120,9 +120,10 @@ class TreeGrowth(GrowthState):
         while self.terminals < goal:
             self._enter_stage()
             stages = self.options.stages
-            self._grow_to(min(goal, stages[self.stage].terminals) if stages else goal)
+            self.grow_to(min(goal, stages[self.stage].terminals) if stages else goal)
 
-    def _grow_to(self, goal: int) -> None:
+    def grow_to(self, goal: int) -> None:
+        """Grow to so many terminals with the parameters of now."""
         self.progress["since"] = 0
         samples, first = self.sampler.none(), 0
         status = FULL_INDEX
@@ -130,7 +131,7 @@ class TreeGrowth(GrowthState):
             if status == MORE_POINTS:
                 samples, first = self._more(), 0
             else:
-                self._relist()
+                self._pause(status)
             status, first = grow(
                 self.segments,
                 self.index,
@@ -141,13 +142,21 @@ class TreeGrowth(GrowthState):
                 self.progress,
                 samples,
                 first,
-                min(2 * self.indexed, goal),
+                min(self._pause_at(), goal),
             )
             # Points in the order of a curve fail together: a whole lot of them must.
             if self.given is None and self.progress["since"][0] > max(_PATIENCE, len(samples.at)):
                 raise out_of_room_error(
                     self.terminals, self.options, self.scale, self.room, _PATIENCE
                 )
+
+    def _pause_at(self) -> int:
+        """Terminals at which growth pauses, unless the index is full before."""
+        return 2 * self.indexed
+
+    def _pause(self, status: int) -> None:
+        """What is due before growth goes on."""
+        self._relist()
 
     def _relist(self) -> None:
         """List everything anew, and measure the room that each segment has."""
@@ -166,14 +175,18 @@ class TreeGrowth(GrowthState):
     def _more(self) -> Samples:
         """More points to grow to."""
         if self.given is None:
-            tries = _TRIES * self._per_wanted * self.terminals
-            return self._samples(int(np.clip(tries, _CHUNK, 1 << 21)))
+            return self._samples(self._tries())
         missing = self._missing(self.given)
         if len(missing) == self.unreached:
             # A whole pass reached none of them.
             return self._made_way(self.given, missing)
         self.unreached = len(missing)
         return self.given.samples(self.random.permutation(missing))
+
+    def _tries(self) -> int:
+        """Points to draw at a time."""
+        tries = TRIES * self._per_wanted * self.terminals
+        return int(np.clip(tries, _CHUNK, 1 << 21))
 
     def _made_way(self, given: GivenPoints, missing: NDArray[np.int64]) -> Samples:
         """Take away what lies nearest to points that can't be reached, and put these first."""
@@ -215,8 +228,12 @@ class TreeGrowth(GrowthState):
         final_radii(self.segments, self.count, self.options, self.scale)
         self._reindex()
         least = just_below(smallest or 0.0)
-        left = measure_allowed_radii(self.segments, self.count, self.index, self.room, least, True)
-        return int(left) + self._stem_is_short()
+        return self._too_wide(least) + self._stem_is_short()
+
+    def _too_wide(self, least: float) -> int:
+        """How many segments the final audit finds wider than allowed."""
+        index, room = self.index, self.room
+        return int(measure_allowed_radii(self.segments, self.count, index, room, least, True))
 
     def _stem_is_short(self) -> bool:
         return self.trunk is None and stem_is_short(self.segments, self.room)

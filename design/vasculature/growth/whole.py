@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from design.errors import GrowthError
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.vasculature.growth.deep_roots import deep_roots
 from design.vasculature.growth.forest import RootSpec, grow_forest
 from design.vasculature.growth.grow import grow_tree
+from design.vasculature.growth.sharing import share_terminals
 from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.growth.unreached import Probes, probes_for, unreached
 from design.vasculature.options import GrowthOptions
@@ -139,27 +139,3 @@ def _at(options: GrowthOptions, point: FloatArray, way: FloatArray) -> GrowthOpt
     x, y, z = point.tolist()
     dx, dy, dz = way.tolist()
     return replace(options, root_candidates=0, root_point_mm=(x, y, z), root_direction=(dx, dy, dz))
-
-
-def share_terminals(
-    demand: FloatArray, least: NDArray[np.int64], terminals: int
-) -> NDArray[np.int64]:
-    """Share terminals by demand (largest remainders), each part at least its ``least``.
-
-    Raises
-    ------
-    GrowthError
-        When there are fewer than all the least together.
-    """
-    if terminals < least.sum():
-        raise GrowthError(
-            f"{terminals} terminals are fewer than the {int(least.sum())} inlets of the tissue's "
-            f"parts; ask for {int(least.sum())} or more"
-        )
-    exact = demand * terminals
-    count = np.maximum(np.floor(exact).astype(np.int64), least)
-    while count.sum() < terminals:
-        count[np.argmax(np.where(demand > 0, exact - count, -np.inf))] += 1
-    while count.sum() > terminals:
-        count[np.argmin(np.where(count > least, exact - count, np.inf))] -= 1
-    return count

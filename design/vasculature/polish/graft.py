@@ -125,7 +125,8 @@ def _candidates(segments: Any, index: CellIndex, c: Any, p: Any, a: Any, found: 
         got = nearest_segments(index, segments, x, y, z, near, away)
         for n in range(got):
             i = near[n]
-            if i in (0, p, a) or is_below(segments, i, c):
+            # Another tree's segment has no parent.
+            if i in (0, p, a) or segments[i].parent < 0 or is_below(segments, i, c):
                 continue
             known = False
             for m in range(size):

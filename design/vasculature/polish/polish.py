@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.collisions.collide import collisions
-from design.vasculature.convert import tree_to_network
+from design.vasculature.growth.forest import forest_to_network
 from design.vasculature.polish.cost import tree_volume
 from design.vasculature.polish.options import PolishOptions
 from design.vasculature.polish.working_arrays import Bench
@@ -80,10 +81,16 @@ class PolishedTree:
     faults_after: Faults
 
 
-def find_faults(tissue: Tissue, tree: VesselTree, options: PolishOptions) -> Faults:
-    """Audit a tree with its exact radii."""
+def find_faults(
+    tissue: Tissue,
+    tree: VesselTree,
+    options: PolishOptions,
+    others: Sequence[VesselTree] = (),
+) -> Faults:
+    """Audit a tree with its exact radii; collisions with other trees count, and theirs."""
     radius = tree_radii(tree)
-    found = collisions(tree_to_network(tree), options.clearance_mm, options.clearance_ratio)
+    network = forest_to_network([tree, *others])
+    found = collisions(network, options.clearance_mm, options.clearance_ratio)
     inside: NDArray[np.bool_] = tissue.grid.capsule_inside(
         tree.proximal[1:], tree.distal[1:], radius[1:], options.clearance_mm
     )
@@ -92,7 +99,41 @@ def find_faults(tissue: Tissue, tree: VesselTree, options: PolishOptions) -> Fau
     return Faults(found.count, len(found.joint_pieces), int((~inside).sum()), int(short.sum()))
 
 
-def polish(tissue: Tissue, tree: VesselTree, options: PolishOptions) -> PolishedTree:
+def polish_forest(
+    tissue: Tissue, trees: Sequence[VesselTree], options: PolishOptions
+) -> tuple[PolishedTree, ...]:
+    """Polish trees of one tissue in turn, each clear of the others as they stand.
+
+    Parameters
+    ----------
+    trees : sequence of VesselTree
+        As `grow_forest` returns them.
+
+    Returns
+    -------
+    tuple of PolishedTree
+        In the order given.
+
+    Raises
+    ------
+    GrowthError
+        As `polish`.
+    """
+    standing = list(trees)
+    found = []
+    for number, tree in enumerate(trees):
+        others = standing[:number] + standing[number + 1 :]
+        found.append(polish(tissue, tree, options, others))
+        standing[number] = found[-1].tree
+    return tuple(found)
+
+
+def polish(
+    tissue: Tissue,
+    tree: VesselTree,
+    options: PolishOptions,
+    others: Sequence[VesselTree] = (),
+) -> PolishedTree:
     """Lower a tree's cost by moving branch points and branches; terminals and stem stay.
 
     Branch points move, one after another in sweeps, towards the weighted Fermat point of their
@@ -111,6 +152,8 @@ def polish(tissue: Tissue, tree: VesselTree, options: PolishOptions) -> Polished
     tree : VesselTree
         Its flow, pressure drop, viscosity and Murray exponent are held.
     options : PolishOptions
+    others : sequence of VesselTree
+        Other trees in the tissue, which stay as they are and are kept clear of.
 
     Returns
     -------
@@ -129,12 +172,12 @@ def polish(tissue: Tissue, tree: VesselTree, options: PolishOptions) -> Polished
             "a tree grown from a given trunk can't be polished: that would move the trunk; "
             "polish a tree grown from its root"
         )
-    before = find_faults(tissue, tree, options)
-    bench = Bench.open(tissue, tree, options)
+    before = find_faults(tissue, tree, options, others)
+    bench = Bench.open(tissue, tree, options, others)
     cost = bench.cost
     relaxed = bench.run()
     done = bench.tree()
-    after = find_faults(tissue, done, options)
+    after = find_faults(tissue, done, options, others)
     ratio = bench.cost / cost
     if not after.no_worse_than(before) or not ratio < 1.0:
         done, after, ratio, relaxed = tree, before, 1.0, 1.0

@@ -1,8 +1,8 @@
-"""Run the polishing of one tree on its arrays: relax, graft and repair until it fits."""
+"""Run the polishing of one tree, beside others, on its arrays: relax, graft, repair."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -57,7 +57,10 @@ _CELL = 1.2
 
 @dataclass
 class Bench:
-    """A tree on the bench: its segments, the room it has, and what was done to it."""
+    """A tree on the bench: its segments, the room it has, and what was done to it.
+
+    ``segments`` holds the tree's own ``count``, then those of other trees, which stay as they are.
+    """
 
     tissue: Tissue
     given: VesselTree
@@ -66,6 +69,7 @@ class Bench:
     room: Clearances
     flow_over_drop: float
     segments: NDArray[np.void]
+    count: int
     index: CellIndex
     random: np.random.Generator
     most_wide: int = 0
@@ -74,8 +78,14 @@ class Bench:
     rejected: int = 0
 
     @classmethod
-    def open(cls, tissue: Tissue, tree: VesselTree, options: PolishOptions) -> Bench:
-        """Lay a tree out."""
+    def open(
+        cls,
+        tissue: Tissue,
+        tree: VesselTree,
+        options: PolishOptions,
+        others: Sequence[VesselTree] = (),
+    ) -> Bench:
+        """Lay a tree out, beside others."""
         law = law_of(tree, options.length_exponent, options.radius_exponent)
         grid = tissue.grid
         room = Clearances(
@@ -97,7 +107,8 @@ class Bench:
             law,
             room,
             flow / tree.pressure_drop_pa,
-            segments_of(tree, law),
+            np.concatenate([segments_of(tree, law), *(_fixed(one, law) for one in others)]),
+            len(tree.parent),
             empty_index(tissue.bounds, float(np.ptp(tissue.bounds)), 1, 1),
             np.random.default_rng(options.seed),
         )
@@ -111,7 +122,7 @@ class Bench:
 
     def run(self) -> float:
         """Relax, then graft and relax in turn; the cost's ratio after the first relaxation."""
-        if len(self.segments) < 5:
+        if self.count < 5:
             return 1.0
         start = self.cost
         self.relax(self.options.sweeps)
@@ -146,7 +157,7 @@ class Bench:
 
     def tree(self) -> VesselTree:
         """The tree as it stands, its ratios computed afresh."""
-        s, given = self.segments, self.given
+        s, given = self.segments[: self.count], self.given
         return tree_from_topology(
             np.column_stack([s["px"], s["py"], s["pz"]]),
             np.column_stack([s["dx"], s["dy"], s["dz"]]),
@@ -161,7 +172,7 @@ class Bench:
         )
 
     def _all(self) -> IntArray:
-        return np.arange(1, len(self.segments))
+        return np.arange(1, self.count)
 
     def _kept(self, stage: Callable[[IntArray], int], limit: float, segments: IntArray) -> int:
         """Run a stage on segments; where that can't be repaired, on half of them, and so on.
@@ -204,7 +215,7 @@ class Bench:
 
     def _smaller_of_wide(self) -> IntArray:
         """Of the segments that are too wide, which come in pairs, those that feed fewer."""
-        s = self.segments
+        s = self.segments[: self.count]
         wide = np.flatnonzero(s["radius"] > s["allowed"])
         wide = wide[wide > 0]
         fed = s["terminals"][wide]
@@ -213,10 +224,11 @@ class Bench:
 
     def audit(self) -> int:
         """Derive radii and the room of each segment; how many are too wide."""
-        settle_root(self.segments, len(self.segments), self.flow_over_drop, 1.0, self.law)
+        settle_root(self.segments, self.count, self.flow_over_drop, 1.0, self.law)
         self._list()
-        count = len(self.segments)
-        return int(measure_allowed_radii(self.segments, count, self.index, self.room, 0.0, True))
+        wide = measure_allowed_radii(self.segments, self.count, self.index, self.room, 0.0, True)
+        self.segments["allowed"][self.count :] = np.inf
+        return int(wide)
 
     def _list(self) -> None:
         """List all segments in an empty index."""
@@ -232,7 +244,8 @@ class Bench:
             room *= 2
 
     def _relax(self, sweep: int, segments: IntArray) -> int:
-        order = downward_order(np.column_stack([self.segments["left"], self.segments["right"]]))
+        own = self.segments[: self.count]
+        order = downward_order(np.column_stack([own["left"], own["right"]]))
         chosen = np.zeros(len(order), dtype=bool)
         chosen[segments] = self.segments["left"][segments] >= 0
         nodes = order[chosen[order]]
@@ -262,6 +275,14 @@ class Bench:
     @property
     def _tools(self) -> tuple[NDArray[np.void], CellIndex, Clearances, Law, float]:
         return self.segments, self.index, self.room, self.law, self.flow_over_drop
+
+
+def _fixed(tree: VesselTree, law: Law) -> NDArray[np.void]:
+    """Segments of another tree, each by itself: it is in the way, and nothing else."""
+    segments = segments_of(tree, law)
+    for name in ("parent", "left", "right"):
+        segments[name] = -1
+    return segments
 
 
 def _cooling(rounds: int, heat: float) -> FloatArray:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from design.files import write_bytes, write_text
 from printctl.pipeline.plate.wells import WELLS, PlateRun
-from printctl.pipeline.stages import report
+from printctl.pipeline.stages.collect import collect
 from printctl.run_folder.artefacts import HTML, JSON, PLATE_PICTURE, PLATE_TABLE
 from registration.report.plate_figure import plate_figure
 from registration.report.plate_page import write_plate_html
@@ -23,7 +23,7 @@ _COLUMNS: Final = (
 
 def collect_plate(run: PlateRun, scans: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
     """Collect the results of the plate's stages and wells; ``scans`` are report.json by well."""
-    data = report.collect(run.whole)
+    data = collect(run.whole)
     for context in run.runs.values():
         records = context.manifest.stages
         data["timings"] |= {

@@ -8,6 +8,7 @@ from typing import Any
 
 from printctl.errors import SafetyError
 from printctl.pipeline.context import RunContext
+from printctl.pipeline.design_stages import DESIGN
 from printctl.pipeline.facts import run_facts
 from printctl.pipeline.plate.cut import cut_stage
 from printctl.pipeline.plate.dry_run import dry_run_stage
@@ -16,9 +17,10 @@ from printctl.pipeline.plate.job import job_stage
 from printctl.pipeline.plate.printing import print_stage
 from printctl.pipeline.plate.results import collect_plate, write_results, write_table
 from printctl.pipeline.plate.wells import PlateRun, make_folders, plate_run
-from printctl.pipeline.sequences import DESIGN, JOB
+from printctl.pipeline.sequences import JOB
 from printctl.pipeline.stage import Stage, run_stages, run_under_one_bar
 from printctl.pipeline.stages import registration, report, scan
+from printctl.pipeline.stages.collect import collect
 from printctl.pipeline.stages.toolpath import PATH
 
 
@@ -26,7 +28,7 @@ def design_plate(whole: RunContext) -> dict[str, Any]:
     """Design every variant in its own folder; give the plate and the first one's numbers."""
     run = _begin(whole)
     first = next(iter(run.runs.values()))
-    return {**report.collect(first), "wells": collect_plate(run, {})["wells"]}
+    return {**collect(first), "wells": collect_plate(run, {})["wells"]}
 
 
 def toolpath_plate(whole: RunContext) -> dict[str, Any]:

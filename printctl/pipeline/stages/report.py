@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from design.files import write_text
-from design.hemodynamics import read_flow_csv
 from printctl.bead import PLAYED
-from printctl.flow import TABLE, WAVES, read_waves
+from printctl.flow import WAVES, read_waves
 from printctl.flow.fidelities import COMPARED, SEEN
 from printctl.flow.lattice_comparison import PICTURE
 from printctl.gcode_view import Pushing
@@ -19,7 +18,7 @@ from printctl.oxygen import CAPTION, SLICE
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.layer_pictures import layer_pictures
 from printctl.pipeline.outlines import outlined_design
-from printctl.pipeline.stages.measures import key_numbers
+from printctl.pipeline.stages.collect import collect
 from printctl.pipeline.stages.printing import JOURNAL_FOLDER
 from printctl.pipeline.verdict import verdict
 from printctl.recipe.making import Fresh
@@ -31,47 +30,6 @@ from registration.report.flow_figures import wave_figure
 from registration.report.pdf import write_report_pdf
 from registration.report.play import load_played, play_section
 from registration.views import load_views
-
-_SECTIONS = {
-    "tissue": "tissue",
-    "vasculature": "network",
-    "flow": "flow",
-    "fidelities": "fidelities",
-    "measures": "measures",
-    "oxygen": "oxygen",
-    "solid": "solid",
-    "toolpath": "toolpath",
-    "dry run": "dry_run",
-    "lumens": "lumens",
-    "print": "print",
-    "scan": "scan",
-    "registration": "registration",
-}
-"""Stage to section of the report."""
-
-
-def collect(context: RunContext) -> dict[str, Any]:
-    """Collect the results of the finished stages, with timings and provenance."""
-    records = context.manifest.stages
-    data: dict[str, Any] = {"schema": 1, "recipe": context.recipe.name}
-    for stage, section in _SECTIONS.items():
-        if stage in records:
-            data[section] = records[stage].summary
-    table = context.folder / TABLE
-    if "flow" in data and table.is_file():  # not in the manifest, which is read by every command
-        data["flow"] = {**data["flow"], "vessels": read_flow_csv(table)}
-    if "measures" in data:
-        data["tissue"] = {**data["tissue"], **key_numbers(data["measures"])}
-    data["timings"] = {
-        stage: {
-            "seconds": record.seconds,
-            "peak_mb": record.peak_mb,
-            "reused": stage in context.reused,
-        }
-        for stage, record in records.items()
-    }
-    data["provenance"] = context.manifest.facts
-    return data
 
 
 def frames(context: RunContext, registration: dict[str, Any]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from design.solids import surface_genus, validate_files
+from kernels import keep_freed_memory
 from printctl.pipeline.built_solids import built_solids
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.solid_files import checkable, write_solids
@@ -18,11 +19,20 @@ from printctl.run_folder.artefacts import NETWORK, SOLID, SURFACE
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Build, write, read back, check."""
+    with keep_freed_memory():  # an organ's arrays are of a hundred MB, and follow each other
+        return _work(context, report)
+
+
+def _work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
+    heavy = context.recipe.solid.heavy_facets(context.network.vessel_count)
+    if heavy:
+        context.bars.remark("solid", heavy)
     built = built_solids(context)
     report(0.6, "writing")
     names, steps = write_solids(context, built)
     report(0.8, "reading back")
-    checks = validate_files([context.folder / name for name in names if checkable(name)])
+    made = [built.lumen, built.construct]
+    checks = validate_files([context.folder / name for name in names if checkable(name)], made)
     for check in checks.values():
         check.require_valid()
         if check.crossing_faces:

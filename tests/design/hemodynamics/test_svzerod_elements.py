@@ -104,7 +104,7 @@ def test_a_contracting_muscle_lets_less_through() -> None:
     """Without capacitances: flow = (P - P_v)/(ΣR), √R along a half cosine up and one down."""
     tiny = {"Ca": 1e-9, "Cc": 1e-9}
     data = _coronary("CORONARY_VAR_RES", Ra2_min=100.0, Ra2_max=400.0, T_vc=0.4, T_vr=0.2, **tiny)
-    data["simulation_parameters"]["rho_infty"] = 0.0
+    data["simulation_parameters"] |= {"rho_infty": 0.0, "absolute_tolerance": 1e-12}
     data["boundary_conditions"][0]["bc_values"] = steady("P", 100.0)
     found = _solved(data)
     t = found["time"][1:-1]

@@ -333,3 +333,18 @@ def test_files_of_the_same_triangles_have_the_same_check(tmp_path: Path, constru
     write_3mf(paths[1], construct)
     write_stl(paths[2], block_solid((1, 1, 1)))
     assert validate_files(paths) == {path.name: validate_file(path) for path in paths}
+
+
+def test_crossings_are_sought_in_a_file_that_isnt_the_solid(tmp_path: Path) -> None:
+    cube = block_solid((1, 1, 1))
+    assert cube.uncrossed
+    other = cube.moved(np.array([0.5, 0.5, 0.5]))
+    twice = Solid(
+        np.concatenate([cube.vertices, other.vertices]),
+        np.concatenate([cube.faces, cube.faces + 8]),
+    )
+    write_stl(tmp_path / "cube.stl", cube)
+    write_stl(tmp_path / "twice.stl", twice)
+    checks = validate_files([tmp_path / "cube.stl", tmp_path / "twice.stl"], [cube, twice])
+    assert checks["cube.stl"].crossing_faces == 0
+    assert checks["twice.stl"].crossing_faces > 0

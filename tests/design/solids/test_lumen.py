@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from design.errors import SolidError
 from design.network import VesselNetwork
-from design.solids import Solid, lumen_solid, network_genus, surface_genus
+from design.solids import Solid, lumen_pair, lumen_solid, network_genus, surface_genus
 from design.solids.topology import edge_faults
 from tests.design.solids.networks import channels, ladder, lattice, vessel
 from tests.slower import first_of
@@ -231,3 +231,32 @@ def test_facets_by_radius_keep_the_volume_and_stay_closed() -> None:
     assert surface_genus(coarse.faces) == surface_genus(fine.faces)
     assert len(coarse.faces) < 0.3 * len(fine.faces)
     assert coarse.volume_mm3 == pytest.approx(fine.volume_mm3, rel=0.01)
+
+
+def _branched(short_mm: float) -> VesselNetwork:
+    """A stem and two branches; the stem is as long as is asked."""
+    nodes = [(0, 0, 0), (short_mm, 0, 0), (short_mm + 4, 3, 0), (short_mm + 4, -3, 1)]
+    return channels(nodes, [(0, 1), (1, 2), (1, 3)], [0.5, 0.4, 0.35])
+
+
+@pytest.mark.parametrize("fillet", [0.0, 0.5])
+@pytest.mark.parametrize("length_mm", [0.05, 2.0])
+def test_a_pair_is_what_two_unions_are(length_mm: float, fillet: float) -> None:
+    network, nodes = _branched(2.0), np.array([0, 3])
+    closed, opened = lumen_pair(network, length_mm, nodes, fillet_ratio=fillet)
+    one = lumen_solid(network, fillet_ratio=fillet)
+    two = lumen_solid(network, fillet_ratio=fillet, extend_ends_mm=length_mm, extend_nodes=nodes)
+    for solid, wanted in ((closed, one), (opened, two)):
+        _assert_solid(solid)
+        assert len(solid.faces) == len(wanted.faces)
+        assert np.array_equal(np.sort(solid.vertices, axis=0), np.sort(wanted.vertices, axis=0))
+
+
+def test_a_short_stem_drawn_out_is_no_crowd() -> None:
+    network = _branched(0.8)
+    opened = lumen_solid(network, extend_ends_mm=3.0, extend_nodes=np.array([0]))
+    exact = lumen_solid(network).volume_mm3
+    drawn_out = np.pi * 0.25 * 3.0 - 2.0 / 3.0 * np.pi * 0.125
+    assert opened.volume_mm3 - exact == pytest.approx(drawn_out, rel=2e-3)
+    # United with its branches it would be mended, and known to be uncrossed.
+    assert not opened.uncrossed

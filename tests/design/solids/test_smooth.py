@@ -213,7 +213,7 @@ def test_a_crowd_is_sewn_to_the_plain_tubes_around_it(length: float) -> None:
         ("flat" if (run, 0) in joined else "round", "flat" if (run, 1) in joined else "round")
         for run in range(5)
     ]
-    _, faces = sew_parts(layout, shapes)
+    _, faces = sew_parts(layout, shapes).surface()
     assert sum(layout.swallowed) < 5
     assert is_closed(faces)
     assert surface_genus(lumen_solid(network).faces) == (0, 1)

@@ -6,7 +6,15 @@ import trimesh
 from scipy.integrate import quad
 
 from design.errors import TissueError
-from design.tissue import annulus, biventricle, block, cylinder, folded_cortex
+from design.tissue import (
+    annulus,
+    biventricle,
+    block,
+    cylinder,
+    folded_cortex,
+    kidney,
+    tissue_from_surface,
+)
 from design.tissue import heart as heart_module
 
 SHAPES = {
@@ -15,6 +23,7 @@ SHAPES = {
     "annulus": lambda: annulus(30.0, 20.0, 6.0),
     "folded cortex": folded_cortex,
     "biventricle": biventricle,
+    "kidney": kidney,
 }
 
 
@@ -84,6 +93,15 @@ def test_biventricle_scales_with_its_length():
     assert large.volume_mm3 == pytest.approx(8 * small.volume_mm3)
 
 
+def test_kidney_lies_on_the_bed_with_its_sinus_at_its_concave_side():
+    shape = kidney(60.0)
+    assert np.ptp(shape.vertices[:, 1]) == pytest.approx(60.0)
+    assert shape.vertices[:, 2].min() == 0.0
+    tissue = tissue_from_surface(shape.vertices, shape.faces)
+    middle = np.array([[x, 0.0, 12.6] for x in (-14.0, -5.0, 5.0)])
+    assert tissue.contains(middle).tolist() == [False, False, True]
+
+
 @pytest.mark.parametrize(
     "make",
     [
@@ -92,6 +110,7 @@ def test_biventricle_scales_with_its_length():
         lambda: annulus(10.0, 12.0, 2.0),
         lambda: annulus(12.0, 10.0, float("nan")),
         lambda: biventricle(0.0),
+        lambda: kidney(-1.0),
         lambda: cylinder(1.0, 1.0, sides=2),
         lambda: folded_cortex(thickness_mm=6.0),
     ],

@@ -20,7 +20,7 @@ from design.vasculature import (
     parts_to_network,
     terminals_of,
 )
-from design.vasculature.growth.whole import share_terminals
+from design.vasculature.growth.sharing import share_terminals
 
 OPTIONS = GrowthOptions(terminals=60)
 LARGE = Manifold.cube((10.0, 10.0, 10.0))

@@ -7,12 +7,14 @@ import pytest
 from scipy.optimize import minimize
 
 from design.errors import GrowthError
+from design.network import VesselKind
 from design.tissue import annulus, block, folded_cortex
-from design.vasculature import GrowthOptions, grow_tree, tree_from_topology
+from design.vasculature import GrowthOptions, RootSpec, grow_forest, grow_tree, tree_from_topology
 from design.vasculature.polish.cost import tree_volume
 from design.vasculature.polish.options import PolishOptions
-from design.vasculature.polish.polish import find_faults, polish
+from design.vasculature.polish.polish import find_faults, polish, polish_forest
 from design.vasculature.polish.working_arrays import Bench
+from design.vasculature.treemath import tree_radii
 from tests.design.tissue import surfaces
 from tests.design.vasculature.test_grow import check, tissue_of
 from tests.slower import first_of
@@ -172,3 +174,31 @@ def test_absurd_options_are_refused():
         PolishOptions(heat=-1.0)
     with pytest.raises(GrowthError, match="rounds is 5000"):
         PolishOptions(rounds=5000)
+
+
+def test_trees_of_a_forest_are_polished_clear_of_each_other():
+    tissue = tissue_of(block((20.0, 16.0, 12.0)))
+    growth = GrowthOptions(terminals=60, clearance_mm=0.05)
+    trees = grow_forest(tissue, [RootSpec(growth), RootSpec(growth, VesselKind.VEIN)])
+    alone = polish(tissue, trees[0], PolishOptions(clearance_mm=0.05)).tree
+    assert gaps([alone, trees[1]]) < 0.05, "polished by itself it runs into the other"
+    done = polish_forest(tissue, trees, PolishOptions(clearance_mm=0.05))
+    assert gaps([one.tree for one in done]) > 0.05 - 1e-9
+    for tree, polished in zip(trees, done, strict=True):
+        check(polished.tree, tissue, growth)
+        np.testing.assert_array_equal(tips(polished.tree), tips(tree))
+        assert polished.volume_after < 0.97 * polished.volume_before
+
+
+def gaps(trees):
+    """Least distance of two trees' walls, by closest points of all pairs of axes."""
+    first, second = trees
+    a, b = (tree.distal - tree.proximal for tree in trees)
+    least = np.inf
+    for i, radius in enumerate(tree_radii(first)):
+        for t in np.linspace(0, 1, 21):
+            off = first.proximal[i] + t * a[i] - second.proximal
+            s = np.clip((off * b).sum(axis=1) / (b * b).sum(axis=1), 0, 1)
+            away = np.linalg.norm(off - s[:, None] * b, axis=1)
+            least = min(least, float((away - tree_radii(second)).min() - radius))
+    return least

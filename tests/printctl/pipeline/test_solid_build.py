@@ -123,3 +123,11 @@ def test_a_recipe_is_told_what_is_wrong_with_it(solid: dict[str, Any], message: 
     with pytest.raises(RecipeError) as told:
         parse_recipe(recipe, "x.yaml")
     assert message in str(told.value)
+
+
+def test_facets_of_a_micrometre_on_many_vessels_are_told_beforehand() -> None:
+    told = SolidPart(facet_percent=0.0).heavy_facets(624)
+    assert "624 vessels" in told
+    assert "leave it out" in told
+    assert SolidPart(facet_percent=0.0).heavy_facets(500) == ""
+    assert SolidPart().heavy_facets(624) == ""

@@ -91,3 +91,25 @@ def test_a_stage_that_reports_often_writes_seldom(tmp_path: Path) -> None:
         now[0] = 100.0 + step * LEAST_S / 10
         told.stage("flow", step / 100)
     assert len(_told(tmp_path / "p.jsonl")) == 1 + 10
+
+
+def test_a_design_ends_at_the_stage_that_is_named(shell: Shell, tmp_path: Path) -> None:
+    run, recipe = tmp_path / "run", str(_recipe(tmp_path))
+    shell.first = ("design",)
+    code, out, _ = shell(recipe, "--out", str(run), "--until", "vasculature")
+    assert (code, out.splitlines()[-2]) == (0, "done as far as vasculature")
+    assert (run / "network.csv").is_file()
+    assert not (run / "flow.csv").exists()
+    code, _, err = shell(recipe, "--out", str(run), "--until", "flow")
+    assert code == 0
+    assert "unchanged" in err
+    assert (run / "flow.csv").is_file()
+
+
+def test_a_design_doesnt_go_on_to_the_print(shell: Shell, tmp_path: Path) -> None:
+    shell.first = ("design",)
+    code, _, err = shell(str(_recipe(tmp_path)), "--out", str(tmp_path / "r"), "--until", "dry-run")
+    assert code == 2
+    assert "printctl design ends at solid" in err
+    assert "printctl run --until dry-run" in err
+    assert not (tmp_path / "r").exists()

@@ -128,3 +128,20 @@ def test_closed_loops_take_limits_but_no_points() -> None:
     data["vasculature"]["terminal_points"] = "a.csv"
     with pytest.raises(RecipeError, match=r"terminal_points.*remove it"):
         parse_recipe(data, "test.yaml")
+
+
+@pytest.mark.parametrize(
+    ("anatomy", "why"),
+    [
+        ({"template": "heart", "inlets": {"left_coronary": [1, 2, 3]}}, "write left_coronary: {at"),
+        ({"template": "heart", "inlets": [[1, 2, 3]]}, "inlets have names"),
+        ({"template": "kidney", "inlets": {"hilum": {"at_mm": 3}}}, "inlet hilum is"),
+        ({"template": "kidney", "inlets": {"pial_artery": {"at_mm": [1, 2, 3]}}}, "hilum"),
+        ({"template": "heart", "vein": "beside"}, "vein isn't for a heart"),
+    ],
+)
+def test_anatomy_says_how_to_write_what_it_refuses(anatomy, why):
+    data = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())
+    data["vasculature"] = {"grow": "tree", "terminals": 100, "anatomy": anatomy}
+    with pytest.raises(RecipeError, match=why):
+        parse_recipe(data, "test.yaml")

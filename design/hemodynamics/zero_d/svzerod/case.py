@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from design.hemodynamics.zero_d.svzerod.activation import Activation
 from design.hemodynamics.zero_d.svzerod.tables import Tables
 from design.network import FloatArray
 
@@ -23,6 +24,10 @@ class Block:
         Number of its table; -1 for none.
     inlets, outlets : tuple of int
         Connections that lead in and out.
+    written : bool
+        Whether a table of vessels has it.
+    activation : Activation or None
+        Of a chamber.
     """
 
     name: str
@@ -31,6 +36,8 @@ class Block:
     table: int
     inlets: tuple[int, ...]
     outlets: tuple[int, ...]
+    written: bool = False
+    activation: Activation | None = None
 
 
 @dataclass(frozen=True)
@@ -69,7 +76,8 @@ class SvZeroDCase:
     Attributes
     ----------
     blocks : tuple of Block
-        Vessels first, then boundary conditions, then junctions.
+        In svZeroDSolver's order: vessels, couplings, boundary conditions, junctions, heart, valves,
+        chambers.
     vessels : int
         Number of vessels.
     connections : tuple of str
@@ -92,6 +100,11 @@ class SvZeroDCase:
     initial_rates: Mapping[str, float]
 
     @property
+    def written(self) -> tuple[Block, ...]:
+        """Vessels, and what else a table of vessels has."""
+        return tuple(block for block in self.blocks if block.written)
+
+    @property
     def names(self) -> tuple[str, ...]:
-        """Names of the vessels."""
-        return tuple(block.name for block in self.blocks[: self.vessels])
+        """Names of what a table of vessels has."""
+        return tuple(block.name for block in self.written)

@@ -8,17 +8,21 @@ equations are rows of E ẏ + F y + c = 0. As in the project's documentation:
 * CORONARY (Kim et al. 2010, doi 10.1007/s10439-010-0083-6): Ra1, Ca to ground, Ra2, Cc to the
   intramyocardial pressure, Rv1 to P_v, with the change of Cc's volume as variable.
 * Junctions: equal pressures; a resistance in each connection; R and L in each outlet.
+
+Chambers and valves stand in `chambers`, heart and closed-loop outlets in `closed_loop`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Final, Literal
 
 import numpy as np
 
+from design.errors import FlowError
+from design.hemodynamics.zero_d.svzerod import chambers, closed_loop
 from design.hemodynamics.zero_d.svzerod.stamps import Group, Stamps
 from design.network import FloatArray
 
@@ -43,6 +47,8 @@ class Element:
         Names of its own variables.
     table : str
         Parameter that is a table over the times ``t``; empty for none.
+    written : bool
+        Whether a table of vessels has its flow and pressure at both ends, as svZeroDSolver's has.
     """
 
     needed: tuple[str, ...]
@@ -51,6 +57,7 @@ class Element:
     optional: Mapping[str, float] = field(default_factory=dict)
     own: tuple[str, ...] = ()
     table: str = ""
+    written: bool = False
 
     @cached_property
     def known(self) -> frozenset[str]:
@@ -77,6 +84,14 @@ def _vessel_crl(group: Group, to: Stamps) -> None:
     to.f(1, {1: 1.0, 3: -1.0})
     to.e(1, {0: -compliance})
     to.losses(0, 3, stenosis, stenosis != 0.0)
+
+
+def _vessel_rc(group: Group, to: Stamps) -> None:
+    """Add C dP/dt + (P - P_out)/R = Q, by which C takes in pressure and no volume."""
+    resistance, compliance = group.values.T
+    to.e(0, {0: compliance})
+    to.f(0, {0: 1.0 / resistance, 1: -1.0, 2: -1.0 / resistance})
+    to.f(1, {1: 1.0, 3: -1.0})
 
 
 def _flow(_: Group, to: Stamps) -> None:
@@ -188,14 +203,29 @@ def _conserve(group: Group, to: Stamps, row: int) -> None:
 
 _VESSEL: Final = {"C": 0.0, "L": 0.0, "stenosis_coefficient": 0.0}
 _CORONARY: Final = ("Ra1", "Rv1", "Ca", "Cc", "P_v")
+_LOOP_CORONARY: Final = ("Ra", "Ram", "Rv", "Ca", "Cim")
+_SIGNED: Final = ("P", "V", "K", "alpha", "tdias", "tsys")
+"""Begins of numbers that may be below 0: pressures, volumes, rates of activation, moments."""
+_POSITIVE: Final = frozenset(("Rpd", "rho", "thick0", "radius0", "steepness", "tpwave", "Tsa"))
+"""Numbers that something is divided by."""
+
+_SPHERE: Final = Element(
+    ("rho", "thick0", "radius0", "W1", "W2", "eta", "sigma_max", "alpha_max", "alpha_min", "tsys",
+     "tdias", "steepness"),
+    chambers.sphere, "two", own=("radius", "velo", "stress", "tau", "volume"), written=True,
+)  # fmt: skip
 
 VESSELS: Final = {
-    "BloodVessel": Element(("R_poiseuille",), _vessel, "two", _VESSEL),
-    "BloodVesselCRL": Element(("R_poiseuille",), _vessel_crl, "two", _VESSEL),
+    "BloodVessel": Element(("R_poiseuille",), _vessel, "two", _VESSEL, written=True),
+    "BloodVesselCRL": Element(("R_poiseuille",), _vessel_crl, "two", _VESSEL, written=True),
+    "BloodVesselRC": Element(("Rpd", "Cp"), _vessel_rc, "two"),
+    "ChamberSphere": _SPHERE,
 }
-CONDITIONS: Final = {
+COUPLINGS: Final = {
     "FLOW": Element((), _flow, "one", table="Q"),
     "PRESSURE": Element((), _pressure, "one", table="P"),
+}
+CONDITIONS: Final = COUPLINGS | {
     "RESISTANCE": Element(("R", "Pd"), _resistance, "one"),
     "RCR": Element(("Rp", "C", "Rd"), _windkessel, "one", {"Pd": 0.0}, ("pressure_c",)),
     "CORONARY": Element(
@@ -204,6 +234,15 @@ CONDITIONS: Final = {
     "CORONARY_VAR_RES": Element(
         (*_CORONARY, "Ra2_min", "Ra2_max", "T_vc", "T_vr"), _coronary_varying, "one",
         own=("volume_im",), table="Pim",
+    ),
+    "ClosedLoopRCR": Element(
+        ("Rp", "C", "Rd"), closed_loop.closed_windkessel, "two", own=("P_c",)
+    ),
+    "ClosedLoopCoronaryLeft": Element(
+        _LOOP_CORONARY, partial(closed_loop.closed_coronary, "P_LV"), "two", own=("volume_im",)
+    ),
+    "ClosedLoopCoronaryRight": Element(
+        _LOOP_CORONARY, partial(closed_loop.closed_coronary, "P_RV"), "two", own=("volume_im",)
     ),
 }  # fmt: skip
 JUNCTIONS: Final = {
@@ -214,4 +253,43 @@ JUNCTIONS: Final = {
         ("R_poiseuille", "L", "stenosis_coefficient"), _vessel_junction, "many"
     ),
 }
-ELEMENTS: Final = VESSELS | CONDITIONS | JUNCTIONS
+HEARTS: Final = {
+    "ClosedLoopHeartAndPulmonary": Element(
+        closed_loop.PARAMETERS, closed_loop.heart, "two", own=closed_loop.OWN
+    ),
+}
+VALVES: Final = {
+    "ValveTanh": Element(
+        ("Rmax", "Rmin", "Steepness"), chambers.tanh_valve, "two", own=("valve_status",)
+    ),
+    "PiecewiseValve": Element(("Rmax", "Rmin"), chambers.jump_valve, "two", written=True),
+}
+CHAMBERS: Final = {
+    "LinearElastanceChamber": Element(
+        ("Emax", "Epass", "Vrest"), chambers.linear_chamber, "two", own=("Vc",), written=True
+    ),
+    "ChamberElastanceInductor": Element(
+        ("Emax", "Emin", "Vrd", "Vrs", "Impedance"), chambers.inductor_chamber, "two", own=("Vc",)
+    ),
+    "ChamberElastanceInductorExponential": Element(
+        ("Emax", "Impedance", "Kxp", "Kxv", "Vaso"), chambers.exponential_chamber, "two",
+        own=("Vc",),
+    ),
+    "ChamberSphere": _SPHERE,
+}  # fmt: skip
+ELEMENTS: Final = VESSELS | CONDITIONS | JUNCTIONS | HEARTS | VALVES | CHAMBERS
+
+
+def check_sign(values: FloatArray, key: str, place: str) -> None:
+    """Check that a resistance, compliance, inertance or the like isn't below 0.
+
+    Raises
+    ------
+    FlowError
+        When it is, or is 0 where something is divided by it.
+    """
+    least = float(np.min(values, initial=np.inf))
+    if key.startswith(_SIGNED) or least > 0.0 or (least == 0.0 and key not in _POSITIVE):
+        return
+    limit = "must be above 0" if key in _POSITIVE else "may not be below 0"
+    raise FlowError(f"{place}: {key} is {least:g}; it {limit}")

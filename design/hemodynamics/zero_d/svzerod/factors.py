@@ -29,14 +29,16 @@ class Factors:
         For a singular matrix.
     """
 
+    SINGULAR: Final = (
+        "the equations have no single solution; give a pressure somewhere, and check for "
+        "conditions that contradict each other"
+    )
+
     def __init__(self, matrix: csc_array) -> None:
         try:
             self._lu: Any = splu(matrix)
         except RuntimeError as exc:
-            raise FlowError(
-                "the equations have no single solution; give a pressure somewhere, and check for "
-                "conditions that contradict each other"
-            ) from exc
+            raise FlowError(self.SINGULAR) from exc
         self._parts: Any = None
 
     def solve(self, right: FloatArray) -> FloatArray:

@@ -19,7 +19,8 @@ def parse_json(text: str) -> Any:
     Raises
     ------
     FlowError
-        When it isn't JSON, is nested too deeply, or gives a key twice, of which one would be lost.
+        When it isn't JSON, is nested too deeply, or gives a key twice, of which one would be lost
+        (comments, whose keys begin with ``_``, may be).
     """
     try:
         return json.loads(text, object_pairs_hook=_once)
@@ -32,9 +33,10 @@ def parse_json(text: str) -> Any:
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise FlowError(f"the key {twice!r} stands twice in one object; leave one out")
+        names = [name for name, _ in pairs if not name.startswith("_")]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise FlowError(f"the key {twice!r} stands twice in one object; leave one out")
     return found
 
 

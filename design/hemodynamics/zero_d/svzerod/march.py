@@ -3,14 +3,18 @@
 Jansen, Whiting & Hulbert 2000, doi 10.1016/S0045-7825(00)00203-6, with ρ the spectral radius at
 infinite steps: α_m = (3 - ρ)/(2 (1 + ρ)), α_f = 1/(1 + ρ), γ = ½ + α_m - α_f. Every variable is
 stepped so, those without a rate in the equations, too: at t + α_f Δt the equations hold exactly.
+
+Where equations are nonlinear, Newton's method ends at the first residual below the tolerance, as in
+svZeroDSolver: what a file's units let slip below it is left as it is there, too.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
+from scipy.linalg.lapack import dgesv
 from scipy.sparse import csc_array, csr_array
 
 from design.errors import FlowError
@@ -24,6 +28,10 @@ _STALE = 0.1
 """Factors are made anew once an iteration leaves more than this part of the residual."""
 _EXACT = 1e-13
 """Residual, relative to the largest summand of its equation, that is rounding."""
+_FULL: Final = 200
+"""Unknowns up to which full matrices are faster."""
+_MANY: Final = 2000
+"""Unknowns from which factors are kept from one iteration to the next."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +60,15 @@ class Stepper:
         self.alpha_m, self.alpha_f = 0.5 * (3.0 - rho) / (1.0 + rho), 1.0 / (1.0 + rho)
         self.gamma = 0.5 + self.alpha_m - self.alpha_f
         self._terms = system.terms
-        self._base = csc_array(self._weighted(system.e, system.f))
-        self._sizes = (abs(system.e), abs(system.f)) if self._terms else None
+        count = len(system.constant)
+        self._keeps = count >= _MANY and all(term.smooth for term in self._terms)
+        self._e, self._f = system.e, system.f
+        self._base: Any = csc_array(self._weighted(system.e, system.f))
+        self._full = bool(self._terms) and count <= _FULL
+        if self._full:
+            self._e, self._f = system.e.toarray(), system.f.toarray()
+            self._base = np.asfortranarray(self._base.toarray())
+        self._sizes = (abs(system.e), abs(system.f)) if self._keeps and self._terms else None
         self._predicted = system.e * (1.0 - self.alpha_m / self.gamma)
         self._factors: Factors | None = None
 
@@ -73,12 +88,15 @@ class Stepper:
         sampled = self.sampler.at(at) if isinstance(self.sampler, Sampler) else self.sampler
         constant = self.system.constant + self.system.drive @ sampled
         if self._terms:
-            return self._newton(old, at, sampled, constant)
+            newton = self._with_kept_factors if self._keeps else self._newton
+            return newton(old, at, sampled, constant)
         if self._factors is None:
             self._factors = Factors(self._base)
         change = self._predicted @ old.rate
         change += self.system.f @ old.value
         change += constant
+        if float(np.abs(change).max()) < self.tolerance:
+            return self._changed(old, np.zeros_like(change))
         return self._changed(old, -self._factors.solve(change))
 
     def _changed(self, old: State, change: FloatArray) -> State:
@@ -87,16 +105,45 @@ class Stepper:
         rate += change
         return State(old.value + change * (self.gamma * self.step_s), rate)
 
+    def _moment(self, old: State, new: State, at: float, sampled: FloatArray) -> Moment:
+        value = old.value + self.alpha_f * (new.value - old.value)
+        rate = old.rate + self.alpha_m * (new.rate - old.rate)
+        return Moment(at, self.period, value, rate, sampled)
+
     def _newton(self, old: State, at: float, sampled: FloatArray, constant: FloatArray) -> State:
+        """Iterate as svZeroDSolver does, closed valves included."""
+        new = State(old.value.copy(), old.rate * (1.0 - 1.0 / self.gamma))
+        left = np.inf
+        for _ in range(self.iterations):
+            residual, added = self._residual(self._moment(old, new, at, sampled), constant)
+            left = float(np.abs(residual).max())
+            if left < self.tolerance:
+                return new
+            change = self._solved(added, residual)
+            for term in added:
+                new.value[term.shut] = 0.0
+            new.rate[:] += change
+            new.value[:] += change * (self.gamma * self.step_s)
+        raise self._unsettled(at, left)
+
+    def _solved(self, added: list[Added], residual: FloatArray) -> FloatArray:
+        if not self._full:
+            return Factors(self._matrix(added)).solve(residual)
+        matrix = self._base.copy(order="F")
+        for term in added:
+            np.add.at(matrix, term.entries, self._weighted(term.by_rate, term.by_state))
+        _, _, change, failed = dgesv(matrix, residual, overwrite_a=True)
+        if failed:
+            raise FlowError(Factors.SINGULAR)
+        return np.asarray(change)
+
+    def _with_kept_factors(
+        self, old: State, at: float, sampled: FloatArray, constant: FloatArray
+    ) -> State:
         change, last = np.zeros_like(old.value), np.inf
         for _ in range(self.iterations):
             new = self._changed(old, change)
-            here = Moment(
-                at, self.period,
-                old.value + self.alpha_f * (new.value - old.value),
-                old.rate + self.alpha_m * (new.rate - old.rate),
-                sampled,
-            )  # fmt: skip
+            here = self._moment(old, new, at, sampled)
             residual, added = self._residual(here, constant)
             left = float(np.abs(residual).max())
             if self._settled(residual, left, last, here, constant):
@@ -105,16 +152,19 @@ class Stepper:
                 self._factors = Factors(self._matrix(added))
             change += self._factors.solve(residual)
             last = left
-        raise FlowError(
-            f"no solution within {self.iterations} iterations at time {at:g}: {last:.3g} is left; "
+        raise self._unsettled(at, last)
+
+    def _unsettled(self, at: float, left: float) -> FlowError:
+        return FlowError(
+            f"no solution within {self.iterations} iterations at time {at:g}: {left:.3g} is left; "
             "take smaller steps (number_of_time_pts_per_cardiac_cycle)"
         )
 
     def _residual(self, here: Moment, constant: FloatArray) -> tuple[FloatArray, list[Added]]:
-        residual = -(self.system.e @ here.rates + self.system.f @ here.state + constant)
+        residual = -(self._e @ here.rates + self._f @ here.state + constant)
         added = [term.at(here) for term in self._terms]
-        for term, more in zip(self._terms, added, strict=True):
-            np.subtract.at(residual, term.rows, more.value)
+        for term in added:
+            np.subtract.at(residual, term.rows, term.value)
         return residual, added
 
     def _settled(
@@ -129,7 +179,6 @@ class Stepper:
         return bool((np.abs(residual) <= _EXACT * size).all())
 
     def _matrix(self, added: list[Added]) -> csc_array:
-        rows = np.concatenate([term.rows for term in self._terms])
-        columns = np.concatenate([term.columns for term in self._terms])
+        rows, columns = (np.concatenate([a.entries[k] for a in added]) for k in (0, 1))
         value = np.concatenate([self._weighted(a.by_rate, a.by_state) for a in added])
         return csc_array(self._base + csr_array((value, (rows, columns)), self._base.shape))

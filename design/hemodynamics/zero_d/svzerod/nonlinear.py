@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -30,35 +30,63 @@ class Moment:
 
 @dataclass(frozen=True)
 class Added:
-    """Contribution of a term to its rows, and its derivatives, all (m,)."""
+    """Contribution of a term to the equations, and its derivatives.
 
+    Attributes
+    ----------
+    rows : (m,) int64
+        Equations.
+    value : (m,) float64
+    entries : pair of (k,) int64
+        Equations and variables of the derivatives.
+    by_state, by_rate : (k,) float64
+    shut : (j,) int64
+        Flows that a closed valve sets to 0 once a step's correction is found.
+    """
+
+    rows: IntArray
     value: FloatArray
+    entries: tuple[IntArray, IntArray]
     by_state: FloatArray
     by_rate: FloatArray
+    shut: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 class Term(Protocol):
-    """Term in some rows, of one variable each."""
+    """Term of the equations that isn't linear with fixed coefficients.
 
-    @property
-    def rows(self) -> IntArray:
-        """Equations, (m,)."""
-        ...
+    Attributes
+    ----------
+    smooth : bool
+        Whether it has no jumps.
+    """
 
-    @property
-    def columns(self) -> IntArray:
-        """Variables, (m,)."""
-        ...
+    smooth: ClassVar[bool]
 
     def at(self, moment: Moment) -> Added:
         """Return value and derivatives."""
         ...
 
 
+class _OfOne(Protocol):
+    """Term with one variable in each of its equations."""
+
+    @property
+    def rows(self) -> IntArray: ...
+
+    @property
+    def columns(self) -> IntArray: ...
+
+
+def _single(term: _OfOne, value: FloatArray, by_state: FloatArray, by_rate: FloatArray) -> Added:
+    return Added(term.rows, value, (term.rows, term.columns), by_state, by_rate)
+
+
 @dataclass(frozen=True)
 class Loss:
     """-K |Q| Q: the pressure that a stenosis takes."""
 
+    smooth: ClassVar[bool] = True
     rows: IntArray
     columns: IntArray
     factor: FloatArray
@@ -67,13 +95,14 @@ class Loss:
         """Return value and derivatives."""
         flow = moment.state[self.columns]
         slope = -self.factor * np.abs(flow)
-        return Added(slope * flow, 2.0 * slope, np.zeros_like(flow))
+        return _single(self, slope * flow, 2.0 * slope, np.zeros_like(flow))
 
 
 @dataclass(frozen=True)
 class StoredLoss:
     """2 C K |Q| Q̇: what a stenosis takes from the pressure at the compliance behind it."""
 
+    smooth: ClassVar[bool] = True
     rows: IntArray
     columns: IntArray
     factor: FloatArray
@@ -82,7 +111,7 @@ class StoredLoss:
         """Return value and derivatives."""
         flow, rate = moment.state[self.columns], moment.rates[self.columns]
         slope = 2.0 * self.factor * np.abs(flow)
-        return Added(slope * rate, 2.0 * self.factor * np.sign(flow) * rate, slope)
+        return _single(self, slope * rate, 2.0 * self.factor * np.sign(flow) * rate, slope)
 
 
 @dataclass(frozen=True)
@@ -100,6 +129,7 @@ class Contraction:
         C, Rv, P, least and most R, time of contraction and of relaxation.
     """
 
+    smooth: ClassVar[bool] = True
     rows: IntArray
     columns: IntArray
     tables: IntArray
@@ -112,7 +142,7 @@ class Contraction:
         volume, rate = moment.state[self.columns], moment.rates[self.columns]
         across = moment.sampled[self.tables] - behind
         held = volume + muscle * (vein * rate + across)
-        return Added(-resistance * held, -resistance, -resistance * muscle * vein)
+        return _single(self, -resistance * held, -resistance, -resistance * muscle * vein)
 
     def _resistance(self, time: float) -> FloatArray:
         least, most, rise, fall = self.values.T[3:]

@@ -44,8 +44,9 @@ def result_table(case: SvZeroDCase, run: SvZeroDRun) -> ResultTable:
         names, columns = run.names, {"ydot" if d else "y": x for d, x in parts.items()}
     else:
         names = case.names
+        count = len(names)
         columns = {
-            d + name: x[:, k * case.vessels : (k + 1) * case.vessels]
+            d + name: x[:, k * count : (k + 1) * count]
             for d, x in parts.items()
             for k, name in enumerate(COLUMNS)
         }

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.zero_d.svzerod.case import SvZeroDCase
+from design.hemodynamics.zero_d.svzerod.elements import CONDITIONS
 from design.hemodynamics.zero_d.svzerod.march import State, Stepper
+from design.hemodynamics.zero_d.svzerod.size import MOST_CYCLES, check_size, windkessel_cycles
 from design.hemodynamics.zero_d.svzerod.system import (
     Variables,
     start_of,
     system_of,
+    unused_initial,
     variables_of,
 )
 from design.network import FloatArray, IntArray
@@ -40,6 +42,8 @@ class SvZeroDRun:
         Gone through.
     change : float
         From begin to end of the last cycle, relative to the largest value of its kind.
+    unused : tuple of str
+        Initial values that the file gives for no variable of its model.
     """
 
     names: tuple[str, ...]
@@ -48,6 +52,7 @@ class SvZeroDRun:
     rate: FloatArray
     cycles: int
     change: float
+    unused: tuple[str, ...] = ()
 
     @property
     def periodic(self) -> bool:
@@ -61,7 +66,7 @@ def run_svzerod(case: SvZeroDCase) -> SvZeroDRun:
     Raises
     ------
     FlowError
-        As `Stepper.advance`, for an initial value of no variable, and when numbers overflow.
+        As `Stepper.advance`, for steps or results without end, and when numbers overflow.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # told at the end
         return _run(case)
@@ -75,6 +80,7 @@ def _run(case: SvZeroDCase) -> SvZeroDRun:
         sampled = sampler.mean()
         state = _steady(case, variables, sampled, state)
     system = system_of(variables, sampled, state.value, state.rate, steady=False)
+    check_size(case, len(wanted_variables(case, len(variables.names))))
     step = case.period / (case.options.points - 1)
     how = case.options
     stepper = Stepper(
@@ -113,7 +119,7 @@ class _Recorder:
 
     def run(self, state: State) -> SvZeroDRun:
         how = self.case.options
-        cycles = _cycles(self.case)
+        cycles = windkessel_cycles(self.case)
         asked = how.cycle_error if cycles is None else None
         cycles = how.cycles if cycles is None else cycles
         means: list[FloatArray] = []
@@ -127,6 +133,11 @@ class _Recorder:
             done += 1
             if done >= cycles and (asked is None or _same(means, asked)):
                 break
+            if done >= MOST_CYCLES and asked is not None:
+                raise FlowError(
+                    f"means still change after {done:,} cycles (sim_cycle_to_cycle_percent_error); "
+                    "allow more, or leave use_cycle_to_cycle_error out"
+                )
         return self._result(done, begin, state)
 
     def _cycle(self, state: State, done: int) -> tuple[State, FloatArray]:
@@ -152,31 +163,18 @@ class _Recorder:
             raise FlowError("the solution isn't finite; check values for their size and sign")
         names = tuple(self.names[k] for k in self.wanted.tolist())
         change = _change(self.names, begin.value, end.value)
-        return SvZeroDRun(names, self.step * (number - number[0]), value, rate, cycles, change)
+        time, unused = self.step * (number - number[0]), unused_initial(self.case, self.names)
+        return SvZeroDRun(names, time, value, rate, cycles, change, unused)
 
 
 def wanted_variables(case: SvZeroDCase, count: int) -> IntArray:
     """Return the variables to keep, as `SvZeroDRun` orders them."""
     if case.options.output_variable_based:
         return np.arange(count)
-    vessels = case.blocks[: case.vessels]
-    into = 2 * np.array([vessel.inlets[0] for vessel in vessels])
-    out = 2 * np.array([vessel.outlets[0] for vessel in vessels])
+    vessels = case.written
+    into = 2 * np.array([vessel.inlets[0] for vessel in vessels], dtype=np.int64)
+    out = 2 * np.array([vessel.outlets[0] for vessel in vessels], dtype=np.int64)
     return np.concatenate([into, out, into + 1, out + 1])
-
-
-def _cycles(case: SvZeroDCase) -> int | None:
-    """Return how many cycles to run; None where only the cycles' error tells.
-
-    With Windkessels the number follows from their slowest decay (Pfaller et al. 2021, eq. 21).
-    """
-    error = case.options.cycle_error
-    if error is None:
-        return case.options.cycles
-    decays = [b.values[1] * b.values[2] for b in case.blocks if b.kind == "RCR"]
-    if not decays:
-        return None
-    return max(1, math.ceil(-max(decays) / case.period * math.log(error)))
 
 
 def _same(means: list[FloatArray], error: float) -> bool:
@@ -188,7 +186,7 @@ def _same(means: list[FloatArray], error: float) -> bool:
 
 def _ends(case: SvZeroDCase) -> IntArray:
     """Return the variables at the network's ends: at an outlet, else at an inlet."""
-    conditions = {b.name for b in case.blocks if len(b.inlets) + len(b.outlets) == 1}
+    conditions = {b.name for b in case.blocks if b.kind in CONDITIONS}
     found = []
     for vessel in case.blocks[: case.vessels]:
         for connection, side in ((vessel.outlets[0], 1), (vessel.inlets[0], 0)):

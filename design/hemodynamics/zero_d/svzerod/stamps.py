@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
+from design.hemodynamics.zero_d.svzerod.activation import Activation
 from design.hemodynamics.zero_d.svzerod.nonlinear import Contraction, Loss, StoredLoss, Term
 from design.network import FloatArray, IntArray
 
@@ -28,6 +29,8 @@ class Group:
     equations : (m, r) int64
     inlets, ports : int
         Connections that lead in, and all.
+    activations : tuple of Activation
+        Of chambers, (m,); empty for other kinds.
     """
 
     values: FloatArray
@@ -36,6 +39,7 @@ class Group:
     equations: IntArray
     inlets: int
     ports: int
+    activations: tuple[Activation, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,8 @@ class Stamps:
         At the begin.
     sampled : (tables,) float64
         At the begin.
+    places : mapping of str to int
+        Variables by name.
     """
 
     size: int
@@ -81,6 +87,7 @@ class Stamps:
     state: FloatArray
     rates: FloatArray
     sampled: FloatArray
+    places: Mapping[str, int] = field(default_factory=dict)
     group: Group | None = None
     _e: list[Places] = field(default_factory=list)
     _f: list[Places] = field(default_factory=list)
@@ -133,6 +140,10 @@ class Stamps:
             self._terms.append(
                 StoredLoss(here.equations[on, row], here.variables[on, flow], factor[on])
             )
+
+    def add(self, term: Term) -> None:
+        """Add a term of any other form."""
+        self._terms.append(term)
 
     def contracting(self, row: int, volume: int, values: FloatArray) -> None:
         """Add the resistance of a contracting muscle to an equation (`Contraction`)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from design.hemodynamics.zero_d.svzerod.case import Block, SvZeroDCase
 from design.hemodynamics.zero_d.svzerod.elements import ELEMENTS, Element
 from design.hemodynamics.zero_d.svzerod.stamps import Group, LumpedSystem, Stamps
 from design.network import FloatArray, IntArray
+
+_ALL_OF: Final = {"pressure_all": ("pressure:", "P_c:"), "flow_all": ("flow:",)}
+"""Initial values of many variables, by how their names begin."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,7 @@ def _group(kind: str, members: list[tuple[Block, list[int], int]]) -> Group:
         equations=first[:, None] + np.arange(count),
         inlets=len(members[0][0].inlets),
         ports=ports.shape[1],
+        activations=tuple(block.activation for block, _, _ in members if block.activation),
     )
 
 
@@ -83,7 +88,8 @@ def system_of(
     steady : bool
         Whether for the steady start, without the outlets' storage.
     """
-    stamps = Stamps(len(state), len(sampled), steady, state, rates, sampled)
+    places = {name: k for k, name in enumerate(variables.names)}
+    stamps = Stamps(len(state), len(sampled), steady, state, rates, sampled, places)
     for kind, group in variables.groups:
         stamps.group = group
         ELEMENTS[kind].stamp(group, stamps)
@@ -91,29 +97,24 @@ def system_of(
 
 
 def start_of(case: SvZeroDCase, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
-    """Return values and rates at the begin, (n,) each.
-
-    Raises
-    ------
-    FlowError
-        For an initial value of a variable that isn't there.
-    """
+    """Return values and rates at the begin, (n,) each."""
     place: dict[str, int] = {name: k for k, name in enumerate(names)}
     state, rates = np.zeros(len(names)), np.zeros(len(names))
-    all_of = {"pressure_all": ("pressure:", "P_c:"), "flow_all": ("flow:",)}
-    for key, prefixes in all_of.items():
+    for key, prefixes in _ALL_OF.items():
         if key in case.initial:
             state[_begin_with(names, prefixes)] = case.initial[key]
-    for what, given, to in (
-        ("initial_condition", case.initial, state),
-        ("initial_condition_d", case.initial_rates, rates),
-    ):
+    for given, to in ((case.initial, state), (case.initial_rates, rates)):
         for name, value in given.items():
             if name in place:
                 to[place[name]] = value
-            elif not (name in all_of and given is case.initial):
-                raise FlowError(f"{what} has {name!r}, which is no variable of the file's model")
     return state, rates
+
+
+def unused_initial(case: SvZeroDCase, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return initial values of no variable, which svZeroDSolver passes over without a word."""
+    known = set(names)
+    found = [name for name in case.initial if name not in known and name not in _ALL_OF]
+    return tuple(dict.fromkeys(found + [name for name in case.initial_rates if name not in known]))
 
 
 def _begin_with(names: tuple[str, ...], prefixes: tuple[str, ...]) -> IntArray:

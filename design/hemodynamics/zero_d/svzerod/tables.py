@@ -47,7 +47,7 @@ class Tables:
         elif (np.diff(time) < 0.0).any() or time[-1] <= time[0]:
             raise FlowError(f"{place} has times t that don't rise")
         else:
-            self._agree(float(time[-1] - time[0]), place)
+            self.agree(float(time[-1] - time[0]), place)
         grid = self._known.setdefault(time.tobytes(), len(self._grids))
         if grid == len(self._grids):
             self._grids.append(time)
@@ -64,13 +64,20 @@ class Tables:
         ]
         return Sampler(len(self._slots), self._grids, [np.array(v) for v in self._values], numbers)
 
-    def _agree(self, period: float, place: str) -> None:
+    def agree(self, period: float, place: str) -> None:
+        """Take a period as that of all tables.
+
+        Raises
+        ------
+        FlowError
+            When another one is known.
+        """
         if self.period is None:
             self.period = period
         elif abs(period - self.period) > _SAME_PERIOD * self.period:
             raise FlowError(
                 f"{place} has a period of {period:.12g} (last time t less first); another table, "
-                f"or cardiac_period, has {self.period:.12g}"
+                f"cardiac_period or cardiac_cycle_period has {self.period:.12g}"
             )
 
 

@@ -1,0 +1,98 @@
+"""A scanned organ's solids by `printctl design`: CPU, memory, files checked from outside."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from benchmarks.checkers.crossing_triangles import crossing_triangles
+from benchmarks.checkers.read_network import Pieces, read_network
+from benchmarks.checkers.solid_file import capsule_union_volume, check_file, read_corners
+from benchmarks.checkers.tube_facets import facet_deviations
+from benchmarks.machine import ROOT, row
+from benchmarks.solids_slicing import timed
+from benchmarks.solids_union import read_elsewhere
+
+Row = dict[str, Any]
+
+SHARE: Final = 0.05
+"""Of a vessel's radius: how far 99 % of its surface may lie off (docs/solids.md)."""
+
+_DATA: Final = ROOT.parent / "shared" / "data"
+
+_RECIPE = """schema: 1
+name: kidney
+seed: 1
+tissue: {{mesh: {mesh}, unit: mm}}
+vasculature: {{grow: tree, terminals: {terminals}}}
+flow: {{viscosity_mpa_s: 4, inlet_flow_ml_min: 10}}
+"""
+
+
+def rows(quick: bool) -> Iterator[Row]:
+    """Kidney of 1,000 terminals, and unless ``quick`` of 8,000; the mesh is in PRINTCTL_DATA."""
+    data = Path(os.environ.get("PRINTCTL_DATA", _DATA))
+    mesh = data / "kidney_left_hubmap_VHM.stl"
+    if not mesh.exists():
+        print(f"organs: {mesh} isn't there; set PRINTCTL_DATA to its folder", file=sys.stderr)
+        return
+    for terminals, seconds in ((1_000, 15.0), (8_000, 90.0)):
+        if not (quick and terminals > 1_000):
+            with tempfile.TemporaryDirectory() as scratch:
+                yield from _organ(mesh, terminals, seconds, Path(scratch))
+
+
+def _organ(mesh: Path, terminals: int, seconds: float, folder: Path) -> Iterator[Row]:
+    name = f"kidney, {terminals:,} terminals"
+    recipe, made = folder / "kidney.yaml", folder / "design"
+    recipe.write_text(_RECIPE.format(mesh=mesh, terminals=terminals))
+    print(f"{name}: design", file=sys.stderr, flush=True)
+    command = [sys.executable, "-m", "printctl", "design", str(recipe), "--out", str(made)]
+    cpu, memory = timed(command)
+    measure = f"{name}: recipe to all files, CPU"
+    yield row(measure, round(cpu, 1), "s", f"<= {seconds:g}", cpu <= seconds) | {
+        "load": os.getloadavg()[0]
+    }
+    yield row(f"{name}: peak memory", round(memory / 1e3, 2), "GB", "<= 4", memory <= 4e3)
+    print(f"{name}: checks", file=sys.stderr, flush=True)
+    pieces = read_network(made / "network.csv")
+    for file in ("lumen.stl", "solid.stl", "solid.3mf"):
+        yield from _file_rows(f"{name}, {file}", made / file)
+    yield from _lumen_rows(f"{name}, lumen.stl", made / "lumen.stl", pieces)
+
+
+def _file_rows(name: str, path: Path) -> Iterator[Row]:
+    found, others = check_file(path), read_elsewhere(path)
+    good = found.closed and (found.bodies, found.handles) == (1, 0) and all(others.values())
+    yield row(f"{name}: read back", float(good), "valid", "closed, oriented, 1 body", good) | {
+        "triangles": found.triangles,
+        "megabytes": round(path.stat().st_size / 1e6, 1),
+        "by": {"own reader": found.closed} | others,
+    }
+    if path.suffix == ".stl":
+        crossing = len(crossing_triangles(read_corners(path)[0]))
+        yield row(f"{name}: pairs of triangles that cross", crossing, "", "0", crossing == 0)
+
+
+def _lumen_rows(name: str, path: Path, pieces: Pieces) -> Iterator[Row]:
+    exact, error = capsule_union_volume(pieces.start, pieces.end, *pieces.radius.T)
+    off = check_file(path).volume / exact - 1.0
+    yield row(
+        f"{name}: volume over the exact union's", round(off, 5), "", "within 0.01", abs(off) <= 0.01
+    ) | {"standard_error": round(error / exact, 6)}
+    gap, share = facet_deviations(read_corners(path)[0], pieces)
+    most, usual = float(np.abs(share).max()), float(np.percentile(np.abs(share), 99))
+    measure = f"{name}: distance of facets from the exact tubes, of their radius"
+    yield row(f"{measure}, 99 %", round(usual, 4), "", f"<= {SHARE:g}", usual <= SHARE)
+    yield row(f"{measure}, greatest (seams: no bound)", round(most, 4), "") | {
+        "beyond": round(float(share.max()), 4),
+        "within": round(float(share.min()), 4),
+        "points_beyond_a_tenth": round(float(np.mean(np.abs(share) > 0.1)), 5),
+        "greatest_um": round(1e3 * float(np.abs(gap).max()), 2),
+    }

@@ -1,0 +1,204 @@
+"""Template of a brain's cortex: pial arteries below its surface, arterioles straight into it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from design.anatomy.cortex_places import CortexPlaces, depth_along_normal, find_cortex_places
+from design.anatomy.from_trunks import TrunkPlan, not_in_the_way
+from design.anatomy.graph_trunk import LayerForest, apart_for, spread_sites
+from design.anatomy.grown import AnatomicTrees, grow_apart
+from design.anatomy.layer import Layer, below_surface, join_layer
+from design.anatomy.openness import sample_surface
+from design.anatomy.trunk_lines import TrunkLines, lines_of, outward, with_shares
+from design.errors import GrowthError
+from design.network import VesselKind
+from design.tissue import Tissue
+from design.vasculature.growth.parts import check_inlet
+from design.vasculature.growth.territories import demand_points
+from design.vasculature.options import GrowthOptions
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Place = tuple[float, float, float]
+
+ARTERIOLES_PER_MM2 = 1.0
+"""Precortical arteries of the human brain, of some 60 µm, serve 1 mm² of its surface each
+(Akima et al. 2003, doi 10.1046/j.1440-1789.2003.00487.x, abstract)."""
+
+SHALLOWEST, DEEPEST = 0.3, 0.9
+"""Depths to which arterioles go, over the thickness, spread evenly. Duvernoy et al. 1981
+(doi 10.1016/0361-9230(81)90007-1) tell five groups by depth, but no shares: these are ours."""
+
+_SAMPLES = 12_000
+_VOLUME = 20_000
+_GOLDEN = 0.6180339887498949
+_DISK = 0.7
+"""Of places drawn at least s apart there are about 0.7 / s² (random sequential adsorption's 0.547
+for disks of diameter s is 0.70 / s² in number)."""
+
+
+@dataclass(frozen=True)
+class CortexAnatomy:
+    """What a cortex's vessels are told; what isn't is found in its shape.
+
+    Attributes
+    ----------
+    entry_mm : (float, float, float), optional
+        Near where the pial artery begins; the pial side's far end by default.
+    pial_direction : (float, float, float), optional
+        Out of the pial side.
+    thickness_mm : float, optional
+        Of the grey matter.
+    trunk_ends : int
+        How many ends the pial arteries have, at about.
+    arterioles_per_mm2 : float
+        Per area of the pial side.
+    trunk_depth_mm : float
+        Least depth of the pial arteries' axes.
+    """
+
+    entry_mm: Place | None = None
+    pial_direction: Place | None = None
+    thickness_mm: float | None = None
+    trunk_ends: int = 200
+    arterioles_per_mm2: float = ARTERIOLES_PER_MM2
+    trunk_depth_mm: float = 0.2
+
+
+def grow_cortex(
+    tissue: Tissue, options: GrowthOptions, anatomy: CortexAnatomy | None = None
+) -> AnatomicTrees:
+    """Grow the artery of any piece of cortex.
+
+    Pial arteries spread just below the pial side; from them arterioles go straight into the grey
+    matter, at right angles to the surface, each to a depth of its own. From these the tree goes
+    on.
+
+    Raises
+    ------
+    TissueError, GrowthError
+        Where no trunk or tree fits.
+    """
+    anatomy = anatomy or CortexAnatomy()
+    ends = min(anatomy.trunk_ends, options.terminals // 8)
+    if ends < 6:
+        raise GrowthError(f"{options.terminals} terminals are too few for a cortex; ask for 48")
+    check_inlet(tissue, "pial_artery", anatomy.entry_mm)
+    samples = sample_surface(tissue, _SAMPLES, options.seed)
+    way = None if anatomy.pial_direction is None else np.array(anatomy.pial_direction)
+    places = find_cortex_places(tissue, samples, way, anatomy.thickness_mm)
+    points, inward = samples.points[places.pial], samples.inward[places.pial]
+    depth = max(2.0 * tissue.grid.spacing_mm, anatomy.trunk_depth_mm)
+    below, deep = below_surface(tissue, points, inward, depth)
+    layer = join_layer(tissue, below[deep], 0.5 * depth)
+    begin = _begin(layer, anatomy.entry_mm)
+    forest = LayerForest(layer, 0.25, layer.length.copy(), apart_for(layer, ends))
+    forest.plant(0, begin)
+    forest.join(spread_sites(layer.points, 3 * ends, layer.points[begin][None]))
+    volume, _ = demand_points(tissue, _VOLUME, options.seed)
+    place = layer.points[begin]
+    entry = points[int(np.argmin(np.linalg.norm(points - place, axis=1)))]
+    rule = _rule(tissue, places, len(points) / len(samples.points), anatomy, options)
+    plan = TrunkPlan(
+        lines_of(forest, {0: entry}, volume),
+        anatomy.trunk_depth_mm,
+        branches=lambda lines, radius: with_arterioles(
+            tissue, lines, radius, rule, volume, options
+        ),
+    )
+    trees = grow_apart(tissue, plan, options)
+    return AnatomicTrees(trees, (VesselKind.ARTERY,), ("pial_artery",), _notes(places, rule, entry))
+
+
+@dataclass(frozen=True)
+class ArterioleRule:
+    """Where arterioles leave: ``apart_mm`` from each other; and the cortex's thickness, mm."""
+
+    apart_mm: float
+    thickness_mm: float
+    count: float
+
+
+def _rule(
+    tissue: Tissue,
+    places: CortexPlaces,
+    part: float,
+    anatomy: CortexAnatomy,
+    options: GrowthOptions,
+) -> ArterioleRule:
+    corners = tissue.surface.vertices[tissue.surface.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = part * float(0.5 * np.linalg.norm(across, axis=1).sum())
+    count = min(anatomy.arterioles_per_mm2 * area, options.terminals / 3.0)
+    return ArterioleRule(float(np.sqrt(_DISK * area / count)), places.thickness_mm, count / area)
+
+
+def with_arterioles(
+    tissue: Tissue,
+    lines: TrunkLines,
+    radius: FloatArray,
+    rule: ArterioleRule,
+    volume: FloatArray,
+    options: GrowthOptions,
+) -> tuple[TrunkLines, FloatArray]:
+    """Pial lines with arterioles that leave them at right angles to the surface, and their radii.
+
+    All ends of pial arteries dive, and as many other places as are ``apart_mm`` from those.
+    """
+    nodes = _apart(lines, rule.apart_mm)
+    inward = -outward(tissue, lines.points[nodes])
+    thick = depth_along_normal(tissue, lines.points[nodes], inward)
+    part = SHALLOWEST + (DEEPEST - SHALLOWEST) * ((_GOLDEN * np.arange(len(nodes))) % 1.0)
+    long = part * np.minimum(thick, rule.thickness_mm)
+    kept = long > 3.0 * tissue.grid.spacing_mm
+    nodes, inward, long = nodes[kept], inward[kept], long[kept]
+    tips = lines.points[nodes] + long[:, None] * inward
+    middle = 0.5 * (lines.points[nodes] + tips)
+    count, more = len(lines.parent), len(nodes)
+    whole = TrunkLines(
+        np.concatenate([lines.points, middle, tips]),
+        np.concatenate([lines.parent, nodes, count + np.arange(more)]),
+        np.concatenate([lines.tree, lines.tree[nodes], lines.tree[nodes]]),
+        np.zeros(count + 2 * more),
+    )
+    whole = with_shares(whole, volume)
+    own = radius.max() * whole.share[count:] ** (1.0 / options.murray_exponent)
+    return not_in_the_way(tissue, whole, np.concatenate([radius, own]), options)
+
+
+def _apart(lines: TrunkLines, apart_mm: float) -> IntArray:
+    """Nodes of at most one child, ends first, each so far from the others."""
+    count = lines.child_count()
+    free = np.flatnonzero((lines.parent >= 0) & (count <= 1))
+    order = free[np.argsort(count[free], kind="stable")]
+    near = cKDTree(lines.points[order]).query_ball_point(lines.points[order], apart_mm)
+    taken = np.zeros(len(order), dtype=np.bool_)
+    gone = np.zeros(len(order), dtype=np.bool_)
+    for n in range(len(order)):
+        if not gone[n]:
+            taken[n] = True
+            gone[near[n]] = True
+    return np.asarray(order[taken], dtype=np.int64)
+
+
+def _begin(layer: Layer, entry: Place | None) -> int:
+    """The place of the layer where the pial artery begins."""
+    if entry is not None:
+        return layer.nearest(np.array(entry))
+    away = np.linalg.norm(layer.points - layer.points.mean(axis=0), axis=1)
+    return int(np.argmax(away))
+
+
+def _notes(places: CortexPlaces, rule: ArterioleRule, entry: FloatArray) -> tuple[str, ...]:
+    say = "({:.3g}, {:.3g}, {:.3g})"
+    return (
+        f"the pial side was taken to look towards {say.format(*places.outward)}; the artery enters "
+        f"at {say.format(*entry)} mm",
+        f"the grey matter is {places.thickness_mm:.3g} mm thick; {rule.count:.2g} arterioles per "
+        "mm² were asked for",
+    )

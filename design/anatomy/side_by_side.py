@@ -1,0 +1,305 @@
+"""Lay artery and vein side by side in the tubes of one tree that was grown for both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.vasculature.options import GrowthOptions
+from design.vasculature.tree import VesselTree
+from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+VEIN_DROP = 0.5
+"""Pressure drop along the vein over the artery's: a vein is then 1.19 times as wide. Ours."""
+
+WIDTH = 2.1
+"""Radius of a tube over its artery's. All that both may need is twice the vein's: 2.38."""
+
+_GAP = 1.2
+"""Room between artery and vein over the clearance."""
+
+_APART = 1.05
+"""Room for each vessel over its radius: where both bend or twist, they come nearer."""
+
+_INLETS = 1.1
+"""Room between the inlets, over that further on: they stay where they are put."""
+
+_TURN = np.radians(15.0)
+"""Twist from piece to piece."""
+
+_STEEPEST = 0.8
+"""Way round the tube over the way along it, at most."""
+
+_STRAIGHT_ON = 0.1
+"""Sine of the branches' angles to their trunk below which they have no plane."""
+
+_MERGE = 1.3
+"""Way along a branch, over its trunk's radius, on which its vessels come together."""
+
+_MERGE_STEPS = 3
+
+
+@dataclass(frozen=True)
+class _Offsets:
+    """How far from a tube's axis artery and vein lie, for each of its segments, (n,), mm."""
+
+    artery: FloatArray
+    vein: FloatArray
+
+
+@dataclass
+class _Lines:
+    """Nodes of the tubes' axes, with the side on which the vein lies, (n, 3), unit vectors.
+
+    ``parent`` (n,) is -1 for the inlet, ``origin`` (n,) the tube's segment that ends there.
+    """
+
+    points: list[FloatArray]
+    side: list[FloatArray]
+    artery: list[float]
+    vein: list[float]
+    parent: list[int]
+    origin: list[int]
+
+    def add(self, point: FloatArray, side: FloatArray, away: FloatArray, up: int, of: int) -> int:
+        """Add a node; return its number."""
+        self.points.append(point)
+        self.side.append(side)
+        self.artery.append(float(away[0]))
+        self.vein.append(float(away[1]))
+        self.parent.append(up)
+        self.origin.append(of)
+        return len(self.parent) - 1
+
+
+def tube_options(options: GrowthOptions) -> GrowthOptions:
+    """Options with which a tree of tubes grows that have room for an artery and a vein each."""
+    return replace(
+        options,
+        pressure_drop_pa=options.pressure_drop_pa / WIDTH**4,
+        clearance_mm=(1.0 + _GAP) * options.clearance_mm,
+    )
+
+
+def side_by_side(tubes: VesselTree, options: GrowthOptions) -> tuple[VesselTree, VesselTree]:
+    """An artery and a vein along a tree of tubes, each with its own radii by its own lengths.
+
+    The vein lies on one side of a sheet through the tubes' axes, the artery on the other. At
+    each joint the sheet holds both branches, so that neither crosses the other vessel; between
+    joints it turns by the smaller angle. Both vessels touch the sheet but for half of the gap.
+
+    Parameters
+    ----------
+    tubes : VesselTree
+        Grown with `tube_options`.
+    options : GrowthOptions
+        Of the artery.
+    """
+    radius = tree_radii(tubes) / WIDTH
+    pair = _laid(tubes, options, radius)
+    # Paths beside the axes are longer, and so the vessels wider.
+    wider = max(
+        float(tree_radii(pair[0])[0]) / radius[0],
+        float(tree_radii(pair[1])[0]) * VEIN_DROP**0.25 / radius[0],
+    )
+    return _laid(tubes, options, wider * radius)
+
+
+def _laid(
+    tubes: VesselTree, options: GrowthOptions, artery: FloatArray
+) -> tuple[VesselTree, VesselTree]:
+    """The two with room for arteries of these radii (n,), mm, and their veins."""
+    half = 0.5 * _GAP * np.maximum(options.clearance_mm, options.clearance_ratio * artery)
+    vein = VEIN_DROP**-0.25 * artery
+    lines = _Sheet(tubes, _Offsets(_APART * artery + half, _APART * vein + half)).lines()
+    side, points = np.array(lines.side), np.array(lines.points)
+    drop = options.pressure_drop_pa
+    return (
+        _tree(tubes, lines, points - np.array(lines.artery)[:, None] * side, drop),
+        _tree(tubes, lines, points + np.array(lines.vein)[:, None] * side, VEIN_DROP * drop),
+    )
+
+
+class _Sheet:
+    """The sheet between artery and vein, laid vessel by vessel from the inlet down."""
+
+    def __init__(self, tubes: VesselTree, away: _Offsets) -> None:
+        self.tubes, self.radius = tubes, tree_radii(tubes)
+        self.away = np.column_stack([away.artery, away.vein])
+        way = tubes.distal - tubes.proximal
+        self.length = np.linalg.norm(way, axis=1)
+        self.way = way / self.length[:, None]
+        self.node = np.zeros(len(self.length), dtype=np.int64)
+        self.end_side = np.zeros((len(self.length), 3))
+        self.found = _Lines([], [], [], [], [], [])
+
+    def lines(self) -> _Lines:
+        """All nodes, parents before their children."""
+        children = self.tubes.children
+        for s in downward_order(children).tolist():
+            above = int(self.tubes.parent[s])
+            if above >= 0 and children[above, 1] < 0:
+                continue  # a later piece of a run
+            run = [s]
+            while children[run[-1], 0] >= 0 and children[run[-1], 1] < 0:
+                run.append(int(children[run[-1], 0]))
+            self._lay(run, above)
+        return self.found
+
+    def _lay(self, run: list[int], above: int) -> None:
+        """Lay the sheet along one vessel."""
+        own = self.away[run[0]]
+        if above < 0:
+            side = self._first_side(run)
+            up = self.found.add(self.tubes.proximal[run[0]], side, _INLETS * own, -1, -1)
+            before, merge = own, 0.0
+        else:
+            side, up = _across(self.end_side[above], self.way[run[0]]), int(self.node[above])
+            before, merge = self.away[above], _MERGE * float(self.radius[above])
+        sides = [side]
+        for one, two in pairwise(run):
+            sides.append(_across(_carried(sides[-1], self.way[one], self.way[two]), self.way[two]))
+        total = float(self.length[run].sum())
+        merge = min(merge, 0.6 * total)
+        twist = self._twist(run[-1], sides[-1], total - merge, float(own.sum()))
+        gone = 0.0
+        for n, s in enumerate(run):
+            parts = 1 if above < 0 and n == 0 else self._parts(s, twist, total, gone, merge)
+            for k in range(1, parts + 1):
+                at = gone + k / parts * self.length[s]
+                normal = sides[n]
+                if k == parts and n + 1 < len(run):
+                    # As far from both pieces, where the bend lies across the sheet.
+                    normal = sides[n] + sides[n + 1]
+                    normal = normal / max(0.5, 1.0 + float(sides[n] @ sides[n + 1]))
+                part = _smooth((at - merge) / (total - merge))
+                turned = _turned(normal, self.way[s], twist * part)
+                here = own + (before - own) * (1.0 - _smooth(at / merge) if merge > 0 else 0.0)
+                point = self.tubes.proximal[s] + k / parts * self.length[s] * self.way[s]
+                up = self.found.add(point, turned, here, up, s)
+            gone += float(self.length[s])
+        last = run[-1]
+        self.node[last], self.end_side[last] = up, self.found.side[up]
+
+    def _parts(self, s: int, twist: float, total: float, gone: float, merge: float) -> int:
+        """Pieces for one of a vessel's: as its twist and the way to its own place ask for."""
+        long = float(self.length[s])
+        begin, end = ((at - merge) / (total - merge) for at in (gone, gone + long))
+        parts = 1 + int(abs(twist) * (_smooth(end) - _smooth(begin)) / _TURN)
+        if gone < merge:
+            parts = max(parts, 1 + int(_MERGE_STEPS * min(long, merge - gone) / merge))
+        return parts
+
+    def _twist(self, last: int, side: FloatArray, total: float, apart: float) -> float:
+        """Angle by which the sheet turns on the last ``total`` mm to hold the joint at the end."""
+        wanted = self._joint_normal(last)
+        if wanted is None:
+            return 0.0
+        way = self.way[last]
+        angle = float(np.arctan2(np.cross(side, wanted) @ way, side @ wanted))
+        angle = (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi
+        most = _STEEPEST * total / apart
+        return float(np.clip(angle, -most, most))
+
+    def _joint_normal(self, last: int) -> FloatArray | None:
+        """Unit vector across a vessel to which the branches at its end are as normal as can be.
+
+        None at terminals, and where both branches go straight on.
+        """
+        a, b = self.tubes.children[last].tolist()
+        if a < 0:
+            return None
+        way, reach = self.way[last], 1.5 * float(self.radius[last])
+        headings = np.array([self._heading(a, reach), self._heading(b, reach)])
+        one = _across(np.eye(3)[int(np.argmin(np.abs(way)))], way)
+        frame = np.array([one, np.cross(way, one)])
+        across = headings @ frame.T
+        if (across**2).sum() < _STRAIGHT_ON**2:
+            return None
+        _, vectors = np.linalg.eigh(across.T @ across)
+        normal: FloatArray = vectors[:, 0] @ frame
+        return normal
+
+    def _heading(self, s: int, reach: float) -> FloatArray:
+        """Direction from a segment's begin to where its vessel is ``reach`` further on."""
+        begin, gone = self.tubes.proximal[s], 0.0
+        while gone + self.length[s] < reach:
+            a, b = self.tubes.children[s].tolist()
+            if a < 0 or b >= 0:
+                break
+            gone += float(self.length[s])
+            s = a
+        part = min(1.0, (reach - gone) / float(self.length[s]))
+        way = self.tubes.proximal[s] + part * self.length[s] * self.way[s] - begin
+        heading: FloatArray = way / np.linalg.norm(way)
+        return heading
+
+    def _first_side(self, run: list[int]) -> FloatArray:
+        """The first joint's normal, brought up to the inlet."""
+        side = self._joint_normal(run[-1])
+        if side is None:
+            side = _across(self.way[run[-1]][[1, 2, 0]], self.way[run[-1]])
+        for one, two in zip(run[:0:-1], run[-2::-1], strict=True):
+            side = _across(_carried(side, self.way[one], self.way[two]), self.way[two])
+        return side
+
+
+def _tree(tubes: VesselTree, lines: _Lines, points: FloatArray, drop_pa: float) -> VesselTree:
+    up = np.array(lines.parent, dtype=np.int64)
+    parent = up[1:] - 1
+    children = np.full((len(parent), 2), -1, dtype=np.int32)
+    for i, above in enumerate(parent.tolist()):
+        if above >= 0:
+            children[above, 0 if children[above, 0] < 0 else 1] = i
+    origin = np.array(lines.origin[1:])
+    return tree_from_topology(
+        points[up[1:]],
+        points[1:],
+        parent.astype(np.int32),
+        children,
+        flow_ul_s=float(tubes.flow_ul_s[0]),
+        pressure_drop_pa=drop_pa,
+        murray_exponent=tubes.murray_exponent,
+        viscosity_pa_s=tubes.viscosity_pa_s,
+        relative_flow=tubes.relative_flow[origin],
+        haematocrit=tubes.haematocrit,
+        given=tubes.given[origin],
+    )
+
+
+def _smooth(part: float) -> float:
+    """0 to 1 without slope at either end."""
+    part = min(max(part, 0.0), 1.0)
+    return part * part * (3.0 - 2.0 * part)
+
+
+def _across(vector: FloatArray, way: FloatArray) -> FloatArray:
+    """Unit vector across ``way``, as near to ``vector`` as can be."""
+    found = vector - (vector @ way) * way
+    size = float(np.linalg.norm(found))
+    if size < 1e-6:
+        found = np.cross(way, np.eye(3)[int(np.argmin(np.abs(way)))])
+        size = float(np.linalg.norm(found))
+    unit: FloatArray = found / size
+    return unit
+
+
+def _carried(vector: FloatArray, one: FloatArray, two: FloatArray) -> FloatArray:
+    """A vector turned as ``one`` turns to ``two`` by the shortest way (parallel transport)."""
+    axis = np.cross(one, two)
+    carried: FloatArray = (
+        vector + np.cross(axis, vector) + np.cross(axis, np.cross(axis, vector)) / (1.0 + one @ two)
+    )
+    return carried
+
+
+def _turned(vector: FloatArray, axis: FloatArray, angle: float) -> FloatArray:
+    """A vector across an axis turned about it."""
+    turned: FloatArray = np.cos(angle) * vector + np.sin(angle) * np.cross(axis, vector)
+    return turned

@@ -1,0 +1,79 @@
+"""Compute the allowed radii of a large tree's segments on several threads."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from design.tissue.depth import least_depth_along
+from design.vasculature.growth.audit import too_wide
+from design.vasculature.growth.clearances import Clearances, neighbours_of
+from design.vasculature.growth.fit import growth_factor, seven_integers
+from design.vasculature.growth.index import REACH, CellIndex
+from design.vasculature.growth.joints import limit_children, limit_smaller_child
+from kernels import jit
+
+_AT_A_TIME = 50_000
+"""Segments that a thread measures before it takes more."""
+
+
+def measure_in_parallel(
+    segments: Any, count: int, index: CellIndex, room: Clearances, smallest: float, threads: int
+) -> int:
+    """Derive allowed radii as `growth.audit.measure_allowed_radii` with joints does.
+
+    Every segment is measured by itself, so that the result doesn't depend on the threads.
+
+    Returns
+    -------
+    int
+        How many are wider than allowed.
+    """
+    # Without a reserve the search for neighbours goes on to the nearest.
+    alone = room._replace(reserve=0.0)
+
+    def measure(begin: int) -> None:
+        own = index._replace(stamp=np.zeros_like(index.stamp), query=np.zeros_like(index.query))
+        end = min(begin + _AT_A_TIME, count)
+        measure_alone(segments, begin, end, own, alone, smallest)
+
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(measure, range(0, count, _AT_A_TIME)))
+    limit_joints(segments, count, room)
+    return int(too_wide(segments, count))
+
+
+@jit
+def measure_alone(
+    segments: Any, begin: int, end: int, index: CellIndex, room: Clearances, smallest: float
+) -> None:
+    """Derive the allowed radii of segments ``begin`` to ``end`` from tissue and neighbours."""
+    for i in range(begin, end):
+        s = segments[i]
+        s.allowed = np.inf
+        if s.given != 0:
+            continue
+        parent, sibling, left, right = neighbours_of(segments, i)
+        if i > 0:
+            most = REACH * s.radius + room.wall
+            depth = least_depth_along(room.grid, s.px, s.py, s.pz, s.dx, s.dy, s.dz, most, 0.0)
+            s.allowed = depth - room.wall
+        skip = seven_integers(i, parent, sibling, left, right, -1, -1)
+        free = growth_factor(
+            index, segments, room, s.px, s.py, s.pz, s.dx, s.dy, s.dz, s.radius, skip, False
+        )
+        s.allowed = min(s.allowed, free * s.radius)
+        if left < 0 and s.radius < smallest:
+            s.allowed = min(s.allowed, 0.0)
+
+
+@jit
+def limit_joints(segments: Any, count: int, room: Clearances) -> None:
+    """Lower the allowed radii of children that don't part, as `growth.audit` does."""
+    for i in range(count):
+        _, _, left, right = neighbours_of(segments, i)
+        if right >= 0:
+            limit_children(segments, room, left, right, segments[i])
+            limit_smaller_child(segments, room, i)
