@@ -166,9 +166,7 @@ def _roots(parent: IntArray) -> IntArray:
     return found
 
 
-def _connected(
-    network: VesselNetwork, joins: IntArray
-) -> list[tuple[IntArray, IntArray]]:
+def _connected(network: VesselNetwork, joins: IntArray) -> list[tuple[IntArray, IntArray]]:
     """Connections that share a node of their own, and the terminals that they join."""
     own = np.flatnonzero(joins)
     if len(own) == 0:

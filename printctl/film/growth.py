@@ -39,9 +39,7 @@ class GrowthFilm:
     murray_exponent: float = 3.0
 
 
-def growth_frames(
-    scene: FilmScene, quantity: Quantity, film: GrowthFilm
-) -> Iterator[Frame]:
+def growth_frames(scene: FilmScene, quantity: Quantity, film: GrowthFilm) -> Iterator[Frame]:
     """Draw each step, then the whole network for a while.
 
     Raises
@@ -98,7 +96,7 @@ def _terminal_count(order: GrowthOrder) -> int:
 
 def _per_tree(order: GrowthOrder) -> str:
     trees = 0 if order.parent is None else int((order.parent < 0).sum())
-    return "" if trees < 2 else " of each tree"
+    return "" if trees < 2 else " of the largest tree"
 
 
 def _drawn(

@@ -98,8 +98,7 @@ def recipe_of(folder: Path, what: str = "--as-printed") -> Recipe:
     """
     if not (folder / NETWORK).is_file():
         raise UsageError(
-            f"{what} wants a run folder, and {folder} holds no {NETWORK}; `printctl run` "
-            "makes one"
+            f"{what} wants a run folder, and {folder} holds no {NETWORK}; `printctl run` makes one"
         )
     try:
         return Recipe.model_validate(Manifest.load(folder).facts["recipe"])

@@ -177,5 +177,7 @@ def pulse_at(
     """
     sections = sections_at(found.network, probes, found.mesh, part.order)
     clock = Stepping(steps=part.steps, frames=0)
-    waves = march_flow(found.mesh, conditions, options_of(part, conditions.density), clock, sections)
+    waves = march_flow(
+        found.mesh, conditions, options_of(part, conditions.density), clock, sections
+    )
     return ProbeWaves(waves.time_s, waves.section_pressure, waves.section_flow), waves

@@ -44,7 +44,9 @@ def grown_forest(
         lambda one: rebalanced(one, shared, shared.flow_ul_s(tissue.volume_mm3)),
     )
     notes += _supply_notes(tissue, part, trees)
-    told: dict[str, Any] = {"networks": [_told(*each) for each in zip(part.grown, closed)]}
+    told: dict[str, Any] = {
+        "networks": [_told(*each) for each in zip(part.grown, closed, strict=True)]
+    }
     return network, told | ({"notes": list(notes)} if notes else {})
 
 
@@ -81,9 +83,7 @@ def _trunk(tree: TreePart, folder: Path) -> Any:
     return trunk_of(read_given(folder / tree.trunk, tree.trunk_unit)[0])
 
 
-def _options(
-    part: Forest, one: GrownTrees, tree: TreePart, shared: GrowthOptions
-) -> GrowthOptions:
+def _options(part: Forest, one: GrownTrees, tree: TreePart, shared: GrowthOptions) -> GrowthOptions:
     drop, thinnest = tree.pressure_drop_mmhg, tree.smallest_diameter_mm
     return replace(
         shared,
@@ -121,9 +121,7 @@ def _by_network(part: Forest, trees: tuple[VesselTree, ...]) -> list[JoinedTrees
     return found
 
 
-def _supply_notes(
-    tissue: Tissue, part: Forest, trees: tuple[VesselTree, ...]
-) -> tuple[str, ...]:
+def _supply_notes(tissue: Tissue, part: Forest, trees: tuple[VesselTree, ...]) -> tuple[str, ...]:
     """Places that a network's trees of one kind don't reach."""
     notes: list[str] = []
     first = 0

@@ -149,7 +149,9 @@ def _few_colours(image: Image.Image, quantity: Quantity) -> Image.Image:
     return image.quantize(palette=palette, dither=Image.Dither.NONE)
 
 
-def scene_camera(network: VesselNetwork, surface: Surface | None, options: PictureOptions) -> Camera:
+def scene_camera(
+    network: VesselNetwork, surface: Surface | None, options: PictureOptions
+) -> Camera:
     """A camera whose picture is as high as the scene needs."""
     shown = [_hull(network), port_reach(network)]
     points = np.vstack(shown if surface is None else [*shown, surface.vertices])

@@ -22,6 +22,7 @@ from sim.dye.film_file import write_frames
 from sim.dye.lumens import FloatArray
 from sim.dye.transport import DyeFlow, Transport
 
+
 @dataclass(frozen=True)
 class Dye:
     """Dye and its optical properties.

@@ -108,11 +108,11 @@ def _joined(
             f"loops join arteries to veins, and {strange[0].name.lower()} is neither; give it a "
             "network of its own, or mix"
         )
-    sides = [
+    arteries, veins = (
         [tree for tree, kind in zip(one.trees, one.kinds, strict=True) if kind == side]
         for side in (VesselKind.ARTERY, VesselKind.VEIN)
-    ]
-    closed = close_loops(tissue, *sides, options, others)
+    )
+    closed = close_loops(tissue, arteries, veins, options, others)
     # The loops' trees are numbered arteries first.
     order = np.argsort([kind != VesselKind.ARTERY for kind in one.kinds], kind="stable")
     number = np.append(order, len(order))[closed.network.tree]

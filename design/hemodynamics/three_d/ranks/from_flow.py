@@ -28,7 +28,8 @@ def rank_conditions(mesh: LumenMesh, conditions: FlowConditions, **options: Any)
     mesh : LumenMesh
     conditions : FlowConditions
     **options
-        Of `RankConditions`: density (the conditions' by default), model, profile, solver, tolerance.
+        Of `RankConditions`: density (the conditions' by default), model, profile, solver,
+        tolerance.
 
     Raises
     ------

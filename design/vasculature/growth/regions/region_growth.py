@@ -34,8 +34,8 @@ LOAD_POWER = 1.0 + 4.0 * GROWTH_POWER
 """A branch's load grows with this power of its terminals: the root's radius with `GROWTH_POWER`."""
 
 _NEAR = 6
-"""Nearest segments considered for a new terminal: with `step.CANDIDATES` growth takes a fifth longer
-and finds no less volume (100,000 terminals: 1258 mm³, with these 1257)."""
+"""Nearest segments considered for a new terminal: with `step.CANDIDATES` growth takes a fifth
+longer and finds no less volume (100,000 terminals: 1258 mm³, with these 1257)."""
 
 _SYNC = 8
 """Branches elsewhere are made to grow alike each time the region has grown by one in so many."""
