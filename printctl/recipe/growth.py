@@ -173,6 +173,9 @@ class Growth(NetworkSection):
     )
     root_mm: Point | None = None
     root_direction: Point | None = None
+    polish: bool = Field(
+        default=False, description="Relax and regraft grown trees to lower their cost."
+    )
 
     @model_validator(mode="after")
     def _growth_is_possible(self) -> Growth:
@@ -182,7 +185,18 @@ class Growth(NetworkSection):
                 raise ValueError(f"{name} [{low:g}, {high:g}] doesn't ascend; give least, greatest")
         if self._counted_by() is None:
             raise ValueError("how many terminals isn't said; add terminals")
+        self._polish_fits()
         return self
+
+    def _polish_fits(self) -> None:
+        if self.polish and self.smallest_diameter_mm is not None:
+            raise ValueError(
+                "polish thins the smallest lumens by some percent, so it can't be combined with "
+                "smallest_diameter_mm yet; give one of the two"
+            )
+        for key in ("trunk", "stages", "penalty"):
+            if self.polish and getattr(self, key, None):
+                raise ValueError(f"polish wouldn't keep to {key}; give one of the two")
 
     def _counted_by(self) -> str | None:
         """The key that says how many terminals there are."""
@@ -193,9 +207,6 @@ class GrownNetwork(Growth):
     """A tree grown by constrained constructive optimisation."""
 
     grow: Literal["tree"]
-    polish: bool = Field(
-        default=False, description="Relax and regraft the grown tree to lower its volume."
-    )
     printable: bool = Field(
         default=False,
         description="Keep to what needle and method can print, and say how far the tree grew.",
@@ -245,19 +256,6 @@ class GrownNetwork(Growth):
 
     @model_validator(mode="after")
     def _keys_fit(self) -> GrownNetwork:
-        if self.polish and self.smallest_diameter_mm is not None:
-            raise ValueError(
-                "polish thins the smallest lumens by some percent, so it can't be combined with "
-                "smallest_diameter_mm yet; give one of the two"
-            )
-        if self.polish and (self.length_exponent, self.radius_exponent) != (1.0, 2.0):
-            raise ValueError(
-                f"polish lowers the volume, and the cost of length^{self.length_exponent:g} "
-                f"radius^{self.radius_exponent:g} isn't that; leave polish or the exponents out"
-            )
-        for key in ("trunk", "stages", "penalty"):
-            if self.polish and getattr(self, key):
-                raise ValueError(f"polish wouldn't keep to {key}; give one of the two")
         for key in ("polish", "trunk", "stages", "terminal_points", "root"):
             if self.printable and getattr(self, key):
                 raise ValueError(f"printable doesn't go with {key} yet; give one of the two")

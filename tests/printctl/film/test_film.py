@@ -31,7 +31,7 @@ FOREST: dict[str, Any] = {
     },
     "flow": {
         "supplies": [{"trees": [2], "flow_ml_min": 0.01}],
-        "pulse": {"amplitude_ml_min": 0.02, "period_s": 1},
+        "pulse": {"amplitude_ml_min": 0.2, "period_s": 1},
     },
 }
 
