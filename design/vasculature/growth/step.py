@@ -170,6 +170,7 @@ def commit(
     s.left, s.right = lower, tip
     s.radius, segments[lower].radius, segments[tip].radius = fork.up, fork.low, fork.new
     segments[lower].full, segments[tip].full = 0, 0
+    s.audited, segments[lower].audited, segments[tip].audited = 0.0, 0.0, 0.0
     refresh(segments, lower, law)
     refresh(segments, tip, law)
     refresh_upwards(segments, i, law)
