@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from design.vasculature.growth.prune import drop_marked
 from design.vasculature.growth.regions.audit import measure_again, measure_in_parallel
+from design.vasculature.growth.regions.cluster import ClusterPool
 from design.vasculature.growth.regions.job import region_job
 from design.vasculature.growth.regions.parallel import run_in_order
 from design.vasculature.growth.regions.region_growth import grow_region
@@ -109,8 +110,9 @@ class LargeGrowth(TreeGrowth):
             store.fill(number, own, helds.pop(number))
 
         threads = thread_count()
+        most = self.pool.parallel if isinstance(self.pool, ClusterPool) else threads + 1
         with nullcontext(self.pool) if self.pool else ThreadPoolExecutor(threads) as pool:
-            run_in_order(split.order.tolist(), split.after, begin, end, threads + 1)
+            run_in_order(split.order.tolist(), split.after, begin, end, most)
 
     def repair(self) -> None:
         """Repair, and audit all anew where the stem has moved."""
