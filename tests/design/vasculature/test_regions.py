@@ -18,7 +18,7 @@ from design.vasculature.growth.sample import depth_first
 from design.vasculature.growth.surroundings import Surroundings
 from tests.design.vasculature.test_grow import check, tissue_of
 
-OPTIONS = GrowthOptions(terminals=3000)
+OPTIONS = GrowthOptions(terminals=1500)
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +30,8 @@ def tissue():
 def small(monkeypatch):
     """Regions for trees that grow in a second."""
     monkeypatch.setattr(large_growth, "LARGE", 1000)
-    monkeypatch.setattr(large_growth, "EARLY", 300)
-    monkeypatch.setattr(large_growth, "REGION", 400)
+    monkeypatch.setattr(large_growth, "EARLY", 200)
+    monkeypatch.setattr(large_growth, "REGION", 250)
 
 
 def same(one, two):
@@ -51,7 +51,7 @@ def test_tree_grown_by_regions_is_exact_on_any_number_of_threads(small, tissue):
 def test_smallest_radius_and_limits_hold_in_regions(small, tissue):
     options = replace(
         OPTIONS,
-        terminals=1200,
+        terminals=1000,
         smallest_radius_mm=0.04,
         clearance_mm=0.02,
         branch_angle_degrees=(15.0, 150.0),
@@ -76,9 +76,7 @@ def test_what_a_region_falls_short_of_grows_elsewhere(small, tissue, monkeypatch
     monkeypatch.setattr(
         region_growth.RegionGrowth,
         "grow_to",
-        lambda self, goal: grow(
-            self, goal if self.job.number else (self.job.terminals + goal) // 2
-        ),
+        lambda self, goal: grow(self, goal if self.job.number else (2 * goal) // 3),
     )
     check(grow_tree(tissue, OPTIONS), tissue, OPTIONS)
 
@@ -91,7 +89,7 @@ def grown(tissue, terminals):
 
 
 def test_regions_part_all_branches_and_terminals(small, tissue):
-    growth = grown(tissue, 300)
+    growth = grown(tissue, 200)
     early = depth_first(growth.segments, growth.count)[: growth.count]
     split = split_tree(early, tissue, 3000, 400, False, 1)
     assert split.goal.sum() == 3000
@@ -106,7 +104,7 @@ def test_regions_part_all_branches_and_terminals(small, tissue):
 
 
 def test_audit_on_threads_finds_what_the_serial_one_finds(small, tissue):
-    growth = grown(tissue, 3000)
+    growth = grown(tissue, 1500)
     growth.audit()
     s, count, index, room = growth.segments, growth.count, growth.index, growth.room
     again = s.copy()
