@@ -38,8 +38,8 @@ class Case:
     seed: int = 1
 
 
-def grow(case: Case, out: Path | None = None) -> dict[str, Any]:
-    """One run: what `benchmarks.vasculature_grow` prints.
+def grow(case: Case, out: Path | None = None, *more: str) -> dict[str, Any]:
+    """One run: what `benchmarks.vasculature_grow` prints; ``more`` are further words for it.
 
     Raises
     ------
@@ -49,6 +49,7 @@ def grow(case: Case, out: Path | None = None) -> dict[str, Any]:
     words = ["--stl", str(case.stl), "--terminals", str(case.terminals), "--seed", str(case.seed)]
     words += ["--root", *map(str, case.root)] if case.root else []
     words += ["--out", str(out)] if out else []
+    words += more
     return run_module(case.name, "benchmarks.vasculature_grow", words)
 
 
@@ -75,7 +76,8 @@ def run_module(name: str, module: str, words: list[str]) -> dict[str, Any]:
 def grow_often(case: Case, out: Path, times: int = 3) -> dict[str, Any]:
     """Medians of several runs; the file of the last (all are alike) stays."""
     runs = [grow(case, out) for _ in range(times)]
-    return {key: median(run[key] for run in runs) for key in runs[0]} | {"runs": times}
+    numbers = [key for key, value in runs[0].items() if not isinstance(value, str)]
+    return {key: median(run[key] for run in runs) for key in numbers} | {"runs": times}
 
 
 def seconds(name: str, run: dict[str, Any], goal_s: float | None = None) -> dict[str, Any]:
@@ -120,4 +122,5 @@ def memory(name: str, run: dict[str, Any], goal_gb: float | None = None) -> dict
         f"<= {goal_gb:g}" if goal_gb else "",
         value <= goal_gb if goal_gb else None,
     )
+    made["bytes_a_terminal"] = round(2 * run["peak_mb"] * 1e6 / (run["segments"] + 1))
     return made | {"with_export_gb": round(run.get("peak_export_mb", run["peak_mb"]) / 1e3, 2)}

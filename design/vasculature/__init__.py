@@ -16,6 +16,7 @@ from design.vasculature.growth.parts import (
     terminals_of,
 )
 from design.vasculature.growth.printable import PrintableTree, grow_printable
+from design.vasculature.growth.regions.cluster import ClusterPool
 from design.vasculature.growth.supply import PartSupply, check_parts, check_supply
 from design.vasculature.growth.territories import SupplyBalance, supply_balance
 from design.vasculature.loops.loop_options import LoopOptions
@@ -37,6 +38,7 @@ __all__ = [
     "PLANAR_BLOCK_MM",
     "PLANAR_DIMPLES",
     "ClosedLoops",
+    "ClusterPool",
     "Collisions",
     "DepthPenalty",
     "Dimple",

@@ -40,7 +40,9 @@ SolverOption = Annotated[
 ]
 FramesOption = Annotated[int, typer.Option("--frames", min=8, max=2000, help="Of a cycle.")]
 CyclesOption = Annotated[int, typer.Option("--cycles", min=1, max=100, help="Of a pulse.")]
-FpsOption = Annotated[float, typer.Option("--fps", min=1.0, max=60.0, help="Frames a second.")]
+FpsOption = Annotated[
+    float, typer.Option("--fps", min=1.0, max=60.0, help="Frames in 1 s of the film.")
+]
 WidthOption = Annotated[int, typer.Option("--width", min=300, max=3000, help="Pixels.")]
 TablesOption = Annotated[
     Path,

@@ -40,7 +40,7 @@ ViscosityOption = Annotated[
 ]
 DensityOption = Annotated[
     float | None,
-    typer.Option("--density-g-cm3", help="Of pulses, 3D, losses, Reynolds numbers; 1.06."),
+    typer.Option("--density-g-cm3", help="Of pulses, 3D, losses, Reynolds numbers, g/cm³; 1.06."),
 ]
 FluidOption = Annotated[
     Path | None,

@@ -17,7 +17,7 @@ FileName = Annotated[
     str,
     Field(min_length=1, description="Path, relative to the recipe.", json_schema_extra=FILE),
 ]
-Terminals = Annotated[int, Field(ge=1, le=20_000_000)]
+Terminals = Annotated[int, Field(ge=1, le=50_000_000)]
 Clearance = Annotated[float, Field(ge=0, le=10)]
 Degrees = Annotated[float, Field(ge=0, le=180)]
 Angles = Annotated[tuple[Degrees, Degrees], Field(description="Least and greatest, degrees.")]

@@ -4,6 +4,7 @@ Nothing is imported here, so that a command can name them before anything heavy 
 """
 
 NETWORK = "network.csv"
+NETWORK_ARRAYS = "network.npz"
 LUMEN = "lumen.stl"
 SOLID = "solid.stl"
 SURFACE = "tissue.stl"

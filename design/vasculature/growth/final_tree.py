@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,32 +66,71 @@ def _radii(segments: Segments, count: int, options: GrowthOptions, scale: Scale)
         spread_down(segments, count, root, 1.0, law)
 
 
-def final_tree(
+@dataclass(frozen=True)
+class FinalArrays:
+    """What of the growing segments the finished tree is made of; theirs can be let go.
+
+    Attributes
+    ----------
+    proximal, distal, parent, children, relative_flow, given
+        As `tree_from_topology` takes them.
+    flow_ul_s, pressure_drop_pa : float
+        Into the root, and over the tree.
+    notes : tuple of str
+    """
+
+    proximal: FloatArray
+    distal: FloatArray
+    parent: NDArray[np.int32]
+    children: NDArray[np.int32]
+    relative_flow: FloatArray
+    given: NDArray[np.bool_]
+    flow_ul_s: float
+    pressure_drop_pa: float
+    notes: tuple[str, ...]
+
+    def tree(self, options: GrowthOptions) -> VesselTree:
+        """The finished tree, its ratios computed afresh from geometry and topology."""
+        smallest = options.smallest_radius_mm
+        tree = tree_from_topology(
+            self.proximal,
+            self.distal,
+            self.parent,
+            self.children,
+            flow_ul_s=self.flow_ul_s,
+            pressure_drop_pa=self.pressure_drop_pa if smallest else options.pressure_drop_pa,
+            murray_exponent=options.murray_exponent,
+            viscosity_pa_s=options.viscosity_pa_s,
+            relative_flow=self.relative_flow,
+            haematocrit=options.law_haematocrit,
+            given=self.given,
+        )
+        tree = scaled_to_smallest_radius(tree, smallest) if smallest else tree
+        return replace(tree, notes=self.notes) if self.notes else tree
+
+
+def final_arrays(
     segments: Segments,
     tissue: Tissue,
     options: GrowthOptions,
     scale: Scale,
     trunk: Trunk | None,
-) -> VesselTree:
-    """The finished tree, its ratios computed afresh from geometry and topology."""
-    s, smallest = segments, options.smallest_radius_mm
+) -> FinalArrays:
+    """Copy what the finished tree is made of."""
+    s = segments
     flow = options.flow_ul_s(scale.volume)
     drop = flow * float(s["load"][0]) / (float(s["flow"][0]) * float(s["radius"][0]) ** 4)
-    tree = tree_from_topology(
+    return FinalArrays(
         np.column_stack([s["px"], s["py"], s["pz"]]),
         np.column_stack([s["dx"], s["dy"], s["dz"]]),
-        s["parent"],
+        s["parent"].copy(),
         np.column_stack([s["left"], s["right"]]),
-        flow_ul_s=flow,
-        pressure_drop_pa=drop if smallest else options.pressure_drop_pa,
-        murray_exponent=options.murray_exponent,
-        viscosity_pa_s=options.viscosity_pa_s,
-        relative_flow=s["flow"],
-        haematocrit=options.law_haematocrit,
-        given=s["given"] != 0,
+        s["flow"].copy(),
+        s["given"] != 0,
+        flow,
+        drop,
+        () if trunk is None else (_note(s, tissue, trunk),),
     )
-    tree = scaled_to_smallest_radius(tree, smallest) if smallest else tree
-    return tree if trunk is None else replace(tree, notes=(_note(s, tissue, trunk),))
 
 
 def _note(s: Segments, tissue: Tissue, trunk: Trunk) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.growth.clearances import Clearances
-from design.vasculature.growth.final_tree import final_tree
+from design.vasculature.growth.final_tree import final_arrays
 from design.vasculature.growth.index import CellIndex, empty_index
 from design.vasculature.growth.make_index import CELL, clearances_of, index_segments
 from design.vasculature.growth.points import GivenPoints, Sampler
@@ -180,6 +180,12 @@ class GrowthState:
         return wish
 
     def tree(self) -> VesselTree:
-        """The finished tree, its ratios computed afresh from geometry and topology."""
+        """The finished tree, its ratios computed afresh; the growth's own arrays are let go."""
         s = self.segments[: self.count]
-        return final_tree(s, self.tissue, self.options, self.scale, self.trunk)
+        found = final_arrays(s, self.tissue, self.options, self.scale, self.trunk)
+        del s
+        self.segments, self.index = (
+            self.segments[:0].copy(),
+            empty_index(self.tissue.bounds, 1e9, 1, 1),
+        )
+        return found.tree(self.options)

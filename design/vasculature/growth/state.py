@@ -35,6 +35,7 @@ SEGMENT = np.dtype(
         ("by_spend", "f8"),
         ("by_one", "f8"),
         ("thick", "f8"),
+        ("audited", "f8"),
     ]
 )
 """Fields of a growing segment.
@@ -45,7 +46,8 @@ vessel of another tree (kept behind all the tree's own); p and d : ends, mm; rad
 finished tree as predicted, mm; allowed : largest radius that tissue and neighbours leave, mm;
 full : 1 where this segment or one above it can't grow wider; given : 1 for a trunk's segment, which
 stays where it is; by_* : derivatives of the cost; thick : viscosity over μ, read only where the
-law has a haematocrit.
+law has a haematocrit; audited : radius with which a large tree's audit measured its room, mm, 0
+where it hasn't been (`growth.regions.audit`).
 """
 
 Segments = NDArray[np.void]

@@ -170,6 +170,7 @@ def commit(
     s.left, s.right = lower, tip
     s.radius, segments[lower].radius, segments[tip].radius = fork.up, fork.low, fork.new
     segments[lower].full, segments[tip].full = 0, 0
+    s.audited, segments[lower].audited, segments[tip].audited = 0.0, 0.0, 0.0
     refresh(segments, lower, law)
     refresh(segments, tip, law)
     refresh_upwards(segments, i, law)
@@ -223,6 +224,9 @@ def derive_radii(segments: Any, progress: Any, law: Law, scale: Scale) -> None:
     s = progress[0]
     s.root_radius = predicted_root_radius(segments, law, scale)
     slack = 1.0 + KEPT * (1.0 - s.terminals / scale.goal)
+    # What holds a region grows by all regions together: none is closed for it.
+    for i in range(s.held):
+        segments[i].allowed = np.inf
     s.smallest = spread_down(segments, s.count, s.root_radius, slack, law)
     if law.haematocrit >= 0.0:
         _, s.thick = follow_radii(segments, s.count, law)

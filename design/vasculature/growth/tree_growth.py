@@ -161,6 +161,11 @@ class TreeGrowth(GrowthState):
     def _relist(self) -> None:
         """List everything anew, and measure the room that each segment has."""
         self._reindex()
+        self._measure()
+        derive_radii(self.segments, self.progress, self.options.law, self.scale)
+
+    def _measure(self) -> None:
+        """Measure the room that each segment has, as far as it may have changed."""
         # By the limits of the audit: those that a later stage sets for its own joints would close
         # the earlier ones'.
         room = clearances_of(self.tissue, self.options.mildest())
@@ -170,7 +175,6 @@ class TreeGrowth(GrowthState):
         else:
             # Neighbours' shares have changed since each segment's room was measured.
             measure_allowed_radii(self.segments, self.count, self.index, room, 0.0, False)
-        derive_radii(self.segments, self.progress, self.options.law, self.scale)
 
     def _more(self) -> Samples:
         """More points to grow to."""

@@ -15,6 +15,7 @@ from design.hemodynamics import scaled_network
 from design.lattices import build_lattice
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
+from design.network_files.npz import write_network_npz
 from design.vasculature import (
     check_network,
     check_parts,
@@ -43,10 +44,13 @@ from printctl.recipe.growth import (
     NamedNetwork,
 )
 from printctl.recipe.lattice import LatticeNetwork
-from printctl.run_folder.artefacts import NETWORK, SURFACE
+from printctl.run_folder.artefacts import NETWORK, NETWORK_ARRAYS, SURFACE
 
 DESIGNED = "network_designed.csv"
 """In the design's size, where the print's is another."""
+
+LARGE = 100_000
+"""Vessels from which the network is written as arrays too: read and written many times faster."""
 
 
 def depends(context: RunContext) -> Any:
@@ -67,7 +71,11 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     for note in more.get("notes", ()):
         context.bars.remark("vasculature", note)
     scale, names = context.recipe.print_scale, [NETWORK]
-    write_network_csv(context.folder / NETWORK, scaled_network(network, scale))
+    printed = scaled_network(network, scale)
+    write_network_csv(context.folder / NETWORK, printed)
+    if printed.vessel_count >= LARGE:
+        write_network_npz(context.folder / NETWORK_ARRAYS, printed)
+        names.append(NETWORK_ARRAYS)
     if scale != 1:
         write_network_csv(context.folder / DESIGNED, network)
         names.append(DESIGNED)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from design.tissue.depth import least_depth_along
-from design.vasculature.growth.audit import too_wide
+from design.vasculature.growth.audit import measure_changed, too_wide
 from design.vasculature.growth.clearances import Clearances, neighbours_of
 from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import REACH, CellIndex
@@ -17,6 +17,44 @@ from kernels import jit
 
 _AT_A_TIME = 50_000
 """Segments that a thread measures before it takes more."""
+
+
+LARGER, SMALLER = 1.03, 0.85
+"""A segment's room is measured anew once its radius is beyond these parts of what it was.
+
+Between them the search for neighbours reached far enough: `index.REACH` times the smaller one is
+above the larger one squared, with the clearance ratio of a tenth."""
+
+
+def measure_again(
+    segments: Any, count: int, index: CellIndex, room: Clearances, smallest: float
+) -> int:
+    """Derive allowed radii as `measure_in_parallel`, but only where they may be less.
+
+    Two segments that were measured beside each other had room to grow by one factor, and their
+    allowed radii are at most by that factor larger. So they fit as long as each keeps below its
+    own; a segment that doesn't is measured anew, as is one whose ends moved or whose radius changed
+    much.
+
+    Returns
+    -------
+    int
+        How many are wider than allowed.
+    """
+    mark_changed(segments, count)
+    measure_changed(segments, count, index, room, smallest, False)
+    limit_joints(segments, count, room)
+    return int(too_wide(segments, count))
+
+
+@jit
+def mark_changed(segments: Any, count: int) -> None:
+    """Allow any radius to what must be measured anew: that is what `measure_changed` looks for."""
+    for i in range(count):
+        s = segments[i]
+        alike = SMALLER * s.audited < s.radius < LARGER * s.audited
+        if not alike or s.radius > s.allowed or s.allowed == np.inf:
+            s.allowed, s.audited = np.inf, s.radius
 
 
 def measure_in_parallel(
@@ -52,7 +90,7 @@ def measure_alone(
     """Derive the allowed radii of segments ``begin`` to ``end`` from tissue and neighbours."""
     for i in range(begin, end):
         s = segments[i]
-        s.allowed = np.inf
+        s.allowed, s.audited = np.inf, s.radius
         if s.given != 0:
             continue
         parent, sibling, left, right = neighbours_of(segments, i)

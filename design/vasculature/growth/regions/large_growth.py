@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from design.vasculature.growth.prune import drop_marked
-from design.vasculature.growth.regions.audit import measure_in_parallel
+from design.vasculature.growth.regions.audit import measure_again, measure_in_parallel
+from design.vasculature.growth.regions.cluster import ClusterPool
 from design.vasculature.growth.regions.job import region_job
 from design.vasculature.growth.regions.parallel import run_in_order
 from design.vasculature.growth.regions.region_growth import grow_region
@@ -59,13 +60,14 @@ class LargeGrowth(TreeGrowth):
         Who grows the regions; threads of this process, one a core, by default.
     early : int
         Terminals when the tree is split.
-    is_split : bool
-        Whether the regions are grown.
+    is_split, is_audited : bool
+        Whether the regions are grown, and all segments measured by the final audit.
     """
 
     pool: Executor | None = None
     early: int = 0
     is_split: bool = False
+    is_audited: bool = False
 
     def start(self) -> None:
         """Place the stem and the first two terminals, in an array for the early tree alone."""
@@ -108,13 +110,21 @@ class LargeGrowth(TreeGrowth):
             store.fill(number, own, helds.pop(number))
 
         threads = thread_count()
+        most = self.pool.parallel if isinstance(self.pool, ClusterPool) else threads + 1
         with nullcontext(self.pool) if self.pool else ThreadPoolExecutor(threads) as pool:
-            run_in_order(split.order.tolist(), split.after, begin, end, threads + 1)
+            run_in_order(split.order.tolist(), split.after, begin, end, most)
+
+    def repair(self) -> None:
+        """Repair, and audit all anew where the stem has moved."""
+        self.is_audited = self.is_audited and not self._stem_is_short()
+        super().repair()
 
     def _too_wide(self, least: float) -> int:
-        return measure_in_parallel(
-            self.segments, self.count, self.index, self.room, least, thread_count()
-        )
+        known = self.segments, self.count, self.index, self.room, least
+        if self.is_audited:
+            return measure_again(*known)
+        self.is_audited = True
+        return measure_in_parallel(*known, thread_count())
 
     def _in_order(self) -> None:
         if not self.is_split:
