@@ -122,18 +122,17 @@ def _by_network(part: Forest, trees: tuple[VesselTree, ...]) -> list[JoinedTrees
 
 
 def _supply_notes(tissue: Tissue, part: Forest, trees: tuple[VesselTree, ...]) -> tuple[str, ...]:
-    """Places that a network's trees of one kind don't reach."""
-    notes: list[str] = []
-    first = 0
-    for number, one in enumerate(part.grown):
-        for kind in dict.fromkeys(tree.kind for tree in one.trees):
-            own = [trees[first + n] for n, tree in enumerate(one.trees) if tree.kind == kind]
-            notes += [
-                f"network {number}, {kind}: {note}"
-                for note in check_supply(tissue, *terminals_of(own))[1]
-            ]
-        first += len(one.trees)
-    return tuple(notes)
+    """Places that trees of one kind don't reach, of a network or of all that divide the tissue."""
+    together: dict[str, list[VesselTree]] = {}
+    members = [(number, tree.kind) for number, one in enumerate(part.grown) for tree in one.trees]
+    for (number, kind), tree in zip(members, trees, strict=True):
+        who = kind if part.territories == "divided" else f"network {number}, {kind}"
+        together.setdefault(who, []).append(tree)
+    return tuple(
+        f"{who}: {note}"
+        for who, own in together.items()
+        for note in check_supply(tissue, *terminals_of(own))[1]
+    )
 
 
 def _told(one: GrownTrees, closed: ClosedLoops) -> dict[str, Any]:

@@ -106,7 +106,9 @@ class Recipes:
 
     def examples(self) -> list[str]:
         """What a new recipe can begin from."""
-        return ["starter", *sorted(path.stem for path in EXAMPLES.glob("*.yaml"))]
+        found = [*EXAMPLES.glob("*.yaml"), *EXAMPLES.glob("paper/*.yaml")]
+        named = (path.relative_to(EXAMPLES).with_suffix("").as_posix() for path in found)
+        return ["starter", *sorted(named)]
 
     def check(self, text: str) -> CheckedRecipe:
         """Read a recipe's text and hold it against the schema."""
