@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from design.on_demand import on_demand
 
 if TYPE_CHECKING:
-    from design.hemodynamics.conditions import FlowConditions, OutletLoad
+    from design.hemodynamics.conditions import FlowConditions, OutletLoad, Supply
     from design.hemodynamics.fluids import Carreau, Fluid, Newtonian, PowerLaw, Pries1994
     from design.hemodynamics.one_d import (
         OneDOptions,
@@ -79,6 +79,7 @@ __all__ = [
     "RigidWall",
     "ShearBand",
     "Stenosis",
+    "Supply",
     "ThinWall",
     "WindkesselOutlet",
     "balance",

@@ -38,6 +38,28 @@ class OutletLoad:
 
 
 @dataclass(frozen=True)
+class Supply:
+    """Inlets on a supply of their own, beside the one that all others share.
+
+    Attributes
+    ----------
+    inlets : tuple of nodes
+        They share a pressure, which follows from the flow.
+    flow_ul_s : float, µL/s
+        Steady, in pulses too.
+    """
+
+    inlets: tuple[int, ...]
+    flow_ul_s: float
+
+    def __post_init__(self) -> None:
+        if not self.inlets:
+            raise FlowError("a supply feeds no inlet; name its inlets")
+        if not (np.isfinite(self.flow_ul_s) and self.flow_ul_s > 0.0):
+            raise FlowError(f"a supply's flow is {self.flow_ul_s:g} µL/s; give a number above 0")
+
+
+@dataclass(frozen=True)
 class FlowConditions:
     """Conditions at a network's inlets and outlets.
 
@@ -66,7 +88,9 @@ class FlowConditions:
     losses : Losses
         At bifurcations and stenoses; none by default.
     density : float, Pa·s²/mm²
-        For the losses.
+        For losses and Reynolds numbers.
+    supplies : tuple of Supply
+        Of inlets that don't hang on the common one.
     """
 
     viscosity_pa_s: float
@@ -80,6 +104,7 @@ class FlowConditions:
     behind: Mapping[int, OutletLoad] = field(default_factory=dict)
     losses: Losses = field(default_factory=Losses)
     density: float = WATER_DENSITY
+    supplies: tuple[Supply, ...] = ()
 
     @property
     def whole_fluid(self) -> Fluid:

@@ -47,6 +47,10 @@ def same_shear_conditions(conditions: FlowConditions, factor: float) -> FlowCond
             node: replace(behind, resistance=behind.resistance / factor**3)
             for node, behind in conditions.behind.items()
         },
+        supplies=tuple(
+            replace(supply, flow_ul_s=supply.flow_ul_s * factor**3)
+            for supply in conditions.supplies
+        ),
         inlet_flow_ul_s=None if flow is None else flow * factor**3,
         outlet_flow_ul_s={node: out * factor**3 for node, out in outlets.items()},
     )

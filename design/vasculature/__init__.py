@@ -22,6 +22,7 @@ from design.vasculature.growth.territories import SupplyBalance, supply_balance
 from design.vasculature.loops.loop_options import LoopOptions
 from design.vasculature.loops.loops import ClosedLoops, close_loops
 from design.vasculature.loops.mixing import mix_trees
+from design.vasculature.loops.networks import JoinedTrees, join_forest
 from design.vasculature.named import (
     PLANAR_BLOCK_MM,
     PLANAR_DIMPLES,
@@ -45,6 +46,7 @@ __all__ = [
     "GrowthOptions",
     "GrowthStage",
     "Inlet",
+    "JoinedTrees",
     "LoopOptions",
     "PartSupply",
     "PrintableTree",
@@ -61,6 +63,7 @@ __all__ = [
     "grow_parts",
     "grow_printable",
     "grow_tree",
+    "join_forest",
     "mix_trees",
     "parts_to_network",
     "planar_four_vessel",

@@ -40,6 +40,7 @@ COMMANDS: dict[str, str] = {
     "compare": "compare:compare_prints",
     "compensate": "compensate:compensate",
     "view": "view:view",
+    "film": "film:film",
     "convert": "convert:convert",
     "solid": "solid:solid",
     "measure": "measure:measure",

@@ -26,6 +26,7 @@ def flow(
     outlet_compliance_ml_mmhg: options.OutletComplianceOption = None,
     outlets: options.OutletsOption = None,
     viscosity_mpa_s: options.ViscosityOption = None,
+    density_g_cm3: options.DensityOption = None,
     fluid: options.FluidOption = None,
     junction_k: options.JunctionOption = None,
     stenosis: options.StenosisOption = None,

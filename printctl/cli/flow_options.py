@@ -38,6 +38,10 @@ OutletsOption = Annotated[
 ViscosityOption = Annotated[
     float | None, typer.Option("--viscosity-mpa-s", min=1e-6, help="Newtonian; 1 by default.")
 ]
+DensityOption = Annotated[
+    float | None,
+    typer.Option("--density-g-cm3", help="Of pulses, 3D, losses, Reynolds numbers, g/cm³; 1.06."),
+]
 FluidOption = Annotated[
     Path | None,
     typer.Option("--fluid", help="YAML with a recipe's flow.viscosity: model: carreau and so on."),

@@ -16,6 +16,7 @@ from printctl.recipe.parts import FlowPart
 
 _STEADY: Final = (
     "inlet_flow_ml_min", "inlet_pressure_mmhg", "outlet_pressure_mmhg", "viscosity_mpa_s",
+    "density_g_cm3",
 )  # fmt: skip
 _BEHIND: Final = ("resistance_mmhg_min_ml", "proximal_mmhg_min_ml", "compliance_ml_mmhg")
 _WAVES: Final = ("amplitude_ml_min", "amplitude_mmhg", "shape", "waveform")

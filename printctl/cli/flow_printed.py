@@ -20,7 +20,8 @@ from printctl.recipe.waves import OneDPart
 _DRIVING: Final = (
     "inlet_flow_ml_min", "inlet_pressure_mmhg", "outlet_pressure_mmhg",
     "outlet_resistance_mmhg_min_ml", "outlet_proximal_mmhg_min_ml", "outlet_compliance_ml_mmhg",
-    "outlets", "viscosity_mpa_s", "fluid", "junction_k", "stenosis", "amplitude_ml_min",
+    "outlets", "viscosity_mpa_s", "density_g_cm3", "fluid", "junction_k", "stenosis",
+    "amplitude_ml_min",
     "amplitude_mmhg", "shape", "waveform", "period_s", "wall_young_kpa", "wall_thickness_mm",
 )  # fmt: skip
 _ELSEWHERE: Final = ("svzerod", "svoned", "ranks", "slurm", "svmultiphysics", "compare", "check")

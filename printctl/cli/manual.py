@@ -89,6 +89,13 @@ MANUAL: Final[Mapping[str, Manual]] = {
             "printctl view part.gcode --png layer.png --layer 26",
         )
     ),
+    "film": Manual(
+        (
+            "printctl film runs/my_run",
+            "printctl film runs/my_run --by generations --out growth.gif",
+            "printctl film runs/my_run --show pulse --colour pressure",
+        )
+    ),
     "convert": Manual(("printctl convert network.csv tree.swc --unit mm",)),
     "solid": Manual(("printctl solid network.csv --unit mm --out lumen.stl",)),
     "measure": Manual(("printctl measure tree.csv --unit mm --tissue t.stl --tissue-unit mm",)),

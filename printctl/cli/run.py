@@ -25,7 +25,7 @@ from printctl.pipeline.names import DESIGN_NAMES
 from printctl.pipeline.run import RunOptions, run_recipe
 from printctl.progress_file import ProgressFile
 from printctl.recipe import Recipe, load_recipe
-from printctl.recipe.growth import ClosedLoop, GrownNetwork
+from printctl.recipe.growth import Growth
 from printctl.records.verdict import outcome
 from printctl.run_folder.artefacts import HTML, PDF
 
@@ -81,7 +81,7 @@ def run(
 
 def _works(recipe: Recipe, until: str | None) -> list[str]:
     """What of the list of kernels the stages need."""
-    grown = isinstance(recipe.vasculature, GrownNetwork | ClosedLoop)
+    grown = isinstance(recipe.vasculature, Growth)
     designed = until in DESIGN_NAMES
     beside = recipe.oxygen is not None or recipe.flow.pulse is not None
     return [

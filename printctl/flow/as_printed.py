@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from design.errors import FlowError
-from design.hemodynamics import FlowConditions, PulsatileConditions, solve_flow
+from design.hemodynamics import FlowConditions, PulsatileConditions, Supply, solve_flow
 from design.network import FloatArray, IntArray, VesselNetwork
 from printctl.errors import UsageError
 from printctl.run_folder.artefacts import NUMBERS
@@ -145,14 +145,26 @@ class OpenPart:
             conditions,
             behind=self._of_nodes(conditions.behind),
             outlet_flow_ul_s=self._of_nodes(conditions.outlet_flow_ul_s),
+            supplies=self._supplies(conditions.supplies),
             losses=replace(conditions.losses, stenoses=narrow),
         )
 
     def pulsatile(self, conditions: PulsatileConditions) -> PulsatileConditions:
         """The design's conditions with this part's numbers."""
-        if not isinstance(conditions.outlet, Mapping):
-            return conditions
-        return replace(conditions, outlet=self._of_nodes(conditions.outlet))
+        outlet = conditions.outlet
+        return replace(
+            conditions,
+            outlet=self._of_nodes(outlet) if isinstance(outlet, Mapping) else outlet,
+            supplies=self._supplies(conditions.supplies),
+        )
+
+    def _supplies(self, supplies: Sequence[Supply]) -> tuple[Supply, ...]:
+        """Those that still feed an inlet, their whole flow through the inlets left."""
+        found = (
+            (tuple(self.node[node] for node in supply.inlets if node in self.node), supply)
+            for supply in supplies
+        )
+        return tuple(replace(supply, inlets=inlets) for inlets, supply in found if inlets)
 
     def _of_nodes(self, values: Mapping[int, Any]) -> dict[int, Any]:
         return {self.node[node]: value for node, value in values.items() if node in self.node}

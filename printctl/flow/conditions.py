@@ -17,12 +17,13 @@ from design.hemodynamics import (
     PulsatileConditions,
     RigidWall,
     Stenosis,
+    Supply,
     ThinWall,
 )
 from design.hemodynamics.waveforms import Sine, Tabulated, Waveform, read_waveform, shape
 from design.hemodynamics.waveforms.waveform import cycle_times
 from design.network import VesselNetwork
-from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
+from design.units import PA_PER_MMHG, PA_S2_MM2_PER_G_CM3, UL_S_PER_ML_MIN
 from printctl.errors import UsageError
 from printctl.flow.outlets import Outlet, outlet_of, read_outlets, steady_of
 from printctl.recipe.fluids import CarreauPart, FluidPart, LossPart, PowerLawPart
@@ -58,7 +59,42 @@ def steady_conditions(
         fluid=None if part.viscosity is None else fluid_of(part.viscosity),
         losses=losses_of(part.losses),
         behind={node: steady_of(outlet) for node, outlet in behind.items()},
+        density=part.density_g_cm3 * PA_S2_MM2_PER_G_CM3,
+        supplies=supplies_of(part, network),
     )
+
+
+def supplies_of(
+    part: FlowPart, network: VesselNetwork | None, volume: float = 1.0
+) -> tuple[Supply, ...]:
+    """Supplies of single trees, at their inlets; of a print ``volume`` times the design's size.
+
+    Raises
+    ------
+    UsageError
+        For a tree that the network lacks, or that has no inlet.
+    """
+    if not part.supplies or network is None:
+        return ()
+    inlets = set(network.inlets().tolist())
+    of_inlet = {
+        node: tree
+        for node, tree in zip(
+            network.vessel_nodes[:, 0].tolist(), network.tree.tolist(), strict=True
+        )
+        if node in inlets
+    }
+    found = []
+    for number, supply in enumerate(part.supplies):
+        lacking = sorted(set(supply.trees) - set(of_inlet.values()))
+        if lacking:
+            raise UsageError(
+                f"flow.supplies.{number}: tree {lacking[0]} has no inlet; trees that have one are "
+                f"{', '.join(map(str, sorted(set(of_inlet.values()))))}"
+            )
+        nodes = tuple(node for node, tree in of_inlet.items() if tree in supply.trees)
+        found.append(Supply(nodes, supply.flow_ml_min * UL_S_PER_ML_MIN * volume))
+    return tuple(found)
 
 
 def fluid_of(part: FluidPart) -> Fluid:
@@ -112,6 +148,8 @@ def pulsatile_conditions(
         outlet=every if found is None else found,
         wall=_wall(pulse, print_scale),
         profile=pulse.profile,
+        density=part.density_g_cm3 * PA_S2_MM2_PER_G_CM3,
+        supplies=supplies_of(part, network, volume),
     )
 
 

@@ -88,8 +88,8 @@ class PrintedCase:
     scanned: bool = False
 
 
-def recipe_of(folder: Path) -> Recipe:
-    """The recipe of a run.
+def recipe_of(folder: Path, what: str = "--as-printed") -> Recipe:
+    """The recipe of a run, for ``what`` needs it.
 
     Raises
     ------
@@ -98,8 +98,7 @@ def recipe_of(folder: Path) -> Recipe:
     """
     if not (folder / NETWORK).is_file():
         raise UsageError(
-            f"--as-printed wants a run folder, and {folder} holds no {NETWORK}; `printctl run` "
-            "makes one"
+            f"{what} wants a run folder, and {folder} holds no {NETWORK}; `printctl run` makes one"
         )
     try:
         return Recipe.model_validate(Manifest.load(folder).facts["recipe"])

@@ -152,7 +152,7 @@ def in_space(
         As `solve_steady`.
     """
     mesh = straighten_edges(mesh)[0]
-    found = solve_steady(mesh, conditions, options_of(part))
+    found = solve_steady(mesh, conditions, options_of(part, conditions.density))
     every = np.arange(network.vessel_count)
     places = _apart(network)
     probes = Probes(np.repeat(every, 3), places.ravel())

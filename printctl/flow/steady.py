@@ -47,5 +47,5 @@ def solve_steady(
     if band is not None:
         summary["shear_band"] = band_summary(network, solution, band)
     folder.mkdir(parents=True, exist_ok=True)
-    write_flow_csv(folder / TABLE, network, solution, band)
+    write_flow_csv(folder / TABLE, network, solution, band, conditions.density)
     return solution, summary

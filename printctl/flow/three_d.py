@@ -77,7 +77,7 @@ def resolve(
     shape = MeshOptions(edge_ratio=part.edge_ratio, fillet_ratio=max(fillet_ratio, SHARP))
     mesh, bent_back = straighten_edges(lumen_mesh(network, shape))
     tell(0.3, f"{len(mesh.tets):,} elements")
-    options = options_of(part)
+    options = options_of(part, conditions.density)
     solution = solve_steady(mesh, conditions, options)
     ages = residence_time(solution, options=options)
     summary: dict[str, Any] = {
@@ -104,9 +104,11 @@ def resolve(
     return FlowInMesh(network, mesh, solution, ages), summary
 
 
-def options_of(part: ThreeDPart) -> FlowOptions:
-    """A recipe's words as options."""
-    return FlowOptions(order=part.order, convection=part.inertia, memory_gb=part.memory_gb)
+def options_of(part: ThreeDPart, density: float) -> FlowOptions:
+    """A recipe's words as options; ``density`` in Pa·s²/mm²."""
+    return FlowOptions(
+        order=part.order, convection=part.inertia, memory_gb=part.memory_gb, density=density
+    )
 
 
 def write_resolved(folder: Path, found: FlowInMesh) -> tuple[str, str]:
@@ -175,5 +177,7 @@ def pulse_at(
     """
     sections = sections_at(found.network, probes, found.mesh, part.order)
     clock = Stepping(steps=part.steps, frames=0)
-    waves = march_flow(found.mesh, conditions, options_of(part), clock, sections)
+    waves = march_flow(
+        found.mesh, conditions, options_of(part, conditions.density), clock, sections
+    )
     return ProbeWaves(waves.time_s, waves.section_pressure, waves.section_flow), waves

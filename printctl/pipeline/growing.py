@@ -21,7 +21,6 @@ from design.vasculature import (
     GrownParts,
     GrowthOptions,
     Inlet,
-    LoopOptions,
     PartSupply,
     RootSpec,
     VesselTree,
@@ -33,13 +32,13 @@ from design.vasculature import (
     grow_tree,
     terminals_of,
 )
-from design.vasculature.polish import PolishOptions, polish
+from design.vasculature.polish import PolishOptions, polish_forest
 from printctl.errors import RecipeError
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.growth_source import growth_options, read_trunk
+from printctl.pipeline.growth_source import growth_options, loop_options, read_trunk
 from printctl.pipeline.printability import printability
 from printctl.recipe.anatomy import AnatomyPart
-from printctl.recipe.growth import ClosedLoop, GrownNetwork
+from printctl.recipe.growth import ClosedLoop, GrownNetwork, Growth
 
 _TOLD = 50
 """Parts of a tissue that the manifest lists at most, the largest first."""
@@ -72,10 +71,7 @@ def grown_tree(context: RunContext, part: GrownNetwork) -> VesselTree:
         tree = printable_tree(context, part, options)
     else:
         tree = grow_tree(context.tissue, options, trunk=read_trunk(part, folder))
-    if part.printable or not part.polish:
-        return tree
-    polished = polish(context.tissue, tree, polish_options(part, seed)).tree
-    return replace(polished, notes=tree.notes)
+    return tree if part.printable else polished(context.tissue, (tree,), part, seed)[0]
 
 
 def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
@@ -164,22 +160,34 @@ def closed_loop(tissue: Tissue, part: ClosedLoop, seed: int) -> tuple[ClosedLoop
     artery = growth_options(part, seed)
     vein = replace(artery, root_point_mm=part.vein_root_mm, root_direction=part.vein_root_direction)
     roots = [RootSpec(artery, VesselKind.ARTERY), RootSpec(vein, VesselKind.VEIN)]
-    arterial, venous = grow_forest(tissue, roots)
+    arterial, venous = polished(tissue, grow_forest(tissue, roots), part, seed)
     notes = [
         f"{name}: {note}"
         for name, tree in (("artery", arterial), ("vein", venous))
         for note in check_supply(tissue, *terminals_of([tree]))[1]
     ]
-    thinnest = part.smallest_diameter_mm / 2 if part.smallest_diameter_mm else None
-    joined = LoopOptions(seed=seed, clearance_mm=part.clearance_mm, smallest_radius_mm=thinnest)
-    closed = close_loops(tissue, arterial, venous, joined)
+    closed = close_loops(tissue, arterial, venous, loop_options(part, seed))
+    return rebalanced(closed, artery, artery.flow_ul_s(tissue.volume_mm3)), tuple(notes)
+
+
+def polished(
+    tissue: Tissue, trees: tuple[VesselTree, ...], part: Growth, seed: int
+) -> tuple[VesselTree, ...]:
+    """The trees of a tissue, polished clear of each other if the recipe says so."""
+    if not part.polish:
+        return trees
+    done = polish_forest(tissue, trees, polish_options(part, seed))
+    return tuple(replace(one.tree, notes=tree.notes) for one, tree in zip(done, trees, strict=True))
+
+
+def rebalanced(closed: ClosedLoops, options: GrowthOptions, flow_ul_s: float) -> ClosedLoops:
+    """Equal flows again where terminals were pruned, by narrowing alone."""
     if not closed.pruned:
-        return closed, tuple(notes)
-    conditions = FlowConditions(
-        artery.viscosity_pa_s, inlet_flow_ul_s=artery.flow_ul_s(tissue.volume_mm3)
-    )
-    narrowed = balance(closed.network, conditions, widen=False, smallest_radius_mm=thinnest or 0.0)
-    return replace(closed, network=narrowed), tuple(notes)
+        return closed
+    conditions = FlowConditions(options.viscosity_pa_s, inlet_flow_ul_s=flow_ul_s)
+    thinnest = options.smallest_radius_mm or 0.0
+    narrowed = balance(closed.network, conditions, widen=False, smallest_radius_mm=thinnest)
+    return replace(closed, network=narrowed)
 
 
 def loops_report(closed: ClosedLoops) -> dict[str, int]:
@@ -192,12 +200,14 @@ def loops_report(closed: ClosedLoops) -> dict[str, int]:
     }
 
 
-def polish_options(part: GrownNetwork, seed: int) -> PolishOptions:
+def polish_options(part: Growth, seed: int) -> PolishOptions:
     """The constraints the tree was grown with."""
     return PolishOptions(
         seed=seed,
+        length_exponent=part.length_exponent,
+        radius_exponent=part.radius_exponent,
         clearance_mm=part.clearance_mm,
-        clearance_ratio=GrowthOptions.clearance_ratio,
+        clearance_ratio=part.clearance_ratio,
         length_to_radius=part.length_to_radius,
         branch_angle_degrees=part.branch_angle_degrees,
         turn_angle_degrees=part.turn_angle_degrees,

@@ -16,9 +16,10 @@ from design.network_files.swc import read_network_swc
 from design.network_files.vtp_read import read_network_vtp
 from design.network_files.xcavate import read_network_xcavate
 from design.units import PA_PER_MMHG, LengthUnit
-from design.vasculature import DepthPenalty, GrowthOptions, GrowthStage
+from design.vasculature import DepthPenalty, GrowthOptions, GrowthStage, LoopOptions
 from printctl.errors import RecipeError
-from printctl.recipe.growth import GrownNetwork, Growth, PenaltyPart, StagePart
+from printctl.recipe.forest import Forest
+from printctl.recipe.growth import ClosedLoop, GrownNetwork, Growth, PenaltyPart, StagePart
 
 FloatArray = NDArray[np.float64]
 
@@ -45,6 +46,8 @@ def growth_options(part: Growth, seed: int, recipe_folder: Path = Path()) -> Gro
         terminals=terminals or 0,
         seed=seed,
         murray_exponent=part.murray_exponent,
+        length_exponent=part.length_exponent,
+        radius_exponent=part.radius_exponent,
         viscosity_pa_s=part.viscosity_mpa_s * 1e-3,
         viscosity_law=part.viscosity_law,
         haematocrit=part.haematocrit,
@@ -52,6 +55,7 @@ def growth_options(part: Growth, seed: int, recipe_folder: Path = Path()) -> Gro
         perfusion_ml_min_per_ml=part.perfusion_ml_min_per_ml,
         smallest_radius_mm=part.smallest_diameter_mm / 2 if part.smallest_diameter_mm else None,
         clearance_mm=part.clearance_mm,
+        clearance_ratio=part.clearance_ratio,
         length_to_radius=part.length_to_radius,
         branch_angle_degrees=part.branch_angle_degrees,
         turn_angle_degrees=part.turn_angle_degrees,
@@ -84,6 +88,26 @@ def _stage(part: StagePart) -> GrowthStage:
         turn_angle_degrees=part.turn_angle_degrees,
         flow_ratio=part.flow_ratio,
         penalty=_penalty(part.penalty),
+    )
+
+
+def loop_options(part: ClosedLoop | Forest, seed: int) -> LoopOptions:
+    """Options of the connections, with the trees' own clearance and smallest lumen."""
+    own = part.connections
+    thinnest = part.smallest_diameter_mm
+    return LoopOptions(
+        seed=seed,
+        clearance_mm=part.clearance_mm,
+        clearance_ratio=part.clearance_ratio,
+        bend_to_radius=own.bend_to_radius,
+        kink_degrees=own.kink_degrees,
+        radius_ratio=own.radius_ratio,
+        smallest_radius_mm=None if thinnest is None else thinnest / 2,
+        prune_part=own.most_pruned_percent / 100.0,
+        weight_length=own.length_weight,
+        weight_tortuosity=own.tortuosity_weight,
+        weight_clearance=own.clearance_weight,
+        weight_volume=own.volume_weight,
     )
 
 

@@ -1,17 +1,17 @@
-"""Recipe section on the vessel network: shipped, from a file, grown, or a lattice."""
+"""Recipe sections on vessel networks: shipped, from a file, grown as a tree or closed loops."""
 
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Field, model_validator
 
 from design.units import LengthUnit
 from printctl.recipe.anatomy import AnatomyPart
-from printctl.recipe.lattice import LatticeNetwork
+from printctl.recipe.connections import ConnectionPart
 from printctl.recipe.marks import FILE
-from printctl.recipe.parts import NetworkSection, Part, Point, value_given
+from printctl.recipe.parts import NetworkSection, Part, Point
 
 FileName = Annotated[
     str,
@@ -24,9 +24,40 @@ Angles = Annotated[tuple[Degrees, Degrees], Field(description="Least and greates
 LengthToRadius = Annotated[
     float, Field(ge=0, le=100, description="Shortest segment over its radius.")
 ]
+Exponent = Annotated[float, Field(ge=0.25, le=4)]
 FlowRatio = Annotated[
     float, Field(ge=0, le=0.5, description="Least flow of a child over its sibling's.")
 ]
+
+
+def check_unit(network: str, unit: LengthUnit | None) -> None:
+    """Raise `ValueError` for a file that is no network's, or whose unit is missing or needless."""
+    kind = network.rsplit(".", 1)[-1].lower()
+    if kind not in ("csv", "vtp", "swc", "json", "npz", "txt"):
+        raise ValueError(
+            f"network {network} isn't a .csv, .vtp, .swc, .json, .npz or .txt; convert it"
+        )
+    if (kind in ("csv", "vtp")) != (unit is not None):
+        wanted = "give unit" if unit is None else "remove unit"
+        raise ValueError(
+            f"network {network}: .csv and .vtp alone are in a unit of the user's; {wanted}"
+        )
+
+
+def check_trunk(trunk: str | None, unit: LengthUnit | None, root: object) -> None:
+    """Raise `ValueError` where a trunk has a root besides, or its file and unit don't fit."""
+    if trunk is None:
+        if unit is not None:
+            raise ValueError("trunk_unit is a trunk's; give trunk, or remove it")
+        return
+    if root:
+        raise ValueError("a trunk begins where it does; give it without root_mm")
+    suffix = trunk.rsplit(".", 1)[-1].lower()
+    if suffix not in ("csv", "swc", "json", "npz"):
+        raise ValueError(f"trunk {trunk} isn't a .csv, .swc, .json or .npz; convert it")
+    if (suffix == "csv") != (unit is not None):
+        wanted = "give trunk_unit" if suffix == "csv" else "remove trunk_unit"
+        raise ValueError(f"trunk {trunk}: a CSV alone is in a unit of the user's; {wanted}")
 
 
 class NamedNetwork(NetworkSection):
@@ -52,16 +83,7 @@ class GivenNetwork(NetworkSection):
 
     @model_validator(mode="after")
     def _unit_is_known(self) -> GivenNetwork:
-        kind = self.network.rsplit(".", 1)[-1].lower()
-        if kind not in ("csv", "vtp", "swc", "json", "npz", "txt"):
-            raise ValueError(
-                f"network {self.network} isn't a .csv, .vtp, .swc, .json, .npz or .txt; convert it"
-            )
-        if (kind in ("csv", "vtp")) != (self.unit is not None):
-            wanted = "give unit" if self.unit is None else "remove unit"
-            raise ValueError(
-                f"network {self.network}: .csv and .vtp alone are in a unit of the user's; {wanted}"
-            )
+        check_unit(self.network, self.unit)
         return self
 
     def files(self) -> list[str]:
@@ -117,6 +139,12 @@ class Growth(NetworkSection):
         default=None, description="Of each tree; given points and stages say it themselves."
     )
     murray_exponent: Annotated[float, Field(ge=2, le=3.5)] = 3.0
+    length_exponent: Exponent = Field(
+        default=1.0, description="u of the cost, the sum of length^u radius^λ."
+    )
+    radius_exponent: Exponent = Field(
+        default=2.0, description="λ of the cost; with u = 1 and λ = 2 it is the volume."
+    )
     viscosity_mpa_s: Annotated[float, Field(gt=0, le=1000)] = Field(
         default=4.0, description="With a viscosity law, in wide vessels."
     )
@@ -130,6 +158,9 @@ class Growth(NetworkSection):
         default=None, description="Fixes the smallest lumen; the pressure drop follows."
     )
     clearance_mm: Clearance = 0.1
+    clearance_ratio: Annotated[float, Field(ge=0, le=10)] = Field(
+        default=0.1, description="Clearance at least, over the thinner vessel's radius."
+    )
     length_to_radius: LengthToRadius = 1.0
     branch_angle_degrees: Angles = Field(default=(0, 180), description="Between two children.")
     turn_angle_degrees: Angles = Field(
@@ -142,6 +173,9 @@ class Growth(NetworkSection):
     )
     root_mm: Point | None = None
     root_direction: Point | None = None
+    polish: bool = Field(
+        default=False, description="Relax and regraft grown trees to lower their cost."
+    )
 
     @model_validator(mode="after")
     def _growth_is_possible(self) -> Growth:
@@ -151,7 +185,18 @@ class Growth(NetworkSection):
                 raise ValueError(f"{name} [{low:g}, {high:g}] doesn't ascend; give least, greatest")
         if self._counted_by() is None:
             raise ValueError("how many terminals isn't said; add terminals")
+        self._polish_fits()
         return self
+
+    def _polish_fits(self) -> None:
+        if self.polish and self.smallest_diameter_mm is not None:
+            raise ValueError(
+                "polish thins the smallest lumens by some percent, so it can't be combined with "
+                "smallest_diameter_mm yet; give one of the two"
+            )
+        for key in ("trunk", "stages", "penalty"):
+            if self.polish and getattr(self, key, None):
+                raise ValueError(f"polish wouldn't keep to {key}; give one of the two")
 
     def _counted_by(self) -> str | None:
         """The key that says how many terminals there are."""
@@ -162,9 +207,6 @@ class GrownNetwork(Growth):
     """A tree grown by constrained constructive optimisation."""
 
     grow: Literal["tree"]
-    polish: bool = Field(
-        default=False, description="Relax and regraft the grown tree to lower its volume."
-    )
     printable: bool = Field(
         default=False,
         description="Keep to what needle and method can print, and say how far the tree grew.",
@@ -214,14 +256,6 @@ class GrownNetwork(Growth):
 
     @model_validator(mode="after")
     def _keys_fit(self) -> GrownNetwork:
-        if self.polish and self.smallest_diameter_mm is not None:
-            raise ValueError(
-                "polish thins the smallest lumens by some percent, so it can't be combined with "
-                "smallest_diameter_mm yet; give one of the two"
-            )
-        for key in ("trunk", "stages", "penalty"):
-            if self.polish and getattr(self, key):
-                raise ValueError(f"polish wouldn't keep to {key}; give one of the two")
         for key in ("polish", "trunk", "stages", "terminal_points", "root"):
             if self.printable and getattr(self, key):
                 raise ValueError(f"printable doesn't go with {key} yet; give one of the two")
@@ -235,10 +269,7 @@ class GrownNetwork(Growth):
                 "root: search finds root and direction itself; give it without root_mm, "
                 "root_direction and trunk"
             )
-        if self.trunk is not None and (self.root_mm or self.root_direction):
-            raise ValueError("a trunk begins where it does; give it without root_mm")
-        if self.trunk is not None:
-            self._trunk_has_a_unit(self.trunk)
+        check_trunk(self.trunk, self.trunk_unit, self.root_mm or self.root_direction)
         reached = [stage.terminals for stage in self.stages]
         if any(two <= one for one, two in pairwise(reached)):
             raise ValueError(f"stages reach {reached} terminals; let them ascend")
@@ -253,14 +284,6 @@ class GrownNetwork(Growth):
         if self.inlets != "each_part" and (self.root_mm or self.root_direction):
             raise ValueError("inlets say where the trees enter; remove root_mm and root_direction")
 
-    def _trunk_has_a_unit(self, trunk: str) -> None:
-        suffix = trunk.rsplit(".", 1)[-1].lower()
-        if suffix not in ("csv", "swc", "json", "npz"):
-            raise ValueError(f"trunk {trunk} isn't a .csv, .swc, .json or .npz; convert it")
-        if (suffix == "csv") != (self.trunk_unit is not None):
-            wanted = "give trunk_unit" if suffix == "csv" else "remove trunk_unit"
-            raise ValueError(f"trunk {trunk}: a CSV alone is in a unit of the user's; {wanted}")
-
 
 class ClosedLoop(Growth):
     """An arterial and a venous tree that don't touch, their terminals joined by smooth curves."""
@@ -270,23 +293,4 @@ class ClosedLoop(Growth):
         default=None, description="As far from the artery's root as the surface allows by default."
     )
     vein_root_direction: Point | None = None
-
-
-def _network_kind(value: Any) -> str:
-    grown = value_given(value, "grow")
-    if grown is not None:
-        return f"grow: {grown}"
-    return next(
-        (key for key in ("design", "network", "lattice") if value_given(value, key) is not None),
-        "none",
-    )
-
-
-NetworkPart = Annotated[
-    Annotated[NamedNetwork, Tag("design")]
-    | Annotated[GivenNetwork, Tag("network")]
-    | Annotated[LatticeNetwork, Tag("lattice")]
-    | Annotated[GrownNetwork, Tag("grow: tree")]
-    | Annotated[ClosedLoop, Tag("grow: closed_loop")],
-    Discriminator(_network_kind),
-]
+    connections: ConnectionPart = ConnectionPart()

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from printctl.recipe.growth import NamedNetwork, NetworkPart
+from printctl.recipe.forest import Forest
+from printctl.recipe.growth import NamedNetwork
 from printctl.recipe.making import (
     FileScan,
     Fresh,
@@ -15,6 +16,7 @@ from printctl.recipe.making import (
     ScanPart,
     ToolpathPart,
 )
+from printctl.recipe.network import NetworkPart
 from printctl.recipe.oxygen import OxygenPart
 from printctl.recipe.parts import FlowPart, Part, Seed
 from printctl.recipe.plate import PlatePart, check_plate
@@ -55,6 +57,8 @@ class Recipe(Part):
                 "vasculature.design planar_four_vessel is made for a block; "
                 "give tissue: {shape: block, size_mm: [16, 8, 3]}"
             )
+        if isinstance(self.vasculature, Forest):
+            self._drains_are_fed(self.vasculature)
         if not isinstance(self.scan, FileScan) and self.printer.port != "simulated":
             raise ValueError(
                 "a simulated scan needs what the simulated printer deposited, but printer.port is "
@@ -62,3 +66,17 @@ class Recipe(Part):
                 "or port: simulated"
             )
         return self
+
+    def _drains_are_fed(self, forest: Forest) -> None:
+        """Refuse a vein or lymph without partner whose flow nothing says."""
+        known = {tree for supply in self.flow.supplies for tree in supply.trees}
+        number = 0
+        for network in forest.grown:
+            for tree in network.trees:
+                if not network.fed and tree.kind != "artery" and number not in known:
+                    raise ValueError(
+                        f"tree {number} of the forest is a {tree.kind} without partner: its flow "
+                        "comes from the tissue, and nothing says how much; add "
+                        f"flow: {{supplies: [{{trees: [{number}], flow_ml_min: ...}}]}}"
+                    )
+                number += 1

@@ -43,6 +43,15 @@ def value_given(value: Any, key: str) -> Any:
     return value.get(key) if isinstance(value, dict) else getattr(value, key, None)
 
 
+class SupplyPart(Part):
+    """Inlets of some trees, on a supply of their own; its flow is steady."""
+
+    trees: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)] = Field(
+        description="Numbers, as flow.csv has them: 0 is the first."
+    )
+    flow_ml_min: Annotated[float, Field(gt=0, le=10_000)]
+
+
 class FlowPart(Part):
     """How the network is perfused."""
 
@@ -50,9 +59,17 @@ class FlowPart(Part):
     viscosity: FluidPart | None = Field(
         default=None, description="Of a fluid with more than one; in place of viscosity_mpa_s."
     )
+    density_g_cm3: Annotated[float, Field(ge=0.1, le=20)] = Field(
+        default=1.06, description="Of pulses, 3D flow, losses and Reynolds numbers."
+    )
     inlet_flow_ml_min: Annotated[float, Field(gt=0, le=10_000)] = 0.25
     inlet_pressure_mmhg: Annotated[float, Field(ge=-1000, le=1e6)] | None = Field(
         default=None, description="In place of inlet_flow_ml_min."
+    )
+    supplies: tuple[SupplyPart, ...] = Field(
+        default=(),
+        max_length=1000,
+        description="Of trees that don't hang on the inlet above: lymph, or a second circuit.",
     )
     outlet_pressure_mmhg: Annotated[float, Field(ge=-100, le=1000)] = 0.0
     outlet: PulseOutlet | None = Field(
@@ -95,6 +112,7 @@ class FlowPart(Part):
             if getattr(self, one) is not None and other in given and getattr(self, other):
                 raise ValueError(f"give {one} or {other}, and not both")
         self._check_pulse()
+        self._check_supplies()
         self._waves_have_a_wall()
         self._check_space()
         band = self.shear_band_dyn_cm2
@@ -118,6 +136,16 @@ class FlowPart(Part):
             raise ValueError(
                 "a pulse is solved with viscosity_mpa_s and no losses; leave viscosity and losses "
                 "out, or the pulse"
+            )
+
+    def _check_supplies(self) -> None:
+        named = [tree for supply in self.supplies for tree in supply.trees]
+        twice = [tree for tree in named if named.count(tree) > 1]
+        if twice:
+            raise ValueError(f"supplies name tree {twice[0]} twice; name it in one")
+        if self.supplies and (self.one_d is not None or self.three_d is not None):
+            raise ValueError(
+                "one_d and three_d know one supply for all inlets; leave supplies out, or them"
             )
 
     def _check_space(self) -> None:

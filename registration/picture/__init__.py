@@ -12,6 +12,7 @@ from design.on_demand import on_demand
 if TYPE_CHECKING:
     from registration.picture.camera import DIRECTIONS, Camera, View, fitted_camera
     from registration.picture.compose import PictureOptions, draw_picture
+    from registration.picture.frames import DrivingWave, FilmScene
     from registration.picture.known_quantities import (
         FLOW,
         GAUGED,
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
         VesselQuantities,
         quantities,
     )
-    from registration.picture.quantity import Quantity
+    from registration.picture.quantity import Quantity, magnitude
 
 __all__ = [
     "DIRECTIONS",
@@ -27,12 +28,15 @@ __all__ = [
     "GAUGED",
     "Camera",
     "Colour",
+    "DrivingWave",
+    "FilmScene",
     "PictureOptions",
     "Quantity",
     "VesselQuantities",
     "View",
     "draw_picture",
     "fitted_camera",
+    "magnitude",
     "quantities",
 ]
 

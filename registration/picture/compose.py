@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from dataclasses import dataclass
 from textwrap import fill
 from typing import Final
@@ -16,6 +17,7 @@ from matplotlib.colors import LogNorm, Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogFormatter, MaxNLocator
+from numpy.typing import NDArray
 from PIL import Image
 
 from design.geometry.surface import Surface
@@ -32,8 +34,9 @@ _INK, _MUTED = "#1c2126", "#5f6972"
 _BAR_SHARE = 0.15
 _BAR_COLOURS = 72
 _LEAST_HEIGHT, _GREATEST_HEIGHT = 0.42, 0.95
-_STYLE: Final = {
+STYLE: Final = {
     "font.family": "DejaVu Sans",
+    "font.size": 8.5,
     "text.color": _INK,
     "axes.labelcolor": _INK,
     "axes.edgecolor": _MUTED,
@@ -87,26 +90,53 @@ def draw_picture(
     flow : (v,) float64, optional
         Of each vessel, below 0 where it runs against the vessel; as designed where it isn't known.
     """
-    camera = _camera(network, surface, options)
+    camera = scene_camera(network, surface, options)
     image, depth = shade(network, quantity, surface, camera, FINER)
-    height, width = image.shape[:2]
-    # Letters keep their share of the picture, whatever its width.
-    dpi = options.width / 8.0
-    with rc_context({**_STYLE, "font.size": 8.5}):
-        figure = Figure(figsize=(options.width / dpi, height / dpi), dpi=dpi, facecolor="white")
-        figure.figimage(image, 0, 0, origin="upper")
+
+    def mark(figure: Figure) -> None:
         draw_flow_marks(_in_pixels(figure, camera, options.width), network, flow, camera, depth)
-        _explain(figure, quantity, width / options.width)
-        _scale_bar(figure, camera.pixels_per_mm / FINER, options.width, height)
-        _axes(figure, camera, options.width, height)
-        canvas = FigureCanvasAgg(figure)
-        canvas.draw()
-        drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+
+    drawn = annotated(image, quantity, camera, options.width, mark)
     if options.palette:
         drawn = _few_colours(drawn, quantity)
     stream = io.BytesIO()
+    dpi = dots_per_inch(options.width)
     drawn.save(stream, format="png", optimize=True, dpi=(dpi, dpi))
     return stream.getvalue()
+
+
+def dots_per_inch(width: int) -> float:
+    """Letters keep their share of a picture, whatever its width in pixels."""
+    return width / 8.0
+
+
+def annotated(
+    image: NDArray[np.uint8],
+    quantity: Quantity,
+    camera: Camera,
+    width: int,
+    mark: Callable[[Figure], None],
+) -> Image.Image:
+    """A shaded scene with its colour bar, scale bar and axes, ``width`` pixels wide.
+
+    ``mark`` draws what else belongs to it.
+    """
+    height, dpi = len(image), dots_per_inch(width)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(width / dpi, height / dpi), dpi=dpi, facecolor="white")
+        figure.figimage(image, 0, 0, origin="upper")
+        mark(figure)
+        _explain(figure, quantity, image.shape[1] / width)
+        _scale_bar(figure, camera.pixels_per_mm / FINER, width, height)
+        _axes(figure, camera, width, height)
+        return rendered(figure)
+
+
+def rendered(figure: Figure) -> Image.Image:
+    """The pixels of a figure."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
 
 
 def _few_colours(image: Image.Image, quantity: Quantity) -> Image.Image:
@@ -119,7 +149,9 @@ def _few_colours(image: Image.Image, quantity: Quantity) -> Image.Image:
     return image.quantize(palette=palette, dither=Image.Dither.NONE)
 
 
-def _camera(network: VesselNetwork, surface: Surface | None, options: PictureOptions) -> Camera:
+def scene_camera(
+    network: VesselNetwork, surface: Surface | None, options: PictureOptions
+) -> Camera:
     """A camera whose picture is as high as the scene needs."""
     shown = [_hull(network), port_reach(network)]
     points = np.vstack(shown if surface is None else [*shown, surface.vertices])

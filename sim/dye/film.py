@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
 
 import cv2
 import numpy as np
@@ -19,11 +18,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from sim.dye.camera import DyeCamera, light_paths
+from sim.dye.film_file import write_frames
 from sim.dye.lumens import FloatArray
 from sim.dye.transport import DyeFlow, Transport
-from sim.errors import SimError
-
-_CODES: Final = {".mp4": "mp4v", ".mov": "mp4v", ".avi": "MJPG"}
 
 
 @dataclass(frozen=True)
@@ -174,21 +171,5 @@ def write_film(path: Path, flow: DyeFlow, film: DyeFilm, generator: np.random.Ge
     SimError
         When the suffix isn't known, or the file can't be written.
     """
-    frames = film_frames(flow, film, generator)
-    if path.suffix.lower() not in _CODES:
-        raise SimError(f"{path}: a film is written as {', '.join(_CODES)}")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_name(f".{path.stem}.part{path.suffix}")
     size = (film.camera.width, film.camera.height)
-    code = cv2.VideoWriter.fourcc(*_CODES[path.suffix.lower()])
-    writer = cv2.VideoWriter(str(draft), code, film.fps, size)
-    try:
-        if not writer.isOpened():
-            raise SimError(f"{path}: OpenCV can't write this film; try .avi")
-        for frame in frames:
-            writer.write(frame)
-        writer.release()
-        draft.replace(path)
-    finally:
-        writer.release()
-        draft.unlink(missing_ok=True)
+    write_frames(path, film_frames(flow, film, generator), size, film.fps)

@@ -10,7 +10,12 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.one_d.grid import Grid
 from design.hemodynamics.waveforms import Waveform
-from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, number_unknowns
+from design.hemodynamics.zero_d.boundary import (
+    boundary_nodes,
+    check_parts,
+    number_unknowns,
+    refuse_supplies,
+)
 from design.hemodynamics.zero_d.pulsatile.conditions import (
     Outlet,
     PressureOutlet,
@@ -68,6 +73,7 @@ def place_nodes(
         No inlet, no outlet, an isolated part, an outlet without a condition, a reflection where
         it can't be.
     """
+    refuse_supplies(conditions.supplies, "1D flow")
     inlets, outlets = boundary_nodes(network, conditions)
     check_parts(network, inlets, outlets)
     slot = np.arange(len(network.nodes))

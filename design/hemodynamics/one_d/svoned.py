@@ -28,7 +28,7 @@ from design.hemodynamics.one_d.options import OneDOptions
 from design.hemodynamics.one_d.tube_law import check_compliant, stiffness
 from design.hemodynamics.waveforms import Waveform
 from design.hemodynamics.waveforms.waveform import cycle_times
-from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts
+from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, refuse_supplies
 from design.hemodynamics.zero_d.pulsatile.conditions import (
     Outlet,
     PressureOutlet,
@@ -80,6 +80,7 @@ def svoned_input(
     """
     options = options or OneDOptions()
     check_compliant(network, conditions.wall)
+    refuse_supplies(conditions.supplies, "svOneDSolver")
     inlets, outlets = boundary_nodes(network, conditions)
     check_parts(network, inlets, outlets)
     if options.reflection or options.wall_viscosity_pa_s:

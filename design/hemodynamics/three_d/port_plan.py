@@ -15,6 +15,7 @@ from design.errors import FlowError
 from design.hemodynamics.conditions import FlowConditions
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.waveforms import Constant, Waveform
+from design.hemodynamics.zero_d.boundary import refuse_supplies
 from design.hemodynamics.zero_d.pulsatile.conditions import (
     Outlet,
     PressureOutlet,
@@ -86,6 +87,7 @@ def steady_plan(mesh: LumenMesh, conditions: FlowConditions, density: float) -> 
     FlowError
         No inlet, no outlet, an unknown node, pressure nowhere given.
     """
+    refuse_supplies(conditions.supplies, "3D flow")
     inlets, outlets = _ends(mesh, conditions.inlets, conditions.outlets)
     node_port = {mesh.ports[k].node: k for k in outlets}
     _check_nodes(conditions.outlet_flow_ul_s, node_port, "outlet_flow_ul_s")
@@ -125,6 +127,7 @@ def pulsatile_plan(mesh: LumenMesh, conditions: PulsatileConditions) -> PortPlan
     FlowError
         No inlet, no outlet, an unknown node, an outlet without a condition.
     """
+    refuse_supplies(conditions.supplies, "3D flow")
     inlets, outlets = _ends(mesh, conditions.inlets, conditions.outlets)
     held: list[tuple[int, Waveform]] = []
     coupled: list[CoupledPorts] = []

@@ -20,6 +20,7 @@ from design.hemodynamics.three_d.lumen_mesh import WALL, LumenMesh
 from design.hemodynamics.three_d.svmultiphysics_mesh import face_name, write_mesh_complete
 from design.hemodynamics.waveforms import Waveform
 from design.hemodynamics.waveforms.waveform import cycle_times
+from design.hemodynamics.zero_d.boundary import refuse_supplies
 from design.hemodynamics.zero_d.pulsatile.conditions import (
     Outlet,
     PressureOutlet,
@@ -75,6 +76,7 @@ def write_svmultiphysics(
     OSError
         When a file can't be written.
     """
+    refuse_supplies(conditions.supplies, "svMultiPhysics")
     steps = steps or MarchSteps()
     period = conditions.inlet.period_s or 1.0
     files: dict[str, str] = {}

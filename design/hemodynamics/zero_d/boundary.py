@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import FlowError
-from design.hemodynamics.conditions import FlowConditions
+from design.hemodynamics.conditions import FlowConditions, Supply
 from design.network import FloatArray, IntArray, VesselNetwork
 from kernels import jit
 
@@ -85,21 +86,61 @@ def place_at(
     fixed[free_outlets], pressure[free_outlets] = True, conditions.outlet_pressure_pa
     for node, behind in conditions.behind.items():
         fixed[node], pressure[node] = behind.resistance == 0.0, behind.pressure_pa
+    common, own = supplied_inlets(inlets, conditions.supplies)
+    fed = list(zip(own, (supply.flow_ul_s for supply in conditions.supplies), strict=True))
     if conditions.inlet_pressure_pa is not None:
-        fixed[inlets], pressure[inlets] = True, conditions.inlet_pressure_pa
+        fixed[common], pressure[common] = True, conditions.inlet_pressure_pa
     elif conditions.inlet_flow_ul_s is not None:
-        injected[inlets[0]] = conditions.inlet_flow_ul_s
+        fed.append((common, conditions.inlet_flow_ul_s))
+    for nodes, flow in fed:
+        injected[nodes[0]] = flow
     lowest = _lowest(conditions, free_outlets)
     ground = _behind(conditions, injected, pressure, lowest)
-    if conditions.inlet_pressure_pa is not None or len(inlets) == 1:
+    if all(len(nodes) == 1 for nodes, _ in fed):
         alone = np.arange(count) if slot is None else slot
         return Boundary(alone, fixed, pressure, injected, lowest, ground)
     slot = np.arange(count)
-    slot[inlets] = inlets[0]
+    for nodes, _ in fed:
+        slot[nodes] = nodes[0]
     slot, fixed, pressure, injected, whole = number_unknowns(
         slot, fixed, pressure, injected, np.zeros(count) if ground is None else ground
     )
     return Boundary(slot, fixed, pressure, injected, lowest, None if ground is None else whole)
+
+
+def supplied_inlets(
+    inlets: IntArray, supplies: Sequence[Supply]
+) -> tuple[IntArray, list[IntArray]]:
+    """Inlets on the common supply, and those of each supply of its own.
+
+    Raises
+    ------
+    FlowError
+        For a node that is no inlet or hangs on two supplies, or when none is left for the common.
+    """
+    taken = np.array([node for supply in supplies for node in supply.inlets], dtype=np.int64)
+    strangers = np.setdiff1d(taken, inlets)
+    if len(strangers):
+        raise FlowError(f"node {int(strangers[0])} has a supply of its own and isn't an inlet")
+    if len(np.unique(taken)) < len(taken):
+        twice = np.sort(taken)[:-1][np.diff(np.sort(taken)) == 0]
+        raise FlowError(f"inlet {int(twice[0])} hangs on two supplies; name it in one")
+    common = np.setdiff1d(inlets, taken)
+    if len(common) == 0:
+        raise FlowError(
+            "every inlet has a supply of its own, so that nothing is left for the common one; "
+            "leave the largest supply to it"
+        )
+    return common, [np.array(supply.inlets, dtype=np.int64) for supply in supplies]
+
+
+def refuse_supplies(supplies: Sequence[Supply], what: str) -> None:
+    """Raise `FlowError` where ``what`` knows one supply alone and there are more."""
+    if supplies:
+        raise FlowError(
+            f"{what} knows one supply for all inlets, and {len(supplies)} inlets or groups of "
+            "them have their own; leave supplies out, or solve their networks by themselves"
+        )
 
 
 def _lowest(conditions: FlowConditions, free_outlets: IntArray) -> float:

@@ -152,6 +152,7 @@ def _kind(conditions: FlowConditions) -> tuple[object, ...]:
         frozenset(n for n, behind in conditions.behind.items() if behind.resistance > 0.0),
         conditions.inlets,
         conditions.outlets,
+        tuple(supply.inlets for supply in conditions.supplies),
     )
 
 

@@ -19,7 +19,7 @@ def flow_summary(
     network: VesselNetwork,
     solution: FlowSolution,
     conditions: FlowConditions | None = None,
-    density: float = WATER_DENSITY,
+    density: float | None = None,
 ) -> dict[str, float]:
     """Totals, extremes and balances for `report.json`; keys name their units.
 
@@ -37,8 +37,11 @@ def flow_summary(
     solution : FlowSolution
     conditions : FlowConditions, optional
         Those solved for, where they name inlets or outlets other than the network's own.
-    density : float, Pa·s²/mm²
+    density : float, Pa·s²/mm², optional
+        Of the Reynolds numbers; the conditions' by default.
     """
+    if density is None:
+        density = WATER_DENSITY if conditions is None else conditions.density
     ends = (
         np.concatenate([network.inlets(), network.outlets()])
         if conditions is None

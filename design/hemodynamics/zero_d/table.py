@@ -59,7 +59,11 @@ def flow_table(
 
 
 def write_flow_csv(
-    path: Path, network: VesselNetwork, solution: FlowSolution, band: ShearBand | None = None
+    path: Path,
+    network: VesselNetwork,
+    solution: FlowSolution,
+    band: ShearBand | None = None,
+    density: float = WATER_DENSITY,
 ) -> None:
     """Write `flow_table` as CSV at full precision.
 
@@ -68,7 +72,7 @@ def write_flow_csv(
     OSError
         When the file can't be written.
     """
-    table = flow_table(network, solution, band=band)
+    table = flow_table(network, solution, density, band)
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(table)

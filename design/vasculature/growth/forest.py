@@ -49,12 +49,15 @@ class RootSpec:
         Growth goes on from it, and needs no root point.
     territory : Surroundings, optional
         What part of the tissue the tree has, in place of one found by its stem.
+    group : int
+        Trees of one kind part the tissue among those of their group alone.
     """
 
     options: GrowthOptions
     kind: VesselKind = VesselKind.ARTERY
     trunk: Trunk | None = None
     territory: Surroundings | None = None
+    group: int = 0
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,7 @@ def grow_forest(
     tissue: Tissue,
     roots: Sequence[RootSpec | GrowthOptions],
     plots: Sequence[Surroundings] | None = None,
+    beside: VesselNetwork | None = None,
 ) -> tuple[VesselTree, ...]:
     """Grow trees in turn, each clear of the others.
 
@@ -85,6 +89,8 @@ def grow_forest(
         Bare options make a tree that has the whole tissue to itself.
     plots : sequence of Surroundings, optional
         The territory of each tree, in place of those that follow from the numbers of terminals.
+    beside : VesselNetwork, optional
+        Vessels that are there already and stay; the trees keep clear of them.
 
     Returns
     -------
@@ -124,29 +130,31 @@ def grow_forest(
             for number, (wish, plot, trunk) in enumerate(zip(options, plots, trunks, strict=True))
         ]
         try:
-            return _grow_all(growths, stems)
+            return _grow_all(growths, stems, beside)
         except DesignError as failed:
             error = failed
     raise type(error)(f"{error} (last of {ATTEMPTS} attempts)") from error
 
 
-def _grow_all(growths: list[TreeGrowth], stems: list[_Stem]) -> tuple[VesselTree, ...]:
+def _grow_all(
+    growths: list[TreeGrowth], stems: list[_Stem], beside: VesselNetwork | None
+) -> tuple[VesselTree, ...]:
     """Let the growths double in turn, then repair them in turn until all fit."""
     number = 0
     try:
         for number, growth in enumerate(growths):
-            growth.meet(_others(growths, stems, number))
+            growth.meet(_others(growths, stems, number, beside))
             growth.start()
         until = 4
         while any(growth.terminals < growth.options.terminals for growth in growths):
             for number, growth in enumerate(growths):
-                growth.meet(_others(growths, stems, number))
+                growth.meet(_others(growths, stems, number, beside))
                 growth.grow(until)
             until *= 2
         for _ in range(ROUNDS):
             left = 0
             for number, growth in enumerate(growths):
-                growth.meet(_others(growths, stems, number))
+                growth.meet(_others(growths, stems, number, beside))
                 bad = growth.audit()
                 left += bad
                 if bad:
@@ -268,9 +276,11 @@ def _territories(
     """For each tree its territory; the whole tissue where it is alone of its kind."""
     specs = [root if isinstance(root, RootSpec) else None for root in roots]
     found = [(spec and spec.territory) or Surroundings() for spec in specs]
-    for kind in sorted({spec.kind for spec in specs if spec is not None}):
+    for kind, group in sorted({(spec.kind, spec.group) for spec in specs if spec is not None}):
         of_kind = [
-            n for n, spec in enumerate(specs) if spec and spec.kind == kind and not spec.territory
+            n
+            for n, spec in enumerate(specs)
+            if spec and (spec.kind, spec.group) == (kind, group) and not spec.territory
         ]
         if len(of_kind) < 2:
             continue
@@ -283,9 +293,16 @@ def _territories(
     return found
 
 
-def _others(growths: list[TreeGrowth], stems: list[_Stem], own: int) -> Surroundings:
-    """All other trees as they stand, and the stems of those that haven't begun."""
+def _others(
+    growths: list[TreeGrowth], stems: list[_Stem], own: int, beside: VesselNetwork | None
+) -> Surroundings:
+    """All other trees as they stand, the stems of those that haven't begun, and what is given."""
     start, end, radius = [np.empty((0, 3))], [np.empty((0, 3))], [np.empty(0)]
+    if beside is not None:
+        begins, ends, r0, r1, _ = beside.pieces()
+        start.append(begins)
+        end.append(ends)
+        radius.append(np.maximum(r0, r1))
     for number, growth in enumerate(growths):
         if number == own:
             continue

@@ -70,6 +70,7 @@ def close_loops(
     arterial: VesselTree | Sequence[VesselTree],
     venous: VesselTree | Sequence[VesselTree],
     options: LoopOptions | None = None,
+    beside: VesselNetwork | None = None,
 ) -> ClosedLoops:
     """Join every arterial terminal to a venous one by a smooth curve in the tissue.
 
@@ -86,6 +87,8 @@ def close_loops(
         As many terminals on one side as on the other; trees that don't touch (`grow_forest`).
         Several of a side mix: a terminal may be joined to any tree of the other.
     options : LoopOptions, optional
+    beside : VesselNetwork, optional
+        Vessels of others that the connections keep clear of; they aren't in the result.
 
     Returns
     -------
@@ -103,7 +106,7 @@ def close_loops(
     sides = [_as_list(arterial), _as_list(venous)]
     kinds = [VesselKind.ARTERY] * len(sides[0]) + [VesselKind.VEIN] * len(sides[1])
     trees = [*sides[0], *sides[1]]
-    ends, vessels = tree_ends(trees)
+    ends, vessels = tree_ends(trees, beside)
     tips = [join_tips(ends[: len(sides[0])]), join_tips(ends[len(sides[0]) :])]
     partner = match_tips(tissue, tips[0], tips[1], options)
     web = open_web(tissue, tips, partner, vessels, options)
@@ -119,15 +122,22 @@ def _as_list(trees: VesselTree | Sequence[VesselTree]) -> list[VesselTree]:
     return [trees] if isinstance(trees, VesselTree) else list(trees)
 
 
-def tree_ends(trees: Sequence[VesselTree]) -> tuple[list[Tips], NDArray[np.void]]:
-    """Each tree's terminals, and all their vessels as capsules."""
+def tree_ends(
+    trees: Sequence[VesselTree], beside: VesselNetwork | None = None
+) -> tuple[list[Tips], NDArray[np.void]]:
+    """Each tree's terminals, and all their vessels as capsules, those of others behind them."""
     first = np.cumsum([0] + [len(tree.parent) for tree in trees])
     tips = [tree_tips(tree, int(at)) for tree, at in zip(trees, first, strict=False)]
     capsules = empty_capsules(int(first[-1]))
     start = np.concatenate([tree.proximal for tree in trees])
     end = np.concatenate([tree.distal for tree in trees])
     fill_capsules(capsules, start, end, np.concatenate([tree_radii(tree) for tree in trees]))
-    return tips, capsules
+    if beside is None:
+        return tips, capsules
+    start, end, r0, r1, _ = beside.pieces()
+    others = empty_capsules(len(start))
+    fill_capsules(others, start, end, np.maximum(r0, r1))
+    return tips, np.concatenate([capsules, others])
 
 
 def match_tips(

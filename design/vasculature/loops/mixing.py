@@ -46,6 +46,7 @@ def mix_trees(
     trees: Sequence[VesselTree],
     kinds: Sequence[VesselKind],
     options: LoopOptions | None = None,
+    beside: VesselNetwork | None = None,
 ) -> ClosedLoops:
     """Join the terminals of three or more trees, one of each, at mixing nodes.
 
@@ -66,6 +67,8 @@ def mix_trees(
         Of each; at least one artery and one vein or lymph.
     options : LoopOptions, optional
         ``prune_part`` is taken as 0: no node is left without one of its limbs.
+    beside : VesselNetwork, optional
+        Vessels of others that the connections keep clear of; they aren't in the result.
 
     Returns
     -------
@@ -94,7 +97,7 @@ def mix_trees(
     for parts, weight in _ROOMIER:
         roomier = replace(options, weight_clearance=max(options.weight_clearance, weight))
         try:
-            return _mix(tissue, trees, kinds, order, parts, roomier)
+            return _mix(tissue, trees, kinds, order, parts, roomier, beside)
         except GrowthError as error:
             refused = error
     raise refused
@@ -107,9 +110,10 @@ def _mix(
     order: Sequence[int],
     parts: int,
     options: LoopOptions,
+    beside: VesselNetwork | None,
 ) -> ClosedLoops:
     """One attempt: the first pair's connections, then each further tree's limbs."""
-    ends, vessels = tree_ends(trees)
+    ends, vessels = tree_ends(trees, beside)
     first, second = order[:2]
     pair = [ends[first], ends[second]]
     partner = match_tips(tissue, pair[0], pair[1], options, parts)

@@ -31,10 +31,12 @@ from printctl.pipeline.growing import (
     loops_report,
     supply_report,
 )
+from printctl.pipeline.growing_forest import grown_forest
 from printctl.pipeline.growth_source import read_given
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
+from printctl.recipe.forest import Forest
 from printctl.recipe.growth import (
     ClosedLoop,
     GivenNetwork,
@@ -108,6 +110,8 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
             closed, notes = closed_loop(context.tissue, part, context.recipe.seed)
             told = {"notes": list(notes)} if notes else {}
             return closed.network, {"loops": loops_report(closed), **told}
+        case Forest():
+            return grown_forest(context.tissue, part, context.recipe.seed, context.recipe_folder)
     check_network(network, clearance)
     return network, {"notes": list(notes)} if notes else {}
 

@@ -49,9 +49,7 @@ def _run(data: dict[str, Any]) -> tuple[SvZeroDRun, dict[str, np.ndarray]]:
 )  # fmt: skip
 def test_a_chamber_at_rest_is_a_capacitor(kind: str, values: dict[str, float]) -> None:
     data = _between("LV", wave("P", 100.0, 40.0), points=401, cycles=4, cardiac_period=1.0)
-    data["chambers"] = [
-        {"name": "LV", "type": kind, "values": values, "activation_function": REST}
-    ]
+    data["chambers"] = [{"name": "LV", "type": kind, "values": values, "activation_function": REST}]
     run, found = _run(data)
     admittance = 1 / 20.0 + 1 / 30.0 + 1j * OMEGA / 50.0
     swing = -40j / 20.0 / admittance * np.exp(1j * OMEGA * run.time)
@@ -113,7 +111,7 @@ def test_activations_have_their_shapes() -> None:
         assert samples[1000:] == pytest.approx(samples[:1000], abs=1e-9)
     with pytest.raises(FlowError, match=r"LV: activation_function: tau_1 is 0; write a number"):
         activation_of({"type": "two_hill", **hill, "tau_1": 0.0}, "LV", 1.0)
-    with pytest.raises(FlowError, match="needs a cycle's length; give .* cardiac_period"):
+    with pytest.raises(FlowError, match=r"needs a cycle's length; give .* cardiac_period"):
         activation_of({"type": "fourier"}, "LV", None)
 
 

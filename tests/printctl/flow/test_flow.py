@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from design.errors import FlowError
 from design.hemodynamics import Pries1994, WindkesselOutlet
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
+from printctl.cli.flow_case import read_case
 from printctl.errors import UsageError
 from printctl.flow import pulsatile_conditions, steady_conditions
 from printctl.recipe.parts import FlowPart
@@ -63,6 +65,14 @@ def test_a_pulse_leaves_tables_and_the_case_for_another_solver(fork: Path) -> No
         refused = printctl("flow", name, *option, cwd=fork)
         assert refused.returncode in (1, 2)
         assert words in refused.stderr
+
+
+def test_a_broken_json_file_is_told_of_as_such(tmp_path: Path) -> None:
+    """Before any option is looked at."""
+    file = tmp_path / "case.json"
+    file.write_text('{"vessels": [1,')
+    with pytest.raises(FlowError, match=r"case\.json: not readable as JSON: .* line 1 column 16"):
+        read_case(file)
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from design.hemodynamics.three_d.ranks.case import (
     PortShare,
     RankConditions,
 )
+from design.hemodynamics.zero_d.boundary import refuse_supplies
 
 
 def rank_conditions(mesh: LumenMesh, conditions: FlowConditions, **options: Any) -> RankConditions:
@@ -27,13 +28,15 @@ def rank_conditions(mesh: LumenMesh, conditions: FlowConditions, **options: Any)
     mesh : LumenMesh
     conditions : FlowConditions
     **options
-        Of `RankConditions`: density, model, profile, solver, tolerance.
+        Of `RankConditions`: density (the conditions' by default), model, profile, solver,
+        tolerance.
 
     Raises
     ------
     FlowError
         No inlet, a node that isn't at a port, pressure nowhere given.
     """
+    refuse_supplies(conditions.supplies, "3D flow")
     inlets = _inlets(mesh, conditions)
     ports: list[PortCondition] = []
     supplies: list[float] = []
@@ -47,7 +50,8 @@ def rank_conditions(mesh: LumenMesh, conditions: FlowConditions, **options: Any)
             supplies.append(-conditions.outlet_flow_ul_s[port.node])
         else:
             ports.append(PortPressure(conditions.outlet_pressure_pa))
-    return RankConditions(tuple(ports), conditions.viscosity_pa_s, tuple(supplies), **options)
+    told = {"density": conditions.density, **options}
+    return RankConditions(tuple(ports), conditions.viscosity_pa_s, tuple(supplies), **told)
 
 
 def _inlets(mesh: LumenMesh, conditions: FlowConditions) -> set[int]:

@@ -12,7 +12,12 @@ from design.hemodynamics.vessel.inertance import PARABOLIC, plug_inertance
 from design.hemodynamics.vessel.resistance import vessel_resistance
 from design.hemodynamics.vessel.womersley import womersley_number
 from design.hemodynamics.waveforms import Constant, Waveform
-from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, number_unknowns
+from design.hemodynamics.zero_d.boundary import (
+    boundary_nodes,
+    check_parts,
+    number_unknowns,
+    supplied_inlets,
+)
 from design.hemodynamics.zero_d.pulsatile.circuit import Circuit
 from design.hemodynamics.zero_d.pulsatile.conditions import (
     Outlet,
@@ -64,11 +69,14 @@ def build_circuit(
     inlets, outlets = boundary_nodes(network, conditions)
     check_parts(network, inlets, outlets)
     slot = np.arange(len(network.nodes))
-    if conditions.inlet_is == "flow":
-        slot[inlets] = inlets[0]
+    common, own = supplied_inlets(inlets, conditions.supplies)
+    for nodes in (*own, *([common] if conditions.inlet_is == "flow" else [])):
+        slot[nodes] = nodes[0]
     (slot,) = number_unknowns(slot)
     parts = _Parts(int(slot.max()) + 1)
-    parts.push(slot[inlets], conditions.inlet, hold=conditions.inlet_is == "pressure")
+    parts.push(slot[common], conditions.inlet, hold=conditions.inlet_is == "pressure")
+    for nodes, supply in zip(own, conditions.supplies, strict=True):
+        parts.push(slot[nodes], Constant(supply.flow_ul_s), hold=False)
     for outlet, nodes in _groups(conditions.outlet, outlets):
         _attach(parts, slot[nodes], outlet)
     vessels = slot[network.vessel_nodes]

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from design.errors import FlowError
+from design.hemodynamics.conditions import Supply
 from design.hemodynamics.vessel.wall import RigidWall, Wall
 from design.hemodynamics.waveforms import Constant, Waveform
 from design.units import WATER_DENSITY
@@ -82,6 +83,8 @@ class PulsatileConditions:
     density : float, Pa·s²/mm²
     inlets, outlets : tuples of nodes, optional
         Where the network's own aren't meant.
+    supplies : tuple of Supply
+        Of inlets that don't hang on the common one; their flow is steady.
     """
 
     viscosity_pa_s: float
@@ -93,6 +96,7 @@ class PulsatileConditions:
     density: float = WATER_DENSITY
     inlets: tuple[int, ...] | None = None
     outlets: tuple[int, ...] | None = None
+    supplies: tuple[Supply, ...] = ()
 
     def __post_init__(self) -> None:
         _positive("viscosity_pa_s", self.viscosity_pa_s, "Pa·s")

@@ -160,7 +160,7 @@ class _Fourier:
 
     def __init__(self, period: float) -> None:
         self.period = period
-        samples = fourier(np.arange(_FOURIER_STEPS) * (period / _FOURIER_STEPS), period)
+        samples = fourier(np.linspace(0.0, period, _FOURIER_STEPS, endpoint=False), period)
         self.least, self.span = float(samples.min()), float(np.ptp(samples))
 
     def __call__(self, time: float) -> float:

@@ -107,7 +107,9 @@ class Blocks:
             time = numbers(found.given, "t", place) if timed else np.zeros(1)
             table = self.tables.add(time, value, f"{place}: {element.table}")
         values = _lists if element.ports == "many" else _scalars
-        read = np.append(values(found.given, element, place, len(into), len(out)), found.more)
+        read = values(found.given, element, place, len(into), len(out))
+        if found.more:
+            read = np.append(read, found.more)
         active = None
         if found.activates is not None:
             active = activation_of(found.activates, place, self.tables.period)
@@ -118,7 +120,7 @@ def _scalars(given: Mapping[str, Any], element: Element, place: str, *_: int) ->
     found = {key: number(given, key, place) for key in element.needed}
     found |= {k: number(given, k, place, default) for k, default in element.optional.items()}
     for key, value in found.items():
-        check_sign(np.array([value]), key, place)
+        check_sign(value, key, place)
     return np.array(list(found.values()))
 
 
@@ -135,5 +137,5 @@ def _lists(
     for key, value in zip(element.needed, found, strict=True):
         if len(value) != count:
             raise FlowError(f"{place}: {key} has {len(value)} numbers; it needs {count}")
-        check_sign(value, key, place)
+        check_sign(float(value.min()), key, place)
     return np.concatenate(found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from design.hemodynamics.zero_d.svzerod.activation import Activation
 from design.hemodynamics.zero_d.svzerod.tables import Tables
@@ -99,7 +100,7 @@ class SvZeroDCase:
     initial: Mapping[str, float]
     initial_rates: Mapping[str, float]
 
-    @property
+    @cached_property
     def written(self) -> tuple[Block, ...]:
         """Vessels, and what else a table of vessels has."""
         return tuple(block for block in self.blocks if block.written)

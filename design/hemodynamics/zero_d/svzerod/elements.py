@@ -280,7 +280,7 @@ CHAMBERS: Final = {
 ELEMENTS: Final = VESSELS | CONDITIONS | JUNCTIONS | HEARTS | VALVES | CHAMBERS
 
 
-def check_sign(values: FloatArray, key: str, place: str) -> None:
+def check_sign(least: float, key: str, place: str) -> None:
     """Check that a resistance, compliance, inertance or the like isn't below 0.
 
     Raises
@@ -288,8 +288,7 @@ def check_sign(values: FloatArray, key: str, place: str) -> None:
     FlowError
         When it is, or is 0 where something is divided by it.
     """
-    least = float(np.min(values, initial=np.inf))
-    if key.startswith(_SIGNED) or least > 0.0 or (least == 0.0 and key not in _POSITIVE):
+    if least > 0.0 or key.startswith(_SIGNED) or (least == 0.0 and key not in _POSITIVE):
         return
     limit = "must be above 0" if key in _POSITIVE else "may not be below 0"
     raise FlowError(f"{place}: {key} is {least:g}; it {limit}")

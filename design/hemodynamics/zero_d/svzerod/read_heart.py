@@ -74,7 +74,8 @@ def join_couplings(blocks: Blocks, listed: list[Any]) -> None:
                 f"{place} is {other!r}, a {kinds[other]}, which isn't coupled at its "
                 f"{data['location']}"
             )
-        blocks.wiring.join(*((name, other) if inlet else (other, name)), place)
+        before, behind = (name, other) if inlet else (other, name)
+        blocks.wiring.join(before, behind, place)
 
 
 def read_heart(blocks: Blocks, listed: list[Any]) -> Mapping[str, Any] | None:

@@ -16,7 +16,7 @@ from design.hemodynamics.vessel.inertance import PARABOLIC, plug_inertance
 from design.hemodynamics.vessel.resistance import vessel_resistance
 from design.hemodynamics.waveforms import Waveform
 from design.hemodynamics.waveforms.waveform import cycle_times
-from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts
+from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, refuse_supplies
 from design.hemodynamics.zero_d.pulsatile.conditions import (
     Outlet,
     PressureOutlet,
@@ -62,6 +62,7 @@ def svzerod_input(
         What the format can't say: an inlet or outlet where not exactly one vessel begins or
         ends, several inlets on one flow, Womersley's impedance.
     """
+    refuse_supplies(conditions.supplies, "svZeroDSolver")
     inlets, outlets = boundary_nodes(network, conditions)
     check_parts(network, inlets, outlets)
     if conditions.profile == "womersley":

@@ -17,6 +17,7 @@ _BY_SUFFIX: Final = {
     "mm_s": "mm/s",
     "dyn_cm2": "dyn/cm²",
     "per_ml": "per mL",
+    "g_cm3": "g/cm³",
     "millimolar": "mmol/L",
     "mmhg": "mmHg",
     "percent": "%",

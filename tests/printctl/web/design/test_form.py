@@ -86,7 +86,8 @@ def test_fields_know_bounds_units_choices_and_defaults() -> None:
     assert fields["printer", "ink"].node.profile == "inks"
     assert fields["flow", "pulse", "shape"].node.values == ("ejection", "roller_pump")
     tags = [option.tag for option in fields["vasculature",].node.options]
-    assert tags == ["design", "network", "lattice", "grow: tree", "grow: closed_loop"]
+    grown = ["grow: tree", "grow: closed_loop", "grow: forest"]
+    assert tags == ["design", "network", "lattice", *grown]
 
 
 def test_each_option_of_a_choice_is_told_by_what_it_begins_with() -> None:

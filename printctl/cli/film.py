@@ -1,0 +1,129 @@
+"""`printctl film`: make a film of a network's growth, or of a pulse through it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+
+from printctl.cli import film_options as options
+from printctl.cli.network_options import UnitOption
+from printctl.cli.options import JsonFlag, messages, print_json, print_lines
+from printctl.cli.view_options import FromOption
+from printctl.errors import UsageError
+from printctl.film import GrowthFilm, PulseFilm, growth_frames, pulse_frames, write_film
+from printctl.film.film_file import Frame, check_suffix
+from printctl.flow.printed_case import recipe_of
+from printctl.networks import Drive, Source, load_source
+from printctl.recipe.growth import Growth
+from registration.picture import FilmScene, PictureOptions, Quantity, quantities
+
+SourceArg = Annotated[
+    Path,
+    typer.Argument(
+        help="A run folder; of growth also a network (.csv, .vtp, .swc, .json, .npz, .txt).",
+        show_default=False,
+    ),
+]
+
+_OF_GROWTH: Final = ("by", "steps", "unit")
+_OF_PULSES: Final = ("solver", "frames", "cycles", "tables")
+
+
+def film(
+    context: typer.Context,
+    source: SourceArg,
+    show: options.ShowOption = "growth",
+    out: options.OutOption = None,
+    by: options.ByOption = "terminals",
+    steps: options.StepsOption = 60,
+    solver: options.SolverOption = "0d",
+    frames: options.FramesOption = 50,
+    cycles: options.CyclesOption = 2,
+    tables: options.TablesOption = Path(),
+    colour: options.ColourOption = None,
+    seen_from: FromOption = "oblique",
+    width: options.WidthOption = 900,
+    fps: options.FpsOption = 12.0,
+    unit: UnitOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Make a film of a network: how it grew, or with --show pulse a pulse through it.
+
+    Frames have a scale bar, axes and a colour bar; a pulse's the inlet's wave, too. Growth is that
+    of the finished network: vessels come in the order in which they were grown.
+    """
+    asked = Asked(show, source, colour, context.params)
+    _refuse_idle(context, show)
+    path = out or (source if source.is_dir() else source.parent) / f"{show}.mp4"
+    check_suffix(path)
+    loaded = load_source(source, unit, Drive())
+    scene = FilmScene(loaded.network, loaded.surface, PictureOptions(seen_from, width))
+    made = _frames(asked, loaded, scene)
+    with messages().status("drawing") as status:
+        count = write_film(path, _told(made, status.update), fps)
+    if as_json:
+        print_json({"file": str(path), "frames": count, "seconds": count / fps})
+        return
+    print_lines(f"{path} ({count} frames, {count / fps:.1f} s)")
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the user asks for; ``options`` are all of them by name."""
+
+    show: str
+    source: Path
+    colour: str | None
+    options: dict[str, Any]
+
+
+def _frames(asked: Asked, loaded: Source, scene: FilmScene) -> Iterator[Frame]:
+    said = asked.options
+    if asked.show == "growth":
+        quantity = _coloured(loaded, asked.colour)
+        how = GrowthFilm(said["by"], said["steps"], murray_exponent=_murray(asked.source))
+        return growth_frames(scene, quantity, how)
+    if asked.colour not in (None, "pressure", "flow"):
+        raise UsageError(f"--colour {asked.colour}: a pulse is shown by pressure or flow")
+    if not asked.source.is_dir():
+        raise UsageError(f"{asked.source} is no run folder, and a pulse is its recipe's; give one")
+    shown: Any = asked.colour or "pressure"
+    film_of = PulseFilm(shown, said["solver"], said["frames"], said["cycles"])
+    return pulse_frames(scene, recipe_of(asked.source, "a pulse"), said["tables"], film_of)
+
+
+def _coloured(loaded: Source, colour: str | None) -> Quantity:
+    """The quantity that was named, or kind where there are several, else radius."""
+    known = {each.key: each for each in quantities(loaded.network, loaded.known)}
+    several = len(set(loaded.network.kind.tolist())) > 1
+    name = colour or ("kind" if several else "radius")
+    if name not in known:
+        raise UsageError(f"--colour {name}: nothing is known of it; known: {', '.join(known)}")
+    return known[name]
+
+
+def _murray(source: Path) -> float:
+    """The exponent that a run was grown with; 3 of anything else."""
+    if not source.is_dir():
+        return 3.0
+    part = recipe_of(source, "a film").vasculature
+    return part.murray_exponent if isinstance(part, Growth) else 3.0
+
+
+def _refuse_idle(context: typer.Context, show: str) -> None:
+    """Refuse an option that does nothing for this film."""
+    for name in _OF_PULSES if show == "growth" else _OF_GROWTH:
+        given = context.get_parameter_source(name)
+        if given is not None and given.name == "COMMANDLINE":
+            other = "pulse" if show == "growth" else "growth"
+            raise UsageError(f"--{name.replace('_', '-')} is for --show {other}; drop it")
+
+
+def _told(frames: Iterator[Frame], tell: Any) -> Iterator[Frame]:
+    for number, frame in enumerate(frames, 1):
+        tell(f"frame {number}")
+        yield frame

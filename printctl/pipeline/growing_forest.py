@@ -1,0 +1,142 @@
+"""Grow the forest that a recipe asks for, and join the trees of each of its networks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from design.network import VesselKind, VesselNetwork
+from design.tissue import Tissue
+from design.units import PA_PER_MMHG
+from design.vasculature import (
+    ClosedLoops,
+    GrowthOptions,
+    JoinedTrees,
+    RootSpec,
+    VesselTree,
+    check_supply,
+    grow_forest,
+    join_forest,
+    terminals_of,
+)
+from design.vasculature.growth.surroundings import Surroundings
+from design.vasculature.growth.trunk import trunk_of
+from printctl.pipeline.growing import loops_report, polished, rebalanced
+from printctl.pipeline.growth_source import growth_options, loop_options, read_given
+from printctl.recipe.forest import Forest, GrownTrees, TreePart
+
+
+def grown_forest(
+    tissue: Tissue, part: Forest, seed: int, recipe_folder: Path
+) -> tuple[VesselNetwork, dict[str, Any]]:
+    """All networks in one, and what the report says of each."""
+    given, notes = _given(part, recipe_folder)
+    shared = growth_options(part, seed)
+    roots = _roots(part, shared, recipe_folder)
+    trees = polished(tissue, grow_forest(tissue, roots, beside=given), part, seed)
+    grown = _by_network(part, trees)
+    network, closed = join_forest(
+        tissue,
+        grown,
+        loop_options(part, seed),
+        given,
+        lambda one: rebalanced(one, shared, shared.flow_ul_s(tissue.volume_mm3)),
+    )
+    notes += _supply_notes(tissue, part, trees)
+    told: dict[str, Any] = {
+        "networks": [_told(*each) for each in zip(part.grown, closed, strict=True)]
+    }
+    return network, told | ({"notes": list(notes)} if notes else {})
+
+
+def _given(part: Forest, folder: Path) -> tuple[VesselNetwork | None, tuple[str, ...]]:
+    if part.given is None:
+        return None, ()
+    return read_given(folder / part.given.network, part.given.unit)
+
+
+def _roots(part: Forest, shared: GrowthOptions, folder: Path) -> list[RootSpec]:
+    """Each tree's options, trunk and territory."""
+    found = []
+    for number, one in enumerate(part.grown):
+        whole = part.territories == "whole" or (
+            part.territories == "by_network" and one.how == "mixing"
+        )
+        group = 0 if part.territories == "divided" else number
+        for tree in one.trees:
+            found.append(
+                RootSpec(
+                    _options(part, one, tree, shared),
+                    VesselKind[tree.kind.upper()],
+                    _trunk(tree, folder),
+                    Surroundings() if whole else None,
+                    group,
+                )
+            )
+    return found
+
+
+def _trunk(tree: TreePart, folder: Path) -> Any:
+    if tree.trunk is None:
+        return None
+    return trunk_of(read_given(folder / tree.trunk, tree.trunk_unit)[0])
+
+
+def _options(part: Forest, one: GrownTrees, tree: TreePart, shared: GrowthOptions) -> GrowthOptions:
+    drop, thinnest = tree.pressure_drop_mmhg, tree.smallest_diameter_mm
+    return replace(
+        shared,
+        terminals=part.terminals_of(tree),
+        perfusion_ml_min_per_ml=_perfusion(part, one, tree),
+        pressure_drop_pa=shared.pressure_drop_pa if drop is None else drop * PA_PER_MMHG,
+        smallest_radius_mm=shared.smallest_radius_mm if thinnest is None else thinnest / 2,
+        root_point_mm=tree.root_mm,
+        root_direction=tree.root_direction,
+    )
+
+
+def _perfusion(part: Forest, one: GrownTrees, tree: TreePart) -> float:
+    """A tree's own; drains of a mixing network share what its arteries bring."""
+    if tree.perfusion_ml_min_per_ml is not None:
+        return tree.perfusion_ml_min_per_ml
+    if one.how != "mixing" or tree.kind == "artery":
+        return part.perfusion_ml_min_per_ml
+    brought = sum(
+        each.perfusion_ml_min_per_ml or part.perfusion_ml_min_per_ml
+        for each in one.trees
+        if each.kind == "artery"
+    )
+    said = [each.perfusion_ml_min_per_ml for each in one.trees if each.kind != "artery"]
+    left = brought - sum(value for value in said if value is not None)
+    return max(left / said.count(None), 1e-6)
+
+
+def _by_network(part: Forest, trees: tuple[VesselTree, ...]) -> list[JoinedTrees]:
+    first, found = 0, []
+    for one in part.grown:
+        kinds = tuple(VesselKind[tree.kind.upper()] for tree in one.trees)
+        found.append(JoinedTrees(trees[first : first + len(kinds)], kinds, one.how))
+        first += len(kinds)
+    return found
+
+
+def _supply_notes(tissue: Tissue, part: Forest, trees: tuple[VesselTree, ...]) -> tuple[str, ...]:
+    """Places that a network's trees of one kind don't reach."""
+    notes: list[str] = []
+    first = 0
+    for number, one in enumerate(part.grown):
+        for kind in dict.fromkeys(tree.kind for tree in one.trees):
+            own = [trees[first + n] for n, tree in enumerate(one.trees) if tree.kind == kind]
+            notes += [
+                f"network {number}, {kind}: {note}"
+                for note in check_supply(tissue, *terminals_of(own))[1]
+            ]
+        first += len(one.trees)
+    return tuple(notes)
+
+
+def _told(one: GrownTrees, closed: ClosedLoops) -> dict[str, Any]:
+    kinds = [tree.kind for tree in one.trees]
+    joined = {} if one.how == "none" else loops_report(closed)
+    return {"trees": kinds, "join": one.how, **joined}
