@@ -83,7 +83,7 @@ class FinalArrays:
     distal: FloatArray
     parent: NDArray[np.int32]
     children: NDArray[np.int32]
-    relative_flow: FloatArray
+    relative_flow: FloatArray | None
     given: NDArray[np.bool_]
     flow_ul_s: float
     pressure_drop_pa: float
@@ -118,6 +118,7 @@ def final_arrays(
 ) -> FinalArrays:
     """Copy what the finished tree is made of."""
     s = segments
+    equal = options.terminal_flow == "equal" and options.terminal_flows is None and trunk is None
     flow = options.flow_ul_s(scale.volume)
     drop = flow * float(s["load"][0]) / (float(s["flow"][0]) * float(s["radius"][0]) ** 4)
     return FinalArrays(
@@ -125,7 +126,7 @@ def final_arrays(
         np.column_stack([s["dx"], s["dy"], s["dz"]]),
         s["parent"].copy(),
         np.column_stack([s["left"], s["right"]]),
-        s["flow"].copy(),
+        None if equal else s["flow"].copy(),
         s["given"] != 0,
         flow,
         drop,

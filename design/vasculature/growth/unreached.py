@@ -24,6 +24,10 @@ TYPICAL = 25.0
 LEAST_TERMINALS = 6.0
 """Terminals' worth of demand that a far place must ask for."""
 
+LEAST_PROBES = 12
+"""Probes that it must have: in trees of above 50,000 terminals a single one asks for several, and
+may lie in or beside a wide vessel."""
+
 _PER_TERMINAL, _AT_LEAST, _AT_MOST = 40, 4_000, 100_000
 _SEED = 5
 
@@ -107,7 +111,8 @@ def unreached(
     graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(far),) * 2)
     group = connected_components(graph, directed=False)[1]
     found = []
-    for n in np.flatnonzero(np.bincount(group, weights=asks[far]) >= LEAST_TERMINALS):
+    large = np.bincount(group, weights=asks[far]) >= LEAST_TERMINALS
+    for n in np.flatnonzero(large & (np.bincount(group) >= LEAST_PROBES)):
         own = far[group == n]
         x, y, z = probes.points[own[np.argmax(away[own])]].tolist()
         volume = tissue.volume_mm3 * len(own) / len(away)
