@@ -7,7 +7,7 @@ INSTALL := $(BIN)/python .ci/install.py $(BIN)/python --editable
 PAGES = $(BIN)/python -m pytest -m "browser and not slow" --override-ini cache_dir=.pytest_cache/pages $$(grep -rlw browser tests --include='test_*.py')
 # Without kept bytecode each process compiles all that it imports: three CPU seconds for SciPy and numba.
 unexport PYTHONDONTWRITEBYTECODE
-.PHONY: serve demo test pytest kernels ci-environment test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-search bench-operator bench-firmware docs gallery dist test-dist audit clean
+.PHONY: serve demo test pytest kernels ci-environment test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-paper bench-search bench-operator bench-firmware docs gallery dist test-dist audit clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -72,6 +72,10 @@ bench-embedded: $(VENV)/.ready-test
 # Lumped flow, steady and pulsatile; BENCH="--quick" without the million vessels.
 bench-flow: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.flow $(BENCH)
+
+# The paper's cases from shipped recipes (docs/paper.md); six minutes, BENCH=--quick half a minute.
+bench-paper: $(VENV)/.ready-test
+	@$(BIN)/python -m benchmarks.paper $(BENCH)
 
 # A design search in one process and on two workers; BENCH="--quick" for eight candidates.
 bench-search: $(VENV)/.ready-test

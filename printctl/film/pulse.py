@@ -25,6 +25,9 @@ from printctl.recipe import Recipe
 from printctl.recipe.waves import OneDPart
 from registration.picture import DrivingWave, FilmScene, Quantity, magnitude
 
+_WAVE = 200
+"""Points of the inlet's wave as it is drawn."""
+
 _MMHG_FROM = 1.0
 """Pulses of less pressure than this, mmHg, are shown in Pa."""
 
@@ -78,7 +81,7 @@ def pulse_frames(
     places = _places(network)
     waves = _solved(network, conditions, recipe.flow.one_d, places, film)
     quantity = _quantity(waves, film.shown)
-    driving = _driving(conditions, len(waves.time_s))
+    driving = _driving(conditions)
     cycle = []
     for k, time in enumerate(waves.time_s.tolist()):
         now = replace(quantity, values=quantity.values[:, k])
@@ -136,10 +139,10 @@ def _quantity(waves: ProbeWaves, shown: str) -> Quantity:
     return found
 
 
-def _driving(conditions: PulsatileConditions, count: int) -> DrivingWave:
+def _driving(conditions: PulsatileConditions) -> DrivingWave:
     """What drives the inlets."""
     period = conditions.inlet.period_s or 1.0
-    time = period * np.arange(count) / count
+    time = period * np.arange(_WAVE) / _WAVE
     by_flow = conditions.inlet_is == "flow"
     unit = UL_S_PER_ML_MIN if by_flow else PA_PER_MMHG
     title = "Inlet flow / mL/min" if by_flow else "Inlet pressure / mmHg"

@@ -25,13 +25,14 @@ def _changed(path: str, value: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    "path", sorted(
+    "path",
+    sorted(
         [
             *ROOT.glob("examples/*.yaml"),
             *ROOT.glob("examples/paper/*.yaml"),
             ROOT / "printctl" / "recipe" / "starter.yaml",
         ]
-    )
+    ),
 )
 def test_every_shipped_recipe_is_valid(path: Path) -> None:
     assert load_recipe(path).schema_version == 1
