@@ -77,7 +77,7 @@ def lumen_mesh(network: VesselNetwork, options: MeshOptions | None = None) -> Lu
     if not np.any(network.degree() == 1):
         raise FlowError("the network has no free ends, so nothing flows in or out; give it some")
     wall = lumen_wall(network, options.fillet_ratio, options.edge_ratio)
-    surface = wall_surface(network, wall)
+    surface = wall_surface(network, wall, options.fillet_ratio)
     check_surface(surface, wall, options.fillet_ratio)
     spacing = INSIDE * min(options.edge_ratio, _COARSEST)
     inside, size, _ = axis_places(network, spacing)

@@ -19,9 +19,11 @@ _FLAT: Final = 1e-5
 """Radii that an end is drawn out by, so that it is cut flat."""
 
 
-def wall_surface(network: VesselNetwork, wall: LumenWall) -> LabelledSurface:
+def wall_surface(network: VesselNetwork, wall: LumenWall, fillet_ratio: float) -> LabelledSurface:
     """Triangulate the lumens of ``network``, with a rim around every port.
 
+    It begins with a solid of the wall's own fillets: the sharp seam of vessels that part at an
+    acute angle lies radii away from its fillet, and would fold on the way there.
     Labels are those of `LumenMesh`.
 
     Raises
@@ -36,6 +38,7 @@ def wall_surface(network: VesselNetwork, wall: LumenWall) -> LabelledSurface:
         extend_ends_mm=_FLAT * np.array([port.radius_mm for port in wall.ports]),
         extend_nodes=nodes,
         tolerance_mm=_ROUGH * thinnest,
+        fillet_ratio=fillet_ratio,
     )
     points, faces = solid.vertices.astype(np.float64), solid.faces.astype(np.int64)
     rough = LabelledSurface(points, faces, _labels(points, faces, wall.ports))

@@ -164,7 +164,7 @@ def test_smaller_fillets_fit() -> None:
 def test_a_vertex_off_the_wall_is_refused() -> None:
     network = straight(0.5, 4.0)
     wall = lumen_wall(network, 0.5, 0.7)
-    surface = wall_surface(network, wall)
+    surface = wall_surface(network, wall, 0.5)
     check_surface(surface, wall, 0.5)
     surface.vertices[np.argmin(np.abs(surface.vertices[:, 0] - 2.0))] *= (1.0, 1.02, 1.02)
     with pytest.raises(FlowError, match=r"can't be followed near .* lower the fillet ratio"):
@@ -194,7 +194,7 @@ def test_rough_centrelines_are_meshed(seed: int) -> None:
     _sound(replace(whole, offset=np.array([0, 30]), points=points, radius=radius))
 
 
-@pytest.mark.parametrize("degrees", [12.0])
+@pytest.mark.parametrize("degrees", [9.0, 12.0])
 def test_acute_forks_are_meshed(degrees: float) -> None:
     angle = np.radians(degrees)
     far = [9.0 * np.cos(angle), 9.0 * np.sin(angle), 0.0]
