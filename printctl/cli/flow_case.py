@@ -98,6 +98,5 @@ def refuse_idle(context: typer.Context, known: tuple[str, ...], solver: str) -> 
         source = context.get_parameter_source(name)
         if name not in known and source is not None and source.name == "COMMANDLINE":
             raise UsageError(
-                f"--{name.replace('_', '-')} is for networks; a case of {solver} says all by "
-                "itself"
+                f"--{name.replace('_', '-')} is for networks; a case of {solver} says all by itself"
             )

@@ -27,7 +27,8 @@ class OneDOptions:
     Attributes
     ----------
     cell_mm : float or (v,) float64, optional
-        Length of a cell, or of each vessel's; without it, what a wave runs in 1/`cells_per_period` of a period.
+        Length of a cell, or of each vessel's; without it, what a wave runs in
+        1/`cells_per_period` of a period.
     cells_per_period : int
         How finely a wave is resolved where ``cell_mm`` isn't given.
     least_cells : int

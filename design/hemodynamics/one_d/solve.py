@@ -82,9 +82,10 @@ def solve_one_d(
 ) -> OneDSolution:
     """Find the periodic state of 1D flow.
 
-    A_t + Q_x = 0, Q_t + (α Q²/A)_x + (A/ϱ) p_x = -2 (ζ + 2) π μ Q/(ϱ A), p = K (√(A/A₀) - 1) over
-    the pressure outside, in vessels whose radii are those of rest; mass and total pressure at junctions. ``profile`` of
-    the conditions is the lumped model's: here the profile is that of the options.
+    A_t + Q_x = 0, Q_t + (α Q²/A)_x + (A/ϱ) p_x = -2 (ζ + 2) π μ Q/(ϱ A), p = P + K (√(A/A₀) - 1)
+    with P outside, in vessels whose radii are those of rest; mass and total pressure at
+    junctions. ``profile`` of the conditions is the lumped model's: here the profile is that of
+    the options.
 
     Parameters
     ----------

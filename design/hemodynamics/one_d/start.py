@@ -124,9 +124,9 @@ def first_state(
     shut = np.flatnonzero(~(width > 0.0))
     if len(shut):
         raise FlowError(
-            f"vessel {int(vessel[shut[0]])} would collapse: {p[shut[0]]:.4g} Pa above the outside, in a "
-            f"wall of stiffness {grid.stiffness[shut[0]]:.4g} Pa; raise the outlets' pressure, stiffen "
-            "the wall or lower the flow"
+            f"vessel {int(vessel[shut[0]])} would collapse: {p[shut[0]]:.4g} Pa above the outside, "
+            f"in a wall of stiffness {grid.stiffness[shut[0]]:.4g} Pa; raise the outlets' "
+            "pressure, stiffen the wall or lower the flow"
         )
     stored = nodes.back.copy()
     leaving = np.bincount(slot[network.vessel_nodes[:, 1]], weights=outflow, minlength=len(stored))

@@ -7,9 +7,10 @@ only over the small step from the cell's value at the end to the node's, so that
 of second order for other profiles.
 
 All ends of a node share P: at a junction the total pressure p + ½ϱu², at an inlet or outlet the
-pressure, P with the pressure outside the vessel. Newton's method on (c of each end, P) has an arrow for its matrix: with Y = -dQ/dH, each
-end's admittance, P = (Σ(Q + Y H) - g₀)/(ΣY + g₁), where g₀ + g₁ P is what leaves the node
-outwards, and then c += (P - H)/H'. No number of vessels is special, and loops need nothing.
+pressure; p has the pressure outside the vessel in it. Newton's method on (c of each end, P) has an
+arrow for its matrix: with Y = -dQ/dH, each end's admittance, P = (Σ(Q + Y H) - g₀)/(ΣY + g₁),
+where g₀ + g₁ P is what leaves the node outwards, and then c += (P - H)/H'. No number of vessels is
+special, and loops need nothing.
 
 In a viscous wall the end's pressure has -γ Q_x besides, over half a cell: a resistance in series.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, Final
 
 from design.errors import FlowError
@@ -56,10 +57,8 @@ def quantity(
     """
     value = data.get(key)
     if isinstance(value, str):
-        try:
+        with suppress(ValueError):  # `number` refuses it by name
             data = {key: float(value)}
-        except ValueError:
-            pass  # `number` refuses it by name
     found = number(data, key, place, default)
     low, high = limits
     if not low <= found <= high:

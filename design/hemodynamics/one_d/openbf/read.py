@@ -92,7 +92,9 @@ def case_of(data: Any, inlet: FloatArray) -> OpenBFCase:
 def _inlet_wave(inlet: FloatArray) -> Tabulated:
     table = np.asarray(inlet, dtype=np.float64)
     if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
-        raise FlowError("inlet_file: write two columns, time in s and flow in m³/s, two rows or more")
+        raise FlowError(
+            "inlet_file: write two columns, time in s and flow in m³/s, two rows or more"
+        )
     if table[0, 0] != 0.0:
         raise FlowError(f"inlet_file: its time begins at {table[0, 0]:g} s; begin at 0")
     try:

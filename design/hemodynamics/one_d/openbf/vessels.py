@@ -82,9 +82,7 @@ def read_vessels(listed: Sequence[Mapping[str, Any]], density: float) -> Vessels
         labels=labels,
         network=_network(nodes, lengths * _MM, radii),
         walls=walls,
-        exponents=np.array(
-            [quantity(d, "gamma_profile", p, (2.0, 100.0), 2.0) for d, p in both]
-        ),
+        exponents=np.array([quantity(d, "gamma_profile", p, (2.0, 100.0), 2.0) for d, p in both]),
         cells=np.array([_cells(d, p, x) for (d, p), x in zip(both, lengths.tolist(), strict=True)]),
         outlets={},
         reflection={},
