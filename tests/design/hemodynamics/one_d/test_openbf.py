@@ -1,4 +1,4 @@
-"""openBF's files: every key followed or refused; walls and outside pressure of each vessel's own."""
+"""openBF's files: every key followed or refused; walls and pressure outside, vessel by vessel."""
 
 from __future__ import annotations
 
