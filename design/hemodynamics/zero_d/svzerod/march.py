@@ -18,7 +18,7 @@ from scipy.linalg.lapack import dgesv
 from scipy.sparse import csc_array, csr_array
 
 from design.errors import FlowError
-from design.hemodynamics.zero_d.svzerod.factors import Factors
+from design.hemodynamics.zero_d.svzerod.factors import LARGE, Factors, step_linear
 from design.hemodynamics.zero_d.svzerod.nonlinear import Added, Moment
 from design.hemodynamics.zero_d.svzerod.stamps import LumpedSystem
 from design.hemodynamics.zero_d.svzerod.tables import Sampler
@@ -92,12 +92,25 @@ class Stepper:
             return newton(old, at, sampled, constant)
         if self._factors is None:
             self._factors = Factors(self._base)
+        if len(constant) >= LARGE:
+            return self._in_one_pass(old, constant)
         change = self._predicted @ old.rate
         change += self.system.f @ old.value
         change += constant
         if float(np.abs(change).max()) < self.tolerance:
             return self._changed(old, np.zeros_like(change))
         return self._changed(old, -self._factors.solve(change))
+
+    def _in_one_pass(self, old: State, constant: FloatArray) -> State:
+        """A step of a large linear system."""
+        assert self._factors is not None
+        by_rate, by_value = self._predicted, self.system.f
+        new = step_linear(
+            old.value, old.rate, constant, by_rate.indptr, by_rate.indices, by_rate.data,
+            by_value.indptr, by_value.indices, by_value.data, self.tolerance,
+            1.0 - 1.0 / self.gamma, self.gamma * self.step_s, *self._factors.triangles(),
+        )  # fmt: skip
+        return State(*new)
 
     def _changed(self, old: State, change: FloatArray) -> State:
         """Return the state for a change of the predicted rates."""
