@@ -131,7 +131,8 @@ class VesselWalls:
         for at, weight in zip(*np.polynomial.legendre.leggauss(5), strict=True):
             radius = r0 + 0.5 * (1.0 + at) * (r1 - r0)
             whole += 0.5 * weight * length * radius**2 / self.stiffness(vessel, radius)
-        return 2.0 * np.pi * np.bincount(vessel, whole, minlength=network.vessel_count)
+        each = np.bincount(vessel, weights=whole, minlength=network.vessel_count)
+        return np.asarray(2.0 * np.pi * each)
 
 
 def thickness_ratio(radius_mm: FloatArray) -> FloatArray:

@@ -48,8 +48,8 @@ class _Passes:
 
     place: IntArray
     constant: FloatArray
-    entries: tuple[Any, ...]
-    triangles: tuple[Any, ...]
+    entries: Any
+    triangles: Any
 
 
 class Stepper:

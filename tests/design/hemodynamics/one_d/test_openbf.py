@@ -50,7 +50,9 @@ def test_a_file_is_read_in_our_units() -> None:
     case = openbf.case_of(DATA, INLET)
     assert case.network.lengths() == pytest.approx([40.0, 101.5, 2.0])
     assert np.diff(case.network.vessel_nodes, axis=1).ravel().tolist() == [1, 1, 2]
-    assert np.round(case.network.lengths() / case.options.cell_mm).tolist() == [60, 102, 5]
+    cells = case.options.cell_mm
+    assert cells is not None
+    assert np.round(case.network.lengths() / cells).tolist() == [60, 102, 5]
     assert case.options.exponents(3).tolist() == [9.0, 2.0, 2.0]
     assert case.conditions.inlet.at(np.array([0.15, 1.0])) == pytest.approx([25e3, 10e3])
     walls = case.conditions.wall
