@@ -1,4 +1,4 @@
-"""Epicardial trunks of a heart: left and right coronary, and their branches."""
+"""Lay the trunks of a heart's left and right coronary artery, and their branches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Openness of a surface: how much of the outside each place of it sees."""
+"""Sample a tissue's surface; compute the share of rays from each point that leave freely."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tell where in an organ terminals are much fewer than its volume asks for."""
+"""Note the place in an organ with under half of the terminals due to its volume."""
 
 from __future__ import annotations
 

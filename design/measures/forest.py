@@ -1,4 +1,4 @@
-"""Find the tree structure of a network's vessels: parents, children and Strahler orders."""
+"""Find parents, children, Strahler orders and elements of a network's vessels without loops."""
 
 from __future__ import annotations
 

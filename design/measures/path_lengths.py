@@ -1,4 +1,4 @@
-"""Measure depth and tortuosity of paths from inlets to outlets, and lengths of loops."""
+"""Measure vessels per inlet-to-outlet path and its tortuosity, and the lengths of loops."""
 
 from __future__ import annotations
 

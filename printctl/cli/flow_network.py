@@ -1,4 +1,4 @@
-"""`printctl flow` in a network or a run: solve at each requested fidelity, write the results."""
+"""`printctl flow` on a network file or run folder: solve at each requested fidelity, write."""
 
 from __future__ import annotations
 

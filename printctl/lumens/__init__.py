@@ -1,4 +1,4 @@
-"""Check vessels in G-code before printing: lumen openings, leaks and merging filaments.
+"""Check vessels in G-code before printing: open diameter of each lumen, leaks, merging filaments.
 
 Goes in: G-code and a network or a part. Comes out: a report of each lumen's opening. Begin with
 `check.py`.

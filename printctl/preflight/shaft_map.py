@@ -1,4 +1,4 @@
-"""Read, or make, the map arrays of an embedded job that its needle shaft check needs."""
+"""Read or build the network arrays in a job's line map that the needle shaft check needs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Independent check of the needle's shaft against written ink, for embedded jobs.
+"""Check embedded G-code for needle shaft contact with written ink, apart from the planner's code.
 
 Goes in: an embedded job, its network, its needles. Comes out: violations by line and vessel. Begin
 with `check.py`.

@@ -1,4 +1,4 @@
-"""Make the plain tubes between junctions, and swap some for tubes with other ends."""
+"""Mesh the tubes between a network's junctions; exchange tubes of a finished surface for others."""
 
 from __future__ import annotations
 
