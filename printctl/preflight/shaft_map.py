@@ -1,4 +1,4 @@
-"""Read or build the network arrays in a job's line map that the needle shaft check needs."""
+"""Read or make the map (G-code lines to vessels, network) that the needle shaft check needs."""
 
 from __future__ import annotations
 
