@@ -1,4 +1,4 @@
-"""Per vessel over several prints: mean diameter error, spread, drift, openness, capability."""
+"""Each vessel over several prints: diameter error, spread, drift, times open, capability."""
 
 from __future__ import annotations
 
