@@ -1,4 +1,4 @@
-"""Smooth the trunk lines laid over surface points; convert them to trunks of trees to grow."""
+"""Smooth the trunk lines laid over a layer's points; convert them to trunks of trees to grow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find parents, children, Strahler orders and elements of a network's vessels without loops."""
+"""Find parents, children and Strahler orders of a network's vessels, of kinds without loops."""
 
 from __future__ import annotations
 

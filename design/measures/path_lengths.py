@@ -1,4 +1,4 @@
-"""Measure vessels per inlet-to-outlet path and its tortuosity, and the lengths of loops."""
+"""Count vessels along inlet-to-outlet paths; measure path tortuosity and lengths of loops."""
 
 from __future__ import annotations
 

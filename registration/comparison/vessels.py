@@ -1,4 +1,4 @@
-"""Each vessel over several prints: diameter error, spread, drift, times open, capability."""
+"""Per vessel over several prints: diameter error, spread, drift, number found open, capability."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mesh the tubes between a network's junctions; exchange tubes of a finished surface for others."""
+"""Mesh the tubes between junctions; give some tubes of a finished surface other free ends."""
 
 from __future__ import annotations
 

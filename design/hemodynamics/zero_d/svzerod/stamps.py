@@ -1,4 +1,4 @@
-"""Assemble the sparse equation system of an svZeroDSolver case from groups of equal blocks."""
+"""Assemble the sparse equations of an svZeroDSolver case from groups of like blocks."""
 
 from __future__ import annotations
 
