@@ -1,4 +1,4 @@
-"""Sample a tissue's surface; compute the share of rays from each point that leave freely."""
+"""Sample a tissue's surface; compute the share of outward rays per point that meet no tissue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Note the place in an organ with under half of the terminals due to its volume."""
+"""Report the place in an organ that has under half of the terminals due to its volume."""
 
 from __future__ import annotations
 
