@@ -1,4 +1,4 @@
-"""`printctl flow` on a network file or run folder: solve at each requested fidelity, write."""
+"""`printctl flow` on a network or run folder: solve and write the flow at requested fidelities."""
 
 from __future__ import annotations
 
