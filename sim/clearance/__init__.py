@@ -1,6 +1,6 @@
 """Check embedded G-code for needle shaft contact with written ink, apart from the planner's code.
 
-Goes in: an embedded job, its network, its needles. Comes out: violations by line and vessel. Begin
+Goes in: an embedded job, its network, its needles. Comes out: contacts by line and vessel. Begin
 with `check.py`.
 """
 
