@@ -1,4 +1,4 @@
-"""Find a cortex's places from its shape: pial side, thickness, entry of the pial artery."""
+"""Find a cortex's pial (outer) side, thickness and artery entry point from its shape."""
 
 from __future__ import annotations
 

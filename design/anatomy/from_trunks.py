@@ -1,4 +1,4 @@
-"""Grow trees from trunk lines, one for each inlet, that share the tissue's flow by its volume."""
+"""Grow a vessel tree from each inlet's trunk, with terminals shared out by tissue volume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find a heart's places from its shape: base, apex, epicardium, grooves, ostia."""
+"""Find a heart's base, apex, epicardium, grooves and coronary ostia from its shape."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Curve several trees, as far as they stay clear of each other and in the tissue."""
+"""Curve several vessel trees as far as vessels stay clear of each other and in the tissue."""
 
 from __future__ import annotations
 

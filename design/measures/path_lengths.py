@@ -1,4 +1,4 @@
-"""Measure depth and tortuosity of paths from inlets to outlets, and lengths of loops."""
+"""Count vessels along inlet-to-outlet paths; measure path tortuosity and lengths of loops."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Separate parts of a tissue: which points lie in them, and what each asks for."""
+"""Unconnected parts of a tissue: the points in each, and each part's share of the demand."""
 
 from __future__ import annotations
 

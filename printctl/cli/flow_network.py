@@ -1,4 +1,4 @@
-"""`printctl flow` in a network or a run: solve at each requested fidelity, write the results."""
+"""`printctl flow` on a network or run folder: solve and write the flow at requested fidelities."""
 
 from __future__ import annotations
 

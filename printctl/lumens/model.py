@@ -1,4 +1,4 @@
-"""Find lumens of a part without a network: holes of its level sections, traced layer to layer."""
+"""Find lumens of a part without a network: holes of its horizontal sections, layer by layer."""
 
 from __future__ import annotations
 

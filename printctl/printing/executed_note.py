@@ -1,4 +1,4 @@
-"""Write and verify the note that a simulated print's motion record is complete, with its job.
+"""Note that a simulated print's motion record is complete, and of which job; write and check it.
 
 By it a run takes over what was printed from the operator's page, instead of printing it again.
 """

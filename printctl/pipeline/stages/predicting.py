@@ -1,4 +1,4 @@
-"""Predict the ink that the simulated job leaves in the bath; write it to a run folder."""
+"""Predict a run's ink deposit (line widths, vessel diameters) from its dry run; write tables."""
 
 from __future__ import annotations
 

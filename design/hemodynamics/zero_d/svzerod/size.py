@@ -1,4 +1,4 @@
-"""Limits on the cycles, steps and results of an svZeroDSolver case."""
+"""Limit the cycles, steps and result size of an svZeroDSolver case before it runs."""
 
 from __future__ import annotations
 
