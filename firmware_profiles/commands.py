@@ -1,4 +1,4 @@
-"""Refuse profile commands that may move an axis, by form and name; split commands into words."""
+"""Allow profile commands that only switch things, by form and name; refuse what may move an axis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find a heart's base, apex, epicardium, grooves and coronary ostia from its shape."""
+"""Find a heart's base direction, right side, grooves and epicardium from surface samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Test if ink counts as part of a vessel joint, and so is spared by the needle shaft check."""
+"""How far inside a vessel joint ink lies, mm: such ink is spared by the needle shaft check."""
 
 from __future__ import annotations
 

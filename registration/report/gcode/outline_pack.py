@@ -1,4 +1,4 @@
-"""Pack the design outlines of all layers as compressed text for the G-code page."""
+"""Pack all layers' outlines, and how far ink lies beyond, as compressed text for the G-code page."""
 
 from __future__ import annotations
 
