@@ -1,4 +1,4 @@
-"""Allow profile commands that only switch things, by form and name; refuse what may move an axis."""
+"""Allow only profile commands that switch something, by form and name; refuse any that may move."""
 
 from __future__ import annotations
 

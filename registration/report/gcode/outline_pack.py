@@ -1,4 +1,4 @@
-"""Pack all layers' outlines, and how far ink lies beyond, as compressed text for the G-code page."""
+"""Pack all layers' outlines, and ink's overhang beyond them, as compressed text for the G-code page."""
 
 from __future__ import annotations
 
