@@ -1,4 +1,4 @@
-"""List of the subcommands and their modules.
+"""List of the subcommands; command group that imports each one's module only when it is used.
 
 A command's module is imported when it is asked for, not before: `printctl pause` shouldn't wait
 for the mesh library that `printctl solid` needs.

@@ -1,4 +1,4 @@
-"""Note that a simulated print's motion record is complete, and of which job; write and check it.
+"""Write and check a note that a simulated print's motion record is whole, and of which job.
 
 By it a run takes over what was printed from the operator's page, instead of printing it again.
 """

@@ -1,4 +1,4 @@
-"""How far inside a vessel joint ink lies, mm: such ink is spared by the needle shaft check."""
+"""Depth (mm) of ink inside a vessel joint, spared by the needle shaft check; below 0 outside."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Predict a run's ink deposit (line widths, vessel diameters) from its dry run; write tables."""
+"""Predict a run's ink deposit from its dry run; write tables, a playback page and time plots."""
 
 from __future__ import annotations
 

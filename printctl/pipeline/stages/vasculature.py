@@ -1,4 +1,4 @@
-"""Stage 2: load a shipped or given vessel network, or grow one, and write it."""
+"""Stage 2: load a shipped or given vessel network, grow one or build a lattice; write it."""
 
 from __future__ import annotations
 
