@@ -1,4 +1,4 @@
-"""Pack all layers' outlines, and ink's overhang beyond them, as compressed text for the G-code page."""
+"""Pack all layers' outlines, and ink's overhang beyond them, as text for the G-code page."""
 
 from __future__ import annotations
 
