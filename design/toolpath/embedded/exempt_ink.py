@@ -1,4 +1,4 @@
-"""How far inside a vessel joint ink lies, mm: such ink is spared by the needle shaft check."""
+"""Compute how far inside a vessel joint ink lies, mm; there the needle shaft check spares it."""
 
 from __future__ import annotations
 
