@@ -1,4 +1,4 @@
-"""Find a cortex's pial (outer) side, thickness and artery entry point from its shape."""
+"""Find a cortex's pial (outer) side, its mean outward direction and thickness from its shape."""
 
 from __future__ import annotations
 

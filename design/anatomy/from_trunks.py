@@ -1,4 +1,4 @@
-"""Grow a vessel tree from each inlet's trunk, with terminals shared out by tissue volume."""
+"""Lay trunks as deep as their radii need, and grow a vessel tree from each inlet's trunk."""
 
 from __future__ import annotations
 

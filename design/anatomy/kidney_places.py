@@ -1,4 +1,4 @@
-"""Find a kidney's hilum, capsule, cortex and medulla from its shape."""
+"""Find a kidney's hilum (vessel entry), capsule and cortex thickness from its shape."""
 
 from __future__ import annotations
 

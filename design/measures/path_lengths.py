@@ -1,4 +1,4 @@
-"""Count vessels along inlet-to-outlet paths; measure path tortuosity and lengths of loops."""
+"""Measure inlet-to-outlet paths of a network: vessels per path, and tortuosity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Unconnected parts of a tissue: the points in each, and each part's share of the demand."""
+"""Find a tissue's unconnected parts, the part of each point, and each part's demand share."""
 
 from __future__ import annotations
 

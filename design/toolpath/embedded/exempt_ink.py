@@ -1,4 +1,4 @@
-"""Depth (mm) of ink inside a vessel joint, spared by the needle shaft check; below 0 outside."""
+"""Compute how far inside a vessel joint ink lies, mm; there the needle shaft check spares it."""
 
 from __future__ import annotations
 

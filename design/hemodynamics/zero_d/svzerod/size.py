@@ -1,4 +1,4 @@
-"""Limit the cycles, steps and result size of an svZeroDSolver case before it runs."""
+"""Refuse an svZeroDSolver case with too many steps or results; compute its cycles to run."""
 
 from __future__ import annotations
 
