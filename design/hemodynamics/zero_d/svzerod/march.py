@@ -1,4 +1,4 @@
-"""Step a lumped system by the generalised-α method, as svZeroDSolver does.
+"""Time-step svZeroDSolver's lumped equations by the generalised-α method, as that program does.
 
 Jansen, Whiting & Hulbert 2000, doi 10.1016/S0045-7825(00)00203-6, with ρ the spectral radius at
 infinite steps: α_m = (3 - ρ)/(2 (1 + ρ)), α_f = 1/(1 + ρ), γ = ½ + α_m - α_f. Every variable is
@@ -48,8 +48,8 @@ class _Passes:
 
     place: IntArray
     constant: FloatArray
-    entries: Any
-    triangles: Any
+    entries: tuple[Any, ...]
+    triangles: tuple[Any, ...]
 
 
 class Stepper:
@@ -125,11 +125,12 @@ class Stepper:
             self._passes = self._prepared()
         new, passes, driven = self._next, self._passes, self._driven
         passes.constant[passes.place[driven]] = self.system.constant[driven] + self._drive @ sampled
-        step_linear(
+        arguments: tuple[Any, ...] = (
             old.value, old.rate, passes.constant, *passes.entries, self.tolerance,
             1.0 - 1.0 / self.gamma, self.gamma * self.step_s, *passes.triangles,
             new.value, new.rate, self._work,
         )  # fmt: skip
+        step_linear(*arguments)
         self._next, self._spare = self._spare, new
         return new
 
