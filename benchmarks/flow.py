@@ -30,6 +30,7 @@ from benchmarks.flow_openbf import openbf_rows
 from benchmarks.flow_oxygen import oxygen_rows
 from benchmarks.flow_ranks import ranks_rows
 from benchmarks.flow_svzerod import svzerod_rows
+from benchmarks.flow_tables import table_rows
 from benchmarks.flow_three_d import pipe_rows, womersley_rows
 from benchmarks.machine import row
 from design.hemodynamics import (
@@ -151,6 +152,7 @@ JOBS: dict[str, Job] = {
     "ranks": ranks_rows,
     "svzerod": svzerod_rows,
     "openbf": openbf_rows,
+    "tables": table_rows,
 }
 
 

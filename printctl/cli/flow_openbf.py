@@ -63,6 +63,7 @@ def run_openbf_case(
     FlowError, OSError
         As `openbf.case_of`, `openbf.run_openbf` and the writers.
     """
+    from design.hemodynamics import question_pressure
     from design.hemodynamics.one_d import openbf
 
     refuse_idle(context, _FOR_CASES, "openBF")
@@ -77,6 +78,7 @@ def run_openbf_case(
                 status.update(f"1D flow, cycle {cycle}: changed by {change:.2g} of the swing")
 
             solution, waves = openbf.run_openbf(case, tell)
+        question_pressure(float(solution.pressure_high.max()))
     except FlowError as exc:
         raise FlowError(f"{path}: {exc}") from exc
     source = context.get_parameter_source("out")

@@ -128,7 +128,7 @@ def solve_one_d(
     raise FlowError(
         f"no periodic state after {len(changes)} cycles: the last still changed by "
         f"{changes[-1]:.2g} of the swing, above {options.tolerance:g}; allow more cycles "
-        "(most_cycles), or a larger tolerance"
+        "(most_cycles; cycles of openBF's files), or a larger tolerance"
     )
 
 

@@ -35,9 +35,14 @@ def section(data: Any, place: str, known: frozenset[str]) -> Mapping[str, Any]:
     FlowError
         When it isn't one, or has a key that openBF doesn't read.
     """
-    for key, why in _UNREAD.items():
-        if isinstance(data, Mapping) and key in data and key not in known:
-            raise FlowError(f"{place} has the key {key!r}: {why}")
+    if isinstance(data, Mapping):
+        for key in data:
+            if key in _UNREAD:
+                raise FlowError(f"{place} has the key {key!r}: {_UNREAD[key]}")
+            if not isinstance(key, str) or key.startswith("_"):
+                raise FlowError(
+                    f"{place} has the key {key!r}, which openBF doesn't read; take it out"
+                )
     return check_keys(data, place, known)
 
 

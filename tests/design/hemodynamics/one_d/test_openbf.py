@@ -89,6 +89,8 @@ def test_a_windkessel_of_two_elements_is_openbfs() -> None:
     ("path", "value", "words"),
     [
         (("colour",), "red", "'colour'"),
+        (("_colour",), "red", "'_colour'"),
+        (("network", 0, 5), 1, "network\\[0\\] has the key 5"),
         (("network", 0, "gamma profile"), 9, "'gamma profile': openBF doesn't read it"),
         (("network", 0, "visco-elastic"), True, "visco-elastic"),
         (("network", 0, "initial_flow"), 1.0, "initial_flow"),
