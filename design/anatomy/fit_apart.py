@@ -4,10 +4,19 @@ from __future__ import annotations
 
 from math import ceil
 
+import numpy as np
+
 from design.anatomy.curves import STRAIGHT
-from design.anatomy.prune_terminals import trimmed, with_flow, without_collisions
+from design.anatomy.prune_terminals import (
+    first_tips,
+    kept_segments,
+    terminals_below,
+    with_flow,
+    without_collisions,
+    without_terminals,
+)
 from design.anatomy.push_apart import push_apart
-from design.anatomy.round_trees import AGAIN, SECOND, Trees, curve_trees, kinks, misfits
+from design.anatomy.round_trees import AGAIN, SECOND, Misfits, Trees, curve_trees, kinked, kinks, misfits
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.tree import VesselTree
@@ -17,6 +26,10 @@ SPARE = 1.2
 
 _LAST_SPARE = 0.1
 """Of those wanted, what is left to spare once the two are clear of each other."""
+
+_ROOM = 1.04
+"""Clearance that curves are fitted with, over that asked for: radii change a little when the last
+spare terminals go."""
 
 
 def fitted_apart(
@@ -43,14 +56,16 @@ def fitted_apart(
     done = _trimmed(_clear(tissue, done, mm, ratio), terminals, spare)
     for _ in range(AGAIN):
         done = _trimmed(_clear(tissue, done, mm, ratio), terminals, spare)
-        done, bad = curve_trees(tissue, done, mm, ratio, least)
+        done, bad = curve_trees(tissue, done, mm, ratio, least, SECOND, _ROOM)
         least = SECOND
-        if bad[0] or len(bad[1]):
+        if _any(bad):
             continue
         done = _trimmed(done, terminals, spare)
-        final = push_apart(tissue, _trimmed(done, terminals, 0), mm, ratio)
+        final = _trimmed(done, terminals, 0)
+        if _any(misfits(tissue, final, mm, ratio)):
+            final = push_apart(tissue, final, mm, ratio)
         bad = misfits(tissue, final, mm, ratio)
-        if not bad[0] and not len(bad[1]) and not kinks(final):
+        if not _any(bad) and not kinks(final):
             return final
         spare //= 4
     raise GrowthError(
@@ -60,12 +75,16 @@ def fitted_apart(
     )
 
 
+def _any(bad: Misfits) -> bool:
+    return bool(bad[0]) or bool(len(bad[1]))
+
+
 def _clear(tissue: Tissue, trees: Trees, mm: float, ratio: float) -> Trees:
     """The trees pushed apart, without what then doesn't fit."""
     for _ in range(AGAIN):
         trees = push_apart(tissue, trees, mm, ratio)
         bad = misfits(tissue, trees, mm, ratio)
-        if not bad[0] and not len(bad[1]):
+        if not _any(bad):
             break
         trees = without_collisions(trees, *bad)
     return trees
@@ -73,8 +92,32 @@ def _clear(tissue: Tissue, trees: Trees, mm: float, ratio: float) -> Trees:
 
 def _trimmed(trees: Trees, terminals: int, spare: int) -> Trees:
     """The trees with so many terminals each, and so many to spare where they have them."""
-    found: list[VesselTree] = []
-    for tree in trees:
-        most = max(terminals, min(terminals + spare, int(tree.terminals[0])))
-        found += trimmed((tree,), most)
-    return tuple(found)
+    fewest = min(int(tree.terminals[0]) for tree in trees)
+    if fewest < terminals:
+        raise GrowthError(
+            f"only {fewest} of {terminals} terminals fit beside the trunks; ask for fewer "
+            "terminals or a higher pressure_drop_mmhg"
+        )
+    return tuple(
+        _smooth(tree, min(terminals + spare, int(tree.terminals[0])) if spare else terminals)
+        for tree in trees
+    )
+
+
+def _smooth(tree: VesselTree, terminals: int) -> VesselTree:
+    """The tree with so many terminals; where it had no kinks it has none, as far as can be.
+
+    A vessel goes on in its wider child, and of two nearly alike the other one may become the
+    wider when terminals go: those below such a joint stay, and others go.
+    """
+    extra = int(tree.terminals[0]) - terminals
+    stay = np.zeros(len(tree.parent), dtype=np.bool_)
+    smooth = extra > 0 and not kinks((tree,))
+    for _ in range(AGAIN):
+        gone = first_tips(tree, extra, stay)
+        smaller = without_terminals(tree, gone)
+        bent = kinked((smaller,)) if smooth else stay[:0].astype(np.int64)
+        if not len(bent):
+            break
+        stay |= terminals_below(tree, np.flatnonzero(kept_segments(tree, gone))[bent]) & gone
+    return smaller

@@ -67,7 +67,7 @@ def _pushes(trees: Sequence[VesselTree], mm: float, ratio: float) -> tuple[Float
         [np.where(t.parent >= 0, t.parent + a, -1) for t, a in zip(trees, first[:-1], strict=True)]
     )
     shift, pushed = np.zeros_like(end), np.zeros(len(end))
-    found = collisions(forest_to_network(trees), _MORE * mm, _MORE * ratio)
+    found = collisions(forest_to_network(trees), mm, ratio, reach=_MORE)
     if not found.count:
         return shift, 0.0
     one, two = found.pieces.T

@@ -51,7 +51,10 @@ class Collisions:
 
 
 def collisions(
-    network: VesselNetwork, clearance_mm: float = 0.0, clearance_ratio: float = 0.0
+    network: VesselNetwork,
+    clearance_mm: float = 0.0,
+    clearance_ratio: float = 0.0,
+    reach: float = 1.0,
 ) -> Collisions:
     """Find all pairs of pieces nearer than the clearance.
 
@@ -66,11 +69,16 @@ def collisions(
     clearance_mm : float
     clearance_ratio : float
         Clearance over the thinner radius of a pair; the larger of the two counts.
+    reach : float
+        Distance within which pairs are told, over the clearance. What belongs to a joint is told
+        by the clearance itself, so that a longer reach only adds pairs.
     """
     start, end, r0, r1, vessel = network.pieces()
     radius = np.maximum(r0, r1)
     ends, nodes = _piece_nodes(network, vessel)
-    pairs, gap, place = close_pairs(start, end, radius, ends, clearance_mm, clearance_ratio)
+    pairs, gap, place = close_pairs(
+        start, end, radius, ends, reach * clearance_mm, reach * clearance_ratio
+    )
     both = radius[pairs].sum(axis=1)
     kept = np.maximum(clearance_mm, clearance_ratio * radius[pairs].min(axis=1))
     limit = 2.0 * both + kept
