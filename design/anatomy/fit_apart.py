@@ -11,12 +11,20 @@ from design.anatomy.prune_terminals import (
     first_tips,
     kept_segments,
     terminals_below,
-    with_flow,
     without_collisions,
     without_terminals,
 )
 from design.anatomy.push_apart import push_apart
-from design.anatomy.round_trees import AGAIN, SECOND, Misfits, Trees, curve_trees, kinked, kinks, misfits
+from design.anatomy.round_trees import (
+    AGAIN,
+    SECOND,
+    Misfits,
+    Trees,
+    curve_trees,
+    kinked,
+    kinks,
+    misfits,
+)
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.vasculature.tree import VesselTree
@@ -24,8 +32,9 @@ from design.vasculature.tree import VesselTree
 SPARE = 1.2
 """Terminals to grow over those wanted."""
 
-_LAST_SPARE = 0.1
-"""Of those wanted, what is left to spare once the two are clear of each other."""
+_LAST_SPARE, _FEWEST_SPARE = 0.03, 0.001
+"""Of those wanted, what is left to spare once all are clear of each other, and at last. Vessels
+are curved and fit as they are with it: each that goes changes all radii a little."""
 
 _ROOM = 1.04
 """Clearance that curves are fitted with, over that asked for: radii change a little when the last
@@ -40,7 +49,7 @@ def fitted_apart(
     Parameters
     ----------
     trees : tuple of VesselTree
-        With some terminals to spare (`SPARE`); each keeps its flow.
+        With some terminals to spare (`SPARE`), each with the flow that it keeps.
     clearance_mm, clearance_ratio : float
         As in `GrowthOptions`.
 
@@ -50,24 +59,22 @@ def fitted_apart(
         When too many terminals don't fit.
     """
     mm, ratio = clearance_mm, clearance_ratio
-    done = tuple(with_flow(tree, float(tree.flow_ul_s[0]) / terminals) for tree in trees)
     # What is pruned for good goes before vessels are curved and fit closely.
-    spare, least = ceil(_LAST_SPARE * terminals), STRAIGHT
-    done = _trimmed(_clear(tissue, done, mm, ratio), terminals, spare)
+    done, least = _clear(tissue, trees, mm, ratio), STRAIGHT
+    spare, fewest = ceil(_LAST_SPARE * terminals), ceil(_FEWEST_SPARE * terminals)
     for _ in range(AGAIN):
-        done = _trimmed(_clear(tissue, done, mm, ratio), terminals, spare)
+        done = _clear(tissue, _trimmed(done, terminals, spare), mm, ratio)
         done, bad = curve_trees(tissue, done, mm, ratio, least, SECOND, _ROOM)
         least = SECOND
         if _any(bad):
             continue
-        done = _trimmed(done, terminals, spare)
         final = _trimmed(done, terminals, 0)
         if _any(misfits(tissue, final, mm, ratio)):
             final = push_apart(tissue, final, mm, ratio)
         bad = misfits(tissue, final, mm, ratio)
         if not _any(bad) and not kinks(final):
             return final
-        spare //= 4
+        spare = max(fewest, spare // 4)
     raise GrowthError(
         f"{len(bad[0])} pairs of vessels are too near, {len(bad[1])} pieces out of the tissue and "
         f"{kinks(done)} kinks are left after {AGAIN} rounds; ask for fewer terminals or a higher "

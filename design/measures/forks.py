@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -137,7 +138,7 @@ def _runs_to_root(network: VesselNetwork, forest: Forest) -> bool:
 
 def _along(line: FloatArray, far: float) -> FloatArray:
     """The point of a polyline (k, 3) ``far`` mm from its begin, or its end."""
-    for a, b in zip(line[:-1], line[1:], strict=True):
+    for a, b in pairwise(line):
         length = float(np.linalg.norm(b - a))
         if far <= length:
             point: FloatArray = a + far / length * (b - a)

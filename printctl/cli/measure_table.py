@@ -39,8 +39,8 @@ def _against(found: Numbers) -> Iterator[str]:
     """A published table beside the network's, a line an order."""
     yield f"Arteries against {found['table']} ({found['source']})"
     if found["orders"]:
-        heads = "order  elements  diameter, mm              length, mm                length/diameter"
-        yield f"  {heads}"
+        heads = ("diameter, mm", "length, mm", "length/diameter")
+        yield "  order  elements  " + "".join(f"{one:<26}" for one in heads).rstrip()
     for row in found["orders"]:
         cells = (_beside(row[key]) for key in ("diameter_mm", "length_mm", "length_over_diameter"))
         yield f"  {row['order']:>5}{row['elements']:>10}  " + "".join(f"{one:<26}" for one in cells)
