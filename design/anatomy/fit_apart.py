@@ -25,7 +25,7 @@ from design.anatomy.round_trees import (
     kinks,
     misfits,
 )
-from design.errors import GrowthError
+from design.errors import CrowdedError, GrowthError
 from design.tissue import Tissue
 from design.vasculature.tree import VesselTree
 
@@ -101,10 +101,7 @@ def _trimmed(trees: Trees, terminals: int, spare: int) -> Trees:
     """The trees with so many terminals each, and so many to spare where they have them."""
     fewest = min(int(tree.terminals[0]) for tree in trees)
     if fewest < terminals:
-        raise GrowthError(
-            f"only {fewest} of {terminals} terminals fit beside the trunks; ask for fewer "
-            "terminals or a higher pressure_drop_mmhg"
-        )
+        raise CrowdedError(fewest, terminals)
     return tuple(
         _smooth(tree, min(terminals + spare, int(tree.terminals[0])) if spare else terminals)
         for tree in trees

@@ -12,7 +12,7 @@ from design.anatomy.from_trunks import WIDER, TrunkPlan, grow_from_plan
 from design.anatomy.prune_terminals import with_flow
 from design.anatomy.round_trees import SPARE, fitted_trees
 from design.anatomy.side_by_side import Companion, side_by_side, tube_options
-from design.errors import GrowthError
+from design.errors import CrowdedError, GrowthError
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.vasculature.options import GrowthOptions
@@ -24,6 +24,7 @@ ATTEMPTS = 5
 """Growths with more room between trunks, where too many vessels don't fit."""
 
 _MORE_ROOM = 0.15
+_MOST_SPARE = 1.4
 _CLEARER, _CLEARER_RATIO = 1.15, 1.3
 """Clearance to grow with, over that kept once vessels are curved."""
 
@@ -102,7 +103,7 @@ def grow_pair(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:
 
 PORTAL_SHARE = 0.75
 """Of the liver's blood, that of the portal vein; the artery has the rest (Eipel et al. 2010,
-doi 10.3748/wjg.v16.i48.6046: 25 to 30 % by the artery)."""
+doi 10.3748/wjg.v16.i48.6046: 75 to 80 %)."""
 
 HEPATIC_ARTERY = Companion(drop=4.0, flow=1.0 / PORTAL_SHARE - 1.0, tube=1.48)
 """Beside the portal vein, then 0.54 times as wide. Four times its pressure drop is ours."""
@@ -159,13 +160,31 @@ def _with_spare(options: GrowthOptions, spare: float) -> GrowthOptions:
 def _attempts(
     tissue: Tissue, plan: TrunkPlan, options: GrowthOptions, fitted: Callable[[Trees], Trees]
 ) -> Trees:
-    """What ``fitted`` makes of the first growth that it doesn't refuse."""
+    """What ``fitted`` makes of the first growth that it doesn't refuse.
+
+    Trunks get more room each time; where terminals were too few, more are grown to spare.
+    """
     error = GrowthError("not tried")
+    best: CrowdedError | None = None
     for attempt in range(ATTEMPTS):
         wider = WIDER * (1.0 + _MORE_ROOM * attempt)
-        trees, _ = grow_from_plan(tissue, replace(plan, wider=wider), options)
+        # As many again as didn't fit last time.
+        spare = min(_MOST_SPARE, best.asked / best.fit) if best else 1.0
+        each = tuple(_more(one, spare) for one in plan.each)
+        trees, _ = grow_from_plan(
+            tissue, replace(plan, wider=wider, each=each), _more(options, spare)
+        )
         try:
             return fitted(trees)
+        except CrowdedError as failed:
+            best, error = max((best or failed, failed), key=lambda one: one.fit), failed
         except GrowthError as failed:
             error = failed
+    if best is not None:
+        how = f" ({options.clearance_mm / _CLEARER:.3g} mm apart, best of {ATTEMPTS} attempts)"
+        raise CrowdedError(best.fit, best.asked, how) from error
     raise GrowthError(f"{error} (last of {ATTEMPTS} attempts)") from error
+
+
+def _more(options: GrowthOptions, spare: float) -> GrowthOptions:
+    return replace(options, terminals=ceil(spare * options.terminals))

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from design.errors import GrowthError
+from design.errors import CrowdedError, GrowthError
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii
 
@@ -103,10 +103,7 @@ def trimmed(trees: Sequence[VesselTree], terminals: int) -> tuple[VesselTree, ..
     counts = np.array([int(tree.terminals[0]) for tree in trees])
     extra = int(counts.sum()) - terminals
     if extra < 0:
-        raise GrowthError(
-            f"only {counts.sum()} of {terminals} terminals fit beside the trunks; ask for fewer "
-            "terminals or a higher pressure_drop_mmhg"
-        )
+        raise CrowdedError(int(counts.sum()), terminals)
     goes = np.floor(extra * counts / counts.sum()).astype(np.int64)
     goes[np.argmax(counts)] += extra - int(goes.sum())
     return tuple(

@@ -49,8 +49,8 @@ class AnatomyPart(Part):
     )
     trunk_ends: Annotated[int, Field(ge=6, le=2000)] | None = Field(
         default=None,
-        description="Ends of the trunks, at about; heart: 600, kidney: 120, liver: 100, cortex: 200 "
-        "at most.",
+        description="Ends of the trunks, at about; heart: 600, kidney: 120, liver: 100, "
+        "cortex: 200 at most.",
     )
     trunk_depth_mm: Length | None = Field(
         default=None,
