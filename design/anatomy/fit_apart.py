@@ -89,8 +89,8 @@ def _any(bad: Misfits) -> bool:
 def _clear(tissue: Tissue, trees: Trees, mm: float, ratio: float) -> Trees:
     """The trees pushed apart, without what then doesn't fit."""
     for _ in range(AGAIN):
-        trees = push_apart(tissue, trees, mm, ratio)
-        bad = misfits(tissue, trees, mm, ratio)
+        trees = push_apart(tissue, trees, mm, ratio, _ROOM)
+        bad = misfits(tissue, trees, mm, ratio, _ROOM)
         if not _any(bad):
             break
         trees = without_collisions(trees, *bad)

@@ -169,7 +169,7 @@ def _attempts(
     for attempt in range(ATTEMPTS):
         wider = WIDER * (1.0 + _MORE_ROOM * attempt)
         # As many again as didn't fit last time.
-        spare = min(_MOST_SPARE, best.asked / best.fit) if best else 1.0
+        spare = min(_MOST_SPARE, best.asked / max(1, best.fit)) if best else 1.0
         each = tuple(_more(one, spare) for one in plan.each)
         trees, _ = grow_from_plan(
             tissue, replace(plan, wider=wider, each=each), _more(options, spare)
@@ -181,8 +181,7 @@ def _attempts(
         except GrowthError as failed:
             error = failed
     if best is not None:
-        how = f" ({options.clearance_mm / _CLEARER:.3g} mm apart, best of {ATTEMPTS} attempts)"
-        raise CrowdedError(best.fit, best.asked, how) from error
+        raise CrowdedError(best.fit, best.asked, f" (best of {ATTEMPTS} attempts)") from error
     raise GrowthError(f"{error} (last of {ATTEMPTS} attempts)") from error
 
 
