@@ -6,7 +6,7 @@ from math import ceil
 
 import numpy as np
 
-from design.anatomy.curves import STRAIGHT
+from design.anatomy.curves import STRAIGHT, main_children
 from design.anatomy.prune_terminals import (
     first_tips,
     kept_segments,
@@ -62,6 +62,7 @@ def fitted_apart(
     # What is pruned for good goes before vessels are curved and fit closely.
     done, least = _clear(tissue, trees, mm, ratio), STRAIGHT
     spare, fewest = ceil(_LAST_SPARE * terminals), ceil(_FEWEST_SPARE * terminals)
+    final = done
     for _ in range(AGAIN):
         done = _clear(tissue, _trimmed(done, terminals, spare), mm, ratio)
         done, bad = curve_trees(tissue, done, mm, ratio, least, SECOND, _ROOM)
@@ -77,7 +78,7 @@ def fitted_apart(
         spare = max(fewest, spare // 4)
     raise GrowthError(
         f"{len(bad[0])} pairs of vessels are too near, {len(bad[1])} pieces out of the tissue and "
-        f"{kinks(done)} kinks are left after {AGAIN} rounds; ask for fewer terminals or a higher "
+        f"{kinks(final)} kinks are left after {AGAIN} rounds; ask for fewer terminals or a higher "
         "pressure_drop_mmhg"
     )
 
@@ -112,7 +113,7 @@ def _smooth(tree: VesselTree, terminals: int) -> VesselTree:
     """The tree with so many terminals; where it had no kinks it has none, as far as can be.
 
     A vessel goes on in its wider child, and of two nearly alike the other one may become the
-    wider when terminals go: those below such a joint stay, and others go.
+    wider when terminals go: those of the wider one stay there, and others go.
     """
     extra = int(tree.terminals[0]) - terminals
     stay = np.zeros(len(tree.parent), dtype=np.bool_)
@@ -120,8 +121,9 @@ def _smooth(tree: VesselTree, terminals: int) -> VesselTree:
     for _ in range(AGAIN):
         gone = first_tips(tree, extra, stay)
         smaller = without_terminals(tree, gone)
-        bent = kinked((smaller,)) if smooth else stay[:0].astype(np.int64)
+        bent = kinked((smaller,)) if smooth else np.empty(0, dtype=np.int64)
         if not len(bent):
             break
-        stay |= terminals_below(tree, np.flatnonzero(kept_segments(tree, gone))[bent]) & gone
+        joints = np.flatnonzero(kept_segments(tree, gone))[bent]
+        stay |= terminals_below(tree, main_children(tree)[joints])
     return smaller

@@ -17,7 +17,7 @@ TAPER = 0.55
 HOLLOW, HOLLOW_SPREAD = 0.2, 0.12
 """Depth of the hollow of the porta over the width; standard deviation of its outline."""
 
-GROOVE, GROOVE_SPREAD = 0.1, 0.05
+GROOVE, GROOVE_SPREAD = 0.18, 0.06
 """Depth of the vena cava's groove over the width; standard deviation across it."""
 
 
