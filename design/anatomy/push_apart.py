@@ -75,7 +75,7 @@ def _pushes(
         [np.where(t.parent >= 0, t.parent + a, -1) for t, a in zip(trees, first[:-1], strict=True)]
     )
     shift, pushed = np.zeros_like(end), np.zeros(len(end))
-    found = collisions(forest_to_network(trees), mm, ratio, reach=_MORE)
+    found = collisions(forest_to_network(trees), mm, ratio, _MORE, room**-0.5)
     if not found.count:
         return shift, 0.0
     one, two = found.pieces.T

@@ -199,9 +199,9 @@ def misfits(
     """Pairs of segments nearer than the clearance, and segments that reach out of the tissue.
 
     Segments of all trees are numbered on. A root's segment may begin outside. Clearances count
-    ``room`` times.
+    ``room`` times, and joints reach a little less far for it: radii may still change.
     """
-    found = collisions(forest_to_network(trees), clearance_mm, clearance_ratio, room)
+    found = collisions(forest_to_network(trees), clearance_mm, clearance_ratio, room, room**-0.5)
     start = np.concatenate([tree.proximal for tree in trees])
     end = np.concatenate([tree.distal for tree in trees])
     radius = np.concatenate([tree_radii(tree) for tree in trees])
