@@ -1,4 +1,4 @@
-"""Fit trees whose trunks crowd: pushed apart, curved, with as many terminals each."""
+"""Push colliding vessel trees apart, curve them, and prune to a given number of terminals."""
 
 from __future__ import annotations
 
@@ -72,6 +72,8 @@ def fitted_apart(
         final = _trimmed(done, terminals, 0)
         if _any(misfits(tissue, final, mm, ratio)):
             final = push_apart(tissue, final, mm, ratio)
+            if kinks(final):
+                final, _ = curve_trees(tissue, final, mm, ratio, SECOND, SECOND)
         bad = misfits(tissue, final, mm, ratio)
         if not _any(bad) and not kinks(final):
             return final
