@@ -39,6 +39,8 @@ ROUNDS = 10
 AGAIN = 12
 SECOND = np.radians(24.0)
 _LESS, _LEAST = 0.5, 0.01
+_STUCK = 3
+"""Rounds that mend nothing, after which curves are left as they are."""
 
 
 def fitted_trees(
@@ -162,6 +164,7 @@ def curve_trees(
     main = [main_children(tree) for tree in trees]
     forked = [np.zeros(len(tree.parent), dtype=np.bool_) for tree in trees]
     turn = [_least(tree, least, narrow) for tree in trees]
+    left: list[int] = []
     for n in range(ROUNDS):
         curved = [curve_tree(*each) for each in zip(trees, reach, main, forked, turn, strict=True)]
         done = tuple(tree for tree, _ in curved)
@@ -170,6 +173,9 @@ def curve_trees(
         turned = [(a != b) & ~c for a, b, c in zip(main, wider, forked, strict=True)]
         if not _any(bad) and not any(some.any() for some in turned):
             break
+        left.append(len(bad[0]) + len(bad[1]))
+        if room > 1.0 and n >= _STUCK and left[-1] >= left[-1 - _STUCK]:
+            break  # what is left is pushed apart next
         # Where the curve itself makes the other child wider, both are alike.
         forked = [a | b if n > 0 else a for a, b in zip(forked, turned, strict=True)]
         main = wider
