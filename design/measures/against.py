@@ -25,6 +25,9 @@ _COLUMNS = ("diameter_um", "diameter_sd_um", "length_mm", "length_sd_mm", "eleme
 _FEWEST = 5
 """Elements of an order, below which its mean says little; the orders above come from few trees."""
 
+_FEWEST_STEPS = 4
+"""Published steps between orders, below which their spread says little."""
+
 
 @dataclass(frozen=True)
 class PublishedOrders:
@@ -182,7 +185,8 @@ def _ratio(steps: FloatArray, ours: FloatArray, orders: IntArray) -> dict[str, A
     if len(orders) < 2 or len(values) < 2:
         return {"ours": None, "mean": None, "sd": None, "inside": None}
     slope = float(np.polyfit(orders, np.log10(ours), 1)[0])
-    return _beside(10.0**slope, np.array([values.mean(), values.std(ddof=1)]), True)
+    published = np.array([values.mean(), values.std(ddof=1)])
+    return _beside(10.0**slope, published, len(values) >= _FEWEST_STEPS)
 
 
 def _column(arteries: list[list[dict[str, Any]]], key: str, unit: float = 1.0) -> FloatArray:

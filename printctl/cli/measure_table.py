@@ -40,10 +40,10 @@ def _against(found: Numbers) -> Iterator[str]:
     yield f"Arteries against {found['table']} ({found['source']})"
     if found["orders"]:
         heads = ("diameter, mm", "length, mm", "length/diameter")
-        yield "  order  elements  " + "".join(f"{one:<26}" for one in heads).rstrip()
+        yield "  order  elements  " + "".join(f"{one:<30}" for one in heads).rstrip()
     for row in found["orders"]:
         cells = (_beside(row[key]) for key in ("diameter_mm", "length_mm", "length_over_diameter"))
-        yield f"  {row['order']:>5}{row['elements']:>10}  " + "".join(f"{one:<26}" for one in cells)
+        yield f"  {row['order']:>5}{row['elements']:>10}  " + "".join(f"{one:<30}" for one in cells)
     for name, value in found["ratios"].items():
         yield f"  {name.replace('_', ' '):<17}  {_beside(value)}"
     yield from _forks(found["forks"])
@@ -52,15 +52,15 @@ def _against(found: Numbers) -> Iterator[str]:
 
 def _forks(rows: list[Numbers]) -> Iterator[str]:
     """Angles and asymmetry at forks beside published ones, a line each."""
-    yield "  forks                                ours              published"
+    yield f"  {'forks':<43}{'ours':<18}published"
     for row in rows:
         which = _FORKS[row["measure"]] + (" (first forks)" if row["at"] == "first" else "")
         ours = "–" if row["ours"] is None else f"{row['ours']:.3g} ± {row['ours_sd']:.2g}"
         if row["mean"] is None:
-            yield f"  {which:<37}{ours:<18}no published figure"
+            yield f"  {which:<43}{ours:<18}no published figure"
             continue
         says = {True: "inside", False: "OUTSIDE", None: ""}[row["inside"]]
-        yield f"  {which:<37}{ours:<18}{row['mean']:.3g} ± {row['sd']:.2g} {says}".rstrip()
+        yield f"  {which:<43}{ours:<18}{row['mean']:.3g} ± {row['sd']:.2g} {says}".rstrip()
         yield f"    {row['source']}" + (f"; {row['note']}" if row["note"] else "")
 
 
