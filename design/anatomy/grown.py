@@ -64,7 +64,7 @@ def grow_fitted(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Tree
         shallow = plan.shallow_mm if plan.exactly else None
         return fitted_trees(tissue, trees, mm, ratio, options.terminals, shallow_mm=shallow)
 
-    return _attempts(tissue, plan, _with_spare(options, SPARE), fitted)
+    return _attempts(tissue, plan, _with_spare(options, SPARE), fitted, options)
 
 
 def grow_apart(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:
@@ -81,7 +81,7 @@ def grow_apart(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees
         flowing = tuple(_with_its_flow(tree, options.terminals) for tree in trees)
         return fitted_apart(tissue, flowing, mm, ratio, options.terminals)
 
-    return _attempts(tissue, plan, _with_spare(options, SPARE), fitted)
+    return _attempts(tissue, plan, _with_spare(options, SPARE), fitted, options)
 
 
 def grow_pair(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:
@@ -98,7 +98,7 @@ def grow_pair(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:
         pair = side_by_side(_with_its_flow(tubes[0], options.terminals), options)
         return fitted_apart(tissue, pair, mm, ratio, options.terminals)
 
-    return _attempts(tissue, plan, _with_spare(tube_options(options), SPARE_APART), fitted)
+    return _attempts(tissue, plan, _with_spare(tube_options(options), SPARE_APART), fitted, options)
 
 
 PORTAL_SHARE = 0.75
@@ -139,7 +139,7 @@ def grow_portal(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Tree
     each = tuple(
         _with_spare(one, SPARE_APART) for one in (tube_options(portal, HEPATIC_ARTERY), hepatic)
     )
-    return _attempts(tissue, replace(plan, each=each), each[0], fitted)
+    return _attempts(tissue, replace(plan, each=each), each[0], fitted, options)
 
 
 def _with_its_flow(tree: VesselTree, terminals: int) -> VesselTree:
@@ -158,7 +158,11 @@ def _with_spare(options: GrowthOptions, spare: float) -> GrowthOptions:
 
 
 def _attempts(
-    tissue: Tissue, plan: TrunkPlan, options: GrowthOptions, fitted: Callable[[Trees], Trees]
+    tissue: Tissue,
+    plan: TrunkPlan,
+    options: GrowthOptions,
+    fitted: Callable[[Trees], Trees],
+    asked: GrowthOptions,
 ) -> Trees:
     """What ``fitted`` makes of the first growth that it doesn't refuse.
 
@@ -171,9 +175,18 @@ def _attempts(
         # As many again as didn't fit last time.
         spare = min(_MOST_SPARE, best.asked / max(1, best.fit)) if best else 1.0
         each = tuple(_more(one, spare) for one in plan.each)
-        trees, _ = grow_from_plan(
-            tissue, replace(plan, wider=wider, each=each), _more(options, spare)
-        )
+        wish = _more(options, spare)
+        try:
+            trees, _ = grow_from_plan(tissue, replace(plan, wider=wider, each=each), wish)
+        except GrowthError as failed:
+            if best is not None:
+                error = failed
+                break
+            raise GrowthError(
+                f"{failed}. For the {asked.terminals} terminals asked for, {asked.clearance_mm:g} "
+                f"mm apart, {wish.terminals} are grown {wish.clearance_mm:.3g} mm apart: curves"
+                " and vessels side by side need the room"
+            ) from failed
         try:
             return fitted(trees)
         except CrowdedError as failed:
