@@ -1,6 +1,7 @@
 """Pytest settings and fixtures shared by all tests."""
 
 import atexit
+import gc
 import os
 import shutil
 import tempfile
@@ -20,6 +21,16 @@ settings.load_profile("printctl")
 # Prints made by tests don't belong into the history of whoever runs them.
 os.environ["PRINTCTL_DATA"] = tempfile.mkdtemp(prefix="printctl-test-data-")
 atexit.register(shutil.rmtree, os.environ["PRINTCTL_DATA"], ignore_errors=True)
+
+
+# What is imported and collected stays: to look through it again and again is a fifth of the work.
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Look for garbage among what tests make, not among what was collected."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session")
@@ -45,6 +56,20 @@ def closed_pages(request: pytest.FixtureRequest) -> Iterator[None]:
             context.close()
 
 
+LONGEST = (
+    "system/test_planar_run", "web/shell/test_pages", "system/test_operator_page",
+    "web/design/test_pages", "anatomy/test_templates", "link/test_link_process", "kernels/test_",
+    "web/job/test_page", "station/test_kill", "web/stop_process", "web/printer/test_page",
+    "system/", "web/job/camera", "web/job", "feedback/test_printed_with", "web/live/test_browser",
+    "web/test_serve", "registration/test_register", "cli/test_compare_command",
+)  # fmt: skip
+"""Files of twenty seconds and more, or their folders, those of a browser among them."""
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the longest, whole runs, so that no worker waits for another's at the end."""
-    items.sort(key=lambda item: "system" not in item.path.parts)
+    """Begin with the longest files, so that no worker waits for another's at the end."""
+    ranks = {
+        path: next((k for k, name in enumerate(LONGEST) if name in path.as_posix()), len(LONGEST))
+        for path in {item.path for item in items}
+    }
+    items.sort(key=lambda item: ranks[item.path])
