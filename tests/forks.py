@@ -2,9 +2,10 @@
 
 To import and collect all tests takes twenty seconds of a core, and pytest-xdist does it in each
 worker. Here it is done once, and each worker is a fork of what was collected. A file is the unit of
-work, as with ``--dist loadfile``; files are handed out in the order of the collection. At most
-``--browsers`` workers have a browser; a file whose browser tests failed beside others is tried once
-more at the end, alone. A worker that dies fails the test it was at; a new one does the rest.
+work, as with ``--dist loadfile``; files are handed out in the order of the collection. Tests in a
+browser have workers of their own, ``--browsers`` of them, until they are done; a file of them that
+failed beside others is tried once more at the end, alone. A worker that dies fails the test it was
+at; a new one does the rest.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ Group = list[pytest.Item]
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("forks")
     group.addoption("--forks", type=int, default=0, help="number of forked workers")
-    group.addoption("--browsers", type=int, default=2, help="how many of them may have a browser")
+    group.addoption(
+        "--browsers", type=int, default=2, help="how many of them begin with browser tests"
+    )
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -98,8 +101,9 @@ class _Loop:
                 os.waitpid(worker.pid, 0)
 
     def _all(self) -> None:
+        browsers = min(self.browsers, self.forks, len(self.pages))
         for number in range(self.forks):
-            self._begin(browser=number < self.browsers)
+            self._begin(browser=number < browsers)
         while self.workers:
             lines = {worker.line: worker for worker in self.workers}
             for line in wait(list(lines)):
@@ -126,7 +130,7 @@ class _Loop:
 
     def _take(self, worker: _Worker, kind: str, said: Any) -> None:
         if kind == "next":
-            queue = self.pages if worker.browser and self.pages else self.plain
+            queue = self.pages if worker.browser else self.plain
             number = queue.popleft() if queue else None
             worker.left |= {} if number is None else {i.nodeid: number for i in self.groups[number]}
             worker.line.send(number)
@@ -160,6 +164,8 @@ class _Loop:
         self.workers.remove(worker)
         _, status = os.waitpid(worker.pid, 0)
         if not worker.left:
+            if worker.browser and self.plain:  # Playwright's event loop is no place for others
+                self._begin(browser=False)
             return
         name = worker.current or next(iter(worker.left))
         why = f"worker died at {name} (wait status {status})"
