@@ -31,9 +31,9 @@ pytest-all: kernels
 kernels: $(VENV)/.ready-test
 	$(BIN)/printctl doctor --warm
 
-# Long runs of shipped examples, minutes each; more sizes, seeds and themes of what CI tests.
+# Long runs of shipped examples, minutes each; more sizes, seeds, themes and examples of what CI tests.
 test-slow: kernels
-	$(PYTEST) -m slow --forks 2
+	PRINTCTL_NIGHTLY=1 $(PYTEST) -m "slow or hypothesis" --forks 2
 
 # Pages in Chromium, and the API against its description; skipped where there is no Chromium.
 # A file that fails beside another browser on the same two cores is tried once more, alone.

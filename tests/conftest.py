@@ -11,11 +11,15 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from tests.slower import examples
+
 # Workers fill the cores: of matrices so small a second thread would do nothing but spin.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # No test asserts a wall-clock time; CI tries the same examples each time, a developer new ones.
-settings.register_profile("printctl", deadline=None, derandomize="CI" in os.environ)
+settings.register_profile(
+    "printctl", deadline=None, derandomize="CI" in os.environ, max_examples=examples(100)
+)
 settings.load_profile("printctl")
 
 # Prints made by tests don't belong into the history of whoever runs them.
@@ -49,8 +53,11 @@ def closed_pages(request: pytest.FixtureRequest) -> Iterator[None]:
         yield
         return
     browser = request.getfixturevalue("browser")
-    before = list(browser.contexts)
+    before, shared = list(browser.contexts), browser.contexts[0]
+    pages = list(shared.pages)
     yield
+    for one in [page for page in shared.pages if page not in pages]:
+        one.close()
     for context in browser.contexts:
         if context not in before:
             context.close()
