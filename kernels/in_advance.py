@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -154,9 +155,15 @@ def _file_stem(kernel: str) -> str:
 
 
 def _changed(kernel: str) -> float:
-    """When the source of a kernel was last changed; never, where there is no such file."""
+    """When the source of a kernel, or what makes keys, was last changed; never without a file."""
     place = _SOURCES.joinpath(*kernel.partition(":")[0].split("."))
     for path in (place.with_suffix(".py"), place / "__init__.py"):
         with suppress(OSError):
-            return path.stat().st_mtime
+            return max(path.stat().st_mtime, _keys_changed())
     return 0.0
+
+
+@cache
+def _keys_changed() -> float:
+    """When this package was last changed; files of former keys don't count."""
+    return max(path.stat().st_mtime for path in Path(__file__).parent.glob("*.py"))

@@ -127,8 +127,16 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     retreat = retreat_of(context, context.lift_mm)
     gcode, care = context.folder / GCODE, care_of(context)
     order = Order(gcode, part.profile, part.port, folder, retreat, once=True, care=care)
-    client = find_or_start(order, port)
-    outcome = follow(client, report, context.bars)
+    try:
+        client = find_or_start(order, port)
+        outcome = follow(client, report, context.bars)
+    except KeyboardInterrupt:
+        context.bars.remark(
+            "print",
+            f"IT GOES ON by itself, if it has begun: look by `printctl status {folder}`, end it by "
+            f"`printctl stop {folder}`",
+        )
+        raise
     summary: dict[str, Any] = {
         "printer": context.printer.name,
         "port": part.port,
