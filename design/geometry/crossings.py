@@ -114,9 +114,7 @@ def _list(
 
 
 @jit
-def _search(
-    tree: Any, places: Any, faces: Any, leaf: int, at: int, pairs: Any, status: Any
-) -> int:
+def _search(tree: Any, places: Any, faces: Any, leaf: int, at: int, pairs: Any, status: Any) -> int:
     """Pairs of a leaf's triangles and later ones that may cross; written from ``at`` on if >= 0."""
     stack = np.empty(DEPTH, np.int32)
     stack[0] = 0

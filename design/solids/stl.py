@@ -62,9 +62,15 @@ def read_corners(path: Path) -> NDArray[np.float64] | None:
     OSError
         When the file can't be opened.
     """
+    corners = read_float32(path)
+    return None if corners is None else np.asarray(corners.astype(np.float64))
+
+
+def read_float32(path: Path) -> NDArray[np.float32] | None:
+    """As `read_corners`, in the file's own precision and not copied."""
     data = path.read_bytes()
     count = int.from_bytes(data[80:84], "little")
     if count == 0 or len(data) != _START_BYTES + count * _TRIANGLE.itemsize:
         return None
     triangles = np.frombuffer(data, _TRIANGLE, count, _START_BYTES)
-    return np.asarray(triangles["corners"].astype(np.float64))
+    return np.asarray(triangles["corners"])
