@@ -1,4 +1,4 @@
-"""Refuse profile commands that may move an axis, by form and name; split commands into words."""
+"""Allow only profile commands that switch something, by form and name; refuse any that may move."""
 
 from __future__ import annotations
 

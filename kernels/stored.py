@@ -85,9 +85,17 @@ class KernelStore(NullCache):
             warnings.warn(f"kernel {name} can't be kept on disk", NumbaWarning, stacklevel=2)
             return
         path = self._path(sig, data.codegen, self._kernel.for_kernels)
-        if path is not None:
+        if path is not None and self._is_as_first_seen():
             with suppress(OSError):
                 write_whole(path, dumps(data._reduce()))
+
+    def _is_as_first_seen(self) -> bool:
+        """Whether the values that the kernel takes in are still those that its key was made of.
+
+        Numba freezes globals when it compiles: of two signatures with a change between them (a
+        test's monkeypatch) the second holds a value that no source has.
+        """
+        return kernel_key(self._kernel, {}) == kernel_key(self._kernel, _MEMO)
 
     def keeps_kernel(self) -> bool:
         """Whether the kernel can be kept at all."""

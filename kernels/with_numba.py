@@ -1,4 +1,4 @@
-"""Numba's compilation of kernels, with the flags of every kernel of the product.
+"""Compile kernels by numba, with the same compiler flags for every kernel of the product.
 
 Flags, and why:
 

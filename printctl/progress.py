@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Protocol
+from time import monotonic
+from typing import Final, Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -31,6 +32,10 @@ class Listener(Protocol):
 
     def remark(self, name: str, text: str) -> None:
         """Something that the user should know about a stage."""
+
+
+TOLD_EVERY_S: Final = 30.0
+"""Of a stage that takes long, how far it is, where there is no terminal to draw a bar on."""
 
 
 class StageBars:
@@ -74,7 +79,13 @@ class StageBars:
         if self._listener is not None:
             self._listener.stage(name, 0.0)
 
+        told = monotonic()
+
         def report(fraction: float, note: str = "") -> None:
+            nonlocal told
+            if not self._console.is_terminal and monotonic() >= told + TOLD_EVERY_S:
+                told = monotonic()
+                self._console.print(f"{name:<14} {fraction:.0%}", highlight=False)
             if self._listener is not None:
                 self._listener.stage(name, fraction, note)
             self._bars.update(task, total=1.0, completed=fraction, note=note)

@@ -1,4 +1,4 @@
-"""Read a scan or mosaic, and correct its OCT distortion if a calibration or air above is given."""
+"""Read a scan or mosaic; correct OCT distortion if calibrated or scanned through air."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Record of a G-code job's moves (kind, dose, width, speed, layer), with sums by layer."""
+"""Record of a G-code job's moves (kind, ink volume, width, speed, layer), with sums by layer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write notes on the limits of a registration's results: pose, depth, sight, contrast, walls."""
+"""Notes on a registration's limits: pose, depth scale, unseen parts, contrast, wall offset."""
 
 from __future__ import annotations
 

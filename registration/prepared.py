@@ -1,4 +1,4 @@
-"""Segment a scan, prepare the model's surface and check that the two fit, for alignment."""
+"""Segment a scan and prepare the model's surface for alignment; check that they match."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Grow vessels by an organ's template: trunks on guiding layers, zones, curves.
+"""Grow vessel trees of a heart, kidney or brain cortex, by a template of the organ's vessels.
 
-Goes in: a tissue, growth options and what the user says of the organ. Comes out: trees with their
+Goes in: a tissue, growth options and the user's landmarks. Comes out: trees with their
 inlets' names, curved and clear of each other. Begin with `heart.py`.
 """

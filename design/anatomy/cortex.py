@@ -1,4 +1,4 @@
-"""Template of a brain's cortex: pial arteries below its surface, arterioles straight into it."""
+"""Grow a brain cortex's artery: branches below the surface, arterioles straight inward."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find a cortex's places from its shape: pial side, thickness, entry of the pial artery."""
+"""Find a cortex's pial (outer) side, its mean outward direction and thickness from its shape."""
 
 from __future__ import annotations
 

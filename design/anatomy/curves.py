@@ -1,4 +1,4 @@
-"""Curves in place of kinks: bends and main lines of a tree are rounded, piece by piece."""
+"""Round the bends and main lines of a vessel tree with short straight segments."""
 
 from __future__ import annotations
 

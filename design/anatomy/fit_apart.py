@@ -1,4 +1,4 @@
-"""Fit trees whose trunks crowd: pushed apart, curved, with as many terminals each."""
+"""Push colliding vessel trees apart, curve them, and prune to a given number of terminals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grow trees from trunk lines, one for each inlet, that share the tissue's flow by its volume."""
+"""Lay trunks as deep as their radii need, and grow a vessel tree from each inlet's trunk."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trunks grown over a guiding layer: each new site joins where way and branch are short."""
+"""Grow trunk vessels along a graph of points below a surface, each branch by the cheapest path."""
 
 from __future__ import annotations
 

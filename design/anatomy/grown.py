@@ -1,4 +1,4 @@
-"""Trees grown by an anatomic template: attempts, tree by tree, until all fits."""
+"""Grow an organ's vessel trees from planned trunks; retry until enough terminals fit."""
 
 from __future__ import annotations
 

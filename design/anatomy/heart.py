@@ -1,4 +1,4 @@
-"""Template of a heart: two coronaries over the epicardium, branches into the wall."""
+"""Grow a heart's left and right coronary artery on the epicardium, with branches into the wall."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find a heart's places from its shape: base, apex, epicardium, grooves, ostia."""
+"""Find a heart's base direction, right side, grooves and epicardium from surface samples."""
 
 from __future__ import annotations
 

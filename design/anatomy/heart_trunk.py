@@ -1,4 +1,4 @@
-"""Epicardial trunks of a heart: left and right coronary, and their branches."""
+"""Lay trunks and branches of a heart's left and right coronary artery below the epicardium."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Template of a kidney: from the hilum between the lobes to arcs below the cortex."""
+"""Grow a kidney's artery (and vein): from the hilum between lobes, then below the cortex."""
 
 from __future__ import annotations
 

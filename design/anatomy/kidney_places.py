@@ -1,4 +1,4 @@
-"""Find a kidney's places from its shape: hilum, capsule, cortex and medulla."""
+"""Find a kidney's hilum (vessel entry), capsule and cortex thickness from its shape."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A guiding layer: places at one depth below a surface, joined to a graph that trunks follow."""
+"""Graph of neighbouring points below a tissue's surface, along which trunk vessels are laid."""
 
 from __future__ import annotations
 

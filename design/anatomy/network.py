@@ -1,4 +1,4 @@
-"""Anatomic trees as a network: runs of pieces become vessels with curves."""
+"""Convert an organ's grown trees to a network of curved vessels from junction to junction."""
 
 from __future__ import annotations
 

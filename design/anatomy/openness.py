@@ -1,4 +1,4 @@
-"""Openness of a surface: how much of the outside each place of it sees."""
+"""Sample a tissue's surface; compute the share of outward rays per point that meet no tissue."""
 
 from __future__ import annotations
 

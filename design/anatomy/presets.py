@@ -1,4 +1,4 @@
-"""Murray exponent and pressure drop of each template, where its user names none."""
+"""Default Murray exponent and pressure drop of each organ template."""
 
 from __future__ import annotations
 

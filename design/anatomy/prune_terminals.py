@@ -1,4 +1,4 @@
-"""Take terminals away from trees: those whose vessels don't fit, and as many as are too many."""
+"""Remove terminals from vessel trees: first of colliding vessels, then above a wanted number."""
 
 from __future__ import annotations
 

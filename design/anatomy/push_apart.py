@@ -1,4 +1,4 @@
-"""Push vessels of several trees apart where they come too near, and back into the tissue."""
+"""Move nodes of several vessel trees until vessels keep their clearance and lie in the tissue."""
 
 from __future__ import annotations
 

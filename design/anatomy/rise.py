@@ -1,4 +1,4 @@
-"""Raise trunks that lie deeper below the surface than the radii they came out with ask for."""
+"""Move trunk vessels nearer to the tissue's surface where they lie deeper than they must."""
 
 from __future__ import annotations
 

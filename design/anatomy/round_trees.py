@@ -1,4 +1,4 @@
-"""Curve several trees, as far as they stay clear of each other and in the tissue."""
+"""Curve vessel trees, sink trunks and prune until all vessels fit, to a given terminal count."""
 
 from __future__ import annotations
 

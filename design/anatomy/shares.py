@@ -1,4 +1,4 @@
-"""Tell where in an organ terminals are much fewer than its volume asks for."""
+"""Report the place in an organ that has under half of the terminals due to its volume."""
 
 from __future__ import annotations
 

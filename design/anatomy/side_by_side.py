@@ -1,4 +1,4 @@
-"""Lay artery and vein side by side in the tubes of one tree that was grown for both."""
+"""Lay an artery and a vein side by side along each vessel of a tree grown with room for both."""
 
 from __future__ import annotations
 

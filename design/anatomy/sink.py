@@ -1,4 +1,4 @@
-"""Sink trunks that came out wider than they were laid for, until they fit below the surface."""
+"""Move trunk vessels that came out wider than planned deeper below the tissue's surface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Smooth trunk lines: from trees of a layer's places to trunks that growth goes on from."""
+"""Smooth the trunk lines laid over a layer's points; convert them to trunks of trees to grow."""
 
 from __future__ import annotations
 

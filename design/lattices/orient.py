@@ -1,4 +1,4 @@
-"""Orient a graph's edges from one source node to one sink node, without cycles."""
+"""Direct a channel graph's edges from one source to one sink node, so that no flow circulates."""
 
 from __future__ import annotations
 

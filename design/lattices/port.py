@@ -1,4 +1,4 @@
-"""Find a straight port channel that leads from a lattice out of the tissue."""
+"""Find a straight channel that leads from a lattice's inlet or outlet side out of the tissue."""
 
 from __future__ import annotations
 

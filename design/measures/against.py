@@ -1,4 +1,4 @@
-"""Compare a network's elements by order with published tables of real vessels."""
+"""Compare a network's arteries (counts, sizes by order) with published tables of real ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find the tree structure of a network's vessels: parents, children and Strahler orders."""
+"""Find parents, children and Strahler orders of a network's vessels, of kinds without loops."""
 
 from __future__ import annotations
 

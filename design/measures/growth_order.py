@@ -1,4 +1,4 @@
-"""Order in which a network's vessels came: by generation, or by the terminals they lead to."""
+"""Find when each vessel of a grown network appears, by generation or by terminal, for films."""
 
 from __future__ import annotations
 

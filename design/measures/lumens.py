@@ -1,4 +1,4 @@
-"""Find the distance of points to the nearest lumen wall, by a tree of boxes over vessels."""
+"""Compute the distance of points to the nearest lumen wall, by a tree of boxes over vessels."""
 
 from __future__ import annotations
 

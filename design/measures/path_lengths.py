@@ -1,4 +1,4 @@
-"""Measure depth and tortuosity of paths from inlets to outlets, and lengths of loops."""
+"""Measure inlet-to-outlet paths of a network: vessels per path, and tortuosity."""
 
 from __future__ import annotations
 

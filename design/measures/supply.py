@@ -1,4 +1,4 @@
-"""Measure tissue supply at sampled points: distance to lumens, vessels per section, oxygen."""
+"""Measure tissue supply at sampled points: distance to lumens, vessels per area, oxygen."""
 
 from __future__ import annotations
 

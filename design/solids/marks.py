@@ -1,4 +1,4 @@
-"""Put raised or engraved text on a solid's flat face; place fiducial dimples on one."""
+"""Put raised or engraved text on a solid's flat face; compute fiducial dimples' centres."""
 
 from __future__ import annotations
 

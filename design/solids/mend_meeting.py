@@ -1,4 +1,4 @@
-"""Count faces that a surface patch under repair meets, in itself and in the rest (compiled)."""
+"""Count the faces that a mesh patch under repair intersects, its own included (compiled)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Blend local surface fits around points into one implicit field on a lattice (compiled)."""
+"""Blend local quadratic fits around a cloud's points into one signed field on a grid (compiled)."""
 
 from __future__ import annotations
 

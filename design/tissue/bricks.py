@@ -1,4 +1,4 @@
-"""Compute exact signed distances for the fine bricks of a tissue's grid."""
+"""Compute exact signed distances at the samples of fine blocks of a tissue's distance grid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find all signed crossings of grid lines with a closed mesh, for its winding numbers.
+"""Find where grid lines cross a closed mesh, and which way, to tell inside from outside.
 
 The winding number of a point is the signed count of surface crossings on the way to it from
 outside. Along grid lines it costs one crossing list per line, is exact (an integer) for any closed,

@@ -1,4 +1,4 @@
-"""Separate parts of a tissue: which points lie in them, and what each asks for."""
+"""Find a tissue's unconnected parts, the part of each point, and each part's demand share."""
 
 from __future__ import annotations
 

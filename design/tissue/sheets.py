@@ -1,4 +1,4 @@
-"""Leave out stray sheets: pieces of surface that enclose nothing."""
+"""Remove stray open pieces of a triangle surface that enclose no volume."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Refuse numeric toolpath options that aren't above 0, or not at least 0."""
+"""Refuse numeric toolpath options that aren't finite and above 0 (or at least 0)."""
 
 from __future__ import annotations
 

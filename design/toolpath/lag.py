@@ -1,4 +1,4 @@
-"""Compensate the ink's flow lag in a toolpath by driving the plunger ahead, move by move.
+"""Compensate the ink's pressure lag in a toolpath by driving the plunger ahead, move by move.
 
 For a linear ink τ dQ/dt = Q_in − Q (`docs/calibration.md`), so the flow Q that a path asks for
 comes out if the plunger pushes Q + τ dQ/dt. Over a move of volume V that is V + τ (Q₁ − Q₀), Q₀ and

@@ -1,4 +1,4 @@
-"""Build the named example network of four parallel channels in a planar block."""
+"""Shipped example network: four parallel channels, its planar block and pose dimples."""
 
 from __future__ import annotations
 

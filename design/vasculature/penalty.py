@@ -1,4 +1,4 @@
-"""Cost factor of a branch point by its depth in the tissue, sampled on a grid."""
+"""Factor on a branch point's cost by its depth below the tissue's surface, sampled on a grid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fit an axis' backlash and scale to readings from both directions."""
+"""Fit an axis' backlash and scale to dial readings taken from both directions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fit pressure lag and flow factor from the widths of one printed line.
+"""Fit pressure lag and flow factor to the widths of a line printed slow, fast, slow.
 
 The line is written slow, fast, slow, always with the same ink per length. For a linear ink the flow
 out of the needle follows τ dQ/dt = Q_in − Q (shared physics: τ = RC of needle and whatever gives

@@ -1,4 +1,4 @@
-"""`printctl calibrate weigh` for a pneumatic head: fit its flow from weighed, timed doses."""
+"""`printctl calibrate weigh` for a pneumatic head: list timed doses to weigh; fit its flow."""
 
 from __future__ import annotations
 

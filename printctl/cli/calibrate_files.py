@@ -1,4 +1,4 @@
-"""Write and announce the files of `printctl calibrate`: test, CSV, corrected profile."""
+"""Write the files of `printctl calibrate` (test, CSV, corrected profile) and print their names."""
 
 from __future__ import annotations
 

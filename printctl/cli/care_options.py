@@ -1,4 +1,4 @@
-"""Command-line options for supervising a print: checkpoints, dead-man's time, syringes."""
+"""Command-line options for supervising a print: checkpoints, dead-man's time, syringes, log."""
 
 from __future__ import annotations
 

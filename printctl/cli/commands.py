@@ -1,4 +1,4 @@
-"""List of the subcommands and their modules.
+"""List of the subcommands; command group that imports each one's module only when it is used.
 
 A command's module is imported when it is asked for, not before: `printctl pause` shouldn't wait
 for the mesh library that `printctl solid` needs.
@@ -7,7 +7,7 @@ for the mesh library that `printctl solid` needs.
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+from typing import Any, Final
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -68,11 +68,25 @@ WITHOUT_NUMBA: frozenset[str] = frozenset({"slice"})
 """Commands that call few kernels, which are loaded without numba."""
 
 
+GO_ON: Final = frozenset({"run", "design", "search"})
+"""Commands that don't do again what an interrupted one has finished."""
+
+
 class LazyGroup(TyperGroup):
     """The subcommands of `COMMANDS`, in their order, each imported when it is used."""
 
     _listing = False
     """Whether only names and summaries are asked for, which need no import."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; Ctrl-C ends it with a word and exit code 130."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as exc:
+            more = "; the same command goes on from what is done"
+            goes_on = ctx.invoked_subcommand in GO_ON
+            typer.echo(f"printctl: interrupted{more if goes_on else ''}", err=True)
+            raise typer.Exit(130) from exc
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Names, in the order of help."""

@@ -1,4 +1,4 @@
-"""`printctl dye --predict`: predict the dye front before a video is made."""
+"""`printctl dye --predict`: predict a dye front's arrival times in a network, without a video."""
 
 from __future__ import annotations
 

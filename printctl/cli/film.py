@@ -1,4 +1,4 @@
-"""`printctl film`: make a film of a network's growth, or of a pulse through it."""
+"""`printctl film`: make a film of a network's growth, or of a pulse (pressure or flow) in it."""
 
 from __future__ import annotations
 

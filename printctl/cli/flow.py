@@ -57,6 +57,7 @@ def flow(
     ranks: options.RanksOption = None,
     ranks_python: options.PythonOption = None,
     slurm: options.SlurmOption = None,
+    slurm_set: options.SlurmSettingsOption = None,
     svmultiphysics: options.SvmultiphysicsOption = None,
     match_split: options.MatchFlag = False,
     want: options.WantOption = None,

@@ -1,4 +1,4 @@
-"""`printctl flow` in a network or a run: solve at each requested fidelity, write the results."""
+"""`printctl flow` on a network or run folder: solve and write the flow at requested fidelities."""
 
 from __future__ import annotations
 
@@ -47,7 +47,9 @@ def run_network(context: typer.Context, network: Path, out: Path) -> FlowOutput:
     pulsatile(source.network, part, out, asked["svzerod"], found)
     waves(source.network, part, out, asked["svoned"], found)
     space(source.network, part, out, fillet, found)
-    others = (asked[key] for key in ("ranks", "ranks_python", "slurm", "svmultiphysics"))
+    others = (
+        asked[key] for key in ("ranks", "ranks_python", "slurm", "slurm_set", "svmultiphysics")
+    )
     run_external_solvers(source.network, part, ExternalSolvers(out, fillet, *others), found)
     how = Match(*(asked[key] for key in ("match_split", "want", "match_percent", "least_lumen_mm")))
     match(source.network, part, out, fillet, how, found)

@@ -138,6 +138,14 @@ RanksOption = Annotated[
 SlurmOption = Annotated[
     Path | None, typer.Option("--slurm", help="Write a batch script that does it on a cluster.")
 ]
+SlurmSettingsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--slurm-set",
+        metavar="NAME=VALUE",
+        help="Of --slurm: nodes, ntasks, time, mem, partition, account, python, setup.",
+    ),
+]
 PythonOption = Annotated[
     Path | None, typer.Option("--ranks-python", help="Interpreter with dolfinx, for --ranks.")
 ]

@@ -1,4 +1,4 @@
-"""Results of `printctl flow`: numbers and files to tell."""
+"""Data class of what `printctl flow` reports: numbers of each fidelity, and written files."""
 
 from __future__ import annotations
 

@@ -129,6 +129,7 @@ def _refuse_idle(asked: Mapping[str, Any], waves: bool) -> None:
         (_FOR_THREE_D, "three_d"),
         (("along_vessel",), "compare"),
         (("ranks_python",), "ranks"),
+        (("slurm_set",), "slurm"),
         (_FOR_MATCH, "match_split"),
     ):
         for key in keys:

@@ -17,7 +17,7 @@ from design.units import PA_PER_MMHG
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
 from printctl.flow import pulsatile_conditions, steady_conditions
-from printctl.flow.ranks import SlurmJob, run_on_ranks, write_slurm
+from printctl.flow.ranks import run_on_ranks, slurm_job, write_slurm
 from printctl.flow.three_d import SHARP
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.space import ThreeDPart
@@ -38,6 +38,8 @@ class ExternalSolvers:
         With dolfinx.
     slurm : Path or None
         Batch script to write.
+    slurm_settings : list of str, optional
+        As `slurm_job`.
     svmultiphysics : Path or None
         Folder to write.
     """
@@ -47,6 +49,7 @@ class ExternalSolvers:
     ranks: int | None
     python: Path | None
     slurm: Path | None
+    slurm_settings: list[str] | None
     svmultiphysics: Path | None
 
 
@@ -76,7 +79,7 @@ def run_external_solvers(
     write_case(mesh, rank_conditions(mesh, conditions, model=model), folder)
     found.files.append(folder)
     if asked.slurm is not None:
-        write_slurm(asked.slurm, folder, SlurmJob())
+        write_slurm(asked.slurm, folder, slurm_job(asked.slurm_settings or []))
         found.files.append(asked.slurm)
     if asked.ranks is not None:
         found.summary["ranks"] = _solved(folder, asked.ranks, asked.python)

@@ -1,4 +1,4 @@
-"""Options of `printctl history` that filter prints."""
+"""Options of `printctl history` that filter, sort and limit prints, and the query made of them."""
 
 from __future__ import annotations
 

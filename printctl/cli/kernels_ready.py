@@ -76,7 +76,7 @@ def _compiling(
     bars = StageBars(messages(), listener)
     if listener is not None:
         listener.begin(("kernels",), "kernels")
-    note = f"{len(rows)} to compile, once for this version, on {processes()} cores"
+    note = f"up to {len(rows)} to compile, once for this version, on {processes()} cores"
     note += f"; {len(late)} more while stages run" if late else ""
     with ExitStack() as stack:
         with bars.all(), bars.stage("kernels") as report:
@@ -87,5 +87,5 @@ def _compiling(
                 compiling(rows, late, lambda done: report(done / len(rows), note))
             )
         left = f", {failed} left to their first call" if failed else ""
-        bars.say("kernels", f"{len(rows) - failed} compiled, kept in {cache_dir()}{left}")
+        bars.say("kernels", f"{len(rows) - failed} ready, kept in {cache_dir()}{left}")
         yield

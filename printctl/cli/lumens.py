@@ -1,4 +1,4 @@
-"""`printctl lumens`: predict each lumen's opening from any slicer's G-code."""
+"""`printctl lumens`: predict from any slicer's G-code how wide each designed lumen stays open."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read the arguments of `printctl lumens`: ink, extrusion and designed lumens of a G-code file."""
+"""Read inputs of `printctl lumens`: designed lumens or part, its origin, ink laid per move."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lumen report as text for the terminal."""
+"""Format the lumen check's result (open diameters, closed layers, leaks) for the terminal."""
 
 from __future__ import annotations
 

@@ -36,8 +36,6 @@ def main() -> None:
     gc.set_threshold(_YOUNG)
     try:
         app(standalone_mode=True)
-    except KeyboardInterrupt:
-        _fail("interrupted; run the same command again to go on from the last finished stage", 1)
     except Exception as exc:
         known = message_and_code(exc)
         if known is None:

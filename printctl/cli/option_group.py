@@ -1,4 +1,4 @@
-"""Options that several commands share, declared once as the fields of a dataclass."""
+"""Add a dataclass's fields to a command as options, so that several commands can share them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options shared by several subcommands, and printing of results to stdout."""
+"""Options shared by subcommands; parse numbers, read G-code files, print results to stdout."""
 
 from __future__ import annotations
 

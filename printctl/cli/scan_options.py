@@ -1,4 +1,4 @@
-"""Command-line options for scan metadata that the file lacks (voxel size, axes, grey values).
+"""Command-line options of a scan: metadata that its file lacks, calibrations, filled lumens.
 
 Commands take them all as `ScanOptions` (`printctl.cli.option_group`).
 """

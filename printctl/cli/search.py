@@ -11,7 +11,7 @@ from printctl.cli.options import JsonFlag, messages, print_json, print_lines
 from printctl.search import SearchResult, load_search, run_search
 from printctl.search.results import write_results
 from printctl.search.table import count_lines, table_lines
-from printctl.search.workers import Workers
+from printctl.search.workers import WAIT_MIN, Workers
 
 
 def search(
@@ -38,6 +38,10 @@ def search(
             "--scheduler", metavar="ADDRESS", help="A Dask cluster's, like tcp://HOST:8786."
         ),
     ] = None,
+    wait_min: Annotated[
+        float,
+        typer.Option("--wait-min", min=0.0, help="For --scheduler and its first worker, minutes."),
+    ] = WAIT_MIN,
     limit: Annotated[
         int | None, typer.Option("--limit", min=0, help="Grow so many new candidates at most.")
     ] = None,
@@ -48,7 +52,7 @@ def search(
     Killed or interrupted, it goes on where it was. Exit code 1 when a candidate broke, or none
     keeps the limits though all are known.
     """
-    asked, who = load_search(search_file), Workers(workers, scheduler)
+    asked, who = load_search(search_file), Workers(workers, scheduler, wait_min)
     found = run_search(asked, search_file.resolve().parent, out, messages(), who, limit)
     written = [str(path) for path in write_results(found, out)]
     if as_json:

@@ -1,4 +1,4 @@
-"""Command-line options of a print's set-up: needle, bath, dish, accepted shaft crossings."""
+"""Command-line options of a print's set-up: needle, bath, dish, shaft crossings to accept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options shared by the subcommands of `printctl station`."""
+"""Options shared by `printctl station` subcommands; find the station, print its status."""
 
 from __future__ import annotations
 

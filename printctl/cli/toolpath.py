@@ -1,4 +1,4 @@
-"""`printctl toolpath`: write a recipe's dry-run G-code, and a map of lines to vessels or layers."""
+"""`printctl toolpath`: write a recipe's checked G-code, and a map of lines to vessels or layers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl view`: show a network or a G-code file, as a page or as a picture."""
+"""`printctl view`: write a network or a G-code file as an HTML page or as a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl view FILE.gcode`: show its layers, as a page or as a picture of one layer."""
+"""`printctl view FILE.gcode`: write its layers as an HTML page, or one layer as a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`printctl view NETWORK`: show a network in its tissue, as a page or as a picture."""
+"""`printctl view NETWORK`: write a network in its tissue as an HTML page or a PNG picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Load lumens for a dye front prediction, and write its table, curves and picture.
+"""Load lumens for a dye front prediction; write arrival times, concentration curves, a picture.
 
 Goes in: a network or a run. Comes out: arrival of dye, as files. Begin with `outputs.py`.
 """

@@ -1,4 +1,4 @@
-"""Write a predicted dye front: table by vessel, concentration curves and a picture."""
+"""Write a predicted dye front: arrival times by vessel, concentration curves and a picture."""
 
 from __future__ import annotations
 

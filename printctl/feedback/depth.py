@@ -1,4 +1,4 @@
-"""Decide on correcting z in a compensation: only with a depth standard and a fitted depth scale."""
+"""Decide if a compensation may correct z: only with a depth standard and a fitted depth scale."""
 
 from __future__ import annotations
 

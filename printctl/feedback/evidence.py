@@ -1,4 +1,4 @@
-"""Read a registered print from its folder, as input for a compensation."""
+"""Read a registered print as input for a compensation; record which run made a scanned part."""
 
 from __future__ import annotations
 

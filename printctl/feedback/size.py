@@ -1,4 +1,4 @@
-"""Size of a print relative to its design, from lumen positions or else from its surface.
+"""Estimate a print's size over its design's along each axis, from lumen axes or its surface.
 
 A scale that is fitted to the surface takes walls that moved (lines that spread, a scanner's bias)
 for size: 20 um on either face of 8 mm are half a percent. A lumen's axis stays where it is when its

@@ -1,4 +1,4 @@
-"""Make films of a network: as it grew, and of a pulse through it.
+"""Make films of a network: its growth, or a pressure or flow pulse through it.
 
 Goes in: a run folder or a network. Comes out: frames, and a film file. Begin with `growth.py`.
 """

@@ -1,4 +1,4 @@
-"""Write a film's frames, chosen by suffix: MP4 and the like by OpenCV, GIF and WebP by Pillow."""
+"""Write a film file in its suffix's format: MP4 and the like by OpenCV, GIF, WebP by Pillow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compare a lattice's flow distribution with a network's, at equal inlet flow."""
+"""Compare a lattice's flow with a network's at equal inlet flow; write a table and a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mesh a network's lumens, solve steady 3D flow in them, write the result."""
+"""Mesh a network's lumens; solve steady or pulsatile 3D flow; write the steady result."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Settings for supervising a running print: checkpoints, dead-man's time, syringe changes."""
+"""Settings for supervising a running print: checkpoints, dead-man's time, syringes, line noise."""
 
 from __future__ import annotations
 

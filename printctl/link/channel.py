@@ -1,4 +1,4 @@
-"""Communication channel to one printer: send commands, match replies, hand on events.
+"""Communication channel to one printer: send commands, match replies, pass on its events.
 
 Everything here runs in one thread, the one that owns the port. Other threads leave requests
 (`printctl.link.requests`), or halt the firmware (`printctl.link.kill`).

@@ -1,4 +1,4 @@
-"""Track a needle moved off the job's path by the link; on a stop, give commands to lift it."""
+"""Track a needle moved by the link, not the job; on a stop, relieve the plunger and lift it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Detect that another program redefined the coordinates (G92), from M114's step counts.
+"""Detect that another program redefined the coordinates, from step counts or reported shifts.
 
 Marlin counts steps from where it was switched on, whatever a place is called since. So what lies
 between the count and the place's name changes by the job's own renamings alone. The motors must

@@ -1,4 +1,4 @@
-"""Query the history of prints: filter, sort, paging."""
+"""Query of past prints (filter, sort, page) and its conversion to SQL; one page of results."""
 
 from __future__ import annotations
 

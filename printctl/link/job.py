@@ -1,4 +1,4 @@
-"""Read a G-code file into the command lines to be sent, all checked before the first byte.
+"""Read a G-code file into the command lines to send, all checked before anything is sent.
 
 What is sent is rendered from what was understood (`sim.reading`): capitals, one blank between
 words, without the file's line numbers, checksums and comments. A file gives the same lines each

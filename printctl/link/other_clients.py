@@ -1,4 +1,4 @@
-"""Poll the printer for other clients' changes: end on a shifted position, restore heaters."""
+"""Poll the printer for other clients' changes: end the print if shifted, restore heaters."""
 
 from __future__ import annotations
 

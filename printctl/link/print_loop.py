@@ -1,4 +1,4 @@
-"""Main loop of a print: handshake, job lines, requests between lines, final move."""
+"""Main loop of a print: handshake, stream job lines, serve requests, await the last moves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find, read and archive the operator's notes stored beside a print's journal.
+"""Read the operator's notes beside a print's journal; archive an earlier journal with its notes.
 
 A folder's last print has ``journal.log`` and ``record.json``; of those before, both were put aside
 by one number: ``journal.2.log`` and ``record.2.json``.

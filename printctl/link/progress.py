@@ -1,4 +1,4 @@
-"""Progress of a running job: lines taken, refused and surely executed; commanded position there."""
+"""Progress of a running job: lines accepted, refused and surely executed; commanded position."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contact file ``link.json`` of a link process: address, and outcome of the print."""
+"""Contact file ``link.json`` of a link process: address, job, port, settings, print's outcome."""
 
 from __future__ import annotations
 

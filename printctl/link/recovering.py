@@ -1,4 +1,4 @@
-"""Write the rest of an interrupted job as a new file, after the printer lost its position.
+"""Plan the rest of a job after a lost position: its G-code, the way in, steps for the operator.
 
 Nothing here speaks to a printer. What a person has to do first is told as steps, because only a
 person sees where the needle stands; the file then comes from high above, over the point, down,

@@ -1,4 +1,4 @@
-"""Commands that relieve the plunger or shut the valve, lift the needle, and bring it back.
+"""Commands to relieve the plunger or shut the valve, lift and return the needle, heaters off.
 
 A plunger is relieved and primed again; a pneumatic head's valve is shut (`printctl.link.valve`),
 and no E is sent to it. Opening it again is left to who comes back: only when the tip is in place.

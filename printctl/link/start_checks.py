@@ -1,4 +1,4 @@
-"""Agree with the firmware before a print: reset its settings, check the tip's position."""
+"""Reset a firmware's settings before a print, and check that the tip stands where assumed."""
 
 from __future__ import annotations
 

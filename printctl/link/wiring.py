@@ -1,4 +1,4 @@
-"""Dependencies of a running print: transport, protocol, clock, journal and profile."""
+"""Dependencies of a print, or of a station between prints: transport, protocol, clock, journal."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Check vessels in G-code before printing: lumen openings, leaks and merging filaments.
+"""Check vessels in G-code before printing: open diameter of each lumen, leaks, merging filaments.
 
-Goes in: G-code and a network or a part. Comes out: a report of each lumen's opening. Begin with
+Goes in: G-code and a network or a part. Comes out: each lumen's open diameter, leaks. Begin with
 `check.py`.
 """
 

@@ -35,6 +35,8 @@ class LumenCheck:
         Median width of a line, and thickness of a layer.
     doubt_mm : tuple of float, mm
         How much narrower and wider the lumens may be, as their lines' bead wasn't measured.
+    unfollowed : int
+        Ways through the part that its sections don't show, so that they weren't checked.
     """
 
     ideal: LumenReport
@@ -43,6 +45,7 @@ class LumenCheck:
     line_mm: float
     layer_mm: float
     doubt_mm: tuple[float, float] = (0.0, 0.0)
+    unfollowed: int = 0
 
     @property
     def refusal(self) -> str | None:
@@ -59,9 +62,15 @@ class LumenCheck:
                 f"tree {leak.tree} into {_into(leak)} in layer {leak.layer}" for leak in self.leaks
             ]
             parts.append(f"leaking: {list_names(ways)}")
-        if not parts:
-            return None
-        return f"{'; '.join(parts)}; slice again with finer lines or wider lumens, or mend the part"
+        if parts:
+            remedy = "slice again with finer lines or wider lumens, or mend the part"
+            return f"{'; '.join(parts)}; {remedy}"
+        if self.unfollowed:
+            return (
+                f"not checked: ways through the part that lie level, {self.unfollowed}, as its "
+                "sections don't show them as holes; give the vessels as --network"
+            )
+        return None
 
     @property
     def notes(self) -> list[str]:
@@ -82,6 +91,7 @@ class LumenCheck:
             "layer_um": 1e3 * self.layer_mm,
             "bead_uncertainty_um": [1e3 * value for value in self.doubt_mm],
             **report_dict(self.ideal, self.stepped, self.leaks),
+            "unfollowed": self.unfollowed,
             "notes": self.notes,
         }
 
@@ -126,8 +136,9 @@ def check_model(
     UsageError
         When the part has no hole.
     """
-    stations, trees = model_lumens(part, lines, place_mm)
-    return _check(lines, stations, trees, place_mm, stepped, leak_mm)
+    stations, trees, unfollowed = model_lumens(part, lines, place_mm)
+    check = _check(lines, stations, trees, place_mm, stepped, leak_mm)
+    return replace(check, unfollowed=unfollowed)
 
 
 def _check(

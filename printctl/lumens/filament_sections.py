@@ -1,4 +1,4 @@
-"""Measure the lumen that sacrificial filaments leave, at sections along each vessel.
+"""Measure the diameter and area of the lumen that washed-out filaments leave along each vessel.
 
 A filament is taken to be sacrificial: the space that it fills is the lumen once it is washed out. A
 section across the vessel cuts each filament near it in a disc; the widest circle is the widest disc

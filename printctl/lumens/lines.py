@@ -1,4 +1,4 @@
-"""Read layered G-code as printed lines with width and height, each a stadium in plan view."""
+"""Read layered G-code as printed lines with width and height, each a rounded strip from above."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measure a lumen's opening at stations among the printed lines of its layers."""
+"""Measure a lumen's widest open circle and open area at cross-sections between printed lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find lumens of a part without a network: holes of its level sections, traced layer to layer."""
+"""Find lumens of a part without a network: holes of its horizontal sections, layer by layer."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from printctl.lumens.lines import WrittenLines
 from printctl.lumens.network import BEYOND, BEYOND_MM
 from printctl.lumens.stations import FloatArray, IntArray, SectionStations
 from printctl.lumens.trees import margin_mm, mouth_pieces
+from printctl.lumens.unfollowed import LEAST_AREA_MM2, signed_area, unfollowed_ways
 from sim.lumens.leak_kernels import label_pieces, label_ring
 from sim.lumens.width_kernels import widest_in_polygon
 
-LEAST_AREA_MM2: Final = 1e-4
 CIRCLE_MM: Final = 2e-4
 
 
@@ -39,12 +39,13 @@ class _Hole:
 
 def model_lumens(
     solid: Solid, lines: WrittenLines, place_mm: FloatArray
-) -> tuple[SectionStations, Lumens]:
+) -> tuple[SectionStations, Lumens, int]:
     """A station for each hole of the part at the middle of each written layer.
 
     Holes that overlap from one layer to the next are one lumen as long as each has one partner;
     where a lumen forks, others begin. Lumens that lie in the layers show as slots while they are
-    closed all round; where they are open to the side they aren't seen.
+    closed all round; where they are open to the side they aren't seen. The last value counts ways
+    through the part that aren't (`unfollowed_ways`).
 
     Raises
     ------
@@ -53,7 +54,8 @@ def model_lumens(
     """
     body = solid_manifold(solid, "the part")
     middle = (lines.low + lines.high) / 2 - place_mm[2]
-    holes = [hole for k, z in enumerate(middle) for hole in _holes(body, k, float(z))]
+    sections = [_section(body, float(z)) for z in middle]
+    holes = [hole for k, rings in enumerate(sections) for hole in _holes(rings, k)]
     if not holes:
         raise UsageError(
             "no level section of the part has a hole, so it has no lumen to measure; lumens that "
@@ -62,14 +64,18 @@ def model_lumens(
     lumen, tree = _follow(holes, len(middle))
     order = np.argsort(lumen, kind="stable")
     stations = _stations([holes[k] for k in order], lumen[order], lines, place_mm)
-    return stations, _trees(holes, lumen, tree, stations, lines, place_mm)
+    trees = _trees(holes, lumen, tree, stations, lines, place_mm)
+    return stations, trees, unfollowed_ways(sections)
 
 
-def _holes(body: Manifold, layer: int, z: float) -> list[_Hole]:
+def _section(body: Manifold, z: float) -> list[FloatArray]:
+    return [np.asarray(ring, dtype=np.float64) for ring in body.slice(z).to_polygons()]
+
+
+def _holes(rings: list[FloatArray], layer: int) -> list[_Hole]:
     found = []
-    for ring in body.slice(z).to_polygons():
-        corner = np.asarray(ring, dtype=np.float64)
-        area = _signed_area(corner)
+    for corner in rings:
+        area = signed_area(corner)
         if area > -LEAST_AREA_MM2:
             continue
         centre = corner.mean(axis=0)
@@ -78,11 +84,6 @@ def _holes(body: Manifold, layer: int, z: float) -> list[_Hole]:
         x, y, radius = widest_in_polygon(local, 0.0, 0.0, reach, CIRCLE_MM)
         found.append(_Hole(layer, corner, centre + [x, y], radius, -area))
     return found
-
-
-def _signed_area(corner: FloatArray) -> float:
-    x, y = corner.T
-    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
 
 
 def _follow(holes: list[_Hole], layers: int) -> tuple[IntArray, IntArray]:

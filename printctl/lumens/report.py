@@ -1,4 +1,4 @@
-"""Summarise each lumen's predicted opening along its length, as arrays and JSON."""
+"""Summarise each lumen's predicted open diameter and flow conductance, as arrays and JSON."""
 
 from __future__ import annotations
 

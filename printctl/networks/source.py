@@ -1,4 +1,4 @@
-"""Load a network from a run folder or from a file, with its known flow and tissue."""
+"""Load a network from a run folder or file, with tissue and flow; solve unknown flow (0D)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grow the vessels that a recipe asks for: a tree, a printable tree or closed loops."""
+"""Grow the vessels of a recipe: a tree, a printable tree, an organ's trees or closed loops."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Build the regions of a FRESH part with their own infill or head from a recipe's sections."""
+"""Build a FRESH part's infill, and its regions with their own infill or head, from a recipe."""
 
 from __future__ import annotations
 

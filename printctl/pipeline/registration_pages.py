@@ -1,4 +1,4 @@
-"""HTML and PDF pages of `printctl register`, written in a separate process.
+"""Write the HTML and PDF pages of `printctl register`; called in a second process.
 
 Apart from what registers, which needs no plotting library.
 """

@@ -1,4 +1,4 @@
-"""Run a recipe, whole or only up to design or checked G-code, after quick refusals."""
+"""Run a recipe, whole or up to design or checked G-code; first refuse what can't be printed."""
 
 from __future__ import annotations
 

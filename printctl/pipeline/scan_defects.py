@@ -1,4 +1,4 @@
-"""Place a recipe's simulated print defects on their vessels, in the printer's frame."""
+"""Locate a recipe's planted defects on their vessels, printer's frame, for a simulated scan."""
 
 from __future__ import annotations
 

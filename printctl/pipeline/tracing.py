@@ -1,4 +1,4 @@
-"""Trace a point of the print back to the job's layers, vessels and G-code lines.
+"""Trace a print's defects and layer deviations to the job's layers, vessels and G-code lines.
 
 Registration knows the part's frame only. Here its deviations and defects are joined with the run
 folder's line map, and, for a defect, with the moves of the G-code itself that wrote around it.

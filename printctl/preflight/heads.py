@@ -1,4 +1,4 @@
-"""Checks of multi-head jobs: idle needles against ink, bath and wall.
+"""Checks of multi-head jobs: each head by itself, raised and lowered heads, idle needles.
 
 Looked at for every move and every head, with its tip where the profile says it stands: raised heads
 are told from lowered ones by the file's own commands. What a firmware would make of the file's

@@ -1,4 +1,4 @@
-"""Check that a job's ink fits the syringe's filling, and tell the firmware's push limit."""
+"""Check that a job's ink fits the syringe; give the push per length the firmware must allow."""
 
 from __future__ import annotations
 

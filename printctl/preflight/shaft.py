@@ -1,4 +1,4 @@
-"""Turn found collisions of the needle's shaft with written vessels into check results and text."""
+"""Convert collisions of the needle's shaft with written ink to preflight check results and text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check a G-code file for needle shaft collisions, using the map beside it."""
+"""Check a G-code file for needle shaft collisions with ink, by the map of its lines to vessels."""
 
 from __future__ import annotations
 

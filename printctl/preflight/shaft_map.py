@@ -1,4 +1,4 @@
-"""Read, or make, the map arrays of an embedded job that its needle shaft check needs."""
+"""Read or make the map (G-code lines to vessels, network) that the needle shaft check needs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run the needle shaft collision checker over an embedded job."""
+"""Check a simulated embedded job for collisions of the needle's shaft with written ink."""
 
 from __future__ import annotations
 

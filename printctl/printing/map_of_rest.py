@@ -1,4 +1,4 @@
-"""Write the line map of a recovered print's remaining job, from the original job's map."""
+"""Write the map of G-code lines to layers or vessels of a recovered print's remaining job."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Follow a running print from the command line; on Ctrl-C ask to detach, stop or kill."""
+"""Ask before a print starts; follow it from the command line; on Ctrl-C detach, stop or kill."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recipe section on anatomy: a template, and what its user says instead of its findings."""
+"""Recipe section on an organ template; given landmarks replace those found in the shape."""
 
 from __future__ import annotations
 

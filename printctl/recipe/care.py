@@ -1,4 +1,4 @@
-"""Recipe section on supervising a print: checkpoints, dead-man's time, syringe changes."""
+"""Recipe section on supervising a print: checkpoints, dead-man's time, syringes, cell lifetime."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recipe section on the vessels that join terminals of trees."""
+"""Recipe section on vessels that connect terminals of trees: bounds and cost of their curves."""
 
 from __future__ import annotations
 

@@ -238,6 +238,9 @@ class GrownNetwork(Growth):
     anatomy: AnatomyPart | None = Field(
         default=None, description="Trunks, inlets and zones as an organ has them."
     )
+    curves: bool = Field(
+        default=False, description="Round bends and the joints of main lines, where there is room."
+    )
 
     def files(self) -> list[str]:
         """The terminals' and the trunk's."""
@@ -264,6 +267,7 @@ class GrownNetwork(Growth):
             if self.anatomy is not None and getattr(self, key):
                 raise ValueError(f"anatomy doesn't go with {key}; give one of the two")
         self._inlets_fit()
+        self._curves_fit()
         if self.root is not None and (self.root_mm or self.root_direction or self.trunk):
             raise ValueError(
                 "root: search finds root and direction itself; give it without root_mm, "
@@ -274,6 +278,16 @@ class GrownNetwork(Growth):
         if any(two <= one for one, two in pairwise(reached)):
             raise ValueError(f"stages reach {reached} terminals; let them ascend")
         return self
+
+    def _curves_fit(self) -> None:
+        if not self.curves:
+            return
+        if self.anatomy is not None:
+            raise ValueError("the vessels of an anatomy are curved as it is; leave curves out")
+        limits = ("smallest_diameter_mm", "length_to_radius", "branch_angle_degrees")
+        for key in ("printable", "trunk", *limits, "turn_angle_degrees"):
+            if getattr(self, key) != type(self).model_fields[key].default:
+                raise ValueError(f"curves wouldn't keep to {key}; give one of the two")
 
     def _inlets_fit(self) -> None:
         if self.inlets is None:

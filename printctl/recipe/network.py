@@ -1,4 +1,4 @@
-"""Recipe section on the vessel network: shipped, from a file, grown, or a lattice."""
+"""Recipe section on the vessel network, by kind: shipped, file, lattice, tree, loops, forest."""
 
 from __future__ import annotations
 

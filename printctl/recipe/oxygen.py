@@ -1,4 +1,4 @@
-"""Recipe section on oxygen in the tissue."""
+"""Recipe section on oxygen: supply by the perfused medium, uptake by the tissue's cells."""
 
 from __future__ import annotations
 

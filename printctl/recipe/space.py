@@ -1,4 +1,4 @@
-"""Recipe sections on 3D flow, and on comparing flow solutions of several fidelities."""
+"""Recipe sections on 3D flow, and on comparing 0D, 1D and 3D solutions of the flow."""
 
 from __future__ import annotations
 

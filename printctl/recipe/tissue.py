@@ -1,4 +1,4 @@
-"""Recipe section on the tissue: shape, keep-out zones, cell demand.
+"""Recipe section on the tissue: shape, keep-out zones, relative perfusion demand.
 
 Paths are relative to the recipe.
 """

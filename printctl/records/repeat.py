@@ -1,4 +1,4 @@
-"""Plan an exact repeat of a print; list differences from the original.
+"""Plan an exact repeat of a print, list differences from the original, copy its job file.
 
 A job is made ready; nothing is ever started here.
 """

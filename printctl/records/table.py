@@ -1,4 +1,4 @@
-"""Write the print history as CSV, safe against spreadsheet formula injection."""
+"""Convert the print history to CSV lines, safe against spreadsheet formula injection."""
 
 from __future__ import annotations
 

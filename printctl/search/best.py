@@ -1,4 +1,4 @@
-"""Write a search candidate as a recipe for `printctl run`."""
+"""Make the recipe text (YAML) of a search's candidate, for `printctl run`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ranked table of a search: a file at full precision, and the first rows for the terminal."""
+"""Ranked table of a search: CSV text at full precision, and the first rows for the terminal."""
 
 from __future__ import annotations
 

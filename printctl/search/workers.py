@@ -15,7 +15,8 @@ from printctl.search.evaluate import Task, evaluate
 
 Outcome = tuple[int, dict[str, Any]]
 """Number of the task in its list, and what came out: as `evaluate`, or ``{"broken": message}``."""
-CONNECT_S: Final = 10
+WAIT_MIN: Final = 10.0
+"""For a cluster's workers; its queue may hold them back."""
 _EXTRA: Final = (
     "a search on several processes needs Dask: pip install 'printctl[search]', or give "
     "--workers 0 to search in this process"
@@ -32,10 +33,13 @@ class Workers:
         Processes on this machine; 0 for none but this one, None for one a core.
     scheduler : str or None
         Address of a cluster's scheduler (``tcp://…``, ``tls://…``), in place of processes here.
+    wait_min : float
+        How long to wait for the scheduler's answer and its first worker, minutes.
     """
 
     count: int | None = None
     scheduler: str | None = None
+    wait_min: float = WAIT_MIN
 
     def __post_init__(self) -> None:
         if self.scheduler is not None and self.count is not None:
@@ -60,7 +64,7 @@ class Workers:
         if self.count == 0 or not tasks:
             return _here(tasks)
         wanted = self.count or os.cpu_count() or 1
-        return _on_dask(tasks, self.scheduler, min(wanted, len(tasks)))
+        return _on_dask(tasks, self, min(wanted, len(tasks)))
 
 
 def _here(tasks: Sequence[Task]) -> Generator[Outcome]:
@@ -97,7 +101,7 @@ def leave_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _on_dask(tasks: Sequence[Task], scheduler: str | None, count: int) -> Generator[Outcome]:
+def _on_dask(tasks: Sequence[Task], who: Workers, count: int) -> Generator[Outcome]:
     try:
         # Optional, and heavy; a local cluster's key is made with cryptography.
         import cryptography  # noqa: F401
@@ -105,7 +109,7 @@ def _on_dask(tasks: Sequence[Task], scheduler: str | None, count: int) -> Genera
     except ImportError as exc:
         raise UsageError(_EXTRA) from exc
     with ExitStack() as stack:
-        client = _client(stack, scheduler, count)
+        client = _client(stack, who, count)
         # pure=False: the scheduler's memory of another search is none of ours.
         futures = client.map(grow_alone, tasks, pure=False)
         numbers = {future.key: number for number, future in enumerate(futures)}
@@ -116,27 +120,28 @@ def _on_dask(tasks: Sequence[Task], scheduler: str | None, count: int) -> Genera
             future.release()
 
 
-def _client(stack: ExitStack, scheduler: str | None, count: int) -> Any:
+def _client(stack: ExitStack, who: Workers, count: int) -> Any:
     from distributed import Client
 
-    if scheduler is None:
+    if who.scheduler is None:
         cluster = stack.enter_context(_local_cluster(stack, count))
         client = stack.enter_context(Client(cluster, set_as_default=False))
         client.run(leave_interrupts)
         return client
+    wait_s, waited = 60.0 * who.wait_min, f"{who.wait_min:g} min (--wait-min)"
     try:
-        client = stack.enter_context(Client(scheduler, timeout=CONNECT_S, set_as_default=False))
+        client = stack.enter_context(Client(who.scheduler, timeout=wait_s, set_as_default=False))
     except (OSError, TimeoutError, ValueError, TypeError) as exc:
         raise PrintctlError(
-            f"no Dask scheduler answers at {scheduler} within {CONNECT_S} s ({exc}); start one "
+            f"no Dask scheduler answers at {who.scheduler} within {waited} ({exc}); start one "
             "with `dask scheduler`, or check the address"
         ) from exc
     try:
-        client.wait_for_workers(1, timeout=CONNECT_S)
+        client.wait_for_workers(1, timeout=wait_s)
     except TimeoutError as exc:
         raise PrintctlError(
-            f"the scheduler at {scheduler} has no worker after {CONNECT_S} s; start some with "
-            f"`dask worker {scheduler} --nthreads 1`"
+            f"the scheduler at {who.scheduler} has no worker after {waited}; start some with "
+            f"`dask worker {who.scheduler} --nthreads 1`, or wait longer"
         ) from exc
     return client
 

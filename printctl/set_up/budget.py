@@ -1,4 +1,4 @@
-"""Time limit of the cells in the ink, from recipe or ink profile; never guessed."""
+"""Time limit for living cells in the ink, from recipe or ink profile; none if neither has one."""
 
 from __future__ import annotations
 

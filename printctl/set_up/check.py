@@ -1,4 +1,4 @@
-"""Preflight check result (limit, value, passed or not), and refusal of a print by failed checks."""
+"""Record of a preflight check (limit, value, passed); raise an exception for failed ones."""
 
 from __future__ import annotations
 

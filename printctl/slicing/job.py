@@ -1,4 +1,4 @@
-"""Slice meshes for a printer's heads into G-code with its line map, and report figures."""
+"""Slice meshes for a printer's heads into G-code; map its lines to layers, report figures."""
 
 from __future__ import annotations
 

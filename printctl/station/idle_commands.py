@@ -1,4 +1,4 @@
-"""Execute manual commands on an idle printer (jog, home, heat, plunger) within the limits.
+"""Execute manual commands on an idle printer, within limits: move, home, heat, push, touch off.
 
 Each wish takes the values that came over the socket and gives what is answered. What it refuses
 moves nothing.

@@ -1,4 +1,4 @@
-"""The station's process: it alone owns the port, between prints and in them.
+"""Run a station in a process of its own, sole owner of the port, between and during prints.
 
 It is started detached (a session of its own), ignores Ctrl-C and hang-ups, and goes on when the
 program that started it dies. It ends when it is closed.

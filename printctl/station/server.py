@@ -1,4 +1,4 @@
-"""Pass clients' requests on to a station; the socket itself: `printctl.link.command_socket`.
+"""Command socket server of a station: passes clients' requests on to it, tells its status.
 
 Further wishes are those of `printctl.station.idle_commands`, ``mount``, ``reconnect``, ``print``,
 ``close`` and ``stop_motion``. Each is answered by ``{"event": "reply", "do": ..., "status": ...}``

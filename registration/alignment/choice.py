@@ -1,4 +1,4 @@
-"""Find, refine and compare candidate poses of a scan, mirrored ones too; return best and rivals."""
+"""Find, refine and compare candidate poses of a scan, mirrored ones too; return the best ones."""
 
 from __future__ import annotations
 

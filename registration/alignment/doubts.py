@@ -1,4 +1,4 @@
-"""Write the reasons for doubting a scan's pose as sentences."""
+"""Put the reasons for doubting a scan's pose into sentences."""
 
 from __future__ import annotations
 

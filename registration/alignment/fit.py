@@ -1,4 +1,4 @@
-"""Fine alignment: robust Gauss-Newton on exact signed distances, rigid or with scales."""
+"""Fit a scan's pose finely: robust Gauss-Newton on exact signed distances, rigid or with scales."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""List walls of one facing whose median is off the design by more than 75 µm after the fit."""
+"""List groups of walls that face one way and lie off the design by over 75 µm after the fit."""
 
 from __future__ import annotations
 

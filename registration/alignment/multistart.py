@@ -1,4 +1,4 @@
-"""Coarse alignment: Gauss-Newton on a grid of signed distances, from many starts at once."""
+"""Coarse alignment: fit many candidate poses to the design's grid of signed distances at once."""
 
 from __future__ import annotations
 

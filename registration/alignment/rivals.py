@@ -1,4 +1,4 @@
-"""Find poses by the design's own symmetry; describe an alternative pose and its differing place."""
+"""Find equivalent poses by the design's symmetry; describe where an alternative pose differs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Evenly spread rotations over all orientations."""
+"""Make rotations spread evenly over all orientations, to start the pose search from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Process capability: tolerance width relative to the spread of several prints.
+"""Process capability (Cp, Cpk) of several prints against a tolerance, with 95 % intervals.
 
 Cp = (upper − lower)/6s, Cpk = min(upper − mean, mean − lower)/3s (ISO 22514-2). Both rest on a
 normal process in control, which a handful of prints can't show; their intervals say how little a

@@ -1,4 +1,4 @@
-"""Match defects by place over several prints of a design: common to several, or of one alone."""
+"""Match defects by place over several prints of a design: shared by several, or in one only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write a comparison of several prints as CSV, one row per vessel."""
+"""Convert a comparison of several prints to CSV text, one row per vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Per vessel over several prints: mean diameter error, spread, drift, openness, capability."""
+"""Per vessel over several prints: diameter error, spread, drift, number found open, capability."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dye arrival at stations: time of half the final level, and whether a station filled at all."""
+"""Dye arrival at points along vessels: time of half the final level, and points never filled."""
 
 from __future__ import annotations
 

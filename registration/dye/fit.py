@@ -1,4 +1,4 @@
-"""Predict dye arrivals at the stations; fit flow and start delay, unless given, to the video."""
+"""Predict dye arrival times along vessels; fit unknown flow and start time to the video."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read the user's marks file of a dye video: known design points, and the inlet."""
+"""Read the user's marks file of a dye video: design points with their pixels, and the inlet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Place sampling stations along the vessels in a dye video, with pixels no other vessel covers."""
+"""Place sampling points along the vessels in a dye video, with pixels no other vessel covers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a dye video into dye over time at each station, camera shake and light drift taken out."""
+"""Read a dye video into dye over time at points along vessels, shake and light drift removed."""
 
 from __future__ import annotations
 

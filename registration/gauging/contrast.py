@@ -1,4 +1,4 @@
-"""Test section centres for gel or liquid; mark sections that are neither for sure as not seen.
+"""Judge section centres as gel or liquid; mark sections where neither is certain as not seen.
 
 The mean evidence within 0.7 radii of the axis is held against both gel (1) and liquid. A section
 is called open only where gel is rejected, closed only where liquid is; else it isn't seen.

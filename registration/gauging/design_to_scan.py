@@ -1,4 +1,4 @@
-"""Signed distances from points of the design to the scanned surface.
+"""Signed distances from points of the design to the scanned surface, to notice missing walls.
 
 Scan to design never notices what isn't there at all: a missing vessel has no scanned wall. Design
 to scan does.

@@ -1,4 +1,4 @@
-"""Assign scanned surface points to the vessel station on whose wall they lie, if any."""
+"""Assign scanned surface points to the vessel cross-section on whose wall they lie, if any."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Share of a vessel's designed wall at each station that lies in no other lumen."""
+"""Share of a vessel's designed wall at each cross-section that lies in no other lumen."""
 
 from __future__ import annotations
 

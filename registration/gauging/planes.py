@@ -1,4 +1,4 @@
-"""Section planes across each vessel's axis in the scan's frame, and lengths taken by junctions."""
+"""Section planes across each vessel's axis in the scan's frame; vessel lengths inside junctions."""
 
 from __future__ import annotations
 

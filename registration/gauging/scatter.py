@@ -1,4 +1,4 @@
-"""Measurement noise along a vessel, from differences of neighbouring sections."""
+"""Estimate the measurement noise of values along a vessel, from neighbouring sections."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measure cross-sections of every vessel in an aligned scan, at even stations on its axis."""
+"""Measure cross-sections of every vessel in an aligned scan, evenly spaced along its axis."""
 
 from __future__ import annotations
 

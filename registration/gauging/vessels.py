@@ -1,4 +1,4 @@
-"""Dimensions of each printed vessel: diameter, offset, openness, resistance, seen share."""
+"""Dimensions of each printed vessel: diameter, offset, open or closed, resistance, seen share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Record of the part's frame: pose and errors, with the interval of any place in it."""
+"""Record of the part's frame: pose and errors, with the position uncertainty of any point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Input data of datum and characteristic fits: scanned faces and vessel sections."""
+"""Inputs for fitting datums and ISO 1101 characteristics: scanned faces and vessel sections."""
 
 from __future__ import annotations
 

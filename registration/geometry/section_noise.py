@@ -1,4 +1,4 @@
-"""Noise of vessel sections, from their differences along the vessel."""
+"""Noise of vessel sections' centres and walls, from their differences along the vessel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Take the findings out of a registration's numbers, or its defects if it wasn't judged."""
+"""List a registration's findings; if it wasn't judged, its defects instead."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""List vessel findings: runs of sections out of tolerance, and local changes."""
+"""List a vessel's findings: runs of sections out of tolerance, and local diameter changes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Group adjacent runs of sections and local changes into single findings."""
+"""Group adjacent out-of-tolerance runs and diameter changes of a vessel into single findings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sample brightness across printed lines in a picture; find the ink's height and middle."""
+"""Sample brightness across printed lines in a picture; find the ink's signal height and middle."""
 
 from __future__ import annotations
 

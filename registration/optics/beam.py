@@ -1,4 +1,4 @@
-"""Correct voxel positions of an OCT scan: fan, bow, depth scale, refraction.
+"""Correct OCT voxel positions for beam fan, field curvature (bow), depth scale and refraction.
 
 A beam that scans a field doesn't stay parallel: it fans out from a pivot, and points of equal
 path lie on a bowl, not on a plane (Westphal et al. 2002, Opt. Express 10, 397). With u = (x, y)

@@ -1,4 +1,4 @@
-"""Find the brightest reflection of each A-scan, and its depth."""
+"""Find the brightest reflection in each A-scan of an OCT scan, and its depth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compare a scan with its G-code by layer: coverage of written lines, gaps, misplaced gel, status.
+"""Compare a scan with its G-code by layer: coverage of lines, gaps, misplaced gel, status.
 
 Goes in: a scan, its pose and a G-code job. Comes out: the numbers of each layer. Begin with
 `measure.py`.

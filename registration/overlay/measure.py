@@ -1,4 +1,4 @@
-"""Measure one layer of a scan against its G-code: gel coverage, blocked areas and gaps.
+"""Measure one layer of a scan against its G-code: gel coverage, gaps, and gel inside lumens.
 
 A segmented wall is a blur wide, and a pixel at it may fall on either side. Shares count all seen
 pixels; gaps and blobs count only what lies farther than `Limits.edge_mm` from the border between

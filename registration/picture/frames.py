@@ -1,4 +1,4 @@
-"""Draw the frames of a film of a network: one camera, one colour bar, a caption, a wave."""
+"""Draw a network film's frames: same camera and colours, caption, curve of the driving pulse."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ambient occlusion from a depth buffer: darken creases and hidden places."""
+"""Compute each pixel's openness (ambient occlusion, 0 to 1) from a depth buffer."""
 
 from __future__ import annotations
 

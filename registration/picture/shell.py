@@ -1,4 +1,4 @@
-"""Light let through at each pixel by the layers of a translucent surface over vessel tubes."""
+"""Compute the light that a translucent surface over the vessels lets through at each pixel."""
 
 from __future__ import annotations
 

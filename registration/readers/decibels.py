@@ -1,4 +1,4 @@
-"""Convert a volume of grey values that encode dB to dB, by the window or slope stated of it."""
+"""Convert a volume of grey values that encode dB to dB, by a stated window or slope."""
 
 from __future__ import annotations
 

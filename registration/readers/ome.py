@@ -1,4 +1,4 @@
-"""Read voxel sizes from OME-XML metadata (OME-TIFF)."""
+"""Read voxel sizes and axis order from OME-XML metadata (OME-TIFF)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Split the scanned surface for the report's 3D view: lumens, and the outer faces hiding them."""
+"""Split the scanned surface into lumens and the outer faces that hide them, for the 3D view."""
 
 from __future__ import annotations
 

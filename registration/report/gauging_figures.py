@@ -1,4 +1,4 @@
-"""SVG figures of measured deviation: share within tolerance, diameters along vessels, layers."""
+"""SVG figures of measured deviation: share within tolerance, along vessels, and by layer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pick the report's key figures: RMS deviation, open vessels, worst error, pressure, time."""
+"""Pick the report's key figures: RMS deviation, open vessels, diameter error, pressure drop etc."""
 
 from __future__ import annotations
 

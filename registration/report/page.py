@@ -1,4 +1,4 @@
-"""Write the registration report as one self-contained HTML file."""
+"""Write the report of a run (design, flow, print, scan, registration) as one HTML file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simplify a surface for display on a web page.
+"""Simplify a surface to a limited number of triangles, for display on a web page.
 
 Vertices that share a cell of a cubic grid become one (Rossignac & Borrel 1993, "Multi-resolution
 3D approximations for rendering complex scenes", doi 10.1007/978-3-642-78114-8_29). A vertex moves

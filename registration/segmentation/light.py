@@ -1,4 +1,4 @@
-"""Estimate the light left at each voxel along OCT A-scans, to undo attenuation and shadows.
+"""Estimate the light that reaches each OCT voxel, to undo attenuation and shadows.
 
 Vermeer et al. 2014 (10.1364/BOE.5.000322): what a voxel sends back, I_i, over the light that
 still is on its way there is its attenuation coefficient; and that light is what comes back from

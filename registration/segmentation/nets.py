@@ -1,4 +1,4 @@
-"""Extract a level surface from a volume, by surface nets with a Newton step.
+"""Extract an isosurface mesh from a volume, by surface nets with a Newton step.
 
 One vertex a cell that the surface passes, one quad (two triangles) a grid edge that it crosses
 (after Gibson 1998, 10.1007/BFb0056277). Each vertex starts at the mean of its cell's crossings

@@ -1,4 +1,4 @@
-"""Measure how uneven the gel still is once light and levels have been evened out.
+"""Measure how unevenly bright the gel remains after segmentation's corrections of light.
 
 Inside gel a segmented field is 1 but for speckle. Gel in layers (birefringent collagen under light
 of one polarisation, prints of two inks), shadows and haze leave it brighter here and darker there,

@@ -1,4 +1,4 @@
-"""Volume overlap of designed and printed lumens."""
+"""Compute the volume overlap of designed and printed lumens."""
 
 from __future__ import annotations
 

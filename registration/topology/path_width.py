@@ -1,4 +1,4 @@
-"""Width of a leak path through the gel, from the missing gel signal across it.
+"""Measure a leak path's width, with 95 % interval, from the gel signal missing across it.
 
 The area of a cut is the integral of what evidence lacks there, over what it lacks in liquid; blur
 changes it little (`EDGE`), so that a way as narrow as the resolution is measured too.

@@ -1,4 +1,4 @@
-"""Tell a vessel junction that bulges into its fork from a bridge between the vessels.
+"""Distinguish a junction printed too wide at its fork from a bridge between the vessels.
 
 Two vessels that meet at a node are one lumen there. Liquid between them is a bridge only where it
 goes round gel; where it doesn't, the joint itself reaches farther out than designed, as

@@ -1,4 +1,4 @@
-"""Take report pictures of vessel sections and defects from the raw scan; give defect voxels."""
+"""Take pictures of vessel sections and findings from the scan; add the voxel of each finding."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exact ink outflow of the needle from piecewise constant plunger motion.
+"""Compute the needle's ink outflow exactly, from plunger motion of piecewise constant speed.
 
 Within a piece the plunger goes evenly, so the compliance's equation (`sim.bead.nozzle`) has its
 own solution: V − V_y − τ Q_p falls off as e^(−t/τ) while ink flows; while |V| ≤ V_y nothing flows

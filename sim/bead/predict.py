@@ -1,4 +1,4 @@
-"""Predict the deposited ink from executed motion and needle flow: place, time, line width.
+"""Predict the deposited ink from executed motion and needle flow: position, time, line width.
 
 Modelled
 --------

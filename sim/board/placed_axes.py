@@ -1,4 +1,4 @@
-"""Track the homed axes of a simulated board, and refuse moves of others."""
+"""Track axes of a simulated board with a known position (homed, set); detect moves of others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Violation found by the shaft check: place, depth, ink and G-code line."""
+"""Record of a needle shaft's contact with a filament: place, intrusion in mm, G-code lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Turn the shaft search's raw hits into a result: contacts by G-code line, head and vessel."""
+"""Convert the shaft search's raw hits to contacts by G-code line, head and vessel."""
 
 from __future__ import annotations
 

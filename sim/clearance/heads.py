@@ -1,4 +1,4 @@
-"""Sort a job's moves by head: write, travel or lift; strokes; positions along vessels."""
+"""Classify each head's moves as write, travel or lift; locate written ones along the vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Test ink near the needle for belonging to a joint, exempt from the shaft check (compiled).
+"""Depth (mm) of ink inside a vessel joint, where needle shaft contact is allowed (compiled).
 
 A joint reaches J = sqrt(2) (R + r) + overlap from where the tip is, or from a place where two
 vessels meet (`sim.clearance.joints`): R the bare tip's radius, r the larger filament's, or the

@@ -1,4 +1,4 @@
-"""Result of the shaft check for a whole job: nearest approach of each move, JSON summary."""
+"""Result of the needle shaft check of a job: each move's least distance from ink, JSON summary."""
 
 from __future__ import annotations
 

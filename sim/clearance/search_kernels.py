@@ -1,4 +1,4 @@
-"""Search all ink written before each move for the shaft's nearest approach (compiled)."""
+"""Find each move's least distance of the needle's shaft from ink written before it (compiled)."""
 
 from __future__ import annotations
 

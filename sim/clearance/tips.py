@@ -1,4 +1,4 @@
-"""Pieces of every needle's motion for the shaft check: vessel written or left, vessel gone to."""
+"""Cut every needle's motion into pieces for the shaft check, each with the vessel concerned."""
 
 from __future__ import annotations
 

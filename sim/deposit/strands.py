@@ -1,4 +1,4 @@
-"""Data class of written ink as straight strands: ends, dose, cross-section, stroke."""
+"""Data class of written ink as straight strands: ends, ink volume, cross-section, stroke."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run a G-code program through the simulated planner at a real link's rate; time and starving."""
+"""Run G-code through the simulated planner at a serial link's rate: duration, starved motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collect every temperature that a file sets, by whatever command.
+"""Collect every temperature that a file sets or waits for, by whatever command.
 
 Beside M104, M109 (tool) and M140, M190 (bed) there are ways round them: M303, which heats while it
 tunes; RepRapFirmware's G10 and M568 for a tool, and M141, M191 for a chamber, which warms ink and

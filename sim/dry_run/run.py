@@ -1,4 +1,4 @@
-"""Simulate a G-code file without a printer: duration, path, limit violations.
+"""Simulate a G-code file without a printer: duration, tip path, limits exceeded.
 
 The planner is that of the simulated printer, fed as the link feeds a real one
 (`sim.dry_run.line_times`): wire both ways, the board's time for a line, the host's turnaround,

@@ -1,4 +1,4 @@
-"""Kernels that measure a printed lumen: open width, rays to its wall, leaks between strands.
+"""Kernels that measure a printed lumen: widest open circle, rays to its wall, leaks between lines.
 
 Goes in: printed lines as arrays. Comes out: widths and distances, mm. Begin with
 `width_kernels.py`.

@@ -1,4 +1,4 @@
-"""Distance along a ray to the first printed line (compiled).
+"""Compute the distance from a lumen point along a ray to the first printed line (compiled).
 
 Written layers are slabs; in each, a line is a stadium seen from above, whose flanks are half
 ellipses over the slab's height: round, or straight where they are not deep. A ray's way to the

@@ -1,4 +1,4 @@
-"""Read a program file of any firmware family with the G-code reader."""
+"""Read a program file of any firmware family into a table of moves, and its refused lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parse slicers' comments: line types, layer heights, filament."""
+"""Parse slicers' comments (line types, layer heights, filament); find the declared start (G92)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a G-code file's lines other than plain moves, one by one."""
+"""Read a G-code file's lines other than straight moves, with their line numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draw a random pose and shrinkage of the part, and its field of view, for a simulated scan."""
+"""Place the part at random (tilt, turn, shift) in a simulated scan, shrunk by given factors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Match a sent line to its command in the job's file, by its text.
+"""Match each line that the simulated printer receives to its command in the job's file, by text.
 
 A host puts in lines of its own (a checkpoint's question, a pause's lift), which have numbers too,
 so that a line's number alone doesn't tell the file's command. The text does: a host sends the

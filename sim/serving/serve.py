@@ -1,4 +1,4 @@
-"""Serve the simulated printer on a port as a separate process.
+"""Serve the simulated printer on a port: pass bytes both ways, pace its clock, save its motion.
 
 The loop: what the host sends goes to the firmware (`sim.board`), what that says goes back. At
 speed 0 the firmware's virtual clock runs as fast as its own waits let it; at speed K it is held

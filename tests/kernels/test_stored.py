@@ -256,3 +256,12 @@ print(type(made(2.0)) is Point)
 def test_a_script_is_compiled_each_time(tmp_path: Path) -> None:
     for _ in range(2):
         assert _python(tmp_path, SCRIPT) == "True"
+
+
+def test_a_global_changed_between_two_signatures_is_not_kept(tmp_path: Path) -> None:
+    (tmp_path / "scaled.py").write_text(
+        "from kernels import jit\nX = 1\n@jit\ndef k(x):\n    return x * X\n"
+    )
+    change = "import scaled; scaled.k(1.0); scaled.X = 5; print(scaled.k(1))"
+    assert _python(tmp_path, change) == "5"
+    assert _python(tmp_path, "import scaled; print(scaled.k(1), scaled.k(1.0))") == "1 1.0"

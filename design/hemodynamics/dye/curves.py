@@ -1,4 +1,4 @@
-"""Compute dye concentration over time at stations in vessels after a step at the inlets.
+"""Compute dye concentration over time at points in vessels after a dye step at the inlets.
 
 No diffusion (Taylor 1953, doi 10.1098/rspa.1953.0139), flows that mix wholly at nodes. With T the
 mean transit to a place in a tube, volume over flow, a step at its entrance gives there the area

@@ -1,4 +1,4 @@
-"""Cut vessels into finite-volume cells with rest areas and wall stiffness, for 1D flow."""
+"""Divide vessels into finite-volume cells with rest areas and wall stiffness, for 1D flow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Choose the 1D solver's number of time steps per cycle from the fastest wave."""
+"""Choose the 1D solver's time steps per cycle by wave speed, friction and Windkessel time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Accelerate 1D flow to its periodic state: a better start of the next cycle, by Anderson.
+"""Reach 1D flow's periodic state in fewer cycles, by Anderson acceleration of cycle starts.
 
 A cycle is a map x → G(x) of the state at its begin to that at its end, and the periodic state its
 fixed point. Left to itself the error falls by exp(-period/RC) a cycle. Anderson's acceleration

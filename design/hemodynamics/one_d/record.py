@@ -1,4 +1,4 @@
-"""Record one cycle of 1D flow: waves at chosen stations, and extremes everywhere."""
+"""Record one cycle of 1D flow: waves at chosen points, and extremes everywhere."""
 
 from __future__ import annotations
 

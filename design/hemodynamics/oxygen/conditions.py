@@ -1,4 +1,4 @@
-"""Physical constants of an oxygen problem (solubility, diffusion, uptake), with sources.
+"""Conditions of an oxygen problem: inlet and bath, cells, uptake, diffusion; with sources.
 
 Concentrations are in mM, which is nmol/µL; so flow times concentration is nmol/s, and nothing is
 converted on the way.

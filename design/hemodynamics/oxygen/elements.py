@@ -1,4 +1,4 @@
-"""Cut vessels into short elements coupled to tissue grid cells; lumen share of each cell."""
+"""Cut vessels into short elements coupled to tissue grid cells; find each cell's lumen fraction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Place points along vessel centrelines at a spacing proportional to the radius."""
+"""Place points along vessel centrelines, a multiple of the local radius apart, for meshing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sort bounding boxes into grid cells, to look up those near a point."""
+"""Sort bounding boxes into cells of a grid, for quick look-up of boxes near a point."""
 
 from __future__ import annotations
 

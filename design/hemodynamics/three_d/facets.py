@@ -1,4 +1,4 @@
-"""Smooth wall through a triangulated lumen surface, for remeshing and curved elements."""
+"""Smooth wall shape from a triangulated lumen surface, for remeshing and curved elements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compute each vessel's pressure drop at a given flow, for any fluid and with losses.
+"""Compute each vessel's pressure drop and its derivative at a given flow, for any fluid.
 
 Along a piece of length ℓ whose radius goes linearly from a to b, with t = r⁻³ the measure ds/r⁴
 is uniform in t, and so is Γ = 4Q t/π:

@@ -1,4 +1,4 @@
-"""Integrate powers of the radius along each vessel, exactly for linear tapers.
+"""Integrate powers of the radius along each vessel (for resistance, volume and the like).
 
 Along a piece of length ℓ whose radius goes from a to b they are ℓ (a² + a b + b²)/3 for r²,
 ℓ (a + b) (a² + b²)/4 for r³, ℓ/(a b) for r⁻² and ℓ (a² + a b + b²)/(3 a³ b³) for r⁻⁴.

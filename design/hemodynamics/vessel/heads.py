@@ -1,4 +1,4 @@
-"""Cut vessels off at flow probes, and return the parts upstream of them."""
+"""Cut each probed vessel off at its flow probe; return its upstream part."""
 
 from __future__ import annotations
 

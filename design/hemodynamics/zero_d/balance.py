@@ -1,4 +1,4 @@
-"""Adjust radii of vessels connecting two trees so that each carries its share of the flow."""
+"""Adjust radii of vessels that connect two trees so that each carries its wanted flow share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Apply boundary conditions to a network's nodes: known and unknown pressures, flows in."""
+"""Convert inlet and outlet conditions to known and unknown pressures and flows at nodes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Make the plain tubes between junctions, and swap some for tubes with other ends."""
+"""Mesh the tubes between junctions; give some tubes of a finished surface other free ends."""
 
 from __future__ import annotations
 

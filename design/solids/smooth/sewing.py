@@ -1,4 +1,4 @@
-"""Closed surface under assembly: pieces, the rings they share, and each tube's faces."""
+"""Lumen surface under assembly: faces so far, rings that pieces share, faces of each tube."""
 
 from __future__ import annotations
 

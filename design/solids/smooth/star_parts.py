@@ -1,4 +1,4 @@
-"""Add ray directions to a junction's triangulation at triangles off the wall (compiled)."""
+"""Refine a junction's triangulation by ray directions where triangles leave its wall (compiled)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trace rays from a junction's centre: vessel left last, wall clear of fillets (compiled)."""
+"""Trace rays from a junction's centre: vessel left last, start of fillet-free wall (compiled)."""
 
 from __future__ import annotations
 

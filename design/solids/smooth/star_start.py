@@ -1,4 +1,4 @@
-"""Start a junction's triangulation: directions of tube rings, axes and wall seams (compiled)."""
+"""Start a junction's triangulation by rays to tube rings, along axes and to seams (compiled)."""
 
 from __future__ import annotations
 

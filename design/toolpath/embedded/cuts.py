@@ -1,4 +1,4 @@
-"""Choose the part of a vessel to write next if all unwritten stretches block each other."""
+"""Choose a part of a vessel to write next if no unwritten vessel may be written whole."""
 
 from __future__ import annotations
 

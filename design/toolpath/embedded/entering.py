@@ -1,4 +1,4 @@
-"""Compute the depth of the needle's shaft in one vessel's ink while it writes another."""
+"""Compute how far the needle's shaft enters one vessel's ink while it writes another."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Test if ink counts as part of a vessel joint, and so is spared by the needle shaft check."""
+"""Compute how far inside a vessel joint ink lies, mm; there the needle shaft check spares it."""
 
 from __future__ import annotations
 

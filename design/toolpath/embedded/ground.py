@@ -1,4 +1,4 @@
-"""Map the height of written ink, to find the highest ink under a travel move."""
+"""Keep the height of written ink over x and y, to find the highest ink under a travel move."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exempt strands of one wide vessel from shaft rules among themselves; report by vessel.
+"""Exempt strands of one wide vessel from each other's shaft rules; report them as one vessel.
 
 Of vessels written as one filament each all this changes nothing.
 """

@@ -1,4 +1,4 @@
-"""List the places of vessels that count as a joint with another: nodes, touching filaments."""
+"""Find where vessels join others (nodes, touching filaments), exempt from needle shaft rules."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Merge writing strokes into fewer and longer ones, as far as precedence rules allow.
+"""Merge writing strokes into fewer and longer ones, in an order that keeps the shaft out of ink.
 
 Two passes may become one when no chain of rules leads from the first through others to the second:
 what such a chain doesn't hold is written before both, or after.

@@ -1,4 +1,4 @@
-"""Needle geometry: free radius at each height above the tip, distance from the shaft."""
+"""Needle geometry: radius to be kept free at each height above the tip; distance from the shaft."""
 
 from __future__ import annotations
 

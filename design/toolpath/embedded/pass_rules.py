@@ -1,4 +1,4 @@
-"""Derive precedence rules of whole writing strokes from the rules of their vessel elements."""
+"""Derive order rules of whole writing strokes from those of the vessel elements they write."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sort vessel elements into squares of the xy plane, to look up those near a place."""
+"""Sort vessel elements into squares of the xy plane, for quick look-up of those near a point."""
 
 from __future__ import annotations
 

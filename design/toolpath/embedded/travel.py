@@ -1,4 +1,4 @@
-"""Reorder and reverse writing strokes for shorter travels, with precedence rules kept.
+"""Reorder and reverse writing strokes for shorter travels, with the shaft kept out of ink.
 
 Or-opt (Or 1976) with precedence: runs of up to `RUN` passes go where they make the way shortest, as
 long as every rule between two passes is kept.

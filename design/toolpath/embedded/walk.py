@@ -1,4 +1,4 @@
-"""Mark vessel elements as written in a row until a precedence rule, or written ink, stops it."""
+"""Mark a row of vessel elements as written, up to one that must wait or is already written."""
 
 from __future__ import annotations
 

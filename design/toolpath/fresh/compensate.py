@@ -1,4 +1,4 @@
-"""Shrinkage and lumen error of an earlier FRESH print; enlarge a solid against shrinkage.
+"""Shrinkage and lumen wall offset of an earlier FRESH print; enlarge a solid against shrinkage.
 
 Registration measures both on a print: how much each axis shrank, and by how much every lumen's
 wall stands inside the designed one.

@@ -1,4 +1,4 @@
-"""Find the largest disc that fits inside the contours at each point of a contour.
+"""Find the radius of the largest disc inside a layer's contours at each contour point.
 
 The disc of radius r that touches the contour at p, its centre p + r n on the inward normal n,
 touches a point q of another edge when |q - p|² = 2 r n·(q - p); r is least over all q (the

@@ -1,4 +1,4 @@
-"""Compute the layer heights of a part: uniform, or thinner at slanted walls.
+"""Compute the z boundaries of a part's layers: equally thick, or thinner at slanted walls.
 
 A slanted wall becomes a stair. Measured across the wall a stair of layers h high is h |n_z| deep,
 n_z the vertical part of the wall's unit normal (Dolenc and Mäkelä 1994, "Slicing procedures for

@@ -1,4 +1,4 @@
-"""Cut level sections of a solid at mid-layer, with lumens kept at full width.
+"""Cut horizontal sections of a solid at mid-layer heights, with lumens kept at full width.
 
 A line's round side touches a slanted wall above or below its crest, so the section at mid-layer
 alone lets it stand into the lumen, by r (1 - cos φ) for a side of radius r and a wall φ off the

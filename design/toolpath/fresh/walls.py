@@ -1,4 +1,4 @@
-"""Lay wall lines of fixed width along every contour of a layer, inside the material."""
+"""Lay walls along a layer's contours, and lines in gaps; return what is left for infill."""
 
 from __future__ import annotations
 

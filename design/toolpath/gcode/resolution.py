@@ -1,4 +1,4 @@
-"""Derive planning limits from a printer: shortest move, lumen clearance, infill joints."""
+"""Derive limits from a printer: shortest move, ink's distance from lumens, longest infill joint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Convert commands to a table of integer G-code words, only those that change."""
+"""Convert commands to a table of G-code words as integers; unchanged words are left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compute the allowed radius of every segment of a grown tree; count segments too wide."""
+"""Compute how wide each segment of a grown tree may be without collision; count those too wide."""
 
 from __future__ import annotations
 

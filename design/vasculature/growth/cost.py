@@ -1,4 +1,4 @@
-r"""Compute a vessel tree's cost from sums per segment that are cheap to update as it grows.
+r"""Compute a tree's cost Σ ℓᵘ r^λ (length, radius) from sums per segment, updated as it grows.
 
 A segment that feeds terminals of the relative flows q_t has the flow n = Σ q_t, in units of the
 mean terminal's; with equal terminal flows n is their number. Of the quantities of Karch et al.

@@ -1,4 +1,4 @@
-"""Find surface points with the deepest tissue below, as roots of wide trees."""
+"""Find surface points with the deepest tissue below, as roots of trees with wide vessels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check that vessels sharing a node diverge, so that collision tests may skip them."""
+"""Check that vessels sharing a node diverge; limit the radii of those that don't."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trees for all parts of a tissue, and how well each part is supplied."""
+"""Grow vessel trees in all unconnected parts of a tissue; report the supply of each part."""
 
 from __future__ import annotations
 

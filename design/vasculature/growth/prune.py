@@ -1,4 +1,4 @@
-"""Prune terminals from a tree until all segments fit their allowed radii."""
+"""Remove terminals from a tree until no segment is wider than its surroundings allow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Move the tips of terminals whose vessels are too thin or in the way of others."""
+"""Move end points of terminals whose vessels are too thin, or block others, to a better place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Keep target points that lie inside the tissue, sorted; renumber segments by branch."""
+"""Keep target points inside the tissue, in Z-order; renumber segments depth first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Share terminals by demand among the parts of a tissue or the regions of a tree."""
+"""Divide a number of terminals by demand among parts of a tissue or regions of a tree."""
 
 from __future__ import annotations
 

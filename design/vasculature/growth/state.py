@@ -1,4 +1,4 @@
-"""Segment records of a growing tree: update flows and cost upwards, radii downwards."""
+"""Segment records of a growing tree: sum flow and cost towards the root, radii from the root."""
 
 from __future__ import annotations
 

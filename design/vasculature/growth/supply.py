@@ -1,4 +1,4 @@
-"""Check that each part of a tissue is supplied, and by how much."""
+"""Compare the terminals' flow in each part of a tissue with its demand; list places not reached."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Vessels of other trees that a growing tree keeps clear of, and its share of the tissue."""
+"""Obstacles to a growing tree (vessels of other trees), and its own territory in the tissue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Grow one tree to its goal: add terminals, check allowed radii, repair; in a loop."""
+"""Grow one tree to its number of terminals: add, check radii for collisions, repair; repeat."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find large places of a tissue that no terminal is near."""
+"""Find large connected volumes of a tissue that are far from every terminal."""
 
 from __future__ import annotations
 

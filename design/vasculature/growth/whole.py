@@ -1,4 +1,4 @@
-"""Grow trees that together reach all of one connected tissue."""
+"""Grow a vessel tree from each inlet of a connected tissue; add inlets for places not reached."""
 
 from __future__ import annotations
 

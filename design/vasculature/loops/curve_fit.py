@@ -1,4 +1,4 @@
-"""Check a connecting curve against obstacles, and compute its radius and cost (compiled)."""
+"""Check a curve between two terminals against obstacles; compute its radius and cost (compiled)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Choose the cheapest Bézier curve between two terminals that clears all else (compiled)."""
+"""Choose the cheapest Bézier curve between two terminals, clear of all other vessels (compiled)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Terminals of trees for connecting vessels: place, allowed directions, shortening."""
+"""Terminals that connecting vessels may start from: end point, directions, shortening so far."""
 
 from __future__ import annotations
 

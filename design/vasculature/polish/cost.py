@@ -1,4 +1,4 @@
-r"""Compute a finished tree's exact cost and its gradient by branch point positions.
+r"""Compute a finished tree's exact cost Σ ℓᵘ r^λ and its gradient by branch point positions.
 
 With a mean terminal flow q and a fixed pressure drop Δp the cost Σ ℓᵘ r^λ of a whole tree is
 (q/Δp)^(λ/4) K_root (`growth.cost`), the volume for u = 1, λ = 2 times π. It depends on

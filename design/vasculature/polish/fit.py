@@ -1,4 +1,4 @@
-"""Check that a moved branch point fits: in the tissue, between neighbours, at its joints."""
+"""Check that a moved branch point fits (tissue, vessels, joints); measure the room at joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run the polishing of one tree, beside others, on its arrays: relax, graft, repair."""
+"""Optimise one tree among others in compiled steps: move branch points, graft, repair."""
 
 from __future__ import annotations
 

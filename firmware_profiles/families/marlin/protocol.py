@@ -1,4 +1,4 @@
-"""Marlin's serial protocol (1.1 to 2.1): numbered lines, resends, recovery of the last line taken.
+"""Marlin's serial protocol (1.1 to 2.1): numbered lines, resends, finding the last line taken.
 
 Every line, manual commands too, is ``N<number> <command>*<xor>``. The printer takes line N only
 after line N-1, so lines can be neither doubled nor swapped by sending one again; what remains is

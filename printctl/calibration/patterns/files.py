@@ -1,4 +1,4 @@
-"""Read and write a calibration pattern's JSON file: strokes, printer, syringe, ink and needle."""
+"""JSON text of a calibration pattern (strokes, profiles, flow factor), and reading its file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write the CSV sheet for a calibration pattern's measurements, blank or filled in."""
+"""Make the CSV text of a calibration pattern's measuring sheet, blank or filled in."""
 
 from __future__ import annotations
 

@@ -5,6 +5,6 @@ Goes in: a case folder. Comes out: its result, or a script for a cluster. Begin 
 
 from printctl.flow.ranks.engine import Engine, find_engine
 from printctl.flow.ranks.run import run_on_ranks
-from printctl.flow.ranks.slurm import SlurmJob, write_slurm
+from printctl.flow.ranks.slurm import SlurmJob, slurm_job, write_slurm
 
-__all__ = ["Engine", "SlurmJob", "find_engine", "run_on_ranks", "write_slurm"]
+__all__ = ["Engine", "SlurmJob", "find_engine", "run_on_ranks", "slurm_job", "write_slurm"]

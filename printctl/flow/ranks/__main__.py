@@ -8,7 +8,7 @@ from pathlib import Path
 
 from design.errors import DesignError
 from printctl.errors import PrintctlError
-from printctl.flow.ranks import SlurmJob, run_on_ranks, write_slurm
+from printctl.flow.ranks import run_on_ranks, slurm_job, write_slurm
 
 
 def main() -> int:
@@ -18,16 +18,14 @@ def main() -> int:
     parser.add_argument("--ranks", type=int, default=1)
     parser.add_argument("--python", type=Path, help="an interpreter with dolfinx")
     parser.add_argument("--slurm", type=Path, help="write this batch script instead")
-    parser.add_argument("--nodes", type=int, default=1)
-    parser.add_argument("--ntasks", type=int, default=16)
-    parser.add_argument("--time", default="02:00:00")
-    parser.add_argument("--mem", default="0")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="of the script; again"
+    )
     asked = parser.parse_args()
     try:
         if asked.slurm is not None:
-            python = str(asked.python or "python3")
-            job = SlurmJob(asked.nodes, asked.ntasks, asked.time, asked.mem, python)
-            write_slurm(asked.slurm, asked.case, job)
+            python = [f"python={asked.python}"] if asked.python else []
+            write_slurm(asked.slurm, asked.case, slurm_job(python + asked.set))
             return 0
         found = run_on_ranks(asked.case, asked.ranks, asked.python, _tell)
     except (PrintctlError, DesignError) as exc:

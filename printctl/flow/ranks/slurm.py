@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from design.files import write_text
 from printctl.errors import UsageError
@@ -14,6 +15,7 @@ from printctl.errors import UsageError
 _TIME: Final = re.compile(r"(\d+-)?\d{1,2}(:\d{2}){1,2}|\d+")
 _MEMORY: Final = re.compile(r"\d+[KMGT]?")
 _NAME: Final = re.compile(r"[\w.-]+")
+_SETTINGS: Final = "nodes, ntasks, time, mem, partition, account, python, setup"
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,35 @@ class SlurmJob:
             if value is not None and not shape.fullmatch(value):
                 raise UsageError(f"--{name} {value!r} isn't as Slurm writes it, such as "
                                  "02:00:00 or 1-12:00:00, 64G, a name")  # fmt: skip
+
+
+def slurm_job(settings: Sequence[str]) -> SlurmJob:
+    """A job from ``NAME=VALUE`` settings, as they are typed; ``setup`` may be given again.
+
+    Raises
+    ------
+    UsageError
+        For a name that `SlurmJob` doesn't have, and as `SlurmJob`.
+    """
+    given: dict[str, Any] = {}
+    for setting in settings:
+        name, equals, value = setting.partition("=")
+        field = {"mem": "memory"}.get(name, name)
+        if not equals or field not in SlurmJob.__dataclass_fields__:
+            raise UsageError(f"--slurm-set {setting}: give NAME=VALUE, a name of {_SETTINGS}")
+        if field == "setup":
+            given["setup"] = (*given.get("setup", ()), value)
+        elif field in ("nodes", "ntasks"):
+            given[field] = _count(name, value)
+        else:
+            given[field] = value
+    return SlurmJob(**given)
+
+
+def _count(name: str, value: str) -> int:
+    if not (value.isascii() and value.isdigit()):
+        raise UsageError(f"--slurm-set {name}={value}: give a whole number from 1")
+    return int(value)
 
 
 def write_slurm(path: Path, case_folder: Path, job: SlurmJob) -> None:

@@ -1,4 +1,4 @@
-"""Join the toolpaths of all wells into one plate job; write its G-code and line map."""
+"""Join all wells' toolpaths into one plate job; write its G-code, and the map of lines to wells."""
 
 from __future__ import annotations
 

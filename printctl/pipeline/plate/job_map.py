@@ -1,4 +1,4 @@
-"""Arrays for a plate job's line map: the well of each G-code line, and all wells' vessels."""
+"""Arrays for a plate job's map file: the well of each G-code line, and all wells' vessels."""
 
 from __future__ import annotations
 

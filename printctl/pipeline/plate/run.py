@@ -1,4 +1,4 @@
-"""Run a recipe over a well plate: each well by itself, one combined job, scanned wells."""
+"""Run a recipe over a well plate: design variants, print one joined job, register scanned wells."""
 
 from __future__ import annotations
 

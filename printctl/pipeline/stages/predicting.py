@@ -1,4 +1,4 @@
-"""Predict the ink that the simulated job leaves in the bath; write it to a run folder."""
+"""Predict a run's ink deposit from its dry run; write tables, a playback page and time plots."""
 
 from __future__ import annotations
 

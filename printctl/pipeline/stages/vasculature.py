@@ -1,4 +1,4 @@
-"""Stage 2: load a shipped or given vessel network, or grow one, and write it."""
+"""Stage 2: load a shipped or given vessel network, grow one or build a lattice; write it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from design.anatomy.network import curved_network
 from design.hemodynamics import scaled_network
 from design.lattices import build_lattice
-from design.network import VesselNetwork
+from design.network import VesselKind, VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from design.network_files.npz import write_network_npz
 from design.vasculature import (
@@ -24,6 +24,7 @@ from design.vasculature import (
     planar_four_vessel,
 )
 from printctl.pipeline.context import RunContext
+from printctl.pipeline.curving import curved
 from printctl.pipeline.growing import (
     anatomic_trees,
     closed_loop,
@@ -104,8 +105,12 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
             return curved_network(found.trees, found.kinds), {"notes": list(found.notes)}
         case GrownNetwork():
             grown = grown_parts(context, part)
-            told = {"notes": list(grown.notes), **supply_report(grown.supply)}
-            return parts_to_network(grown), told
+            if part.curves:
+                grown = curved(context.tissue, grown, part)
+                network = curved_network(grown.trees, [VesselKind.ARTERY] * len(grown.trees))
+            else:
+                network = parts_to_network(grown)
+            return network, {"notes": list(grown.notes), **supply_report(grown.supply)}
         case ClosedLoop():
             closed, notes = closed_loop(context.tissue, part, context.recipe.seed)
             told = {"notes": list(notes)} if notes else {}

@@ -1,4 +1,4 @@
-"""Read, set, remove and list recipe values by path; find the form field of a path.
+"""Read, set, remove and list a recipe's values by key path; find the form field of a key path.
 
 A place is a path of keys and indices, as the user's file has them.
 """

@@ -1,4 +1,4 @@
-"""REST routes of the Design page: recipes and runs."""
+"""Collect the REST routers of the Design page: recipes and runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Detail view of a past print on the History page: facts, timeline, notes, photos, verdict."""
+"""Build a past print's page: facts, scan verdict, timeline, notes, photos, repeat, bundle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steps after a print: checklist, slow warming of the bath, pressure limit for flushing."""
+"""Checklists before and after a print; slow bath warming; pressure limit for flushing."""
 
 from __future__ import annotations
 

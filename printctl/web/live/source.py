@@ -1,4 +1,4 @@
-"""Input for a live-view scene, with its cache key: G-code file, profiles, outlines on the bed."""
+"""Inputs of a live-view scene and its cache key: G-code file, profiles, rims of dish and wells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mounted-parts card of the Printer page: declare needle, syringe, ink and dish."""
+"""Mounted-parts card of the Printer page: declare needle, syringe, ink, dish and bath."""
 
 from __future__ import annotations
 

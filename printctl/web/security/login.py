@@ -1,4 +1,4 @@
-"""Log-in page and log-out route."""
+"""Log-in page, and the routes that check the password and log out."""
 
 from __future__ import annotations
 

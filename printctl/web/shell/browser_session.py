@@ -1,4 +1,4 @@
-"""Browser session that a page is built for."""
+"""Find which browser session (user) the current page is being built for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write a gauge study's results as sentences, notes, JSON and CSV."""
+"""Convert a gauge study's results to sentences, notes, JSON and CSV text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pack the design outlines of all layers as compressed text for the G-code page."""
+"""Pack all layers' outlines, and ink's overhang beyond them, as text for the G-code page."""
 
 from __future__ import annotations
 

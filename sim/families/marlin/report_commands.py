@@ -1,4 +1,4 @@
-"""Marlin's reporting commands (M105, M114, M115, M119) and report intervals."""
+"""Marlin's reporting commands and report intervals: M31, M105, M110 to M119, M154, M155."""
 
 from __future__ import annotations
 

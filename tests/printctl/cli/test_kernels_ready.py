@@ -33,8 +33,8 @@ def test_many_are_compiled_and_told_once(monkeypatch, capsys, tmp_path) -> None:
     told = ProgressFile(tmp_path / "progress.jsonl")
     have_kernels("simulate", listener=told)
     said = capsys.readouterr().err
-    assert "2 to compile, once for this version" in said
-    assert f"2 compiled, kept in {tmp_path}" in said.replace("\n", "")
+    assert "up to 2 to compile, once for this version" in said
+    assert f"2 ready, kept in {tmp_path}" in said.replace("\n", "")
     (stage,) = read_progress("one", told.path).stages
     assert (stage.name, stage.state, stage.fraction) == ("kernels", "done", 1.0)
     have_kernels("simulate")
@@ -43,5 +43,5 @@ def test_many_are_compiled_and_told_once(monkeypatch, capsys, tmp_path) -> None:
 
 def test_doctor_compiles_the_list(tmp_path) -> None:
     done = CliRunner().invoke(app, ["doctor", "--warm"])
-    assert "2 compiled" in done.output
+    assert "2 ready" in done.output
     assert len(list(tmp_path.rglob("*.nbc"))) >= 2

@@ -19,7 +19,7 @@ from design.hemodynamics.three_d.ranks import (
     write_case,
 )
 from printctl.errors import PrintctlError, UsageError
-from printctl.flow.ranks import Engine, SlurmJob, find_engine, run_on_ranks, write_slurm
+from printctl.flow.ranks import Engine, SlurmJob, find_engine, run_on_ranks, slurm_job, write_slurm
 from printctl.flow.ranks.__main__ import main
 from printctl.flow.ranks.engine import rank_command
 
@@ -152,7 +152,9 @@ def test_the_door_writes_a_batch_script_and_ends_in_one_message(
     case, tmp_path, monkeypatch, capsys
 ):
     written = tmp_path / "job.sh"
-    monkeypatch.setattr(sys, "argv", ["ranks", str(case), "--slurm", str(written), "--ntasks", "4"])
+    monkeypatch.setattr(
+        sys, "argv", ["ranks", str(case), "--slurm", str(written), "--set", "ntasks=4"]
+    )
     assert main() == 0
     assert "#SBATCH --ntasks=4" in written.read_text().splitlines()
     monkeypatch.setattr(sys, "argv", ["ranks", str(case), "--ranks", "0"])
@@ -172,6 +174,16 @@ def test_the_door_writes_a_batch_script_and_ends_in_one_message(
 def test_what_slurm_wouldnt_read_is_refused(change, message):
     with pytest.raises(UsageError, match=message):
         SlurmJob(**change)
+
+
+def test_settings_of_a_job_are_read_as_typed():
+    typed = ["ntasks=64", "mem=0", "partition=long", "setup=module load a=b", "setup=ulimit -s"]
+    job = slurm_job(typed)
+    assert (job.ntasks, job.memory, job.partition) == (64, "0", "long")
+    assert job.setup == ("module load a=b", "ulimit -s")
+    for wrong in ("ntask=4", "ntasks=four", "ntasks=-1", "mem", "time=soon"):
+        with pytest.raises(UsageError):
+            slurm_job([wrong])
 
 
 def solved(folder: Path, engine: Engine, ranks: int, *ports, mesh=MESH, **options) -> RankResult:

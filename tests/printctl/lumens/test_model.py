@@ -46,12 +46,27 @@ def print_of_pipe() -> WrittenLines:
 
 def test_a_hole_through_all_layers_is_one_lumen() -> None:
     lines = print_of_pipe()
-    stations, trees = model_lumens(pipe(), lines, PLACE)
+    stations, trees, unfollowed = model_lumens(pipe(), lines, PLACE)
     assert stations.count == 1
     assert len(stations) == LAYERS
     assert stations.designed_mm == pytest.approx(0.6 * np.cos(np.pi / SIDES), abs=1e-3)
     assert measure(lines, stations).diameter == pytest.approx(0.6, abs=2e-3)
     assert find_leaks(lines, trees, 0.05) == ()
+    assert unfollowed == 0
+
+
+def test_a_level_way_through_the_part_is_told_as_not_checked() -> None:
+    tunnel = Manifold.cylinder(4 * OUTER, LAYER_MM, circular_segments=SIDES).rotate((0, 90, 0))
+    body = Manifold.extrude(disc(OUTER) - disc(0.3), LAYERS * LAYER_MM)
+    beside = Manifold.cube((1.0, 1.0, LAYERS * LAYER_MM)).translate((OUTER - 0.1, -0.5, 0))
+    drilled = beside - tunnel.rotate((0, 0, 90)).translate((OUTER + 0.5, -2 * OUTER, 0.3))
+    lines = print_of_pipe()
+    check = check_model(
+        lines, solid(body + drilled), PLACE, rounded_to_steps(lines, (80.0, 80.0)), 0.05
+    )
+    assert check.unfollowed == 1
+    assert check.refusal is not None
+    assert "ways through the part that lie level, 1," in check.refusal
 
 
 def test_a_slit_in_a_tubes_wall_leaks() -> None:
@@ -70,7 +85,8 @@ def test_where_a_lumen_forks_others_begin() -> None:
     small = [disc(0.15).translate((x, 0)) for x in (-0.2, 0.2)]
     low = Manifold.extrude(disc(OUTER) - small[0] - small[1], 5 * LAYER_MM)
     high = Manifold.extrude(disc(OUTER) - disc(0.4), 5 * LAYER_MM).translate((0, 0, 5 * LAYER_MM))
-    stations, trees = model_lumens(solid(low + high), print_of_pipe(), PLACE)
+    stations, trees, unfollowed = model_lumens(solid(low + high), print_of_pipe(), PLACE)
+    assert unfollowed == 0
     assert stations.count == 3
     assert np.diff(stations.first).tolist() == [5, 5, 5]
     assert len(trees.names) == 1

@@ -1,4 +1,4 @@
-"""Write the case folder of the MPI flow solver: mesh, port conditions, fluid, options."""
+"""Write the MPI flow solver's case folder: mesh, conditions, options, and the solver's code."""
 
 from __future__ import annotations
 

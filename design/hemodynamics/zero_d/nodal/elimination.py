@@ -1,4 +1,4 @@
-"""Fold dead-end branches of a graph away leaf by leaf; recover their pressures and flows.
+"""Eliminate a graph's dead-end branches leaf by leaf; recover their pressures and flows.
 
 A node i of pressure p_i with one vessel left, of conductance g to node j, and with all else on it
 summed up as a conductance G to ground and a source s (Norton's equivalent), obeys

@@ -1,4 +1,4 @@
-"""Kernels that apply a star-mesh elimination to conductances, sources and pressures."""
+"""Kernels that eliminate a graph's nodes by star-mesh steps, and recover their pressures."""
 
 from __future__ import annotations
 

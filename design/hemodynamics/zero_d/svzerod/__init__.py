@@ -1,4 +1,4 @@
-"""svZeroDSolver's files: read and run its input here; write its input and its output columns.
+"""Read, run and write svZeroDSolver's input files; write results in that program's columns.
 
 Goes in: a network, or an svZeroDSolver file. Comes out: such a file, or its results. Begin with
 `read.py`. Names are loaded when first asked for: reading a file needs no network.

@@ -1,4 +1,4 @@
-"""Activation of a heart chamber over its cycle, from 0 (rest) to 1 (fully contracted).
+"""Muscle activation of a heart chamber over its cycle, from 0 (rest) to 1 (fully contracted).
 
 As in svZeroDSolver's documentation: half a cosine; two half cosines (Regazzoni et al. 2022, doi
 10.1016/j.jcp.2022.111083); two Hill functions (doi 10.1007/s10439-022-03047-3); a cosine that goes

@@ -1,4 +1,4 @@
-"""Blocks of svZeroDSolver's input, collected by name with their checked numbers."""
+"""Collect the blocks of svZeroDSolver's input by name, with their checked numbers."""
 
 from __future__ import annotations
 

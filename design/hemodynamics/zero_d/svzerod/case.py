@@ -1,4 +1,4 @@
-"""Contents of an svZeroDSolver input file, checked and wired."""
+"""Data classes of an svZeroDSolver input file's content: connected blocks and solver options."""
 
 from __future__ import annotations
 

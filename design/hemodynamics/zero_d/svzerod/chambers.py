@@ -1,4 +1,4 @@
-"""Heart chambers and valves of svZeroDSolver's input: their equations.
+"""Equations of svZeroDSolver's heart chambers and valves.
 
 Variables are pressure and flow at the inlet, at the outlet, then the element's own (`elements`).
 As in svZeroDSolver's documentation:

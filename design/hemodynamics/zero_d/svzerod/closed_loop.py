@@ -1,4 +1,4 @@
-"""Closed loops of svZeroDSolver's input: heart and lungs, Windkessels and coronaries.
+"""Equations of svZeroDSolver's closed loops: heart and lungs, Windkessels and coronaries.
 
 After Sankaran et al. 2012 (doi 10.1007/s10439-012-0579-3) and Menon et al. 2023, as svZeroDSolver
 solves it: atria as in `chambers.atrium`, ventricles P = E(t) (V - V_u), each chamber's outflow

@@ -1,4 +1,4 @@
-"""Elements of svZeroDSolver's input: their parameters, variables and equations.
+"""Kinds of svZeroDSolver's blocks: parameters, variables and equations of each.
 
 An element's variables are pressure and flow of each connection, inlets first, then its own. Its
 equations are rows of E ẏ + F y + c = 0. As in the project's documentation:

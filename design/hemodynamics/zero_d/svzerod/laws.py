@@ -1,4 +1,4 @@
-"""Laws of blocks that are nonlinear or change with time, by the blocks' own variables."""
+"""Nonlinear or time-dependent equation terms of svZeroDSolver blocks, by the blocks' own state."""
 
 from __future__ import annotations
 

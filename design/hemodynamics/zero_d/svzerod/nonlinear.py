@@ -1,4 +1,4 @@
-"""Terms of the lumped equations whose coefficients depend on flow or time."""
+"""Terms of svZeroDSolver's equations that depend on flow or time: stenoses, coronaries."""
 
 from __future__ import annotations
 

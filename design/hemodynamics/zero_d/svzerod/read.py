@@ -1,4 +1,4 @@
-"""Read svZeroDSolver's JSON input as a circuit for the pulsatile 0D solver.
+"""Read svZeroDSolver's JSON input as a case: connected blocks, tables and solver options.
 
 Format: the project's documentation and test cases (github.com/SimVascular/svZeroDSolver). Every
 key is either followed or refused by name and place. Chambers, valves and closed loops stand in

@@ -1,4 +1,4 @@
-"""Run an svZeroDSolver case through its cycles."""
+"""Time-step an svZeroDSolver case through its cycles; keep the requested variables."""
 
 from __future__ import annotations
 

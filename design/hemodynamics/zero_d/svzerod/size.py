@@ -1,4 +1,4 @@
-"""Limits on the cycles, steps and results of an svZeroDSolver case."""
+"""Refuse an svZeroDSolver case with too many steps or results; compute its cycles to run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Equations of groups of like blocks, collected as a sparse system."""
+"""Assemble the sparse equations of an svZeroDSolver case from groups of like blocks."""
 
 from __future__ import annotations
 

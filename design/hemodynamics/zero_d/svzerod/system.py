@@ -1,4 +1,4 @@
-"""Variables and equations of a case."""
+"""Number an svZeroDSolver case's variables; build its equations and initial state."""
 
 from __future__ import annotations
 

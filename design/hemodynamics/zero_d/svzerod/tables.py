@@ -1,4 +1,4 @@
-"""Periodic tables of flow and pressure, sampled as svZeroDSolver samples them.
+"""Periodic flow and pressure tables of svZeroDSolver's input, interpolated as that program does.
 
 Linear between samples. A time is taken modulo the period, last time less first; what then lies
 outside the samples is extrapolated from the nearest two.

@@ -1,4 +1,4 @@
-"""Connections between blocks of svZeroDSolver's input."""
+"""Connect blocks of svZeroDSolver's input: vessels, junctions and boundary conditions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compute the allowed radii of a large tree's segments on several threads."""
+"""Compute how wide segments of a large tree may be without collision, on several threads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Prepare the growth of one region: its branches, what feeds them, what stands around."""
+"""Inputs for growing one region: its branches, the segments upstream, vessels around it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run the growth of regions on an executor, each after the neighbours it must see."""
+"""Run the growth of a tree's regions in parallel, each after the neighbours it depends on."""
 
 from __future__ import annotations
 

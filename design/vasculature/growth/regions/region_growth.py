@@ -1,4 +1,4 @@
-"""Grow one region's branches to their goal among what stands around them."""
+"""Grow the branches of one region of a large tree, clear of all vessels around it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Split a tree's branches, and the tissue, into regions that grow apart from each other."""
+"""Divide an early tree's branches, and the tissue, into regions for further growth in parallel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Show product HTML pages in frames that follow the theme and turn together side by side."""
+"""Show a run's HTML pages in frames with the page's theme; turn 3D views side by side together."""
 
 from __future__ import annotations
 

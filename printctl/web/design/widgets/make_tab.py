@@ -1,4 +1,4 @@
-"""Make tab of the Design page: start a run, follow its stages, continue after the print."""
+"""Make tab of the Design page: start or cancel a run, follow it, continue after the print."""
 
 from __future__ import annotations
 

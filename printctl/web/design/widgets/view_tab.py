@@ -1,4 +1,4 @@
-"""View tab of the Design page: key figures, 3D network, layers, simulation, files of a run."""
+"""Look tab of the Design page: a run's key figures, network, layers, dry run, report, files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Capture pictures from a camera by OpenCV, in a separate process in case the driver hangs."""
+"""Grab pictures from a camera or film by OpenCV as JPEG, within the camera process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solve the MPI flow problem by Newton's method; return a log row for each step."""
+"""Solve the MPI flow problem by Newton's method; return a log row for each Newton step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a case's mesh and divide it among MPI ranks, with its boundary labels."""
+"""Read a case's mesh, divide it among MPI ranks, label its boundary; define finite elements."""
 
 from __future__ import annotations
 
