@@ -80,12 +80,26 @@ def find_crossings(
     pairs = np.empty((int(count.sum()), 2), np.int64)
     status = np.empty(len(pairs), np.int8)
     _list(tree, places, corners, leaves, count, begin, pairs, status)
+    found = np.sort(crossing_pairs(vertices, corners, corners, pairs, status), axis=1)
+    return Crossings(found[np.lexsort(found.T[::-1])])
+
+
+def crossing_pairs(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    others: NDArray[np.int32],
+    pairs: IntArray,
+    status: NDArray[np.int8],
+) -> IntArray:
+    """Those ``pairs`` (k, 2) of one of ``faces`` and one of ``others`` that cross.
+
+    Those whose ``status`` (k,) leaves it open are decided in whole numbers.
+    """
     kept = status == CROSSING
     for index in np.flatnonzero(~kept).tolist():
-        one, two = corners[pairs[index]].tolist()
+        one, two = faces[pairs[index, 0]].tolist(), others[pairs[index, 1]].tolist()
         kept[index] = triangles_meet(vertices[one].tolist(), vertices[two].tolist(), one, two)
-    found = np.sort(pairs[kept], axis=1)
-    return Crossings(found[np.lexsort(found.T[::-1])])
+    return pairs[kept]
 
 
 @pjit
