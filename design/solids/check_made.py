@@ -70,7 +70,7 @@ def check_made(solid: Solid) -> SolidCheck | None:
     crossing = 0 if solid.uncrossed else len(find_crossings(solid.vertices, solid.faces).faces)
     return SolidCheck(
         file="",
-        vertices=len(np.unique(solid.faces)),
+        vertices=int(np.count_nonzero(np.bincount(solid.faces.ravel()))),
         faces=len(solid.faces),
         watertight=True,
         oriented=True,
