@@ -27,7 +27,7 @@ class Workspace(NamedTuple):
         Members of the second child, and their boxes.
     span : (2, 3) float64
         Least and greatest of the node's middles.
-    count : (3, BINS) int64
+    held : (3, BINS) int64
         Members in each bin along each axis.
     box : (3, BINS, 6) float64
         Around them.
@@ -39,7 +39,7 @@ class Workspace(NamedTuple):
     part: IntArray
     part_own: FloatArray
     span: FloatArray
-    count: IntArray
+    held: IntArray
     box: FloatArray
     cost: FloatArray
 
@@ -137,12 +137,12 @@ def _fill_bins(own: FloatArray, room: Workspace) -> None:
             room.span[1, c] = max(room.span[1, c], middle)
     for c in range(3):
         for b in range(BINS):
-            room.count[c, b] = 0
+            room.held[c, b] = 0
             _clear(room.box[c, b])
     for k in range(len(own)):
         for c in range(3):
             b = _bin(room, k, c)
-            room.count[c, b] += 1
+            room.held[c, b] += 1
             _take_in(room.box[c, b], own[k])
 
 
@@ -165,7 +165,7 @@ def _costs(room: Workspace, axis: int) -> None:
         x0, y0, z0, x1, y1, z1 = np.inf, np.inf, np.inf, -np.inf, -np.inf, -np.inf
         for k in range(BINS - 1):
             one = BINS - 1 - k if way else k
-            held += room.count[axis, one]
+            held += room.held[axis, one]
             box = room.box[axis, one]
             x0, y0, z0 = min(x0, box[0]), min(y0, box[1]), min(z0, box[2])
             x1, y1, z1 = max(x1, box[3]), max(y1, box[4]), max(z1, box[5])

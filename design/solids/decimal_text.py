@@ -8,8 +8,9 @@ of float32, exponents) are left to Python.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,15 +52,12 @@ _DOUBT = 1e-6
 
 def rows_text(values: NDArray[np.float64] | NDArray[np.int32], marks: Marks) -> bytes:
     """Text of rows (n, 3): each number between two of the ``marks``, as ``%d`` or ``%.17g``."""
-    pieces = [np.array(list(mark), dtype=np.uint8) for mark in marks]
-    if values.dtype.kind != "f":
-        odd, kernel, form = np.any(values < 0, axis=1), _write_whole, b"%d"
-        kept: NDArray[np.generic] = np.ascontiguousarray(values, dtype=np.int64)
-    else:
-        odd, kernel, form = _are_odd(values), _write_float32, b"%.17g"
-        kept = np.ascontiguousarray(values, dtype=np.float64)
-    row = form.join(marks)
-    out = np.empty(_STRETCH * (3 * _ROOM + sum(len(piece) for piece in pieces)), dtype=np.uint8)
+    kernel: Any = _write_float32 if values.dtype.kind == "f" else _write_whole
+    form = b"%.17g" if kernel is _write_float32 else b"%d"
+    odd = _are_odd(values) if kernel is _write_float32 else np.any(values < 0, axis=1)
+    kept = np.ascontiguousarray(values, np.float64 if kernel is _write_float32 else np.int64)
+    row, pieces = form.join(marks), _pieces(marks)
+    out = np.empty(_STRETCH * (3 * _ROOM + sum(len(mark) for mark in marks)), dtype=np.uint8)
     found: list[bytes] = []
     for begin, end in pairwise([*_stretches(odd), len(kept)]):
         if odd[begin]:
@@ -69,7 +67,12 @@ def rows_text(values: NDArray[np.float64] | NDArray[np.int32], marks: Marks) -> 
     return b"".join(found)
 
 
-def _are_odd(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _pieces(marks: Sequence[bytes]) -> tuple[Bytes, Bytes, Bytes, Bytes]:
+    first, second, third, last = (np.array(list(mark), dtype=np.uint8) for mark in marks)
+    return first, second, third, last
+
+
+def _are_odd(values: NDArray[Any]) -> NDArray[np.bool_]:
     """Rows (n,) with a number that isn't float32, or is written with an exponent or as -0."""
     size = np.abs(values)
     small = (size < _LEAST) & ((values != 0.0) | np.signbit(values))
@@ -91,7 +94,7 @@ def read_rows(text: bytes, marks: Marks) -> NDArray[np.float64] | None:
     Each is the float64 nearest to its digits.
     """
     bare = [mark.strip() for mark in marks]
-    pieces = [np.array(list(mark), dtype=np.uint8) for mark in bare]
+    pieces = _pieces(bare)
     odd = re.compile(rb"([-+.\deE]+)".join(re.escape(mark) for mark in bare) + rb"\s*")
     values = np.empty((text.count(bare[0]), 3))
     data = np.frombuffer(text, dtype=np.uint8)

@@ -85,7 +85,7 @@ def subtract_near(body: Solid, tool: Solid, what: str) -> Solid | None:
             return _with_rest(_cut(body, piece, what), tool, near, piece)
         around = np.zeros(len(tool.vertices), dtype=np.bool_)
         around[tool.faces[near]] = True
-        near = around[tool.faces].any(axis=1)
+        near = np.asarray(around[tool.faces].any(axis=1))
     return None
 
 
@@ -95,13 +95,13 @@ def _near_surface(body: Solid, tool: Solid) -> Mask:
     count = len(body.vertices)
     vertices = np.concatenate([body.vertices, tool.vertices])
     met = find_meetings(vertices, tool.faces + np.int32(count), tree, body.faces)[:, 0]
-    near = np.zeros(len(tool.faces), dtype=np.bool_)
+    near: Mask = np.zeros(len(tool.faces), dtype=np.bool_)
     near[met] = True
     part = _parts(tool.faces[~near], len(tool.vertices))
     own, first = np.unique(part[tool.faces[~near][:, 0]], return_index=True)
     places = tool.vertices[tool.faces[~near][first, 0]]
     outside = own[~enclosed(tree, places)]
-    near |= ~near & np.isin(part[tool.faces[:, 0]], outside)
+    near[~near & np.isin(part[tool.faces[:, 0]], outside)] = True
     return near
 
 
