@@ -3,11 +3,13 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python .ci/install.py $(BIN)/python --editable
-# Only files that name the browser: to collect all others takes each worker a quarter of a minute.
-PAGES = $(BIN)/python -m pytest -m "browser and not slow" --override-ini cache_dir=.pytest_cache/pages $$(grep -rlw browser tests --include='test_*.py')
+# Only files that name the browser: to collect all others takes a quarter of a minute.
+PAGES = -m "browser and not slow" $$(grep -rlw browser tests --include='test_*.py')
+# Workers are forks of one process that has collected all (tests/forks.py).
+PYTEST = $(BIN)/python -m pytest -p tests.forks
 # Without kept bytecode each process compiles all that it imports: three CPU seconds for SciPy and numba.
 unexport PYTHONDONTWRITEBYTECODE
-.PHONY: serve demo test pytest kernels ci-environment test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-paper bench-search bench-operator bench-firmware docs gallery dist test-dist audit clean
+.PHONY: serve demo test pytest pytest-all kernels ci-environment test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-paper bench-search bench-operator bench-firmware docs gallery dist test-dist audit clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -19,20 +21,24 @@ serve: $(VENV)/.ready-web
 test: lint pytest
 
 pytest: kernels
-	$(BIN)/python -m pytest --numprocesses 3 --dist loadfile
+	$(PYTEST) --forks 3
+
+# The same and pages in Chromium, at once: what CI runs.
+pytest-all: kernels
+	$(PYTEST) -m "not slow" --forks 4
 
 # All kernels, compiled by all cores before tests want them; no work where they are kept.
 kernels: $(VENV)/.ready-test
 	$(BIN)/printctl doctor --warm
 
-# Long runs of shipped examples, minutes each; more sizes, seeds and themes of what CI tests.
+# Long runs of shipped examples, minutes each; more sizes, seeds, themes and examples of what CI tests.
 test-slow: kernels
-	$(BIN)/python -m pytest -m slow --numprocesses 2
+	PRINTCTL_NIGHTLY=1 $(PYTEST) -m "slow or hypothesis" --forks 2
 
 # Pages in Chromium, and the API against its description; skipped where there is no Chromium.
-# What fails beside another browser on the same two cores is tried once more, alone.
+# A file that fails beside another browser on the same two cores is tried once more, alone.
 test-browser: kernels
-	$(PAGES) --numprocesses 2 --dist loadfile || $(PAGES) --last-failed --last-failed-no-failures none
+	$(PYTEST) $(PAGES) --forks 2
 
 lint: $(VENV)/.ready-test
 	$(BIN)/ruff check .

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from typing import Any
 
@@ -22,3 +23,8 @@ def first_rows(rows: Iterable[tuple[Any, ...]], keep: int = 1) -> list[Any]:
         row if k < keep else pytest.param(*row, marks=pytest.mark.slow)
         for k, row in enumerate(rows)
     ]
+
+
+def examples(most: int) -> int:
+    """How many examples hypothesis tries: a third of the most but ten, all by `make test-slow`."""
+    return most if "PRINTCTL_NIGHTLY" in os.environ else max(most // 3, min(most, 10))

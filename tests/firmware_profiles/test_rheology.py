@@ -18,6 +18,7 @@ from firmware_profiles import (
     wall_stress_pa,
     yield_pressure_pa,
 )
+from tests.slower import examples
 
 INK, NEEDLE = load(Ink, "collagen_fresh"), load(Needle, "30g")
 
@@ -41,7 +42,7 @@ def by_rings(fluid: Ink, stress_pa: float, bore_mm: float) -> float:
 
 
 @given(st.floats(0.1, 200), st.floats(0.15, 1.5), st.floats(0, 300), st.floats(0.05, 1.0))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 def test_flow_is_that_of_its_velocity_profile(
     consistency: float, index: float, yield_stress: float, flow: float
 ) -> None:
@@ -52,7 +53,7 @@ def test_flow_is_that_of_its_velocity_profile(
 
 
 @given(st.floats(0.01, 500), st.floats(0.06, 1.5), st.floats(0, 1000), st.floats(1e-5, 100))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_pressure_and_flow_are_each_other_s_inverse(
     consistency: float, index: float, yield_stress: float, flow: float
 ) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from design.geometry import boxes_of, build_hierarchy
 from registration.distance import ModelSurface, distance_grid
 from tests.registration.parts import planar_construct, planar_distance, solid
+from tests.slower import examples
 
 FloatArray = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ def naive_distance(point: FloatArray, triangle: FloatArray) -> float:
 
 
 @given(st.integers(0, 10_000))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 def test_distance_equals_the_smallest_over_all_triangles(seed: int) -> None:
     rng = np.random.default_rng(seed)
     shape = solid(manifold3d.Manifold.hull_points(rng.uniform(-1, 1, (12, 3))))

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from registration import Scan, ScanOverrides, read_scan, write_scan_tiff
 from registration.errors import ScanFileError
 from registration.readers.metadata import describe
+from tests.slower import examples
 
 
 def scan(**changes: Any) -> Scan:
@@ -49,7 +50,9 @@ def test_tiff_comes_back_exactly(tmp_path: Path, dtype: str, compress: bool) -> 
     down=st.booleans(),
 )
 @settings(
-    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=examples(20),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 def test_any_units_come_back(
     tmp_path: Path, voxel: tuple[float, float, float], index: float, scale: Any, down: bool

@@ -15,6 +15,7 @@ from registration.readers import limits, storage, tiff
 from registration.scan import Scan
 from registration.writers import write_scan_zarr
 from tests.registration.readers.crafted import MODALITY, OCT, counts, scan, thorlabs
+from tests.slower import examples
 
 
 def binned(volume: np.ndarray, bins: tuple[int, int, int]) -> np.ndarray:
@@ -41,7 +42,7 @@ def by_slabs(item: Scan, bins: tuple[int, int, int], slab_bytes: int) -> np.ndar
     slab_bytes=st.integers(1, 3000),
     kind=st.sampled_from(["<u2", ">u2", "f4"]),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_slabs_bin_as_the_whole_does(
     shape: tuple[int, int, int],
     bins: tuple[int, int, int],

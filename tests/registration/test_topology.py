@@ -20,6 +20,7 @@ from registration.topology import (
 )
 from registration.topology.euler import euler_number, without_specks
 from tests.registration.phantom import BLOCK, IDENTITY, block, ladder
+from tests.slower import examples
 
 
 def torus(tube: float = 3.0) -> np.ndarray:
@@ -41,7 +42,7 @@ def test_betti_numbers_of_known_solids() -> None:
     assert betti_numbers(torus()).euler == 0
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 0.9))
 def test_euler_number_agrees_with_scikit_image(seed: int, share: float) -> None:
     voxels = np.random.default_rng(seed).random((6, 7, 5)) < share

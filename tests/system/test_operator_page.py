@@ -18,17 +18,10 @@ from printctl.station import attach
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import PHONE, serious, shown
 from tests.printctl.web.shell.dialogs import serious_in_dialog
-from tests.system.forks import FORK
+from tests.system.forks import FORK, of_fork
 
 pytestmark = pytest.mark.browser
 _LONG_MS = 600_000
-_SMALL = {
-    "tissue": "{shape: block, size_mm: [6, 6, 4]}",
-    "vasculature": "{network: fork.csv, unit: mm}",
-    "toolpath": "{method: fresh, needle: 22g, layer_um: 150, line_um: 400}",
-    "scan": "{simulated: oct, voxel_um: [60, 60, 30]}",
-}
-"""Three vessels: the way from recipe to report is that of many, and a third as long."""
 
 
 @pytest.fixture(scope="module")
@@ -72,10 +65,7 @@ def _design(page: Any) -> None:
     page.get_by_role("button", name="Make", exact=True).click()
     page.get_by_text(re.compile("^one: ready to be made")).wait_for()
     text = page.get_by_label("Recipe as YAML")
-    small = text.input_value()
-    for section, short in _SMALL.items():
-        small = re.sub(rf"(?m)^{section}:.*\n(?:  .*\n)+", f"{section}: {short}\n", small)
-    text.fill(small)
+    text.fill(of_fork(text.input_value()))
     page.get_by_text("one: ready to be made · saved").wait_for()
     page.get_by_role("tab", name="Make").click()
     page.get_by_role("button", name="Make the design").click()
@@ -120,7 +110,7 @@ def _pause_and_go_on(page: Any, workspace: Path) -> None:
 
 def _seen_by_another(browser: Any, server: Process) -> None:
     """Another browser, as narrow as a phone, sees the same print and doesn't hold the controls."""
-    other = shown(browser, f"{server.url}/job?job=run~one", viewport=PHONE)
+    other = shown(browser, f"{server.url}/job?job=run~one", viewport=PHONE, own=True)
     other.get_by_text(re.compile("^Printing ·")).wait_for()
     assert other.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
     other.get_by_role("button", name="Pause now").click()

@@ -18,6 +18,7 @@ from design.hemodynamics import (
 )
 from design.network import VesselNetwork
 from tests.design.hemodynamics.networks import VISCOSITY, network_of, random_tree
+from tests.slower import examples
 
 
 def _imbalance(network: VesselNetwork, solution: FlowSolution, ends: set[int]) -> float:
@@ -89,7 +90,7 @@ def test_shear_and_velocity_are_those_of_the_flow() -> None:
     assert solution.wall_shear[0] * 2 * np.pi * 0.2 * 5 == pytest.approx(drop * np.pi * 0.04)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), vessels=st.integers(1, 60), spread=st.floats(0.0, 2.0))
 def test_random_trees_conserve_mass_and_divide_by_what_lies_below(
     seed: int, vessels: int, spread: float
@@ -130,7 +131,7 @@ def _tree_oracle(network: VesselNetwork, total: float) -> np.ndarray:
     return flow
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_graphs_with_loops_agree_with_a_dense_solution(seed: int) -> None:
     rng = np.random.default_rng(seed)

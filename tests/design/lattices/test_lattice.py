@@ -18,7 +18,7 @@ from design.lattices.orient import directed, st_order
 from design.measures import MeasureOptions, measure_network
 from design.tissue import Tissue, annulus, block, cylinder, tissue_from_surface
 from design.vasculature import collisions
-from tests.slower import first_of
+from tests.slower import examples, first_of
 
 KINDS = get_args(LatticeKind)
 
@@ -139,7 +139,7 @@ def test_impossible_options_are_refused(options: tuple[str, float, float]) -> No
         LatticeOptions(*options)  # type: ignore[arg-type]
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(seed=st.integers(0, 2**32), count=st.integers(3, 25), chords=st.integers(0, 20))
 def test_in_an_st_order_only_the_ends_lack_a_neighbour(seed: int, count: int, chords: int) -> None:
     random = np.random.default_rng(seed)

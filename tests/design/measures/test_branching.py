@@ -23,9 +23,10 @@ from design.network import VesselKind, VesselNetwork
 from design.tissue import block, tissue_from_surface
 from design.vasculature import GrowthOptions, grow_tree, planar_four_vessel, tree_to_network
 from tests.design.measures.oracles import depth, random_tree, strahler, tree_network
+from tests.slower import examples
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(seed=st.integers(0, 2**32), vessels=st.integers(1, 40), kind=st.sampled_from([0, 1]))
 def test_strahler_orders_are_those_of_the_definition(seed: int, vessels: int, kind: int) -> None:
     random = np.random.default_rng(seed)
@@ -118,7 +119,7 @@ def test_strahler_of_a_long_chain_needs_no_recursion() -> None:
     assert strahler_orders(parent, np.arange(100_000)).max() == 1
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=examples(25))
 @given(seed=st.integers(0, 2**32), vessels=st.integers(1, 40), kind=st.sampled_from([0, 1]))
 def test_depth_and_way_are_those_of_a_walk(seed: int, vessels: int, kind: int) -> None:
     parents, nodes = random_tree(np.random.default_rng(seed), vessels)

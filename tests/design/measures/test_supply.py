@@ -19,6 +19,7 @@ from design.network import VesselNetwork
 from design.tissue import Tissue, block, cylinder, tissue_from_surface
 from design.vasculature import GrowthOptions, grow_tree, tree_to_network
 from tests.design.measures.oracles import random_tree, tree_network, wall_distances
+from tests.slower import examples
 
 RADIUS, LENGTH, LUMEN = 4.0, 20.0, 0.5
 
@@ -80,7 +81,7 @@ def test_sections_agree_with_planes_cut_at_random() -> None:
         assert found.sections_per_mm2[axis] == pytest.approx(np.mean(crossings) / 100, rel=1e-2)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=examples(25))
 @given(seed=st.integers(0, 2**32), vessels=st.integers(1, 30))
 def test_nearest_wall_is_that_of_the_nearest_of_all_spheres(seed: int, vessels: int) -> None:
     random = np.random.default_rng(seed)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from design.errors import NetworkError
 from design.network import VesselKind, VesselNetwork
 from design.network_files.csv_format import read_network_csv, write_network_csv
+from tests.slower import examples
 
 HEADER = "vessel,node0,node1,x0,y0,z0,x1,y1,z1,radius0_mm,radius1_mm,kind,tree\n"
 
@@ -50,7 +51,7 @@ def networks(draw: st.DrawFn) -> VesselNetwork:
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(network=networks())
 def test_a_written_network_reads_back_to_the_bit(
     network: VesselNetwork, tmp_path_factory: pytest.TempPathFactory
@@ -64,7 +65,7 @@ def test_a_written_network_reads_back_to_the_bit(
         assert np.array_equal(after, before), name
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(network=networks(), seed=st.integers(0, 2**32 - 1))
 def test_the_order_of_rows_changes_no_vessel(
     network: VesselNetwork, seed: int, tmp_path_factory: pytest.TempPathFactory

@@ -19,6 +19,7 @@ from design.network_files.npz import read_network_npz, write_network_npz
 from design.network_files.swc import KIND_TYPE, read_network_swc, write_network_swc
 from design.vasculature import planar_four_vessel
 from tests.design.networks import networks, random_network, random_trees, trees
+from tests.slower import examples
 
 Reader = Callable[[Path], VesselNetwork]
 Writer = Callable[[Path, VesselNetwork], None]
@@ -43,7 +44,7 @@ def rows(network: VesselNetwork) -> np.ndarray:
 
 @pytest.mark.parametrize(("write", "read", "name"), EXACT)
 def test_any_network_reads_back_to_the_bit(write: Writer, read: Reader, name: str) -> None:
-    @settings(deadline=None, max_examples=40)
+    @settings(deadline=None, max_examples=examples(40))
     @given(network=networks)
     def check(network: VesselNetwork) -> None:
         with tempfile.TemporaryDirectory() as folder:
@@ -57,7 +58,7 @@ def test_any_network_reads_back_to_the_bit(write: Writer, read: Reader, name: st
     check()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(network=trees)
 def test_trees_read_back_from_swc(network: VesselNetwork) -> None:
     with tempfile.TemporaryDirectory() as folder:

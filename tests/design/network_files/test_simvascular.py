@@ -14,6 +14,7 @@ from design.errors import NetworkError
 from design.network import VesselNetwork
 from design.network_files.simvascular import vessel_runs, write_simvascular_paths
 from tests.design.networks import networks
+from tests.slower import examples
 
 
 def fork() -> VesselNetwork:
@@ -81,7 +82,7 @@ def test_the_normal_is_that_of_a_path_written_by_simvascular() -> None:
     np.testing.assert_allclose(_normals(tangent), wanted, atol=1e-9)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(network=networks)
 def test_every_vessel_is_in_one_run_that_follows_the_flow(network: VesselNetwork) -> None:
     runs = vessel_runs(network)

@@ -16,6 +16,7 @@ from design.network import VesselKind, VesselNetwork
 from design.network_files.vtp import write_network_vtp
 from design.network_files.vtp_read import read_network_vtp
 from tests.design.networks import random_trees
+from tests.slower import examples
 
 POINTS = "0 0 0  10 0 0  20 0 0  10 0 0  10 8 0"
 """A straight line of three points, and one that leaves its middle."""
@@ -60,7 +61,7 @@ def same_vessels(found: VesselNetwork, network: VesselNetwork) -> None:
     assert np.array_equal(ends, network.nodes[network.vessel_nodes])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(st.integers(0, 1000), st.integers(1, 12), st.integers(1, 3))
 def test_ours_come_back_to_the_bit(
     tmp_path_factory: pytest.TempPathFactory, seed: int, vessels: int, roots: int

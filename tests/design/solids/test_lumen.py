@@ -15,7 +15,7 @@ from design.network import VesselNetwork
 from design.solids import Solid, lumen_pair, lumen_solid, network_genus, surface_genus
 from design.solids.topology import edge_faults
 from tests.design.solids.networks import channels, ladder, lattice, vessel
-from tests.slower import first_of
+from tests.slower import examples, first_of
 
 TURN, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
 TURN *= np.sign(np.linalg.det(TURN))
@@ -36,7 +36,7 @@ def _area(solid: Solid, origin: np.ndarray, normal: np.ndarray) -> float:
     return float(section.to_2D()[0].area)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     first=st.floats(0.08, 2.0),
     ratio=st.floats(0.3, 3.0),
@@ -185,7 +185,7 @@ def test_vessels_that_only_touch_stay_closed() -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_random_tangles_stay_closed(seed: int) -> None:
     """Vessels that cross, overlap and coincide: whatever the union is, it's a solid."""

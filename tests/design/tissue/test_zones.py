@@ -19,6 +19,7 @@ from design.tissue import (
     tissue_from_surface,
 )
 from tests.design.tissue import surfaces
+from tests.slower import examples
 
 CUBE = block((10.0, 10.0, 10.0))
 BALL = surfaces.surface(surfaces.sphere(4.0))
@@ -70,7 +71,7 @@ def test_needle_hole_is_outside_and_vessels_keep_clear_of_it():
     assert not tissue.grid.capsule_inside(start, end, np.array([0.1])).any()
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(st.lists(st.floats(0.5, 9.5, width=32), min_size=6, max_size=6), st.floats(0.2, 2.0))
 def test_cut_and_kept_parts_add_up(places, radius):
     zone = SphereZone(tuple(places[:3]), radius)

@@ -14,6 +14,7 @@ from design.toolpath.embedded.schedule import Pass
 from design.toolpath.embedded.walk import Leg
 from tests.design.toolpath.embedded_parts import pairs_of, parts_of, rules_of
 from tests.design.toolpath.shapes import network
+from tests.slower import examples
 
 
 def chain(vessels):
@@ -60,7 +61,7 @@ def test_a_chain_of_rules_over_a_third_pass_keeps_two_apart():
     assert len(found) == 3
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(seed=st.integers(0, 9999), vessels=st.integers(2, 9), density=st.floats(0, 0.5))
 def test_rules_are_kept_and_everything_is_written_once(seed, vessels, density):
     rng = np.random.default_rng(seed)
@@ -82,7 +83,7 @@ def test_rules_are_kept_and_everything_is_written_once(seed, vessels, density):
     assert len(found) <= len(passes)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(seed=st.integers(0, 9999), vessels=st.integers(1, 9), count=st.integers(0, 60))
 def test_rules_of_passes_are_those_of_their_elements(seed, vessels, count):
     rng = np.random.default_rng(seed)
@@ -101,7 +102,7 @@ def test_rules_of_passes_are_those_of_their_elements(seed, vessels, count):
         assert found.turns[k] == ((k, k) not in said)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(seed=st.integers(0, 9999), count=st.integers(0, 60))
 def test_rules_of_passes_made_one_are_those_of_their_elements(seed, count):
     rng = np.random.default_rng(seed)

@@ -14,6 +14,7 @@ from design.toolpath.embedded.travel import CLIMB, shorten_travels
 from design.toolpath.embedded.walk import Leg
 from tests.design.toolpath.embedded_parts import parts_of, rules_of
 from tests.design.toolpath.shapes import network
+from tests.slower import examples
 
 
 def bars(places, long_mm=0.1):
@@ -67,7 +68,7 @@ def test_a_pass_whose_own_rules_forbid_it_isnt_turned():
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(seed=st.integers(0, 999), count=st.integers(3, 14), density=st.floats(0, 0.6))
 def test_rules_are_kept_and_the_way_never_gets_longer(seed, count, density):
     rng = np.random.default_rng(seed)

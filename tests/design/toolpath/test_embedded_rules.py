@@ -22,6 +22,7 @@ from tests.design.toolpath.shapes import (
     random_tree,
     ring,
 )
+from tests.slower import examples
 
 OPTIONS = EmbeddedOptions()
 CONE = replace(OPTIONS, needle_outer_mm=0.8, tip_outer_mm=0.31, cone_mm=1.5)
@@ -147,7 +148,7 @@ def test_a_fold_of_a_vessel_harms_itself_beyond_the_reach_of_a_joint():
     assert apart.max() > 5
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(
     at=st.floats(0, 2.2), reach=st.floats(0.3, 1.2), j=st.integers(0, 60), vessel=st.integers(0, 2)
 )
@@ -188,7 +189,7 @@ def random_rules(seed, count, density, ranked):
     return rules_of(pairs, count), pairs
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(seed=st.integers(0, 999), count=st.integers(1, 12), density=st.floats(0, 1))
 def test_of_two_opposite_rules_the_deeper_stays(seed, count, density):
     rules, pairs = random_rules(seed, count, density, ranked=False)
@@ -213,7 +214,7 @@ def test_of_two_elements_of_one_vessel_each_pair_decides_for_itself():
     assert pairs_of(kept) == {(0, 2): 3.0, (3, 1): 2.0}
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(seed=st.integers(0, 999), count=st.integers(2, 12), density=st.floats(0, 1))
 def test_more_rules_are_added_once(seed, count, density):
     rules, pairs = random_rules(seed, count, density, ranked=False)

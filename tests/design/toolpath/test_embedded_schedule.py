@@ -15,6 +15,7 @@ from design.toolpath.embedded.walk import Leg, start_walk, undo_write, write_str
 from tests.design.toolpath.embedded_parts import pairs_of, parts_of, rules_of, trail
 from tests.design.toolpath.shapes import cage, network, random_tree
 from tests.design.toolpath.test_embedded_rules import random_rules
+from tests.slower import examples
 
 TREE = elements_of(random_tree(4, 8, 0, 0.1), 0.8)
 COUNT = len(TREE.end)
@@ -36,7 +37,7 @@ def test_a_leg_counts_its_elements_either_way():
     assert (Leg(4, 1, 3).last, Leg(4, -1, 3).last, Leg(7, -1, 1).last) == (6, 2, 7)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(seed=st.integers(0, 999), density=st.floats(0, 0.3))
 def test_rules_that_can_all_be_kept_are_kept(seed, density):
     rules, pairs = random_rules(seed, COUNT, density, ranked=True)
@@ -48,7 +49,7 @@ def test_rules_that_can_all_be_kept_are_kept(seed, density):
         assert len(trail(one, TREE)) == len(one.elements()) + 1
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(seed=st.integers(0, 999), density=st.floats(0, 0.5))
 def test_rules_that_contradict_each_other_still_let_everything_be_written(seed, density):
     rules, pairs = random_rules(seed, COUNT, density, ranked=False)
@@ -121,7 +122,7 @@ def naive_walk(element, step, written, pairs):
     return len(done), -1
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     seed=st.integers(0, 999),
     density=st.floats(0, 0.1),

@@ -6,11 +6,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from design.toolpath.embedded.needle import Needle, off_shaft, off_shaft_slopes
+from tests.slower import examples
 
 STEP = 1e-6
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(
     across=st.floats(0, 3),
     height=st.floats(-2, 4),

@@ -23,7 +23,7 @@ from tests.design.toolpath.shapes import (
     random_tree,
     ring,
 )
-from tests.slower import first_of
+from tests.slower import examples, first_of
 
 OPTIONS = EmbeddedOptions()
 ARCH = np.linspace(0, np.pi, 60)
@@ -121,7 +121,7 @@ def test_the_checker_of_joints_finds_a_missing_overlap():
     assert bodies(plain) > 1
 
 
-@settings(max_examples=12, deadline=None, derandomize=True)
+@settings(max_examples=examples(12), deadline=None, derandomize=True)
 @given(
     seed=st.integers(0, 10_000),
     terminals=st.integers(2, 24),

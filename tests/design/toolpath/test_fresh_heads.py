@@ -24,6 +24,7 @@ from design.toolpath.fresh import (
     plan_fresh,
 )
 from tests.design.toolpath.shapes import as_solid, block, rounded_width
+from tests.slower import examples
 
 HEIGHT = 0.06
 OPTIONS = FreshOptions(walls=2, clear_mm=0.0015, least_move_mm=0.0875)
@@ -85,7 +86,7 @@ def test_each_head_writes_the_volume_of_its_region(percent: float) -> None:
     assert sum(report.written_ul_of_heads) == pytest.approx(report.written_ul)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(15), deadline=None)
 @given(
     x=st.floats(2.0, 6.0),
     y=st.floats(1.5, 2.5),

@@ -18,6 +18,7 @@ from design.toolpath.fresh.order import order_paths
 from design.toolpath.fresh.order_lines import order_lines
 from design.toolpath.fresh.paths import Role, gather, join
 from design.toolpath.fresh.walls import build_walls
+from tests.slower import examples
 
 RING = np.array([[0.0, 0.0], [4.0, 0.3], [3.5, 3.0], [0.4, 2.6]])
 HOLE = np.array([[1.0, 1.0], [1.2, 2.0], [2.0, 1.9], [2.1, 0.9]])
@@ -108,7 +109,7 @@ def nearest_neighbour(start, end, at):
     return order, flipped
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(count=st.integers(0, 30), seed=st.integers(0, 1000), link=st.sampled_from([0.0, 0.2]))
 def test_order_is_complete_and_no_longer_than_nearest_neighbour(count, seed, link):
     rng = np.random.default_rng(seed)
@@ -160,7 +161,7 @@ def test_a_backward_path_keeps_each_lines_width():
     assert rows.volume_ul == pytest.approx([2 * 0.2 * 0.06, 1 * 0.1 * 0.06])
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 @given(seed=st.integers(0, 1000))
 def test_travels_rise_where_shapely_sees_them_cross_a_contour(seed):
     rng = np.random.default_rng(seed)
@@ -190,7 +191,7 @@ def test_nothing_to_write_gives_no_moves():
     assert len(lay_out(join([]), sequence, tip, 0.0, (far, far), FreshOptions()).kind) == 0
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(seed=st.integers(0, 1000), count=st.integers(1, 8))
 def test_coverage_is_the_area_of_stadiums(seed, count):
     rng = np.random.default_rng(seed)

@@ -16,6 +16,7 @@ from design.toolpath.file import load_toolpath, save_toolpath
 from design.toolpath.fresh import Adaptive, FreshLayers, FreshOptions, plan_fresh
 from design.toolpath.fresh.levels import adaptive_levels, even_levels
 from tests.design.toolpath.shapes import along_x, as_solid, block
+from tests.slower import examples
 
 FINE = Adaptive(0.02, 0.02, 0.0025)
 OPTIONS = FreshOptions(adaptive=FINE, clear_mm=0.0015, least_move_mm=0.0875)
@@ -61,7 +62,7 @@ def test_a_layer_ends_at_each_floor() -> None:
     assert levels[-1] == pytest.approx(0.7775)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     height=st.floats(0.1, 2.0),
     radius=st.floats(0.15, 0.6),

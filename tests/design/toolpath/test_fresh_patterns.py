@@ -14,6 +14,7 @@ from design.toolpath import MoveKind
 from design.toolpath.fresh import Filling, FreshOptions, plan_fresh
 from design.toolpath.fresh.patterns import gyroid_lines
 from tests.design.toolpath.shapes import as_solid, rounded_width
+from tests.slower import examples
 
 SIDE_MM = 8.0
 
@@ -24,7 +25,7 @@ def body(height: float = 1.2):
 
 
 @given(z=st.floats(0, 3))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_gyroid_lines_lie_on_the_gyroid_and_none_is_missing(z):
     period = 1.5
     low, high = np.array([-1.0, 0.3]), np.array([2.0, 2.9])

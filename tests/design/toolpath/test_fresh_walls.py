@@ -17,6 +17,7 @@ from design.toolpath.fresh.largest_disc import measure_room
 from design.toolpath.fresh.paths import Paths, Role, gather
 from design.toolpath.fresh.thin import gap_paths
 from design.toolpath.fresh.walls import build_walls, clear_of_lumens
+from tests.slower import examples
 
 W = 0.15
 
@@ -63,7 +64,7 @@ def test_samples_follow_the_contour_with_normals_into_the_material():
     assert fine.contours.hole.tolist() == [radius[at] < 1.5 for at in fine.contours.offset[:-1]]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_room_is_the_largest_disc_that_crosses_no_facing_edge(seed):
     rng = np.random.default_rng(seed)
@@ -122,7 +123,7 @@ def test_two_lumens_share_what_is_between_them():
         assert away == pytest.approx(gap / 4, abs=0.01)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(
     inner=st.floats(0.06, 1.0),
     thick=st.floats(0.07, 0.9),
@@ -139,7 +140,7 @@ def test_no_line_comes_nearer_to_a_lumen_than_half_its_width(inner, thick, least
         assert away >= width / 2 - 0.003  # a gap's middle line cuts corners by so much
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(20), deadline=None)
 @given(radius=st.floats(0.1, 0.6), sides=st.integers(16, 64))
 def test_moves_round_a_lumen_are_as_long_as_the_firmware_needs(radius, sides):
     walls = build_walls(ring(radius, radius + 1.0, sides), W, 1, 0.4)

@@ -13,11 +13,12 @@ from design.toolpath.gcode.merge import long_enough
 from design.toolpath.gcode.numbers import decimals_for
 from design.toolpath.gcode.render import Table, render
 from firmware_profiles import Printer, load
+from tests.slower import examples
 
 DECIMALS = (3, 3, 4, 5, 3, 0)
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(st.lists(st.integers(-(10**12), 10**12), min_size=6, max_size=6), st.integers(0, 63))
 def test_text_is_the_exact_value_without_idle_digits(values, mask):
     given_words = np.array([[bool(mask >> k & 1) for k in range(6)]])

@@ -9,6 +9,7 @@ from design.errors import NetworkError
 from design.network import VesselKind, VesselNetwork
 from design.vasculature import check_network, collisions, planar_four_vessel
 from tests.design.vasculature import oracles
+from tests.slower import examples
 
 
 def straight(*ends, radius=0.5):
@@ -84,7 +85,7 @@ def test_a_vessel_without_length_is_refused():
         check_network(network)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(
     st.integers(0, 10_000),
     st.integers(2, 40),
@@ -103,7 +104,7 @@ def test_collisions_agree_with_all_pairs(seed, count, clearance):
     assert set(map(tuple, found.joint_pieces.tolist())) == joints
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=examples(25))
 @given(st.integers(0, 10_000))
 def test_collisions_do_not_depend_on_the_order_of_vessels(seed):
     rng = np.random.default_rng(seed)

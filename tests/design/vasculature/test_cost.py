@@ -10,6 +10,7 @@ from design.vasculature.growth.propose import trial
 from design.vasculature.growth.state import SEGMENT, place, refresh, spread_down
 from design.vasculature.options import Law
 from tests.design.vasculature import oracles
+from tests.slower import examples
 
 ONE = Sprout(1.0, 1.0)
 
@@ -63,7 +64,7 @@ laws = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(laws, st.integers(0, 10_000), st.integers(1, 25), st.booleans())
 def test_load_and_spend_are_karchs_resistance_and_cost(options, seed, terminals, uneven):
     segments, count = random_segments(seed, terminals, options.law, uneven)
@@ -84,7 +85,7 @@ def test_load_and_spend_are_karchs_resistance_and_cost(options, seed, terminals,
     assert segments[0]["spend"] == pytest.approx(expected, rel=1e-11)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(laws, st.integers(0, 10_000), st.integers(2, 25), st.booleans())
 def test_flows_are_as_asked_and_murrays_law_is_exact(options, seed, terminals, uneven):
     segments, count = random_segments(seed, terminals, options.law, uneven)
@@ -98,7 +99,7 @@ def test_flows_are_as_asked_and_murrays_law_is_exact(options, seed, terminals, u
     np.testing.assert_allclose(both, radius[inner] ** options.murray_exponent, rtol=1e-12)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(laws, st.integers(0, 10_000), st.integers(2, 25), st.booleans())
 def test_climb_agrees_with_a_tree_built_anew(options, seed, terminals, uneven):
     """Radii and cost of a trial fork are those of the tree that has it."""

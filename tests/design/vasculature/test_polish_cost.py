@@ -12,6 +12,7 @@ from design.vasculature.polish.relax import best_node, node_value, root_radius
 from design.vasculature.polish.topology import attach, cut_branch, detach, is_below, undo_cut
 from design.vasculature.treemath import tree_from_topology, tree_radii
 from tests.design.vasculature.test_cost import as_tree, laws, random_segments
+from tests.slower import examples
 
 FLOW, DROP = 10.0, 5000.0
 
@@ -54,7 +55,7 @@ def test_volume_is_the_sum_of_its_cylinders():
     assert tree_volume(tree) == pytest.approx(sum(cylinders), rel=1e-13)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(laws, st.integers(0, 10_000), st.integers(3, 25))
 def test_a_trial_node_has_the_cost_and_radii_of_the_tree_built_anew(options, seed, terminals):
     law = options.law
@@ -78,7 +79,7 @@ def cost_of(tree, law):
     return total / (FLOW / tree.terminals[0] / DROP) ** (0.25 * law.lam)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=examples(40))
 @given(laws, st.integers(0, 10_000), st.integers(4, 25))
 def test_a_graft_has_the_cost_of_the_tree_built_anew_and_can_be_undone(options, seed, terminals):
     law = options.law

@@ -24,7 +24,7 @@ from printctl.calibration import (
 )
 from printctl.calibration.lag import expected_width
 from printctl.errors import UsageError
-from tests.slower import first_of
+from tests.slower import examples, first_of
 
 PRINTER, SYRINGE = load(Printer, "generic_marlin"), load(Syringe, "hamilton_1ml")
 AREA = math.pi / 4 * SYRINGE.inner_mm**2
@@ -276,7 +276,7 @@ def test_lag_and_flow_factor_are_covered_as_promised(bead: str, index: int) -> N
 
 
 @given(st.floats(0.7, 1.2), st.floats(0.15, 2.0), st.floats(0.15, 2.0))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 def test_exact_widths_give_back_what_made_them(factor: float, rise: float, fall: float) -> None:
     lag = fit_lag(X, expected_width(X, factor, rise, fall, PATTERN), PATTERN)
     assert lag.flow_factor.value == pytest.approx(factor, rel=1e-5)

@@ -28,6 +28,7 @@ from tests.printctl.link.fake_marlin import FakeMarlin, zigzag
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.protocols import STREAMED
 from tests.printctl.link.scripted_transport import ScriptedTransport
+from tests.slower import examples
 
 WORDS = [
     b"ok\n",
@@ -128,7 +129,7 @@ _QUESTIONS = re.compile(
 
 
 @pytest.mark.parametrize("family", FAKES)
-@settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(80), deadline=None, suppress_health_check=list(HealthCheck))
 @given(said=st.lists(st.tuples(UTTERANCE, st.floats(0.0, 5.0)), max_size=30))
 def test_no_line_leaves_under_a_wrong_number_or_in_other_words(family, said):
     protocol, allowed = protocol_of(family), frames(family)
@@ -147,7 +148,7 @@ def test_no_line_leaves_under_a_wrong_number_or_in_other_words(family, said):
 
 
 @pytest.mark.parametrize("family", FAKES)
-@settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(40), deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     said=st.lists(st.tuples(st.integers(0, 12), st.booleans(), UTTERANCE), max_size=12),
 )

@@ -26,6 +26,7 @@ from printctl.link.history_query import HistoryQuery, SortBy
 from printctl.link.journal import Journal, read_records
 from printctl.link.origin import profile_digest
 from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer, write_job
+from tests.slower import examples
 
 REPO = Path(__file__).parents[3]
 
@@ -269,7 +270,7 @@ def test_pages_hold_every_print_once_in_order(data, tmp_path, sort):
     states=st.lists(st.text(max_size=5), max_size=3),
     offset=st.integers(-5, 2**62),
 )
-@settings(suppress_health_check=list(HealthCheck), deadline=None, max_examples=60)
+@settings(suppress_health_check=list(HealthCheck), deadline=None, max_examples=examples(60))
 def test_no_question_breaks_the_index(data, tmp_path, words, who, states, offset):
     asked = HistoryQuery(words, tuple(states), who=who, offset=offset, limit=10)
     assert PrintHistory().find(asked).total == 0

@@ -15,6 +15,7 @@ from firmware_profiles.families.link_protocol import (
     Synchronised,
 )
 from tests.printctl.link.fake_marlin import zigzag
+from tests.slower import examples
 
 LINES = zigzag(60)
 FILE = [line.decode() for line in LINES]
@@ -169,11 +170,11 @@ class WireMachine(RuleBasedStateMachine):
             assert self.taken() == FILE
 
 
-def as_test(machine: type[WireMachine], examples: int = 60):
+def as_test(machine: type[WireMachine], most: int = 60):
     """The machine's test case, with settings for all of them."""
     case = machine.TestCase
     case.settings = settings(
-        max_examples=examples,
+        max_examples=examples(most),
         stateful_step_count=60,
         deadline=None,
         derandomize=True,

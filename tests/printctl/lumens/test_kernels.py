@@ -16,6 +16,7 @@ from printctl.lumens.measure import slabs_near
 from sim.lumens.leak_kernels import find_runs, join_runs
 from sim.lumens.ray_kernels import first_hit, stadium_span
 from sim.lumens.width_kernels import widest_in_polygon
+from tests.slower import examples
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -77,7 +78,7 @@ def test_a_ray_is_in_a_stadium_where_points_on_it_are(
     assert (away[~inside] > -1e-6).all()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["rectangle", "rounded", "ellipse", 15.0]))
 def test_a_ray_stops_at_the_first_line_of_any_layer(seed: int, model: Any) -> None:
     """Lines by their own cross-section: as wide at each height as its outline says."""
@@ -110,7 +111,7 @@ def test_a_ray_stops_at_the_first_line_of_any_layer(seed: int, model: Any) -> No
         assert away[near].min() < 1e-3
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(30))
 @given(st.integers(0, 2**32 - 1))
 def test_the_widest_circle_is_that_of_a_fine_search(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -130,7 +131,7 @@ def test_the_widest_circle_is_that_of_a_fine_search(seed: int) -> None:
     assert radius == pytest.approx(float(clear(np.array([[x, y]]))[0]), abs=1e-9)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(st.integers(0, 2**32 - 1))
 def test_runs_join_into_the_spaces_of_a_flood(seed: int) -> None:
     from scipy.ndimage import label

@@ -22,6 +22,7 @@ from printctl.records.manifest import read_manifest
 from printctl.records.plain_zip import PlainZipWriter, read_members, safe_name
 from printctl.records.verify import Signature, verify_bundle, verify_stream
 from tests.printctl.records.prints import GCODE, printed, with_run
+from tests.slower import examples
 
 
 def filed(tmp_path: Path, signed: bool = True) -> bytes:
@@ -85,7 +86,7 @@ def test_same_content_gives_the_same_bytes(tmp_path):
 
 
 @pytest.mark.parametrize("signed", [True, False])
-@settings(max_examples=150, suppress_health_check=list(HealthCheck), deadline=None)
+@settings(max_examples=examples(150), suppress_health_check=list(HealthCheck), deadline=None)
 @given(place=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
 def test_flipped_bit_is_found_wherever_it_is(tmp_path_factory, signed, place, bit):
     data = bytearray(_once(tmp_path_factory, signed))
@@ -115,7 +116,7 @@ def test_every_byte_of_the_zips_own_structure_counts(tmp_path):
         assert not verified(bytes(flipped)).whole, place
 
 
-@settings(max_examples=40, suppress_health_check=list(HealthCheck), deadline=None)
+@settings(max_examples=examples(40), suppress_health_check=list(HealthCheck), deadline=None)
 @given(end=st.floats(0, 1, exclude_max=True), more=st.binary(max_size=20))
 def test_cut_or_lengthened_bundle_is_found(tmp_path_factory, end, more):
     data = _once(tmp_path_factory, True)

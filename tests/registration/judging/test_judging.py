@@ -20,6 +20,7 @@ from registration.judging import (
     reason,
 )
 from tests.registration.judging.registered import change, registration, vessel
+from tests.slower import examples
 
 SURE = 8.0
 """Half width, µm, of sections that a budget knows well."""
@@ -337,7 +338,7 @@ def test_closed_sections_belong_to_their_occlusion() -> None:
     assert set(found["vessels"][0]["decision_along"][10:20]) == {"fail"}
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(st.data())
 def test_whatever_is_drawn_outside_its_limits_is_in_the_list(data: st.DataObject) -> None:
     rows, defects = [], []

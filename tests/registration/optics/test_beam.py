@@ -23,14 +23,14 @@ from registration.optics import (
     undistort,
 )
 from tests.registration.optics.optical import FAULT, tilted
-from tests.slower import first_of
+from tests.slower import examples, first_of
 
 
 @given(
     angle=st.floats(0, 1.4), azimuth=st.floats(0, 6.3), index=st.floats(1.0, 2.0),
     lean=st.floats(-0.5, 0.5),
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_refraction_keeps_to_snells_law(
     angle: float, azimuth: float, index: float, lean: float
 ) -> None:
@@ -59,7 +59,7 @@ def test_the_bound_is_the_shift_of_a_straight_ray() -> None:
 
 
 @given(seed=st.integers(0, 10**6), air=st.booleans(), index=st.floats(1.0, 1.6))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 def test_to_scan_is_the_inverse_of_to_true(seed: int, air: bool, index: float) -> None:
     rng = np.random.default_rng(seed)
     surface = tilted(1.0, *rng.uniform(-0.15, 0.15, 2)) if air else None

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from registration.picture.tubes import draw_tubes
+from tests.slower import examples
 
 SIZE = 24
 Piece = tuple[NDArray[np.float64], NDArray[np.float64], float, float]
@@ -38,7 +39,7 @@ def drawn(pieces: Sequence[Piece]) -> Any:
     return draw_tubes(start, end, ra, rb, SIZE, SIZE)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(point, point, radius, radius)
 def test_depth_is_that_of_a_row_of_spheres(
     a: tuple[float, float, float], b: tuple[float, float, float], ra: float, rb: float

@@ -1,6 +1,5 @@
 import json
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -11,11 +10,11 @@ from registration.picture import VesselQuantities, quantities
 from registration.report import NetworkPage, write_network_html, write_report_html
 from registration.report.gcode import layer_figure
 from registration.report.gcode.colouring import colourings
+from tests.printctl.web.shell.browsers import CHROMIUM
 
 from .gcode_sample import layered_job
 from .sample import block_surface, deviation_surface, planar_network, sample_data
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--use-gl=angle", "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader", "--disable-background-networking", "--no-first-run",

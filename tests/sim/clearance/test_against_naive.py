@@ -12,6 +12,7 @@ from sim.clearance.pair_kernels import ERROR_SHARE
 from sim.clearance.shaft_kernels import shaft_distance
 from tests.sim.clearance.naive import STEP, nearest, signed
 from tests.sim.clearance.small_jobs import HIGH, RADIUS, START, Job, approach_of, network
+from tests.slower import examples
 
 NEEDLES = [
     NeedleBody(0.2, clearance_mm=0.05),
@@ -48,7 +49,7 @@ def travel(start, end):
     return {"start": start, "end": end, "radius": 0.0, "beside": 0, "vessel": -1, "nodes": set()}
 
 
-@settings(max_examples=12, derandomize=True)  # elsewhere joints end between two samples
+@settings(max_examples=examples(12), derandomize=True)  # elsewhere joints end between two samples
 @given(
     st.lists(st.tuples(place, place), min_size=2, max_size=4),
     st.sampled_from(NEEDLES),

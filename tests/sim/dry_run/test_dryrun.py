@@ -10,6 +10,7 @@ from sim.dry_run.line_times import sent_bytes
 from sim.dry_run.run import dry_run
 from sim.program.gcode import checksum, read_gcode
 from tests.sim.transcripts import DATA
+from tests.slower import examples
 
 PROFILE = load(Printer, "marlin_avr")
 FRESH = (DATA / "fresh.gcode").read_bytes()
@@ -229,7 +230,7 @@ def test_the_longest_line_is_measured_as_it_is_sent():
 
 
 @given(st.lists(st.tuples(st.integers(0, 200), st.integers(0, 200)), min_size=1, max_size=40))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=examples(30), deadline=None)
 def test_ends_and_times_hold_together(points):
     text = "".join(f"G1 X{x} Y{y} F6000\n" for x, y in points)
     run = dry(text, (0.0, 0.0, 0.0))

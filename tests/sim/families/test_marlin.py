@@ -12,6 +12,7 @@ from sim.families.marlin.commands import HANDLERS
 from sim.families.marlin.printer import MarlinPrinter
 from sim.faults.fault_file import Fault, parse_fault
 from sim.program.gcode import checksum
+from tests.slower import examples
 
 PROFILE = load(Printer, "marlin_avr")
 ERRORS = (b"Error", b"Resend", b"echo")
@@ -54,7 +55,7 @@ steps = st.lists(
 
 
 @given(steps, st.booleans())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 def test_the_short_road_does_what_the_general_one_does(points, advanced):
     profile = PROFILE.model_copy(update={"advanced_ok": advanced})
     short, general = ready(profile=profile), ready(profile=profile)
@@ -271,7 +272,7 @@ def test_a_fault_is_read_from_text():
 
 
 @given(st.lists(st.binary(max_size=80), max_size=12))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_rubbish_never_breaks_the_printer(pieces):
     printer = ready()
     for piece in pieces:

@@ -22,6 +22,7 @@ from sim.motion.planner import (
 from sim.motion.state import BLOCK, LOG, new_planner, new_ring
 from sim.motion.stepper import axis_steps, timer_interval, walk
 from tests.sim.motion.naive_stepper import pulse_times
+from tests.slower import examples
 
 PROFILE = load(Printer, "marlin_avr")
 STEPS = np.array([80, 80, 400, 500])
@@ -136,7 +137,7 @@ targets = st.lists(
 
 
 @given(targets, st.integers(1, 150))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 def test_no_step_is_lost_and_blocks_follow_one_another(points, feed):
     bench = Bench()
     taken = [point for point in points if bench.move(*point, feed=float(feed))]
@@ -152,7 +153,7 @@ def test_no_step_is_lost_and_blocks_follow_one_another(points, feed):
 
 @given(targets)
 @example([(0.0, 1.5, 0.0, 0.0), (0.0, 1.5, 0.06, 0.0), (0.0, 0.0, 0.0, 0.0)])
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 def test_a_planned_chain_never_asks_for_more_than_its_acceleration(points):
     bench = Bench()
     for point in points[:14]:
@@ -187,7 +188,7 @@ blocks = st.builds(
 
 
 @given(blocks, st.floats(0, 1))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 def test_the_stepper_gives_each_pulse_when_the_slow_one_does(block, share):
     times = pulse_times(block[0])
     events, ticks, first = walk(block[0], -1)

@@ -14,6 +14,7 @@ from sim.errors import GcodeError
 from sim.program.gcode import checksum, code, code_name, parse_line, read_gcode
 from sim.program.modal import Kind
 from tests.sim.transcripts import DATA
+from tests.slower import examples
 
 MARKS = (b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")  # of UTF-8 and UTF-16: refused
 
@@ -66,7 +67,7 @@ programs = st.lists(st.one_of(moves, moves, positions, modes), max_size=30).map(
 
 
 @given(programs)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_modal_state_agrees_with_a_line_by_line_oracle(text):
     program = read_gcode(text.encode())
     expected = naive_program(text)
@@ -78,20 +79,20 @@ def test_modal_state_agrees_with_a_line_by_line_oracle(text):
 
 
 @given(st.integers(-(10**9), 10**9), st.integers(0, 6))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 def test_numbers_are_read_to_the_last_bit(mantissa, decimals):
     text = f"{mantissa / 10**decimals:.{decimals}f}"
     assert parse_line(f"G1 X{text}".encode()).values["X"] == float(text)
 
 
 @given(st.binary(max_size=120))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 def test_checksum_is_the_xor_of_all_bytes(line):
     assert checksum(line) == reduce(xor, line, 0)
 
 
 @given(st.binary(max_size=60).filter(lambda b: b"\0" not in b and not b.startswith(MARKS)))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 def test_no_line_of_rubbish_breaks_the_reader(line):
     parse_line(line)
     read_gcode(line)

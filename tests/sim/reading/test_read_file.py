@@ -17,6 +17,7 @@ from sim.program.gcode import parse_line, read_gcode
 from sim.reading import read_line
 from sim.reading.file import kinds_of, read_file
 from tests.sim.reading.test_read_line import FAMILIES, anything, lines
+from tests.slower import examples
 
 MARLIN = load(Printer, "generic_marlin")
 AIR = load(Printer, "aerotech_pneumatic")
@@ -134,7 +135,7 @@ def test_very_many_fuzzed_files_are_read_or_refused(seed):
     run_fuzz(50_000, 1000 + seed)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.binary(max_size=200))
 @example(b"\xef\xbb\xbfG1 X1\n")
 @example(b"\xff\xfeG\0")

@@ -13,19 +13,23 @@ import pytest
 from PIL import Image, ImageChops, ImageStat
 from playwright.sync_api import expect
 
+from design.network_files.csv_format import write_network_csv
 from printctl.recipe.starter import STARTER
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import LOOKS, serious, shown
 from tests.printctl.web.shell.dialogs import serious_in_dialog
+from tests.system.forks import FORK, of_fork
 
 pytestmark = pytest.mark.browser
 _LONG_MS = 240_000
-_TOOLPATH = "toolpath: {method: fresh, needle: 22g, layer_um: 150, line_um: 400}\n"
 
 
 @pytest.fixture(scope="module")
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("design") / "workspace"
+    folder = tmp_path_factory.mktemp("design") / "workspace"
+    (folder / "recipes").mkdir(parents=True)
+    write_network_csv(folder / "recipes" / "fork.csv", FORK)
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +62,7 @@ def test_a_recipe_is_begun_mended_made_and_seen(served: Process, browser: Any) -
     page = shown(browser, f"{served.url}/design")
     _new_recipe(page, "one")
     text = page.get_by_label("Recipe as YAML")
-    quick = re.sub(r"toolpath:\n(?:  .*\n)+", _TOOLPATH, text.input_value())
-    text.fill(quick)
+    text.fill(of_fork(text.input_value()))
     page.get_by_text("toolpath", exact=True).first.click()
     layer = page.get_by_label("layer (µm)", exact=True)
     expect(layer).to_have_value("150")  # what is typed is taken up a moment later

@@ -9,7 +9,9 @@ from typing import Any
 
 import pytest
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+# Without windows of its own: half the work of a page in the whole browser.
+NAMES = ("chromium-headless-shell", "chromium", "chromium-browser")
+CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
 ARGUMENTS = ["--no-sandbox", "--enable-unsafe-swiftshader"]  # 3D without a graphics card
 WIDE = {"width": 1280, "height": 800}
 PHONE = {"width": 390, "height": 844}
@@ -44,6 +46,7 @@ def chromium() -> Iterator[Any]:
     sync_api.expect.set_options(timeout=30_000)  # as all waits are: CI's cores are shared
     with sync_api.sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        browser.new_context()  # the profile that tests share (`shown`)
         yield browser
         browser.close()
 
@@ -62,9 +65,17 @@ def serious(page: Any, within: dict[str, list[list[str]]] | None = None) -> list
     ]
 
 
-def shown(browser: Any, url: str, **options: Any) -> Any:
-    """A page in a browser profile of its own, once its header hears the server."""
-    page = browser.new_context(viewport=options.pop("viewport", WIDE), **options).new_page()
+def shown(
+    browser: Any, url: str, viewport: Any = None, color_scheme: Any = None, own: bool = False
+) -> Any:
+    """A page, once its header hears the server.
+
+    It is of a browser profile that all tests share, with its cache: a page's libraries are read
+    once. Where a test wants another person's browser, the profile is the page's ``own``.
+    """
+    page = (browser.new_context() if own else browser.contexts[0]).new_page()
+    page.set_viewport_size(viewport or WIDE)
+    page.emulate_media(color_scheme=color_scheme)
     page.goto(url)
     page.wait_for_selector("#pc-take:visible")
     return page

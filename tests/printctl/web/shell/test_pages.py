@@ -127,7 +127,8 @@ def test_without_any_answer_the_page_says_to_cut_the_power(served: Any, browser:
 
 def test_all_browsers_see_the_same_holder_of_the_controls(served: Any, browser: Any) -> None:
     server, _ = served
-    pages = [shown(browser, f"{server.url}{way}") for way in ("/printer", "/job", "/history")]
+    ways = ("/printer", "/job", "/history")
+    pages = [shown(browser, f"{server.url}{way}", own=True) for way in ways]
     first, second, third = pages
     first.click("#pc-take")
     first.wait_for_selector("text=You hold the controls")
@@ -189,7 +190,7 @@ def assert_targets_are_large(page: Any, size: dict[str, int]) -> None:
 
 @pytest.mark.slow
 def test_the_theme_is_remembered(served: Any, browser: Any) -> None:
-    page = shown(browser, f"{served[0].url}/printer", color_scheme="light")
+    page = shown(browser, f"{served[0].url}/printer", color_scheme="light", own=True)
     page.click("#pc-theme")
     page.click("#pc-theme")
     page.wait_for_selector("#pc-theme:has-text('dark')")
