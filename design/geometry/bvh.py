@@ -51,19 +51,54 @@ class TriangleTree(NamedTuple):
 
 def build_triangle_tree(vertices: FloatArray, faces: NDArray[np.int32]) -> TriangleTree:
     """Build the tree over ``faces`` (f, 3) of ``vertices`` (n, 3), mm (`hierarchy`)."""
-    corners = np.ascontiguousarray(vertices[faces])
-    boxes, nodes, order = build_hierarchy(boxes_of(corners))
+    boxes, nodes, order = build_hierarchy(_face_boxes(vertices, faces))
     inner = nodes[:, 0] > 0
     first = np.where(inner, 0, -1 - nodes[:, 0]).astype(np.int32)
     right = np.where(inner, nodes[:, 1], -1).astype(np.int32)
     size = np.where(inner, 0, nodes[:, 1] - first).astype(np.int32)
-    triangles = np.ascontiguousarray(corners[order].reshape(len(faces), 9))
-    centre = np.ascontiguousarray(corners[order].mean(axis=1))
-    reach = np.linalg.norm(corners[order] - centre[:, None], axis=2).max(axis=1)
+    triangles, centre, reach = _in_order(vertices, faces, order)
     low, high = (np.ascontiguousarray(boxes[:, side]) for side in (slice(3), slice(3, 6)))
     return TriangleTree(
         triangles, order.astype(np.int32), centre, reach, low, high, right, first, size
     )
+
+
+@jit
+def _face_boxes(vertices: Any, faces: Any) -> Any:
+    """Lowest and highest corner of each face, (f, 6)."""
+    box = np.empty((len(faces), 6))
+    for f in range(len(faces)):
+        for axis in range(3):
+            a, b, c = (
+                vertices[faces[f, 0], axis],
+                vertices[faces[f, 1], axis],
+                vertices[faces[f, 2], axis],
+            )
+            box[f, axis] = min(a, min(b, c))
+            box[f, 3 + axis] = max(a, max(b, c))
+    return box
+
+
+@jit
+def _in_order(vertices: Any, faces: Any, order: Any) -> Any:
+    """Corners (f, 9) of the faces in an order, their centroids and the farthest corner's reach."""
+    triangles = np.empty((len(order), 9))
+    centre, reach = np.empty((len(order), 3)), np.empty(len(order))
+    for n in range(len(order)):
+        for k in range(3):
+            for axis in range(3):
+                triangles[n, 3 * k + axis] = vertices[faces[order[n], k], axis]
+        for axis in range(3):
+            total = triangles[n, axis] + triangles[n, 3 + axis] + triangles[n, 6 + axis]
+            centre[n, axis] = total / 3.0
+        most = 0.0
+        for k in range(3):
+            square = 0.0
+            for axis in range(3):
+                square += (triangles[n, 3 * k + axis] - centre[n, axis]) ** 2
+            most = max(most, square)
+        reach[n] = sqrt(most)
+    return triangles, centre, reach
 
 
 def boxes_of(corners: FloatArray) -> FloatArray:

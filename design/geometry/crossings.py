@@ -14,7 +14,6 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from design.geometry.boxes import boxes_apart, corners_box, next_leaf
 from design.geometry.bvh import TriangleTree, build_triangle_tree
 from design.geometry.exact_meeting import triangles_meet
 from design.geometry.hierarchy import DEPTH
@@ -73,59 +72,156 @@ def find_crossings(
     corners = np.ascontiguousarray(faces, dtype=np.int32)
     if tree is None:
         tree = build_triangle_tree(np.ascontiguousarray(vertices, dtype=np.float64), corners)
-    count = np.zeros(len(corners), np.int64)
-    _count(tree, corners, count)
+    leaves = np.flatnonzero(tree.right < 0)
+    places = tree.triangles.reshape(-1, 3, 3)
+    count = np.zeros(len(leaves), np.int64)
+    _count(tree, places, corners, leaves, count)
     begin = np.cumsum(count) - count
     pairs = np.empty((int(count.sum()), 2), np.int64)
     status = np.empty(len(pairs), np.int8)
-    _list(tree, corners, count, begin, pairs, status)
-    kept = status == CROSSING
-    for index in np.flatnonzero(~kept).tolist():
-        one, two = corners[pairs[index]].tolist()
-        kept[index] = triangles_meet(vertices[one].tolist(), vertices[two].tolist(), one, two)
-    found = np.sort(pairs[kept], axis=1)
+    _list(tree, places, corners, leaves, count, begin, pairs, status)
+    found = np.sort(crossing_pairs(vertices, corners, corners, pairs, status), axis=1)
     return Crossings(found[np.lexsort(found.T[::-1])])
 
 
+def crossing_pairs(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    others: NDArray[np.int32],
+    pairs: IntArray,
+    status: NDArray[np.int8],
+) -> IntArray:
+    """Those ``pairs`` (k, 2) of one of ``faces`` and one of ``others`` that cross.
+
+    Those whose ``status`` (k,) leaves it open are decided in whole numbers.
+    """
+    kept = status == CROSSING
+    for index in np.flatnonzero(~kept).tolist():
+        one, two = faces[pairs[index, 0]].tolist(), others[pairs[index, 1]].tolist()
+        kept[index] = triangles_meet(vertices[one].tolist(), vertices[two].tolist(), one, two)
+    return pairs[kept]
+
+
 @pjit
-def _count(tree: Any, faces: Any, count: Any) -> None:
-    """For each triangle of the tree, how many later ones may cross it."""
+def _count(tree: Any, places: Any, faces: Any, leaves: Any, count: Any) -> None:
+    """For each leaf of the tree, in how many pairs its triangles may cross later ones."""
     none, of = np.empty((0, 2), np.int64), np.empty(0, np.int8)
-    for n in prange(len(count)):
-        count[n] = _search(tree, faces, int(np.int64(n)), _NOWHERE, none, of)
+    for n in prange(len(leaves)):
+        count[n] = _search(tree, places, faces, leaves[n], _NOWHERE, none, of)
 
 
 @pjit
-def _list(tree: Any, faces: Any, count: Any, begin: Any, pairs: Any, status: Any) -> None:
+def _list(
+    tree: Any,
+    places: Any,
+    faces: Any,
+    leaves: Any,
+    count: Any,
+    begin: Any,
+    pairs: Any,
+    status: Any,
+) -> None:
     """Write those pairs, by the mesh's own numbers, and how they meet."""
-    for n in prange(len(count)):
+    for n in prange(len(leaves)):
         if count[n] > 0:
-            _search(tree, faces, int(np.int64(n)), begin[n], pairs, status)
+            _search(tree, places, faces, leaves[n], begin[n], pairs, status)
 
 
 @jit
-def _search(tree: Any, faces: Any, n: int, at: int, pairs: Any, status: Any) -> int:
-    """Later triangles that may cross the n-th; written from ``at`` on where that isn't below 0."""
-    one = tree.triangles[n].reshape(3, 3)
-    low, high = np.empty(3), np.empty(3)
-    corners_box(one, low, high)
-    stack = np.zeros(DEPTH, np.int32)
-    count = 0
-    node, top = next_leaf(tree, low, high, stack, int(np.int64(1)))
-    while node >= 0:
+def _search(tree: Any, places: Any, faces: Any, leaf: int, at: int, pairs: Any, status: Any) -> int:
+    """Pairs of a leaf's triangles and later ones that may cross; written from ``at`` on if >= 0."""
+    stack = np.empty(DEPTH, np.int32)
+    stack[0] = 0
+    top, count = 1, 0
+    low, high = tree.low[leaf], tree.high[leaf]
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if _boxes_part(tree, node, low, high):
+            continue
+        right = tree.right[node]
+        if right >= 0:
+            stack[top] = right
+            top += 1
+            # Left of a node that isn't after the leaf's lie only triangles before its own.
+            if right > leaf:
+                stack[top] = node + 1
+                top += 1
+        elif node >= leaf:
+            count = _leaf_pairs(tree, places, faces, leaf, node, at, count, pairs, status)
+    return count
+
+
+@jit
+def _boxes_part(tree: Any, node: int, low: Any, high: Any) -> bool:
+    """Whether a node's box and another don't meet."""
+    for axis in range(3):
+        if low[axis] > tree.high[node, axis] or high[axis] < tree.low[node, axis]:
+            return True
+    return False
+
+
+@jit
+def _leaf_pairs(
+    tree: Any,
+    places: Any,
+    faces: Any,
+    leaf: int,
+    node: int,
+    at: int,
+    count: int,
+    pairs: Any,
+    status: Any,
+) -> int:
+    """As `_search`, for the triangles of two leaves; ``count`` were found before."""
+    for n in range(tree.first[leaf], tree.first[leaf] + tree.size[leaf]):
+        one, corners = places[n], faces[tree.face[n]]
         for m in range(max(n + 1, tree.first[node]), tree.first[node] + tree.size[node]):
-            two = tree.triangles[m].reshape(3, 3)
-            if boxes_apart(two, low, high) or _parted_across(one, two):
+            if _own_boxes_part(one, places[m]):
                 continue
-            met = meeting_kind(one, two, faces[tree.face[n]], faces[tree.face[m]])
+            others = faces[tree.face[m]]
+            if _common_corners(corners, others) == 0 and _parted_across(one, places[m]):
+                continue
+            met = meeting_kind(one, places[m], corners, others)
             if met == APART:
                 continue
             if at >= 0:
                 pairs[at + count, 0], pairs[at + count, 1] = tree.face[n], tree.face[m]
                 status[at + count] = met
             count += 1
-        node, top = next_leaf(tree, low, high, stack, top)
     return count
+
+
+@jit
+def _own_boxes_part(one: Any, two: Any) -> bool:
+    """Whether the boxes of two triangles (3, 3) don't meet."""
+    for axis in range(3):
+        low = min(one[0, axis], min(one[1, axis], one[2, axis]))
+        high = max(one[0, axis], max(one[1, axis], one[2, axis]))
+        if max(two[0, axis], max(two[1, axis], two[2, axis])) < low:
+            return True
+        if min(two[0, axis], min(two[1, axis], two[2, axis])) > high:
+            return True
+    return False
+
+
+@jit
+def _common_corners(corners: Any, others: Any) -> int:
+    """How many corners two triangles share, by their numbers (3,)."""
+    shared = 0
+    for i in range(3):
+        shared += _place(corners[i], others) >= 0
+    return shared
+
+
+@jit
+def _place(corner: int, others: Any) -> int:
+    """Where a corner's number stands among ``others`` (3,); -1 where it doesn't."""
+    if corner == others[0]:
+        return 0
+    if corner == others[1]:
+        return 1
+    return 2 if corner == others[2] else -1
 
 
 @jit
@@ -215,13 +311,9 @@ def _pierces(p: Any, q: Any, tri: Any, over: int, under: int) -> int:
 @jit
 def meeting_kind(one: Any, two: Any, corners: Any, others: Any) -> int:
     """How two triangles (3, 3) meet; corners with the same number are one point."""
-    shared = 0
-    own, its = np.full(3, -1), np.full(3, -1)
-    for i in range(3):
-        for j in range(3):
-            if corners[i] == others[j]:
-                own[i], its[j] = j, i
-                shared += 1
+    own = (_place(corners[0], others), _place(corners[1], others), _place(corners[2], others))
+    its = (_place(others[0], corners), _place(others[1], corners), _place(others[2], corners))
+    shared = (own[0] >= 0) + (own[1] >= 0) + (own[2] >= 0)
     if shared == 3:
         return CROSSING
     met = _meet_in_space(one, two, own, its, int(np.int64(shared)))
@@ -231,40 +323,45 @@ def meeting_kind(one: Any, two: Any, corners: Any, others: Any) -> int:
 @jit
 def _meet_in_space(one: Any, two: Any, own: Any, its: Any, shared: int) -> int:
     """The same by signs of tetrahedra; ``own`` and ``its`` say which corners both have."""
-    sides = np.zeros(3, np.int64)
-    plus, minus = 0, 0
-    for j in range(3):
-        if its[j] < 0:
-            sides[j] = plane_side(one[0], one[1], one[2], two[j])
-            plus += sides[j] > 0
-            minus += sides[j] < 0
+    p, q, r = (
+        0 if its[0] >= 0 else plane_side(one[0], one[1], one[2], two[0]),
+        0 if its[1] >= 0 else plane_side(one[0], one[1], one[2], two[1]),
+        0 if its[2] >= 0 else plane_side(one[0], one[1], one[2], two[2]),
+    )
+    plus = (p > 0) + (q > 0) + (r > 0)
+    minus = (p < 0) + (q < 0) + (r < 0)
     if plus == 3 - shared or minus == 3 - shared:
         return APART
     if shared == 2:
         return OPEN
+    met = _edges_pierce(two, one, its, (p, q, r))
+    if met == CROSSING:
+        return CROSSING
+    p, q, r = (
+        0 if own[0] >= 0 else plane_side(two[0], two[1], two[2], one[0]),
+        0 if own[1] >= 0 else plane_side(two[0], two[1], two[2], one[1]),
+        0 if own[2] >= 0 else plane_side(two[0], two[1], two[2], one[2]),
+    )
+    return max(met, _edges_pierce(one, two, own, (p, q, r)))
+
+
+@jit
+def _edges_pierce(tri: Any, other: Any, known: Any, sides: Any) -> int:
+    """How the edges of ``tri`` without common corners meet ``other``, the worst of them."""
     met = APART
     for j in range(3):
         k = (j + 1) % 3
-        if its[j] < 0 and its[k] < 0:
-            met = max(met, _pierces(two[j], two[k], one, sides[j], sides[k]))
-    if met == CROSSING:
-        return CROSSING
-    for i in range(3):
-        sides[i] = 0 if own[i] >= 0 else plane_side(two[0], two[1], two[2], one[i])
-    for i in range(3):
-        k = (i + 1) % 3
-        if own[i] < 0 and own[k] < 0:
-            met = max(met, _pierces(one[i], one[k], two, sides[i], sides[k]))
+        if known[j] < 0 and known[k] < 0:
+            met = max(met, _pierces(tri[j], tri[k], other, sides[j], sides[k]))
     return met
 
 
 @jit
 def _flat(tri: Any) -> tuple[int, int]:
     """The two axes along which a triangle is best looked at."""
-    u, v = tri[1] - tri[0], tri[2] - tri[0]
-    nx = abs(u[1] * v[2] - u[2] * v[1])
-    ny = abs(u[2] * v[0] - u[0] * v[2])
-    nz = abs(u[0] * v[1] - u[1] * v[0])
+    ux, uy, uz = tri[1, 0] - tri[0, 0], tri[1, 1] - tri[0, 1], tri[1, 2] - tri[0, 2]
+    vx, vy, vz = tri[2, 0] - tri[0, 0], tri[2, 1] - tri[0, 1], tri[2, 2] - tri[0, 2]
+    nx, ny, nz = abs(uy * vz - uz * vy), abs(uz * vx - ux * vz), abs(ux * vy - uy * vx)
     if nx >= ny and nx >= nz:
         return 1, 2
     return (2, 0) if ny >= nz else (0, 1)

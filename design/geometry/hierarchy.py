@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from design.geometry.cuts import enclosing_box, partition_members
+from design.geometry.cuts import enclose, new_workspace, partition_members
 from kernels import jit
 
 FloatArray = NDArray[np.float64]
@@ -38,10 +38,11 @@ def build_hierarchy(own: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
     order : (m,) int64
         Members in the order of the leaves.
     """
-    m = len(own)
+    m, held = len(own), own.copy()
     order = np.arange(m)
     boxes, nodes = np.empty((2 * m, 6)), np.empty((2 * m, 2), dtype=np.int64)
     stack = np.zeros((2 * DEPTH, 4), dtype=np.int64)
+    room = new_workspace(m)
     stack[0] = (0, m, 0, -1)
     top, node = 1, 0
     while top > 0:
@@ -49,11 +50,12 @@ def build_hierarchy(own: FloatArray) -> tuple[FloatArray, IntArray, IntArray]:
         first, last, depth, parent = stack[top]
         if parent >= 0:
             nodes[parent, 1] = node
-        boxes[node] = enclosing_box(own, order[first:last])
+        enclose(held[first:last], boxes[node])
         if last - first <= LEAF:
             nodes[node] = (-1 - first, last)
         else:
-            middle = partition_members(own, order[first:last], depth < DEEPEST) + first
+            part = (held[first:last], order[first:last])
+            middle = first + partition_members(*part, depth < DEEPEST, room)
             nodes[node, 0] = node + 1
             stack[top] = (middle, last, depth + 1, node)
             stack[top + 1] = (first, middle, depth + 1, -1)

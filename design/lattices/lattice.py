@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import networkx
 import numpy as np
 
 from design.errors import NetworkError, TissueError
@@ -91,6 +90,8 @@ def build_lattice(tissue: Tissue, options: LatticeOptions) -> VesselNetwork:
 
 def _fitting(tissue: Tissue, options: LatticeOptions) -> tuple[FloatArray, IntArray]:
     """Nodes (n, 3), mm, and bonds (m, 2) of the largest part that fits without dead ends."""
+    import networkx  # heavy, and every design loads this module
+
     cell = unit_cell(options.kind)
     low, high = tissue.bounds
     size = cell.size * options.cell_mm

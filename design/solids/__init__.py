@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from design.geometry.crossings import Crossings, find_crossings
     from design.solids.bodies import chamber_solid, cylinder_solid
     from design.solids.chamber import Chamber
-    from design.solids.check import SolidCheck, validate_file, validate_files
+    from design.solids.check import validate_file, validate_files
+    from design.solids.check_result import SolidCheck
     from design.solids.connector import Connector, check_connector
     from design.solids.connectors import (
         connector_parts,

@@ -79,12 +79,14 @@ def link_vessels(network: VesselNetwork, tolerance_mm: float) -> list[Chain]:
 
 def _vessel_chain(network: VesselNetwork, vessel: int) -> Chain:
     points, radius = network.polyline(vessel)
-    kept = np.r_[True, np.any(np.diff(points, axis=0) != 0.0, axis=1)]
-    if kept.sum() < 2:
+    if (points[1:] == points[:-1]).all(axis=1).any():
+        kept = np.r_[True, np.any(np.diff(points, axis=0) != 0.0, axis=1)]
+        points, radius = points[kept], radius[kept]
+    if len(points) < 2:
         raise SolidError(f"vessel {vessel} has zero length; remove it or move its ends apart")
-    node = np.full(int(kept.sum()), -1, dtype=np.int64)
-    node[[0, -1]] = network.vessel_nodes[vessel]
-    return Chain(points[kept], radius[kept], node)
+    node = np.full(len(points), -1, dtype=np.int64)
+    node[0], node[-1] = network.vessel_nodes[vessel]
+    return Chain(points, radius, node)
 
 
 def _partners(network: VesselNetwork, vessels: list[Chain], tolerance_mm: float) -> dict[End, End]:

@@ -10,10 +10,14 @@ from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.solids.facets import FACET_TOLERANCE_MM, facet_count
+from design.solids.local_subtract import subtract_near
 from design.solids.manifolds import solid_manifold, subtract
 from design.solids.snap import solid_from_manifold, solid_from_mesh
 from design.solids.solid import Solid
 from design.solids.surface import checked_surface
+
+_LARGE = 50_000
+"""Faces of a lumen from which on most of a boolean is saved where it is done near ports alone."""
 
 Vector = Sequence[float] | NDArray[np.float64]
 
@@ -71,6 +75,10 @@ def construct_solid(
     SolidError
         When a dimple's diameter isn't above 0, or nothing is left of the body.
     """
+    if lumen is not None and not dimples and len(lumen.faces) >= _LARGE:
+        local = subtract_near(body, lumen, "the construct")
+        if local is not None:
+            return local
     tools = [] if lumen is None else [solid_manifold(lumen, "the lumens' solid")]
     for centre, diameter in dimples:
         if not diameter > 0.0:

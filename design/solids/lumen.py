@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from design.errors import SolidError
+from design.geometry.crossings import find_crossings
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.chains import Chain
 from design.solids.facets import FACET_TOLERANCE_MM, Facets
 from design.solids.runs import free_ends
 from design.solids.smooth.assemble import sew_parts
 from design.solids.smooth.layout import Layout, lay_out
-from design.solids.smooth.plain_tubes import with_other_tubes
 from design.solids.smooth.sewing import Sewing
+from design.solids.smooth.swap_tubes import with_other_tubes
 from design.solids.snap import mended_solid, solid_from_mesh
 from design.solids.solid import Solid
 from design.solids.tube import EndShape
@@ -137,16 +139,17 @@ def _pair(
             if length < _BEYOND_HALF_BALL * run.radius[end]:
                 return None
     sewing = _sewn(layout, extended)
-    swapped = with_other_tubes(layout, sewing, others)
-    if swapped is None:
+    vertices, faces = sewing.surface()
+    drawn_out, crossing = _rounded(layout, vertices + middle, faces, FACET_TOLERANCE_MM)
+    if len(crossing) and fillet_ratio > 0.0:
         return None
-    made = []
-    for vertices, faces in (swapped, sewing.surface()):
-        solid, crossing = _rounded(layout, vertices + middle, faces, FACET_TOLERANCE_MM)
-        if len(crossing) and fillet_ratio > 0.0:
-            return None
-        made.append(solid)
-    return made[0], made[1]
+    if not _united(layout):
+        found = find_crossings(drawn_out.vertices, drawn_out.faces)
+        drawn_out = replace(drawn_out, uncrossed=len(found.pairs) == 0)
+    swapped = with_other_tubes(drawn_out, middle, layout, sewing, others)
+    if swapped is None or (drawn_out.uncrossed and not swapped.uncrossed):
+        return None
+    return swapped, drawn_out
 
 
 def _around_middle(network: VesselNetwork) -> tuple[FloatArray, VesselNetwork]:

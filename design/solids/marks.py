@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from manifold3d import CrossSection, FillRule, Manifold
-from matplotlib.font_manager import FontProperties
-from matplotlib.textpath import TextPath
 from numpy.typing import NDArray
 
 from design.errors import SolidError
@@ -44,6 +42,10 @@ def text_solid(text: str, height_mm: float, depth_mm: float) -> Solid:
         raise SolidError(f"text of {height_mm:g} x {depth_mm:g} mm; give lengths above 0")
     if not text.strip():
         raise SolidError(f"text {text!r} has nothing to be seen; give letters or digits")
+    # Heavy (a CPU second), and every solid's module loads this one.
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import TextPath
+
     # 0.729 em is DejaVu's capital height.
     path = TextPath((0.0, 0.0), text, size=height_mm / 0.729, prop=FontProperties("DejaVu Sans"))
     closed = [np.asarray(outline, dtype=np.float64) for outline in path.to_polygons()]

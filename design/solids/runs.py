@@ -48,6 +48,9 @@ def split_runs(network: VesselNetwork, tolerance_mm: float) -> tuple[list[Chain]
     centre: list[FloatArray] = []
     radius: list[float] = []
     for chain in link_vessels(network, tolerance_mm):
+        if len(chain.points) == 2:  # most of a grown tree's
+            runs.append(chain)
+            continue
         cuts = _sharp_bends(chain, tolerance_mm)
         inner = np.setdiff1d(np.arange(1, len(chain.points) - 1), cuts)
         np.add.at(passing, chain.node[inner][chain.node[inner] >= 0], 2)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from math import sqrt
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.files import write_bytes
 from design.solids.solid import Solid
+from kernels import jit
 
 _HEADER = b"printctl; mm"
 """STL has no field for a unit; the header is the one place to say it."""
@@ -27,14 +30,29 @@ def write_stl(path: Path, solid: Solid) -> None:
     OSError
         When the file can't be written.
     """
-    corners = solid.vertices[solid.faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    triangles = np.zeros(len(corners), dtype=_TRIANGLE)
-    triangles["normal"] = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
-    triangles["corners"] = corners
-    count = np.array(len(corners), dtype="<u4").tobytes()
-    write_bytes(path, _HEADER.ljust(80) + count + triangles.tobytes())
+    triangles = np.zeros(len(solid.faces), dtype=_TRIANGLE)
+    numbers = _numbers(np.ascontiguousarray(solid.vertices), np.ascontiguousarray(solid.faces))
+    triangles["normal"] = numbers[:, 0]
+    triangles["corners"] = numbers[:, 1:]
+    count = np.array(len(triangles), dtype="<u4").tobytes()
+    write_bytes(path, b"".join((_HEADER.ljust(80), count, triangles.tobytes())))
+
+
+@jit
+def _numbers(vertices: Any, faces: Any) -> Any:
+    """Unit normal and corners of each face, (m, 4, 3); a face without area has no normal."""
+    out = np.zeros((len(faces), 4, 3), np.float32)
+    for f in range(len(faces)):
+        a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]
+        ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+        vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = sqrt(x * x + y * y + z * z)
+        if length > 0.0:
+            out[f, 0, 0], out[f, 0, 1], out[f, 0, 2] = x / length, y / length, z / length
+        for axis in range(3):
+            out[f, 1, axis], out[f, 2, axis], out[f, 3, axis] = a[axis], b[axis], c[axis]
+    return out
 
 
 def cut_short(path: Path) -> str:
@@ -62,9 +80,15 @@ def read_corners(path: Path) -> NDArray[np.float64] | None:
     OSError
         When the file can't be opened.
     """
+    corners = read_float32(path)
+    return None if corners is None else np.asarray(corners.astype(np.float64))
+
+
+def read_float32(path: Path) -> NDArray[np.float32] | None:
+    """As `read_corners`, in the file's own precision and not copied."""
     data = path.read_bytes()
     count = int.from_bytes(data[80:84], "little")
     if count == 0 or len(data) != _START_BYTES + count * _TRIANGLE.itemsize:
         return None
     triangles = np.frombuffer(data, _TRIANGLE, count, _START_BYTES)
-    return np.asarray(triangles["corners"].astype(np.float64))
+    return np.asarray(triangles["corners"])

@@ -14,6 +14,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from design.solids.decimal_text import Marks, read_rows
+from design.solids.threemf import TRIANGLE, VERTEX
+
 _MODEL: Final = "3D/3dmodel.model"
 _OTHER: Final = (
     b"<components",
@@ -25,8 +28,6 @@ _OTHER: Final = (
 )
 """What asks for a whole reader."""
 _NUMBERS: Final = b"0123456789.+-eE \t\r\n"
-_VERTEX: Final = (b'<vertex x="', b'" y="', b'" z="', b'"/>')
-_TRIANGLE: Final = (b'<triangle v1="', b'" v2="', b'" v3="', b'"/>')
 
 
 def read_plain_3mf(
@@ -44,30 +45,39 @@ def read_plain_3mf(
             model = archive.read(_MODEL)
     except (zipfile.BadZipFile, KeyError, EOFError, NotImplementedError):
         return None
-    begin = re.search(rb"<model\b[^>]*>", model)
-    whole = begin is not None and model.rstrip().endswith(b"</model>")
-    single = model.count(b"<object ") == 1 and model.count(b"<item ") == 1
-    if begin is None or not whole or not single or any(mark in model for mark in _OTHER):
+    vertices_text, before, rest = _list_of(model, b"vertices")
+    triangles_text, between, after = _list_of(rest, b"triangles")
+    if vertices_text is None or triangles_text is None:
         return None
-    vertices = _numbers(model, b"vertices", _VERTEX)
-    faces = _numbers(model, b"triangles", _TRIANGLE)
+    around = before + between + after
+    begin = re.search(rb"<model\b[^>]*>", before)
+    whole = begin is not None and after.rstrip().endswith(b"</model>")
+    single = around.count(b"<object ") == 1 and around.count(b"<item ") == 1
+    if begin is None or not whole or not single or any(mark in around for mark in _OTHER):
+        return None
+    vertices = _numbers(vertices_text, VERTEX)
+    faces = _numbers(triangles_text, TRIANGLE)
     if vertices is None or faces is None or not _indices(faces, len(vertices)):
         return None
     unit = re.search(rb'\bunit="(\w+)"', begin.group())
     return vertices, faces.astype(np.int64), unit.group(1).decode() if unit else "millimeter"
 
 
-def _numbers(
-    model: bytes, list_name: bytes, around: tuple[bytes, ...]
-) -> NDArray[np.float64] | None:
+def _list_of(model: bytes, name: bytes) -> tuple[bytes | None, bytes, bytes]:
+    """What stands within the first element ``name``, before and after it; None without one."""
+    before, begins, rest = model.partition(b"<" + name + b">")
+    within, ends, after = rest.partition(b"</" + name + b">")
+    return (within if begins and ends else None), before, after
+
+
+def _numbers(text: bytes, around: Marks) -> NDArray[np.float64] | None:
     """Three numbers of each element of a list, (n, 3); None where there is more in it."""
-    parts = re.split(rb"</?" + list_name + rb">", model)
-    if len(parts) != 3:
-        return None
-    text = parts[1]
+    read = read_rows(text, around)
+    if read is not None:
+        return read
     count = text.count(around[0])
     for mark in around:
-        text = text.replace(mark, b" ")
+        text = text.replace(mark.strip(), b" ")
     if text.translate(None, _NUMBERS):
         return None
     values = np.fromstring(text, sep=" ")

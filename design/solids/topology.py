@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from design.solids.twins import corner_fan_numbers, count_shells, pair_half_edges
+
 IntArray = NDArray[np.int64]
 
 
@@ -30,20 +32,24 @@ class EdgeFaults:
 
 
 def is_closed(faces: NDArray[np.integer], *, touching: bool = False) -> bool:
-    """Whether each edge of ``faces`` (m, 3) is walked once in either direction; two sorts.
+    """Whether each edge of ``faces`` (m, 3) is walked once in either direction.
 
     With ``touching`` as often in one as in the other: sheets may share an edge.
     """
+    if not touching:
+        return not bool(np.any(pair_half_edges(faces) < 0))
     tail = np.asarray(faces, dtype=np.int64)
     head = np.roll(tail, -1, axis=1).ravel()
     tail = tail.ravel()
     count = int(tail.max(initial=0)) + 1
     there, back = np.sort(tail * count + head), np.sort(head * count + tail)
-    return bool(np.array_equal(there, back) and (touching or np.all(there[1:] != there[:-1])))
+    return bool(np.array_equal(there, back))
 
 
 def edge_faults(faces: NDArray[np.integer]) -> EdgeFaults:
     """Count the faulty edges of ``faces`` (m, 3)."""
+    if is_closed(faces):
+        return EdgeFaults(0, 0)
     edge, forward = _half_edges(faces)
     _, index = np.unique(edge, return_inverse=True)
     walks = np.bincount(index)
@@ -73,17 +79,11 @@ def surface_genus(faces: NDArray[np.integer]) -> tuple[int, int]:
     faces : (m, 3)
         Without `edge_faults`.
     """
-    edge, _ = _half_edges(faces)
-    # Sorted by edge, each two neighbours are the two sides of one edge, walked in opposite
-    # directions: the tail corner of one is at the vertex of the head corner of the other.
-    one, other = np.argsort(edge, kind="stable").reshape(-1, 2).T
-    corners = 3 * len(faces)
-    fans, _ = _fans(one, other)
-    # Joined over their edges and within each face, corners fall into shells.
-    every = np.arange(corners)
-    shells, _ = _parts(np.r_[one, every], np.r_[other, _head(every)], corners)
+    twin = pair_half_edges(faces)
+    _, fans = corner_fan_numbers(twin)
     euler = fans - len(faces) // 2
-    return int(shells - euler // 2), shells
+    shells = int(count_shells(twin))
+    return shells - euler // 2, shells
 
 
 def corner_fans(faces: NDArray[np.integer]) -> IntArray:
@@ -91,14 +91,8 @@ def corner_fans(faces: NDArray[np.integer]) -> IntArray:
 
     A vertex in which two fans touch has two numbers, so that one may be changed without the other.
     """
-    edge, _ = _half_edges(faces)
-    one, other = np.argsort(edge, kind="stable").reshape(-1, 2).T
-    return _fans(one, other)[1].reshape(-1, 3)
-
-
-def _fans(one: IntArray, other: IntArray) -> tuple[int, IntArray]:
-    """Fans of corners about their vertices, from the half-edges on both sides of each edge."""
-    return _parts(np.r_[one, _head(one)], np.r_[_head(other), other], 2 * len(one))
+    fan, _ = corner_fan_numbers(pair_half_edges(faces))
+    return np.asarray(fan).reshape(-1, 3)
 
 
 def _half_edges(faces: NDArray[np.integer]) -> tuple[IntArray, NDArray[np.bool_]]:
@@ -108,18 +102,3 @@ def _half_edges(faces: NDArray[np.integer]) -> tuple[IntArray, NDArray[np.bool_]
     tail = tail.ravel()
     count = int(tail.max(initial=0)) + 1
     return np.minimum(tail, head) * count + np.maximum(tail, head), tail < head
-
-
-def _head(corner: IntArray) -> IntArray:
-    """The corner that follows ``corner`` in its face."""
-    return np.where(corner % 3 == 2, corner - 2, corner + 1)
-
-
-def _parts(tail: IntArray, head: IntArray, count: int) -> tuple[int, IntArray]:
-    # Heavy (a quarter of a CPU second): a mesh that is closed needs neither.
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    joined = coo_array((np.ones(len(tail), dtype=np.int8), (tail, head)), shape=(count, count))
-    number, part = connected_components(joined, directed=False)
-    return int(number), part.astype(np.int64)

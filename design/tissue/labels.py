@@ -17,7 +17,6 @@ from manifold3d import Manifold
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects, gaussian_filter
 from scipy.ndimage import label as connected
-from scipy.optimize import brentq
 
 from design.errors import TissueError
 from design.geometry.surface import Surface
@@ -154,6 +153,8 @@ def _remarks(
 
 def _smooth(voxels: NDArray[np.bool_]) -> Surface:
     """Surface in voxel indices that holds as much as the voxels."""
+    from scipy.optimize import brentq  # heavy: other tissues do without
+
     blurred = gaussian_filter(voxels.astype(np.float64), _BLUR_VOXELS, truncate=_PAD - 0.5)
     target = float(np.count_nonzero(voxels))
 

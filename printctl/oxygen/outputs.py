@@ -22,7 +22,6 @@ from printctl.flow.tables import write_columns
 from printctl.progress import Report
 from printctl.recipe.oxygen import OxygenPart
 from printctl.run_folder.artefacts import OXYGEN
-from registration.report.oxygen_figures import slice_figure
 
 TABLE: Final = OXYGEN
 FIELD: Final = "oxygen.vti"
@@ -77,6 +76,9 @@ def solve_and_write(
     OSError
         When a file can't be written.
     """
+    # Heavy (matplotlib, a CPU second), and every design loads this module.
+    from registration.report.oxygen_figures import slice_figure
+
     spacing = (
         spacing_for(tissue.bounds * scale, part.grid_cells)
         if part.spacing_um is None

@@ -12,14 +12,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from design.errors import FlowError
 from design.hemodynamics.fluids.fluid import SLOWEST, check_positive
 from design.network import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicHermiteSpline
 
 _DECADES: Final = (-5.0, 9.0)
 _KNOTS: Final = 1401
@@ -97,6 +99,8 @@ class Carreau:
         With M = ∫₀^γ̇_w γ̇ τ² (dτ/dγ̇) dγ̇, the flow's moment, Γ = 4 M/τ_w³; and the slope is
         d ln Γ/d ln τ_w = 4 γ̇_w/Γ - 3 (Rabinowitsch).
         """
+        from scipy.interpolate import CubicHermiteSpline  # heavy: other fluids do without
+
         log_rate = np.linspace(*_DECADES, _KNOTS) * np.log(10.0)
         rate = np.exp(log_rate)
         stress = rate * self.viscosity(rate)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from design.errors import FlowError
 from design.network import FloatArray
@@ -111,9 +110,7 @@ class Tabulated:
             values = np.append(values, values[0])
         values[-1] = values[0]
         self._start, self._time, self._value = time[0], time, values
-        self._spline = (
-            CubicSpline(time, values, bc_type="periodic") if interpolation == "spline" else None
-        )
+        self._spline = _periodic_spline(time, values) if interpolation == "spline" else None
 
     @property
     def period_s(self) -> float:
@@ -202,3 +199,10 @@ def _check_closed(value: FloatArray) -> None:
 def _finite(name: str, value: float) -> None:
     if not np.isfinite(value):
         raise FlowError(f"the waveform's {name} is {value}; give a number")
+
+
+def _periodic_spline(time_s: FloatArray, value: FloatArray) -> Any:
+    """Cubic spline through one period's samples (n,), whose ends are equal."""
+    from scipy.interpolate import CubicSpline  # heavy: other waveforms do without
+
+    return CubicSpline(time_s, value, bc_type="periodic")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import SolidError
+from design.solids.twins import pair_half_edges
 from kernels import jit
 
 IntArray = NDArray[np.int64]
@@ -23,19 +24,12 @@ def twins_of(faces: IntArray) -> IntArray:
     SolidError
         When an edge hasn't exactly two triangles that run along it in opposite directions.
     """
-    begin, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
-    low, high = np.minimum(begin, end), np.maximum(begin, end)
-    order = np.lexsort((begin, high, low))
-    pairs = order.reshape(-1, 2) if len(order) % 2 == 0 else np.zeros((0, 2), dtype=np.int64)
-    one, two = pairs[:, 0], pairs[:, 1]
-    matched = (begin[one] == end[two]) & (end[one] == begin[two])
-    if 2 * len(pairs) != len(begin) or not matched.all():
+    twin = pair_half_edges(faces)
+    if np.any(twin < 0):
         raise SolidError(
             "the surface isn't closed: an edge hasn't two triangles that run along it in opposite "
             "directions; mend it first"
         )
-    twin = np.empty(len(begin), dtype=np.int64)
-    twin[one], twin[two] = two, one
     return twin
 
 

@@ -26,6 +26,7 @@ from design.solids.smooth.sewing import FaceArray, Sewing
 from design.solids.smooth.star import star_mesh
 from design.solids.topology import is_closed
 from design.solids.tube import EndShape, tube_mesh
+from design.solids.twins import pair_half_edges
 
 _MIDDLES = 1.0
 """Facet tolerances between a junction's surface and its triangles' middles, as tubes have it."""
@@ -122,13 +123,10 @@ def _lone(layout: Layout, joint: int, sewing: Sewing) -> bool:
 
 def _fits(faces: FaceArray, ring_of: NDArray[np.int64], count: int) -> bool:
     """Whether the rim of ``faces`` is the rings (their vertices come first), and nothing else."""
-    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    size = int(faces.max(initial=0)) + 1
-    edges, back = tail * size + head, head * size + tail
-    rim = np.setdiff1d(edges, back, assume_unique=True)
+    rim = np.flatnonzero(pair_half_edges(faces) < 0)
     if len(rim) != count:
         return False
-    begin, end = rim // size, rim % size
+    begin, end = faces[rim // 3, rim % 3], faces[rim // 3, (rim + 1) % 3]
     if begin.max() >= count or end.max() >= count:
         return False
     step = np.abs(begin - end)

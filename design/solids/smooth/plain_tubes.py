@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from design.network import FloatArray
 from design.solids.chains import Chain
 from design.solids.smooth.layout import Layout, first_piece
 from design.solids.smooth.sewing import FaceArray, Sewing
 from design.solids.tube import EndShape, straight_tubes, tube_mesh
 
 Shape = tuple[EndShape, EndShape]
-
-_SAME_RING = 1e-6
-"""Of a tube's radius: how far a ring made anew may lie from the one that it takes the place of."""
 
 
 def add_plain_tubes(layout: Layout, shapes: list[Shape], sewing: Sewing) -> None:
@@ -37,7 +32,7 @@ def add_plain_tubes(layout: Layout, shapes: list[Shape], sewing: Sewing) -> None
         else:
             vertices, triangles = tube_mesh(points[0], radius[0], facets, shapes[alike[0]])
             vertices = vertices[None]
-        faces, rings = _opened(triangles, vertices.shape[1], facets, opened)
+        faces, rings = opened_tube(triangles, vertices.shape[1], facets, opened)
         for index in alike:
             sewing.tubes[index] = slice(begun, begun + len(faces))
             sewing.rings.update({(index, end): first + ring for end, ring in rings.items()})
@@ -60,7 +55,7 @@ def _alike(layout: Layout, shapes: list[Shape]) -> list[list[int]]:
     return list(groups.values())
 
 
-def _opened(
+def opened_tube(
     triangles: FaceArray, count: int, facets: int, opened: list[bool]
 ) -> tuple[FaceArray, dict[int, NDArray[np.int64]]]:
     """A tube's faces without the fans at its open ends, and the rings there by end."""
@@ -85,40 +80,3 @@ def trimmed(layout: Layout, index: int, run: Chain) -> Chain:
             points[-end] = start + reach * axis
             radius[-end] = near + slope * reach
     return Chain(points, radius, run.node)
-
-
-def with_other_tubes(
-    layout: Layout, sewing: Sewing, others: Mapping[int, Chain]
-) -> tuple[FloatArray, FaceArray] | None:
-    """The surface with the tubes of some runs swapped, round at free ends; None where one can't be.
-
-    Parameters
-    ----------
-    layout : Layout
-    sewing : Sewing
-    others : mapping of run to Chain
-        The same run with its free ends elsewhere.
-    """
-    vertices, faces = sewing.surface()
-    meshes, kept, count = [vertices], np.ones(len(faces), np.bool_), len(vertices)
-    added: list[FaceArray] = []
-    joined = layout.joint_of()
-    for index, run in others.items():
-        if layout.swallowed[index]:
-            return None
-        facets, part = layout.facets[index], trimmed(layout, index, run)
-        opened = [(index, end) in joined for end in (0, 1)]
-        ends: list[EndShape] = ["flat" if is_open else "round" for is_open in opened]
-        points, triangles = tube_mesh(part.points, part.radius, facets, (ends[0], ends[1]))
-        own, rings = _opened(triangles, len(points), facets, opened)
-        number = count + np.arange(len(points))
-        for end, ring in rings.items():
-            known = sewing.rings[index, end]
-            if np.abs(points[ring] - vertices[known]).max() > _SAME_RING * part.radius[-end]:
-                return None
-            number[ring] = known
-        kept[sewing.tubes[index]] = False
-        added.append(number[own])
-        meshes.append(points)
-        count += len(points)
-    return np.concatenate(meshes), np.concatenate([faces[kept], *added])

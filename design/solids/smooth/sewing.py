@@ -55,6 +55,10 @@ class Sewing:
         """Positions of a ring of the tubes, which were added first and as one array."""
         return self.vertices[0][ring]
 
+    def tube(self, run: int) -> FaceArray:
+        """Faces (m, 3) of a run's plain tube."""
+        return self.faces[0][self.tubes[run]]
+
     def surface(self) -> tuple[FloatArray, FaceArray]:
         """All vertices (n, 3), mm, and faces (m, 3) so far."""
         return np.concatenate(self.vertices), np.concatenate(self.faces)

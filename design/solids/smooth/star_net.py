@@ -49,6 +49,8 @@ class Net(NamedTuple):
         Corners of each triangle and its neighbours.
     stack : (4 * most,) int64
         Room for `insert`.
+    settled : (2 * most, 4) int64
+        Corners of each triangle, and their owners as one number, when it last needed no direction.
     """
 
     d: FloatArray
@@ -57,6 +59,7 @@ class Net(NamedTuple):
     tri: IntArray
     beside: IntArray
     stack: IntArray
+    settled: IntArray
 
 
 @jit
@@ -69,6 +72,7 @@ def new_net(most: int) -> Net:
         np.zeros((2 * most, 3), dtype=np.int64),
         np.zeros((2 * most, 3), dtype=np.int64),
         np.zeros(4 * most, dtype=np.int64),
+        np.full((2 * most, 4), -1, dtype=np.int64),
     )
 
 

@@ -19,13 +19,41 @@ def refine_directions(junction: Junction, net: Net, count: int, used: int) -> tu
             return count, True
         if max(gap(net, a, b), gap(net, b, c), gap(net, c, a)) < junction.least:
             continue
+        if _is_settled(net, t):
+            continue
         before = count
         if junction.rho <= 0.0:
             for k in range(3):
                 count = _parted_edge(junction, net, net.tri[t, k], net.tri[t, (k + 1) % 3], count)
         if count == before:
             count = _parted_middle(junction, net, t, count)
+        if count == before:
+            _settle(net, t)
     return count, False
+
+
+@jit
+def _owners(net: Net, t: int) -> int:
+    """Owners of a triangle's corners as one number."""
+    a, b, c = net.tri[t, 0], net.tri[t, 1], net.tri[t, 2]
+    return int((net.owner[a] << 32) ^ (net.owner[b] << 16) ^ net.owner[c])
+
+
+@jit
+def _is_settled(net: Net, t: int) -> bool:
+    """Whether a triangle is as it was when it needed no direction: it needs none now."""
+    for k in range(3):
+        if net.settled[t, k] != net.tri[t, k]:
+            return False
+    return net.settled[t, 3] == _owners(net, t)
+
+
+@jit
+def _settle(net: Net, t: int) -> None:
+    """Note that a triangle needs no direction; owners that were changed meanwhile may ask anew."""
+    for k in range(3):
+        net.settled[t, k] = net.tri[t, k]
+    net.settled[t, 3] = _owners(net, t)
 
 
 @jit

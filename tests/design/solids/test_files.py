@@ -332,7 +332,9 @@ def test_files_of_the_same_triangles_have_the_same_check(tmp_path: Path, constru
     write_stl(paths[0], construct)
     write_3mf(paths[1], construct)
     write_stl(paths[2], block_solid((1, 1, 1)))
-    assert validate_files(paths) == {path.name: validate_file(path) for path in paths}
+    each = {path.name: validate_file(path) for path in paths}
+    assert validate_files(paths) == each
+    assert validate_files(paths, [block_solid((1, 1, 1)), construct]) == each
 
 
 def test_crossings_are_sought_in_a_file_that_isnt_the_solid(tmp_path: Path) -> None:
