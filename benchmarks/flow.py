@@ -26,9 +26,11 @@ from benchmarks.command import Job, Row, run
 from benchmarks.flow_lumens import lumen_rows
 from benchmarks.flow_networks import binary_tree, crossed_tree, joined_trees, tapered
 from benchmarks.flow_one_d import one_d_rows
+from benchmarks.flow_openbf import openbf_rows
 from benchmarks.flow_oxygen import oxygen_rows
 from benchmarks.flow_ranks import ranks_rows
 from benchmarks.flow_svzerod import svzerod_rows
+from benchmarks.flow_tables import table_rows
 from benchmarks.flow_three_d import pipe_rows, womersley_rows
 from benchmarks.machine import row
 from design.hemodynamics import (
@@ -149,6 +151,8 @@ JOBS: dict[str, Job] = {
     "lumens": lumen_rows,
     "ranks": ranks_rows,
     "svzerod": svzerod_rows,
+    "openbf": openbf_rows,
+    "tables": table_rows,
 }
 
 

@@ -131,7 +131,7 @@ def _large(terminals: int, cycles: int) -> Row:
         more = {"csv": spent["csv"]}
         if not solver:
             return row(what, spent["npz"], "CPU s") | more
-        theirs = _cpu([solver, str(case), str(folder / "peer.csv")])
+        theirs = cpu_of([solver, str(case), str(folder / "peer.csv")])
     peer = {"name": "svZeroDSolver, to CSV", "value": theirs}
     met = spent["npz"] <= theirs / SHARE
     return row(what, spent["npz"], "CPU s", f"<= {theirs / SHARE:.3g}", met, peer) | more
@@ -190,19 +190,22 @@ def tree_case(terminals: int, cycles: int) -> dict[str, Any]:
 
 
 def _spent(case: Path, kind: str, folder: Path) -> float:
-    return _cpu(_command("flow", str(case), "--results", kind, "--out", str(folder)))
+    return cpu_of(command_line("flow", str(case), "--results", kind, "--out", str(folder)))
 
 
-def _command(*words: str) -> list[str]:
+def command_line(*words: str) -> list[str]:
+    """Return `printctl`'s command with these words."""
     return [sys.executable, "-m", "printctl", *words]
 
 
 def _printctl(*words: str) -> subprocess.CompletedProcess[str]:
     place = os.environ | {"PYTHONPATH": str(ROOT)}
-    return subprocess.run(_command(*words), capture_output=True, text=True, env=place, check=False)
+    return subprocess.run(
+        command_line(*words), capture_output=True, text=True, env=place, check=False
+    )
 
 
-def _cpu(command: list[str]) -> float:
+def cpu_of(command: list[str]) -> float:
     """Return the CPU time of a whole process, user and system, s."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     place = os.environ | {"PYTHONPATH": str(ROOT)}

@@ -1,4 +1,4 @@
-"""Rows on anatomic templates: heart and kidney, on real meshes and on shapes made up here."""
+"""Rows on anatomic templates: heart, kidney, liver, on real meshes and shapes made up here."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from benchmarks.checkers.anatomy import (
     kinks,
     length_beside,
     one_kind,
+    one_tree,
     outer_triangles,
     strahler_from_root,
     triangle_distance,
@@ -40,6 +41,7 @@ import json, sys, time
 from pathlib import Path
 from design.anatomy.heart import grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
+from design.anatomy.liver import grow_liver
 from design.anatomy.network import curved_network
 from design.anatomy.presets import PRESETS
 from design.network_files.csv_format import write_network_csv
@@ -54,8 +56,9 @@ drop = preset.pressure_drop_mmhg * PA_PER_MMHG
 options = GrowthOptions(terminals=int(terminals), seed=int(seed), clearance_mm=0.1,
     murray_exponent=preset.murray_exponent, pressure_drop_pa=drop)
 begin = time.process_time()
-found = grow_heart(tissue, options) if organ == "heart" else grow_kidney(
-    tissue, options, KidneyAnatomy(vein="beside"))
+grow = {"heart": grow_heart, "liver": grow_liver,
+    "kidney": lambda *given: grow_kidney(*given, KidneyAnatomy(vein="beside"))}
+found = grow[organ](tissue, options)
 network = curved_network(found.trees, found.kinds)
 write_network_csv(Path(out), network)
 known = {"cpu_s": time.process_time() - begin, "notes": found.notes,
@@ -89,6 +92,8 @@ def anatomy_rows(
     net, tissue = read_network(out), read_stl(stl)
     yield row(f"{name}: growth, CPU", round(known["cpu_s"], 1), "s")
     trees = [one_kind(net, kind) for kind in np.unique(net.kind)]
+    if organ == "liver":
+        trees = [one_tree(net, number) for number in range(3)]
     bent = sum(kinks(tree, 30.0, 0.05) for tree in trees)
     yield _zero(f"{name}: kinks over 30 degrees, above 5 % of the root", bent)
     near = near_pairs(net, _CLEARANCE, 0.1)
@@ -101,11 +106,13 @@ def anatomy_rows(
     drops = known["drop_pa"][:: max(1, len(known["drop_pa"]) // len(trees))]
     flow = [outlet_flows(*pair, 4e-3) for pair in zip(trees, drops, strict=False)]
     yield _most(f"{name}: terminal flow spread", max(spread(one) for one in flow), 1e-9)
-    total = max(abs(one.sum() / flow[0].sum() - 1.0) for one in flow)
-    yield _most(f"{name}: flow of the vein and the artery apart", total, 1e-9)
+    into = flow[0].sum() + (flow[1].sum() if organ == "liver" else 0.0)
+    total = abs(flow[-1].sum() / into - 1.0)
+    yield _most(f"{name}: flow of the vein and of what comes in apart", total, 1e-9)
     ends = [len(tree.outlets()) for tree in trees]
     yield row(f"{name}: terminals", ends[-1], "1", str(terminals), set(ends) == {terminals})
-    yield from (_heart if organ == "heart" else _kidney)(name, net, tissue, known)
+    rows = {"heart": _heart, "kidney": _kidney, "liver": _liver}
+    yield from rows[organ](name, net, tissue, known)
 
 
 def _heart(name: str, net: Any, tissue: Any, known: dict[str, Any]) -> Iterator[Row]:
@@ -193,6 +200,20 @@ def _kidney(name: str, net: Any, tissue: Any, known: dict[str, Any]) -> Iterator
     yield from _beside(name, artery, vein)
 
 
+def _liver(name: str, net: Any, tissue: Any, known: dict[str, Any]) -> Iterator[Row]:
+    portal, artery, veins = (one_tree(net, number) for number in range(3))
+    length, near = length_beside(artery, portal, 3.0)
+    above = above_terminals(artery)
+    share = float(near[above].sum() / length[above].sum())
+    what = "artery above its terminals, with the portal vein within three diameters"
+    yield row(f"{name}: {what}", share, "of length", ">= 0.7", share >= 0.7)
+    length, near = length_beside(veins, portal, 3.0)
+    wide = strahler_from_root(veins) >= strahler_from_root(veins).max() - 2
+    share = float(near[wide].sum() / length[wide].sum())
+    what = "hepatic veins' three widest orders, with the portal vein within three diameters"
+    yield row(f"{name}: {what}", share, "of length") | {"notes": known["notes"]}
+
+
 def _beside(name: str, artery: Any, vein: Any) -> Iterator[Row]:
     """Shares of length with the other within three of its own diameters, axis from axis.
 
@@ -252,6 +273,17 @@ def ellipsoid_ventricle(out: Path, length_mm: float = 78.0, wall_mm: float = 9.0
     return out
 
 
+def liver_phantom(out: Path) -> Path:
+    """The shipped phantom of a liver, 150 mm wide, as a file."""
+    import trimesh
+
+    from design.tissue import liver
+
+    made = liver(150.0)
+    trimesh.Trimesh(made.vertices, made.faces).export(out)
+    return out
+
+
 def anatomy_jobs(data: Path, folder: Path) -> Iterator[tuple[str, Any]]:
     """Organs with their names: meshes the templates were tuned on, and others."""
     heart, kidney = data / "biventricle_svv.stl", data / "kidney_left_hubmap_VHM.stl"
@@ -265,6 +297,8 @@ def anatomy_jobs(data: Path, folder: Path) -> Iterator[tuple[str, Any]]:
             lambda: ellipsoid_ventricle(folder / "e.stl"),
         ),
         ("anatomy: kidney 2,000", "kidney", lambda: kidney),
+        ("anatomy: kidney 8,000", "kidney", lambda: kidney),
+        ("anatomy: liver phantom 1,000", "liver", lambda: liver_phantom(folder / "l.stl")),
         (
             "anatomy: kidney turned, 0.7 as large, 1,000",
             "kidney",

@@ -6,7 +6,8 @@
     ├── TissueError             mesh empty, open, of absurd size, too thin
     ├── NetworkError            NaN, self-intersection, zero length or radius, bad file
     ├── GrowthError             a tree that can't be grown as asked
-    │   └── RootError           a root where no trunk fits
+    │   ├── RootError           a root where no trunk fits
+    │   └── CrowdedError        fewer terminals fit than were asked for
     ├── FlowError               no inlet, no outlet, isolated part
     ├── SolidError              a surface that isn't watertight
     └── ToolpathError           vessel thinner than the needle, empty path
@@ -33,6 +34,22 @@ class GrowthError(DesignError):
 
 class RootError(GrowthError):
     """A root where no trunk fits: another one may do."""
+
+
+class CrowdedError(GrowthError):
+    """Fewer terminals fit than were asked for.
+
+    Attributes
+    ----------
+    fit, asked : int
+    """
+
+    def __init__(self, fit: int, asked: int, more: str = "") -> None:
+        self.fit, self.asked = fit, asked
+        super().__init__(
+            f"only {fit} of {asked} terminals fit beside the trunks{more}; ask for {fit} or fewer, "
+            "a lower clearance_mm or a higher pressure_drop_mmhg (radii fall by its fourth root)"
+        )
 
 
 class FlowError(DesignError):

@@ -47,7 +47,7 @@ _TAKES_CONSTANT: Final = frozenset(dis.hasconst)
 _ADDRESS: Final = re.compile(r"\b0x[0-9a-f]{6,}\b")
 
 Memo = dict["Dispatcher", tuple[str, tuple["Dispatcher", ...]]]
-"""Description of a kernel alone, and the kernels that it calls directly."""
+"""Description of a kernel alone, and the kernels that it calls directly, by their names' order."""
 
 
 class UnkeepableError(TypeError):
@@ -67,14 +67,22 @@ def kernel_key(kernel: Dispatcher, memo: Memo) -> str:
 
 def content_parts(kernel: Dispatcher, memo: Memo) -> list[str]:
     """Describe ``kernel`` with all that it takes in, but for what compiles it; see `kernel_key`."""
-    parts = [_alone(kernel, memo)[0]]
     callees = called_kernels(kernel, memo)
     for callee in callees | {kernel}:
         if callee.py_func.__module__ == "__main__":
             raise UnkeepableError(f"{_function_name(callee.py_func)} stands in a script")
         if any(callee in called_kernels(one, memo) for one in _others(callee, memo)):
             raise UnkeepableError(f"{_function_name(callee.py_func)} is called by what it calls")
-    return parts + sorted(_alone(callee, memo)[0] for callee in callees)
+    return [_whole(kernel, memo, {})]
+
+
+def _whole(kernel: Dispatcher, memo: Memo, known: dict[Dispatcher, str]) -> str:
+    """Describe a kernel and, each at the name that it is called by, all that it calls."""
+    if kernel not in known:
+        alone, callees = _alone(kernel, memo)
+        inner = ("itself" if one is kernel else _whole(one, memo, known) for one in callees)
+        known[kernel] = digest([alone, *inner])
+    return known[kernel]
 
 
 def is_kernel(value: Any) -> bool:
@@ -180,8 +188,8 @@ def _values_read(function: FunctionType) -> Iterator[tuple[str, Any]]:
     closed = inspect.getclosurevars(function).nonlocals if function.__closure__ else {}
     seen = {}
     for code in _codes(function.__code__):
-        for name, chain in _names_read(code):
-            if name in closed:
+        for name, chain, is_global in _names_read(code):
+            if name in closed and not is_global:
                 value = closed[name]
             elif name in function.__globals__:
                 value = function.__globals__[name]
@@ -191,8 +199,8 @@ def _values_read(function: FunctionType) -> Iterator[tuple[str, Any]]:
                 if not isinstance(value, ModuleType) or _is_external(value):
                     break
                 value, name = getattr(value, attribute), f"{name}.{attribute}"
-            seen[name] = value
-    yield from sorted(seen.items())
+            seen[name, is_global] = value
+    yield from ((name, value) for (name, _), value in sorted(seen.items(), key=lambda one: one[0]))
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
@@ -202,15 +210,15 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
             yield from _codes(constant)
 
 
-def _names_read(code: CodeType) -> Iterator[tuple[str, list[str]]]:
-    """Yield each global name that is read, with the attributes taken from it straight after."""
-    name, chain = None, list[str]()
+def _names_read(code: CodeType) -> Iterator[tuple[str, list[str], bool]]:
+    """Yield each outer name that is read, the attributes taken from it, and if it's a global."""
+    name, chain, is_global = None, list[str](), False
     for instruction in dis.get_instructions(code):
         if name is not None and instruction.opname in ("LOAD_ATTR", "LOAD_METHOD"):
             chain.append(str(instruction.argval))
             continue
         if name is not None:
-            yield name, chain
+            yield name, chain, is_global
             name, chain = None, []
         if instruction.opname in (
             "LOAD_GLOBAL",
@@ -219,6 +227,7 @@ def _names_read(code: CodeType) -> Iterator[tuple[str, list[str]]]:
             "LOAD_FROM_DICT_OR_DEREF",
         ):
             name = str(instruction.argval)
+            is_global = instruction.opname in ("LOAD_GLOBAL", "LOAD_NAME")
 
 
 def _is_external(value: ModuleType) -> bool:
@@ -265,7 +274,8 @@ def _value_text(value: Any) -> str:
         return f"dict {[(repr(key), _value_text(one)) for key, one in value.items()]}"
     if isinstance(value, np.ndarray):
         data = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
-        return f"array {value.dtype.descr!r} {value.shape} {value.flags.c_contiguous} {data}"
+        order = f"{value.flags.c_contiguous} {value.flags.f_contiguous}"
+        return f"array {value.dtype.descr!r} {value.shape} {order} {data}"
     if isinstance(value, np.dtype):
         return f"dtype {value.descr!r} {value.itemsize}"
     if "numba.core.types" in sys.modules and isinstance(value, _types().Type):

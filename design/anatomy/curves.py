@@ -53,7 +53,7 @@ def curve_tree(
     reach: FloatArray,
     main: IntArray,
     forked: NDArray[np.bool_],
-    least: float = STRAIGHT,
+    least: FloatArray,
 ) -> tuple[VesselTree, Lines]:
     """The tree with its bends and main lines rounded, radii derived anew.
 
@@ -69,8 +69,8 @@ def curve_tree(
         Child that goes on from each segment, -1 for none (`main_children`).
     forked : (s,) bool
         Segments whose two children are as wide: both leave by a small turn.
-    least : float, rad
-        Turns below it stay as they are.
+    least : (s,) float64, rad
+        Turns of each segment that stay as they are.
 
     Returns
     -------
@@ -102,7 +102,11 @@ def turns(tree: VesselTree) -> tuple[IntArray, FloatArray]:
 
 
 def _cut_joints(
-    tree: VesselTree, main: IntArray, forked: NDArray[np.bool_], reach: FloatArray, least: float
+    tree: VesselTree,
+    main: IntArray,
+    forked: NDArray[np.bool_],
+    reach: FloatArray,
+    least: FloatArray,
 ) -> Lines:
     """Cut the corner at each node where the main line turns; the node moves onto the cut.
 
@@ -113,7 +117,7 @@ def _cut_joints(
     way = (tree.distal - tree.proximal) / length[:, None]
     upper = np.flatnonzero((main >= 0) & ~forked)
     lower = main[upper]
-    bends = _angle(way[upper], way[lower]) > least
+    bends = _angle(way[upper], way[lower]) > least[upper]
     upper, lower = upper[bends], lower[bends]
     cut = REACH * reach[upper] * np.minimum(length[upper], length[lower])
     # Nodes beside a joint: before it on the upper segment, after it on a lower one.
@@ -169,12 +173,12 @@ def _main_nodes(lines: Lines) -> IntArray:
     return np.where(count == 1, only, -1)
 
 
-def _cut_bends(lines: Lines, only: IntArray, least: float) -> Lines:
+def _cut_bends(lines: Lines, only: IntArray, least: FloatArray) -> Lines:
     """Put two nodes in place of each that is no joint and turns."""
     at = np.flatnonzero((only >= 0) & (lines.parent >= 0))
     here = lines.points[at]
     before, after = here - lines.points[lines.parent[at]], lines.points[only[at]] - here
-    turning = _angle(before, after) > least
+    turning = _angle(before, after) > least[lines.origin[at]]
     at, here, before, after = at[turning], here[turning], before[turning], after[turning]
     length = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
     step = 0.25 * length[:, None]

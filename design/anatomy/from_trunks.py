@@ -65,6 +65,8 @@ class TrunkPlan:
         Brings nodes back to a zone, after they were brought to their depth.
     branches : function of lines and radii to both, optional
         Adds trunks that leave the laid ones.
+    each : tuple of GrowthOptions
+        Of each tree, where all of them serve the whole tissue; else they share it.
     """
 
     lines: TrunkLines
@@ -73,6 +75,7 @@ class TrunkPlan:
     wider: float = WIDER
     keep: Callable[[FloatArray], FloatArray] | None = None
     branches: Callable[[TrunkLines, FloatArray], tuple[TrunkLines, FloatArray]] | None = None
+    each: tuple[GrowthOptions, ...] = ()
 
 
 def grow_from_plan(
@@ -89,12 +92,16 @@ def grow_from_plan(
         As `grow_forest`; and when trunks don't fit with the radii that they get.
     """
     lines = plan.lines
-    radius = likely_radius(tissue, options) * lines.share ** (1 / options.murray_exponent)
+    wide = np.array([likely_radius(tissue, one) for one in plan.each or (options,)])
+    root = wide[lines.tree] if plan.each else wide[0]
+    radius = root * lines.share ** (1 / options.murray_exponent)
     for left in range(_ROUNDS - 1, -1, -1):
         smooth, kept = laid(tissue, plan, lines, radius, options)
         lines, radius = without(lines, ~kept), radius[kept]
         whole, wide = plan.branches(smooth, radius) if plan.branches else (smooth, radius)
-        trees = grow_forest(tissue, roots_of(thinned(whole, STRAIGHTER * wide), wide, options))
+        thin = thinned(whole, STRAIGHTER * wide)
+        roots = _pervading(thin, wide, whole, plan) if plan.each else roots_of(thin, wide, options)
+        trees = grow_forest(tissue, roots)
         found = trunk_radii(smooth, trees)
         if left == 0 or (found <= radius).all():
             break
@@ -250,6 +257,21 @@ def roots_of(lines: TrunkLines, radius: FloatArray, options: GrowthOptions) -> l
             )
         )
     return found
+
+
+def _pervading(
+    lines: TrunkLines, radius: FloatArray, whole: TrunkLines, plan: TrunkPlan
+) -> list[RootSpec]:
+    """One root for each tree, all of them with the whole tissue; radii are those of ``whole``."""
+    return [
+        RootSpec(
+            options,
+            VesselKind.ARTERY,
+            trunk_from(lines, tree, float(radius[whole.tree == tree].max())),
+            Surroundings(),
+        )
+        for tree, options in enumerate(plan.each)
+    ]
 
 
 def _nearest_tree(lines: TrunkLines, tree: int) -> Callable[[FloatArray], NDArray[np.bool_]]:

@@ -33,6 +33,9 @@ _LOBES = 9
 _ARC_ROOM = 1.3
 """Depth of the arcs' zone below the capsule, over the cortex's thickness."""
 
+_LEAST_DEPTH = 0.0055
+"""Least depth of the trunks over the cube root of the kidney's volume: 0.3 mm in a man's."""
+
 _DEEP = 2.5
 """Cost of leaving the arcs' zone, for branches of the second rank on."""
 
@@ -86,10 +89,11 @@ def grow_kidney(
     entry = None if anatomy.hilum_mm is None else np.array(anatomy.hilum_mm)
     places = find_kidney_places(tissue, samples, volume, entry, anatomy.cortex_mm)
     tissue = replace(tissue, demand=_demand(tissue, places, anatomy.cortex_demand))
-    layer = kidney_layer(tissue, places, volume)
+    least = _LEAST_DEPTH * float(np.cbrt(tissue.volume_mm3))
+    layer = kidney_layer(tissue, places, volume, least)
     forest = kidney_forest(layer, places, ends)
     lines = lines_of(forest, {0: places.entry}, volume)
-    plan = TrunkPlan(lines, 0.3, exactly=False, keep=places.kept_in_medulla)
+    plan = TrunkPlan(lines, least, exactly=False, keep=places.kept_in_medulla)
     if anatomy.vein == "beside":
         kinds = (VesselKind.ARTERY, VesselKind.VEIN)
         trees = grow_pair(tissue, plan, options)
@@ -98,11 +102,13 @@ def grow_kidney(
     return AnatomicTrees(trees, (VesselKind.ARTERY,), ("artery",), _notes(places))
 
 
-def kidney_layer(tissue: Tissue, places: KidneyPlaces, volume: FloatArray) -> Layer:
-    """Places all over the medulla and the cortex's inner border."""
+def kidney_layer(
+    tissue: Tissue, places: KidneyPlaces, volume: FloatArray, least_mm: float
+) -> Layer:
+    """Places all over the medulla and the cortex's inner border, ``least_mm`` deep at least."""
     inside = places.below_capsule(volume) >= places.cortex_mm
-    points = volume[inside & (-tissue.grid.distance(volume) > 0.3)]
-    return join_layer(tissue, points[:_PLACES], 0.2)
+    points = volume[inside & (-tissue.grid.distance(volume) > least_mm)]
+    return join_layer(tissue, points[:_PLACES], 0.67 * least_mm)
 
 
 def kidney_forest(layer: Layer, places: KidneyPlaces, ends: int) -> LayerForest:

@@ -27,6 +27,8 @@ PRESETS: Final = {
     "heart": Preset(2.5, 8.0),
     # Nordsletten et al. 2006 find Murray's law. The drop is ours: no figure was confirmed.
     "kidney": Preset(3.0, 20.0),
+    # Of the portal vein, to its terminals. Ours: no figure of these was confirmed.
+    "liver": Preset(3.0, 5.0),
     # Helthuis et al. 2019 (Anat Rec 302:1434, PMC6767475) find Murray's law in human cerebral
     # arteries of 0.1 to 1 mm radius. The drop is ours.
     "cortex": Preset(3.0, 20.0),

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from design.errors import GrowthError
+from design.errors import CrowdedError, GrowthError
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii
 
@@ -30,11 +30,7 @@ def without_terminals(tree: VesselTree, gone: NDArray[np.bool_]) -> VesselTree:
     """
     if not gone.any():
         return tree
-    order = downward_order(tree.children)
-    kept = (tree.children[:, 0] < 0) & ~gone
-    for i in order[::-1]:
-        if tree.parent[i] >= 0:
-            kept[tree.parent[i]] |= kept[i]
+    kept = kept_segments(tree, gone)
     if not kept[0]:
         raise GrowthError("no vessel of a tree fits where its trunk runs; move its inlet")
     number = np.cumsum(kept) - 1
@@ -60,6 +56,15 @@ def without_terminals(tree: VesselTree, gone: NDArray[np.bool_]) -> VesselTree:
         given=tree.given[kept],
     )
     return replace(smaller, notes=tree.notes)
+
+
+def kept_segments(tree: VesselTree, gone: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which segments (n,) lead to a terminal that stays; the order of the rest doesn't change."""
+    kept = (tree.children[:, 0] < 0) & ~gone
+    for i in downward_order(tree.children)[::-1]:
+        if tree.parent[i] >= 0:
+            kept[tree.parent[i]] |= kept[i]
+    return kept
 
 
 def terminals_below(tree: VesselTree, segments: IntArray) -> NDArray[np.bool_]:
@@ -98,18 +103,25 @@ def trimmed(trees: Sequence[VesselTree], terminals: int) -> tuple[VesselTree, ..
     counts = np.array([int(tree.terminals[0]) for tree in trees])
     extra = int(counts.sum()) - terminals
     if extra < 0:
-        raise GrowthError(
-            f"only {counts.sum()} of {terminals} terminals fit beside the trunks; ask for fewer "
-            "terminals or a higher pressure_drop_mmhg"
-        )
+        raise CrowdedError(int(counts.sum()), terminals)
     goes = np.floor(extra * counts / counts.sum()).astype(np.int64)
     goes[np.argmax(counts)] += extra - int(goes.sum())
-    found = []
-    for tree, many in zip(trees, goes.tolist(), strict=True):
-        gone = np.zeros(len(tree.parent), dtype=np.bool_)
-        gone[_side_tips(tree)[:many]] = True
-        found.append(without_terminals(tree, gone))
-    return tuple(found)
+    return tuple(
+        without_terminals(tree, first_tips(tree, many))
+        for tree, many in zip(trees, goes.tolist(), strict=True)
+    )
+
+
+def first_tips(
+    tree: VesselTree, many: int, stay: NDArray[np.bool_] | None = None
+) -> NDArray[np.bool_]:
+    """Mark ``many`` terminals (n,) that are missed least; those that must ``stay`` come last."""
+    tips = _side_tips(tree)
+    if stay is not None:
+        tips = np.concatenate([tips[~stay[tips]], tips[stay[tips]]])
+    gone = np.zeros(len(tree.parent), dtype=np.bool_)
+    gone[tips[:many]] = True
+    return gone
 
 
 def _side_tips(tree: VesselTree) -> IntArray:

@@ -27,7 +27,11 @@ _SPREAD = 3
 
 
 def push_apart(
-    tissue: Tissue, trees: Sequence[VesselTree], clearance_mm: float, clearance_ratio: float
+    tissue: Tissue,
+    trees: Sequence[VesselTree],
+    clearance_mm: float,
+    clearance_ratio: float,
+    room: float = 1.0,
 ) -> tuple[VesselTree, ...]:
     """The trees, their nodes moved until vessels are clear of each other, or as far as it goes.
 
@@ -38,11 +42,13 @@ def push_apart(
     ----------
     clearance_mm, clearance_ratio : float
         As in `GrowthOptions`.
+    room : float
+        Clearance at which pushing ends, over that asked for; below `_MORE`, which is aimed at.
     """
     trees = tuple(trees)
     for _ in range(ROUNDS):
-        shift, worst = _pushes(trees, clearance_mm, clearance_ratio)
-        back = _back(tissue, trees, clearance_mm)
+        shift, worst = _pushes(trees, clearance_mm, clearance_ratio, room)
+        back = _back(tissue, trees, room * clearance_mm)
         if worst <= 0.0 and not back.any():
             break
         shift += back
@@ -54,7 +60,9 @@ def push_apart(
     return trees
 
 
-def _pushes(trees: Sequence[VesselTree], mm: float, ratio: float) -> tuple[FloatArray, float]:
+def _pushes(
+    trees: Sequence[VesselTree], mm: float, ratio: float, room: float
+) -> tuple[FloatArray, float]:
     """How far the end of each segment, numbered on, is to move for what is near, (n, 3), mm.
 
     And how much the nearest pair lacks, mm; at most 0 where all are clear.
@@ -67,7 +75,7 @@ def _pushes(trees: Sequence[VesselTree], mm: float, ratio: float) -> tuple[Float
         [np.where(t.parent >= 0, t.parent + a, -1) for t, a in zip(trees, first[:-1], strict=True)]
     )
     shift, pushed = np.zeros_like(end), np.zeros(len(end))
-    found = collisions(forest_to_network(trees), _MORE * mm, _MORE * ratio)
+    found = collisions(forest_to_network(trees), mm, ratio, _MORE, room**-0.5)
     if not found.count:
         return shift, 0.0
     one, two = found.pieces.T
@@ -85,7 +93,7 @@ def _pushes(trees: Sequence[VesselTree], mm: float, ratio: float) -> tuple[Float
             there = node >= 0
             np.add.at(shift, node[there], (far * weight)[there, None] * off[there])
             np.add.at(pushed, node[there], weight[there])
-    return shift / np.maximum(pushed, 1.0)[:, None], float((need - found.gap_mm).max())
+    return shift / np.maximum(pushed, 1.0)[:, None], float((room * need - found.gap_mm).max())
 
 
 def _back(tissue: Tissue, trees: Sequence[VesselTree], mm: float) -> FloatArray:

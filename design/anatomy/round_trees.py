@@ -26,6 +26,9 @@ Misfits = tuple[list[list[int]], IntArray]
 KINK = 30.0
 """Turns, degrees, above which a main line has a kink."""
 
+FINE = 0.25
+"""Part of the root's radius from which on curves are always fine."""
+
 WIDE = 0.05
 """Part of the root's radius from which on vessels mustn't have kinks."""
 
@@ -36,6 +39,8 @@ ROUNDS = 10
 AGAIN = 12
 SECOND = np.radians(24.0)
 _LESS, _LEAST = 0.5, 0.01
+_STUCK = 3
+"""Rounds that mend nothing, after which curves are left as they are."""
 
 
 def fitted_trees(
@@ -133,11 +138,21 @@ def curve_trees(
     clearance_mm: float,
     clearance_ratio: float,
     least: float = STRAIGHT,
+    narrow: float | None = None,
+    room: float = 1.0,
 ) -> tuple[Trees, Misfits]:
     """Round all bends and main lines; where something is in the way, less.
 
     Each curve reaches as far as its vessels allow; those of pieces that come too near to others,
     or out of the tissue, are halved until all fit.
+
+    Parameters
+    ----------
+    least, narrow : float, rad
+        Turns that stay as they are: of all vessels, and of those narrower than `FINE` of their
+        root's radius where it is given (thousands of them in fine pieces take minutes).
+    room : float
+        Clearance that is made, over that asked for.
 
     Returns
     -------
@@ -148,14 +163,19 @@ def curve_trees(
     reach = [np.ones(len(tree.parent)) for tree in trees]
     main = [main_children(tree) for tree in trees]
     forked = [np.zeros(len(tree.parent), dtype=np.bool_) for tree in trees]
+    turn = [_least(tree, least, narrow) for tree in trees]
+    left: list[int] = []
     for n in range(ROUNDS):
-        curved = [curve_tree(*each, least) for each in zip(trees, reach, main, forked, strict=True)]
+        curved = [curve_tree(*each) for each in zip(trees, reach, main, forked, turn, strict=True)]
         done = tuple(tree for tree, _ in curved)
-        bad = misfits(tissue, done, clearance_mm, clearance_ratio)
+        bad = misfits(tissue, done, clearance_mm, clearance_ratio, room)
         wider = [_wider(*each) for each in zip(trees, curved, strict=True)]
         turned = [(a != b) & ~c for a, b, c in zip(main, wider, forked, strict=True)]
         if not _any(bad) and not any(some.any() for some in turned):
             break
+        left.append(len(bad[0]) + len(bad[1]))
+        if room > 1.0 and n >= _STUCK and left[-1] >= left[-1 - _STUCK]:
+            break  # what is left is pushed apart next
         # Where the curve itself makes the other child wider, both are alike.
         forked = [a | b if n > 0 else a for a, b in zip(forked, turned, strict=True)]
         main = wider
@@ -168,19 +188,31 @@ def curve_trees(
     return done, bad
 
 
+def _least(tree: VesselTree, least: float, narrow: float | None) -> FloatArray:
+    """Turn (s,), rad, up to which the main line at the end of each segment stays."""
+    radius = tree_radii(tree)
+    low = least if narrow is None else max(least, narrow)
+    return np.where(radius < FINE * radius[0], low, least)
+
+
 def misfits(
-    tissue: Tissue, trees: Sequence[VesselTree], clearance_mm: float, clearance_ratio: float
+    tissue: Tissue,
+    trees: Sequence[VesselTree],
+    clearance_mm: float,
+    clearance_ratio: float,
+    room: float = 1.0,
 ) -> Misfits:
     """Pairs of segments nearer than the clearance, and segments that reach out of the tissue.
 
-    Segments of all trees are numbered on. A root's segment may begin outside.
+    Segments of all trees are numbered on. A root's segment may begin outside. Clearances count
+    ``room`` times, and joints reach a little less far for it: radii may still change.
     """
-    found = collisions(forest_to_network(trees), clearance_mm, clearance_ratio)
+    found = collisions(forest_to_network(trees), clearance_mm, clearance_ratio, room, room**-0.5)
     start = np.concatenate([tree.proximal for tree in trees])
     end = np.concatenate([tree.distal for tree in trees])
     radius = np.concatenate([tree_radii(tree) for tree in trees])
     parent = np.concatenate([tree.parent for tree in trees])
-    inside = tissue.grid.capsule_inside(start, end, radius, clearance_mm)
+    inside = tissue.grid.capsule_inside(start, end, radius, room * clearance_mm)
     return found.vessels.tolist(), np.flatnonzero(~inside & (parent >= 0))
 
 

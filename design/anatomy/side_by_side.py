@@ -1,4 +1,4 @@
-"""Lay an artery and a vein side by side along each vessel of a tree grown with room for both."""
+"""Lay two vessels side by side along each vessel of a tree grown with room for both."""
 
 from __future__ import annotations
 
@@ -15,11 +15,34 @@ from design.vasculature.treemath import downward_order, tree_from_topology, tree
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-VEIN_DROP = 0.5
-"""Pressure drop along the vein over the artery's: a vein is then 1.19 times as wide. Ours."""
 
-WIDTH = 2.1
-"""Radius of a tube over its artery's. All that both may need is twice the vein's: 2.38."""
+@dataclass(frozen=True)
+class Companion:
+    """A vessel beside another: what it is by the other's figures.
+
+    Attributes
+    ----------
+    drop : float
+        Its pressure drop over the other's.
+    flow : float
+        Its flow over the other's.
+    tube : float
+        Radius of the tube that holds both, over the other's radius; both together are as wide as
+        ``1 + radius``.
+    """
+
+    drop: float
+    flow: float
+    tube: float
+
+    @property
+    def radius(self) -> float:
+        """Its radius over the other's, at the same length (Poiseuille)."""
+        return float((self.flow / self.drop) ** 0.25)
+
+
+VEIN = Companion(drop=0.5, flow=1.0, tube=2.1)
+"""A vein beside its artery, then 1.19 times as wide. Half of the pressure drop is ours."""
 
 _GAP = 1.2
 """Room between artery and vein over the clearance."""
@@ -78,16 +101,18 @@ class _Lines:
         return len(self.parent) - 1
 
 
-def tube_options(options: GrowthOptions) -> GrowthOptions:
-    """Options with which a tree of tubes grows that have room for an artery and a vein each."""
+def tube_options(options: GrowthOptions, beside: Companion = VEIN) -> GrowthOptions:
+    """Options with which a tree of tubes grows that have room for two vessels each."""
     return replace(
         options,
-        pressure_drop_pa=options.pressure_drop_pa / WIDTH**4,
+        pressure_drop_pa=options.pressure_drop_pa / beside.tube**4,
         clearance_mm=(1.0 + _GAP) * options.clearance_mm,
     )
 
 
-def side_by_side(tubes: VesselTree, options: GrowthOptions) -> tuple[VesselTree, VesselTree]:
+def side_by_side(
+    tubes: VesselTree, options: GrowthOptions, beside: Companion = VEIN
+) -> tuple[VesselTree, VesselTree]:
     """An artery and a vein along a tree of tubes, each with its own radii by its own lengths.
 
     The vein lies on one side of a sheet through the tubes' axes, the artery on the other. At
@@ -99,30 +124,36 @@ def side_by_side(tubes: VesselTree, options: GrowthOptions) -> tuple[VesselTree,
     tubes : VesselTree
         Grown with `tube_options`.
     options : GrowthOptions
-        Of the artery.
+        Of the artery, or of what else lies beside ``beside``.
     """
-    radius = tree_radii(tubes) / WIDTH
-    pair = _laid(tubes, options, radius)
+    radius = tree_radii(tubes) / beside.tube
+    pair = _laid(tubes, options, radius, beside)
     # Paths beside the axes are longer, and so the vessels wider.
     wider = max(
         float(tree_radii(pair[0])[0]) / radius[0],
-        float(tree_radii(pair[1])[0]) * VEIN_DROP**0.25 / radius[0],
+        float(tree_radii(pair[1])[0]) / beside.radius / radius[0],
     )
-    return _laid(tubes, options, wider * radius)
+    return _laid(tubes, options, wider * radius, beside)
 
 
 def _laid(
-    tubes: VesselTree, options: GrowthOptions, artery: FloatArray
+    tubes: VesselTree, options: GrowthOptions, artery: FloatArray, beside: Companion
 ) -> tuple[VesselTree, VesselTree]:
     """The two with room for arteries of these radii (n,), mm, and their veins."""
     half = 0.5 * _GAP * np.maximum(options.clearance_mm, options.clearance_ratio * artery)
-    vein = VEIN_DROP**-0.25 * artery
+    vein = beside.radius * artery
     lines = _Sheet(tubes, _Offsets(_APART * artery + half, _APART * vein + half)).lines()
     side, points = np.array(lines.side), np.array(lines.points)
     drop = options.pressure_drop_pa
     return (
         _tree(tubes, lines, points - np.array(lines.artery)[:, None] * side, drop),
-        _tree(tubes, lines, points + np.array(lines.vein)[:, None] * side, VEIN_DROP * drop),
+        _tree(
+            tubes,
+            lines,
+            points + np.array(lines.vein)[:, None] * side,
+            beside.drop * drop,
+            beside.flow,
+        ),
     )
 
 
@@ -250,7 +281,9 @@ class _Sheet:
         return side
 
 
-def _tree(tubes: VesselTree, lines: _Lines, points: FloatArray, drop_pa: float) -> VesselTree:
+def _tree(
+    tubes: VesselTree, lines: _Lines, points: FloatArray, drop_pa: float, flow: float = 1.0
+) -> VesselTree:
     up = np.array(lines.parent, dtype=np.int64)
     parent = up[1:] - 1
     children = np.full((len(parent), 2), -1, dtype=np.int32)
@@ -263,7 +296,7 @@ def _tree(tubes: VesselTree, lines: _Lines, points: FloatArray, drop_pa: float) 
         points[1:],
         parent.astype(np.int32),
         children,
-        flow_ul_s=float(tubes.flow_ul_s[0]),
+        flow_ul_s=flow * float(tubes.flow_ul_s[0]),
         pressure_drop_pa=drop_pa,
         murray_exponent=tubes.murray_exponent,
         viscosity_pa_s=tubes.viscosity_pa_s,

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from design.hemodynamics.vessel.drops import resistance_at
     from design.hemodynamics.vessel.losses import Losses, Stenosis
     from design.hemodynamics.vessel.resistance import vessel_resistance
-    from design.hemodynamics.vessel.wall import GelWall, RigidWall, ThinWall
+    from design.hemodynamics.vessel.wall import GelWall, RigidWall, ThinWall, VesselWalls
     from design.hemodynamics.zero_d.at_probes import pulsatile_at_probes, steady_at_probes
     from design.hemodynamics.zero_d.balance import balance, flow_spread
     from design.hemodynamics.zero_d.flow import FlowSolution
@@ -81,6 +81,7 @@ __all__ = [
     "Stenosis",
     "Supply",
     "ThinWall",
+    "VesselWalls",
     "WindkesselOutlet",
     "balance",
     "band_summary",

@@ -13,15 +13,20 @@ from numpy.typing import NDArray
 
 from design.errors import DesignError
 from design.measures.forest import forest_of
+from design.measures.forks import compare_forks, measure_forks
 from design.measures.morphometry import OrderTable, order_table
 from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
 
-PUBLISHED: Final = ("coronary",)
-"""Tables there are. None for kidney (Nordsletten et al. 2006), lung (Huang et al. 1996), liver or
-cortex: their figures couldn't be confirmed."""
+PUBLISHED: Final = ("coronary", "kidney", "lung", "liver")
+"""Organs that there are published figures of; each file tells what is left out, and why."""
+
+_COLUMNS = ("diameter_um", "diameter_sd_um", "length_mm", "length_sd_mm", "elements")
 
 _FEWEST = 5
 """Elements of an order, below which its mean says little; the orders above come from few trees."""
+
+_FEWEST_STEPS = 4
+"""Published steps between orders, below which their spread says little."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,9 @@ class PublishedOrders:
     name, source : str
     left_out : tuple of str
         What is published but isn't compared, and why.
+    forks : tuple of dict
+        Published angles and asymmetries: of each ``measure``, and ``at`` which forks, its mean,
+        sd, source and note.
     bounds_mm : (n - 1,) float64, mm
         Diameters between orders, ((D + s) + (D' - s')) / 2 as in Kassab et al. 1993.
     diameter_mm, length_mm, slenderness : (n, 2) float64
@@ -45,6 +53,7 @@ class PublishedOrders:
     name: str
     source: str
     left_out: tuple[str, ...]
+    forks: tuple[dict[str, Any], ...]
     bounds_mm: FloatArray
     diameter_mm: FloatArray
     length_mm: FloatArray
@@ -67,7 +76,8 @@ def published_orders(name: str) -> PublishedOrders:
         raise DesignError(f"there is no published table {name}; choose {', '.join(PUBLISHED)}")
     path = Path(__file__).with_name("published") / f"{name}.json"
     data = json.loads(path.read_text(encoding="utf-8"))
-    arteries = list(data["arteries"].values())
+    # An organ without a table has one order, of which nothing is known.
+    arteries = list(data["arteries"].values()) or [[dict.fromkeys(_COLUMNS)]]
     wide, wide_sd = (
         _column(arteries, "diameter_um", 1e-3),
         _column(arteries, "diameter_sd_um", 1e-3),
@@ -80,6 +90,7 @@ def published_orders(name: str) -> PublishedOrders:
         data["name"],
         data["source"],
         tuple(data["left_out"]),
+        tuple(data["forks"]),
         bounds,
         diameter,
         _pooled(long, long_sd),
@@ -97,6 +108,7 @@ def compare_orders(network: VesselNetwork, name: str) -> dict[str, Any]:
     elements isn't judged, nor one below the most numerous: there the tree ends. Ratios are the
     factor from one order to the next over the orders that are judged (a straight line through
     logarithms), beside the mean and standard deviation of the published steps between the same.
+    Forks' angles and asymmetries stand under ``forks``, beside published ones where there are any.
 
     Raises
     ------
@@ -127,8 +139,9 @@ def compare_orders(network: VesselNetwork, name: str) -> dict[str, Any]:
         "table": name,
         "source": table.source,
         "left_out": list(table.left_out),
-        "orders": rows,
-        "ratios": ratios,
+        "orders": rows if len(table.bounds_mm) else [],
+        "ratios": ratios if len(table.bounds_mm) else {},
+        "forks": compare_forks(measure_forks(network, forest), table.forks),
     }
 
 
@@ -172,7 +185,8 @@ def _ratio(steps: FloatArray, ours: FloatArray, orders: IntArray) -> dict[str, A
     if len(orders) < 2 or len(values) < 2:
         return {"ours": None, "mean": None, "sd": None, "inside": None}
     slope = float(np.polyfit(orders, np.log10(ours), 1)[0])
-    return _beside(10.0**slope, np.array([values.mean(), values.std(ddof=1)]), True)
+    published = np.array([values.mean(), values.std(ddof=1)])
+    return _beside(10.0**slope, published, len(values) >= _FEWEST_STEPS)
 
 
 def _column(arteries: list[list[dict[str, Any]]], key: str, unit: float = 1.0) -> FloatArray:

@@ -18,6 +18,7 @@ from design.tissue.heart import biventricle
 from design.tissue.images import VolumeImage, read_image
 from design.tissue.kidney_shape import kidney
 from design.tissue.labels import label_surface, load_label_surface
+from design.tissue.liver_shape import liver
 from design.tissue.load import load_surface, load_tissue
 from design.tissue.parts import Part, part_demands, part_numbers, part_tissue, parts_of
 from design.tissue.points import load_point_surface, point_surface
@@ -66,6 +67,7 @@ __all__ = [
     "image_demand",
     "kidney",
     "label_surface",
+    "liver",
     "load_label_surface",
     "load_point_surface",
     "load_surface",

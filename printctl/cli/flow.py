@@ -8,6 +8,7 @@ import typer
 
 from printctl.cli import flow_options as options
 from printctl.cli.flow_case import read_case, run_case
+from printctl.cli.flow_openbf import read_openbf, run_openbf_case
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.network_options import SourceArg, UnitOption
 from printctl.cli.options import JsonFlag, print_json, print_lines
@@ -69,11 +70,16 @@ def flow(
     """Solve the flow in a network: lumped; as waves (--one-d); in the lumens' space (--three-d).
 
     Steady, and in pulses, too, where a wave is given. --as-printed takes a registered run. An
-    input file of svZeroDSolver (.json) is stepped through its cycles instead.
+    input file of svZeroDSolver (.json) is stepped through its cycles instead, one of openBF
+    (.yaml) is solved as waves.
     """
     case = read_case(network)
     if case is not None:
         _say(run_case(context, case, network, out), as_json)
+        return
+    openbf = read_openbf(network)
+    if openbf is not None:
+        _say(run_openbf_case(context, openbf, network, out), as_json)
         return
     # Loaded late: a case of svZeroDSolver needs no network, mesh or figure.
     from printctl.cli.flow_network import run_network

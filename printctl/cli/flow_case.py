@@ -55,7 +55,7 @@ def run_case(context: typer.Context, data: dict[str, Any], path: Path, out: Path
     FlowError, OSError
         As `case_of`, `run_svzerod` and the writers.
     """
-    _refuse_idle(context)
+    refuse_idle(context, _FOR_CASES, "svZeroDSolver")
     without_numba()  # before the package loads its solver
     try:
         case = svzerod.case_of(data)
@@ -87,11 +87,16 @@ def run_case(context: typer.Context, data: dict[str, Any], path: Path, out: Path
     return FlowOutput(told, [file])
 
 
-def _refuse_idle(context: typer.Context) -> None:
+def refuse_idle(context: typer.Context, known: tuple[str, ...], solver: str) -> None:
+    """Raise for an option typed that isn't among ``known``: the case says all else by itself.
+
+    Raises
+    ------
+    UsageError
+    """
     for name in context.params:
         source = context.get_parameter_source(name)
-        if name not in _FOR_CASES and source is not None and source.name == "COMMANDLINE":
+        if name not in known and source is not None and source.name == "COMMANDLINE":
             raise UsageError(
-                f"--{name.replace('_', '-')} is for networks; a case of svZeroDSolver says all "
-                "by itself"
+                f"--{name.replace('_', '-')} is for networks; a case of {solver} says all by itself"
             )

@@ -14,6 +14,7 @@ from printctl.cli.flow_printed import run_as_printed
 from printctl.cli.flow_ranks import ExternalSolvers, run_external_solvers
 from printctl.cli.flow_solve import pulsatile, space, steady, waves
 from printctl.errors import UsageError
+from printctl.flow import NPZ, CsvTables, NpzTables
 from printctl.networks import Drive, load_source
 
 FILLET: Final = 0.5
@@ -31,8 +32,6 @@ def run_network(context: typer.Context, network: Path, out: Path) -> FlowOutput:
         As the solvers.
     """
     asked, found = context.params, FlowOutput()
-    if asked["results"] is not None:
-        raise UsageError("--results is for a case of svZeroDSolver (.json); leave it out")
     if asked["as_printed"]:
         run_as_printed(context, network, out, found)
         return found
@@ -43,9 +42,11 @@ def run_network(context: typer.Context, network: Path, out: Path) -> FlowOutput:
     fillet = FILLET if asked["fillet_ratio"] is None else asked["fillet_ratio"]
     drive = Drive(part.inlet_flow_ml_min, part.viscosity_mpa_s)
     source = load_source(network, asked["unit"], drive)
-    steady(source.network, part, out, found)
-    pulsatile(source.network, part, out, asked["svzerod"], found)
-    waves(source.network, part, out, asked["svoned"], found)
+    tables = NpzTables(out / NPZ) if asked["results"] == "npz" else CsvTables(out)
+    steady(source.network, part, tables, found)
+    pulsatile(source.network, part, tables, asked["svzerod"], found)
+    waves(source.network, part, tables, asked["svoned"], found)
+    found.files = [*tables.files, *found.files]
     space(source.network, part, out, fillet, found)
     others = (
         asked[key] for key in ("ranks", "ranks_python", "slurm", "slurm_set", "svmultiphysics")

@@ -170,5 +170,5 @@ LeastOption = Annotated[
 ]
 ResultsOption = Annotated[
     Literal["csv", "npz"] | None,
-    typer.Option("--results", help="Of a case of svZeroDSolver: csv, or npz (NumPy, fast)."),
+    typer.Option("--results", help="Tables as csv, or as arrays of one npz (NumPy, fast)."),
 ]

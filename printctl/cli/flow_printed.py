@@ -24,7 +24,16 @@ _DRIVING: Final = (
     "amplitude_ml_min",
     "amplitude_mmhg", "shape", "waveform", "period_s", "wall_young_kpa", "wall_thickness_mm",
 )  # fmt: skip
-_ELSEWHERE: Final = ("svzerod", "svoned", "ranks", "slurm", "svmultiphysics", "compare", "check")
+_ELSEWHERE: Final = (
+    "svzerod",
+    "svoned",
+    "ranks",
+    "slurm",
+    "svmultiphysics",
+    "compare",
+    "check",
+    "results",
+)
 
 
 def run_as_printed(context: typer.Context, folder: Path, out: Path, found: FlowOutput) -> None:

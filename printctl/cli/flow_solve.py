@@ -10,11 +10,7 @@ from design.network import VesselNetwork
 from printctl.cli.flow_output import FlowOutput
 from printctl.cli.options import messages
 from printctl.flow import (
-    ONE_D,
-    ONE_D_WAVES,
-    PULSES,
-    TABLE,
-    WAVES,
+    FlowTables,
     one_d_options,
     pulsatile_conditions,
     solve_and_write,
@@ -27,7 +23,7 @@ from printctl.recipe.parts import FlowPart
 from printctl.recipe.waves import OneDPart
 
 
-def steady(network: VesselNetwork, part: FlowPart, out: Path, found: FlowOutput) -> None:
+def steady(network: VesselNetwork, part: FlowPart, tables: FlowTables, found: FlowOutput) -> None:
     """Solve the steady flow and write its table.
 
     Raises
@@ -35,13 +31,16 @@ def steady(network: VesselNetwork, part: FlowPart, out: Path, found: FlowOutput)
     FlowError, UsageError, OSError
         As `steady_conditions` and `solve_steady`.
     """
-    _, summary = solve_steady(out, network, steady_conditions(part, Path(), network), part)
+    _, summary = solve_steady(tables, network, steady_conditions(part, Path(), network), part)
     found.summary |= summary
-    found.files.append(out / TABLE)
 
 
 def pulsatile(
-    network: VesselNetwork, part: FlowPart, out: Path, svzerod: Path | None, found: FlowOutput
+    network: VesselNetwork,
+    part: FlowPart,
+    tables: FlowTables,
+    svzerod: Path | None,
+    found: FlowOutput,
 ) -> None:
     """Solve for the periodic state where the section asks for a pulse, and write its tables.
 
@@ -53,15 +52,18 @@ def pulsatile(
     if part.pulse is None:
         return
     conditions = pulsatile_conditions(part, part.pulse, Path(), network=network)
-    found.summary["pulsatile"] = solve_and_write(out, network, conditions, part.pulse.steps)
-    found.files += [out / PULSES, out / WAVES]
+    found.summary["pulsatile"] = solve_and_write(tables, network, conditions, part.pulse.steps)
     if svzerod is not None:
         write_svzerod(svzerod, network, conditions, part.pulse.steps)
         found.files.append(svzerod)
 
 
 def waves(
-    network: VesselNetwork, part: FlowPart, out: Path, svoned: Path | None, found: FlowOutput
+    network: VesselNetwork,
+    part: FlowPart,
+    tables: FlowTables,
+    svoned: Path | None,
+    found: FlowOutput,
 ) -> None:
     """Follow the pulse along vessels where the section asks for it, and write its tables.
 
@@ -80,8 +82,9 @@ def waves(
             def tell(cycle: int, change: float) -> None:
                 status.update(f"1D flow, cycle {cycle}: changed by {change:.2g} of the swing")
 
-            found.summary["one_d"] = solve_and_write_one_d(out, network, conditions, options, tell)
-        found.files += [out / ONE_D, out / ONE_D_WAVES]
+            found.summary["one_d"] = solve_and_write_one_d(
+                tables, network, conditions, options, tell
+            )
     if svoned is not None:
         write_svoned(svoned, network, conditions, options)
         found.files.append(svoned)

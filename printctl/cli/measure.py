@@ -57,8 +57,8 @@ def measure(
     ] = 200_000,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the points.")] = 1,
     against: Annotated[
-        Literal["coronary"] | None,
-        typer.Option("--against", help="Compare orders with a published table of real vessels."),
+        Literal["coronary", "kidney", "lung", "liver"] | None,
+        typer.Option("--against", help="Compare orders and forks with published real vessels."),
     ] = None,
     inlet_flow_ml_min: InletFlowOption = 0.25,
     viscosity_mpa_s: ViscosityOption = 1.0,

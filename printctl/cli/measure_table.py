@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Final
 
 Numbers = dict[str, Any]
 
 _NAME, _VALUE = 46, 12
+
+_FORKS: Final = {
+    "between_deg": "angle of children, degrees",
+    "wider_deg": "wider child's turn",
+    "narrower_deg": "narrower child's turn",
+    "diameter_ratio": "narrower over wider diameter",
+    "area_ratio": "children's area over parent's",
+}
 
 
 def measure_lines(found: Numbers) -> list[str]:
@@ -30,13 +38,30 @@ def measure_lines(found: Numbers) -> list[str]:
 def _against(found: Numbers) -> Iterator[str]:
     """A published table beside the network's, a line an order."""
     yield f"Arteries against {found['table']} ({found['source']})"
-    yield "  order  elements  diameter, mm              length, mm                length/diameter"
+    if found["orders"]:
+        heads = ("diameter, mm", "length, mm", "length/diameter")
+        yield "  order  elements  " + "".join(f"{one:<30}" for one in heads).rstrip()
     for row in found["orders"]:
         cells = (_beside(row[key]) for key in ("diameter_mm", "length_mm", "length_over_diameter"))
-        yield f"  {row['order']:>5}{row['elements']:>10}  " + "".join(f"{one:<26}" for one in cells)
+        yield f"  {row['order']:>5}{row['elements']:>10}  " + "".join(f"{one:<30}" for one in cells)
     for name, value in found["ratios"].items():
         yield f"  {name.replace('_', ' '):<17}  {_beside(value)}"
+    yield from _forks(found["forks"])
     yield "  Not compared: " + "; ".join(found["left_out"])
+
+
+def _forks(rows: list[Numbers]) -> Iterator[str]:
+    """Angles and asymmetry at forks beside published ones, a line each."""
+    yield f"  {'forks':<43}{'ours':<18}published"
+    for row in rows:
+        which = _FORKS[row["measure"]] + (" (first forks)" if row["at"] == "first" else "")
+        ours = "–" if row["ours"] is None else f"{row['ours']:.3g} ± {row['ours_sd']:.2g}"
+        if row["mean"] is None:
+            yield f"  {which:<43}{ours:<18}no published figure"
+            continue
+        says = {True: "inside", False: "OUTSIDE", None: ""}[row["inside"]]
+        yield f"  {which:<43}{ours:<18}{row['mean']:.3g} ± {row['sd']:.2g} {says}".rstrip()
+        yield f"    {row['source']}" + (f"; {row['note']}" if row["note"] else "")
 
 
 def _beside(value: Numbers) -> str:

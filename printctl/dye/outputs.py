@@ -12,7 +12,7 @@ import numpy as np
 from design.files import write_bytes
 from design.hemodynamics.dye import CarryingFlow, DyeFront, check_frames, dye_curves, front_table
 from design.network import FloatArray, VesselNetwork
-from printctl.flow.outputs import write_columns
+from printctl.flow.tables import write_columns
 from registration.report.figures import network_figure
 
 FRONT, CURVES, PICTURE = "dye_front.csv", "dye_curves.csv", "dye_front.svg"

@@ -8,13 +8,18 @@ from printctl.flow.conditions import pulsatile_conditions, steady_conditions
 from printctl.flow.one_d import ONE_D, ONE_D_WAVES, one_d_options, solve_and_write_one_d
 from printctl.flow.outputs import PULSES, WAVES, read_waves, solve_and_write
 from printctl.flow.steady import TABLE, solve_steady
+from printctl.flow.tables import NPZ, CsvTables, FlowTables, NpzTables
 
 __all__ = [
+    "NPZ",
     "ONE_D",
     "ONE_D_WAVES",
     "PULSES",
     "TABLE",
     "WAVES",
+    "CsvTables",
+    "FlowTables",
+    "NpzTables",
     "one_d_options",
     "pulsatile_conditions",
     "read_waves",

@@ -25,7 +25,7 @@ from design.hemodynamics import (
 from design.hemodynamics.probes import Probes, ProbeWaves, clear_parts, midpoints, probes_along
 from design.network import FloatArray, VesselNetwork
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
-from printctl.flow.outputs import write_columns
+from printctl.flow.tables import write_columns
 from printctl.recipe.space import ComparePart
 
 COMPARISON: Final = "flow_comparison.csv"

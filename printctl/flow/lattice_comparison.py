@@ -12,7 +12,7 @@ from design.files import write_bytes
 from design.hemodynamics import FlowConditions, solve_flow
 from design.network import FloatArray, VesselKind, VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
-from printctl.flow.outputs import write_columns
+from printctl.flow.tables import write_columns
 from registration.report.flow_figures import spread_figure
 
 TABLE, PICTURE = "flow_beside.csv", "flow_beside.svg"

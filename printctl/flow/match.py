@@ -22,7 +22,7 @@ from design.hemodynamics.three_d.match import (
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from design.units import PA_PER_MMHG, UL_S_PER_ML_MIN
-from printctl.flow.outputs import write_columns
+from printctl.flow.tables import write_columns
 from printctl.flow.three_d import Tell
 
 MATCHED, HISTORY, VESSELS = "network_matched.csv", "flow_match.csv", "flow_match_vessels.csv"

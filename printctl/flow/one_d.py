@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 from design.hemodynamics import (
@@ -17,7 +16,7 @@ from design.hemodynamics import (
 )
 from design.network import VesselNetwork
 from design.units import PA_PER_MMHG
-from printctl.flow.outputs import write_columns
+from printctl.flow.tables import FlowTables
 from printctl.recipe.waves import OneDPart
 
 ONE_D, ONE_D_WAVES = "flow_1d.csv", "flow_1d_waves.csv"
@@ -35,7 +34,7 @@ def one_d_options(part: OneDPart, samples: int) -> OneDOptions:
 
 
 def solve_and_write_one_d(
-    folder: Path,
+    tables: FlowTables,
     network: VesselNetwork,
     conditions: PulsatileConditions,
     options: OneDOptions,
@@ -53,6 +52,6 @@ def solve_and_write_one_d(
     solution = solve_one_d(network, conditions, options, progress)
     summary = one_d_summary(network, solution, conditions)
     question_pressure(summary["pressure_max_mmhg"] * PA_PER_MMHG)
-    write_columns(folder / ONE_D, one_d_table(network, solution, conditions))
-    write_columns(folder / ONE_D_WAVES, one_d_waves(network, solution, conditions))
+    tables.put(ONE_D, one_d_table(network, solution, conditions))
+    tables.put(ONE_D_WAVES, one_d_waves(network, solution, conditions))
     return summary

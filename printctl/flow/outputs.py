@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import csv
-import io
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from design.files import write_text
 from design.hemodynamics import (
     PulsatileConditions,
     end_waves,
@@ -21,12 +18,13 @@ from design.hemodynamics import (
 )
 from design.network import FloatArray, VesselNetwork
 from design.units import PA_PER_MMHG
+from printctl.flow.tables import FlowTables
 
 PULSES, WAVES = "flow_pulsatile.csv", "flow_waves.csv"
 
 
 def solve_and_write(
-    folder: Path, network: VesselNetwork, conditions: PulsatileConditions, steps: int
+    tables: FlowTables, network: VesselNetwork, conditions: PulsatileConditions, steps: int
 ) -> dict[str, Any]:
     """Find the periodic state, write `PULSES` and `WAVES`, return the summary.
 
@@ -40,18 +38,9 @@ def solve_and_write(
     solution = solve_pulsatile(network, conditions, steps)
     summary = pulsatile_summary(network, solution, conditions)
     question_pressure(summary["pressure_max_mmhg"] * PA_PER_MMHG)
-    write_columns(folder / PULSES, pulsatile_table(network, solution, conditions))
-    write_columns(folder / WAVES, end_waves(network, solution, conditions, steps))
+    tables.put(PULSES, pulsatile_table(network, solution, conditions))
+    tables.put(WAVES, end_waves(network, solution, conditions, steps))
     return summary
-
-
-def write_columns(path: Path, table: Mapping[str, Any]) -> None:
-    """Write columns of equal length as CSV at full precision."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(table)
-    writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
-    write_text(path, out.getvalue())
 
 
 def read_waves(path: Path) -> dict[str, FloatArray]:

@@ -32,7 +32,6 @@ from printctl.flow.as_printed import (
 )
 from printctl.flow.conditions import pulsatile_conditions, steady_conditions
 from printctl.flow.one_d import one_d_options
-from printctl.flow.outputs import write_columns
 from printctl.flow.printed_fidelities import (
     Pair,
     VesselFlow,
@@ -52,6 +51,7 @@ from printctl.flow.printed_intervals import (
 )
 from printctl.flow.scanned import scanned_lumen
 from printctl.flow.steady import shear_band
+from printctl.flow.tables import write_columns
 from printctl.recipe import Recipe
 from printctl.recipe.parts import FlowPart
 from printctl.recipe.pulse import PulsePart

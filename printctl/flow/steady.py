@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, Final
 
 from design.hemodynamics import (
@@ -11,12 +10,13 @@ from design.hemodynamics import (
     ShearBand,
     band_summary,
     flow_summary,
+    flow_table,
     question_pressure,
     solve_flow,
-    write_flow_csv,
 )
 from design.network import VesselNetwork
 from design.units import DYN_CM2_PER_PA
+from printctl.flow.tables import FlowTables
 from printctl.recipe.parts import FlowPart
 
 TABLE: Final = "flow.csv"
@@ -29,7 +29,7 @@ def shear_band(part: FlowPart) -> ShearBand | None:
 
 
 def solve_steady(
-    folder: Path, network: VesselNetwork, conditions: FlowConditions, part: FlowPart
+    tables: FlowTables, network: VesselNetwork, conditions: FlowConditions, part: FlowPart
 ) -> tuple[FlowSolution, dict[str, Any]]:
     """Solve, write `TABLE`, and return the solution and its summary.
 
@@ -46,6 +46,5 @@ def solve_steady(
     band = shear_band(part)
     if band is not None:
         summary["shear_band"] = band_summary(network, solution, band)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_flow_csv(folder / TABLE, network, solution, band, conditions.density)
+    tables.put(TABLE, flow_table(network, solution, conditions.density, band))
     return solution, summary

@@ -34,7 +34,7 @@ from design.hemodynamics.three_d.mesh import MeshOptions, lumen_mesh
 from design.hemodynamics.three_d.vessel_flows import vessel_flows
 from design.network import FloatArray, VesselNetwork
 from design.units import DYN_CM2_PER_PA, PA_PER_MMHG, UL_S_PER_ML_MIN
-from printctl.flow.outputs import write_columns
+from printctl.flow.tables import write_columns
 from printctl.recipe.space import ThreeDPart
 
 THREE_D, FIELD = "flow_3d.csv", "flow_3d.vtu"

@@ -18,7 +18,7 @@ from design.hemodynamics.oxygen import (
 )
 from design.network import VesselNetwork
 from design.tissue import Tissue
-from printctl.flow.outputs import write_columns
+from printctl.flow.tables import write_columns
 from printctl.progress import Report
 from printctl.recipe.oxygen import OxygenPart
 from printctl.run_folder.artefacts import OXYGEN

@@ -10,6 +10,7 @@ from design.anatomy.cortex import CortexAnatomy, grow_cortex
 from design.anatomy.grown import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
+from design.anatomy.liver import LiverAnatomy, grow_liver
 from design.anatomy.presets import PRESETS
 from design.anatomy.shares import uneven_notes
 from design.hemodynamics import FlowConditions, balance
@@ -108,6 +109,13 @@ def _grown(tissue: Tissue, options: GrowthOptions, part: AnatomyPart) -> Anatomi
             "trunk_ends": part.trunk_ends,
         }
         return grow_kidney(tissue, options, KidneyAnatomy(**_known(said)))
+    if part.template == "liver":
+        said = {
+            "porta_mm": at.get("porta_hepatis"),
+            "cava_mm": at.get("vena_cava"),
+            "trunk_ends": part.trunk_ends,
+        }
+        return grow_liver(tissue, options, LiverAnatomy(**_known(said)))
     if part.template == "cortex":
         said = {
             "entry_mm": at.get("pial_artery"),

@@ -25,6 +25,7 @@ from design.tissue import (
     folded_cortex,
     image_demand,
     kidney,
+    liver,
     load_label_surface,
     load_point_surface,
     load_surface,
@@ -44,6 +45,7 @@ from printctl.recipe.tissue import (
     FoldedCortex,
     Kidney,
     LabelTissue,
+    Liver,
     MeshPart,
     MeshTissue,
     PointTissue,
@@ -94,6 +96,8 @@ def _surface(part: TissuePart, folder: Path) -> tuple[Surface, tuple[str, ...]]:
             return biventricle(part.length_mm), ()
         case Kidney():
             return kidney(part.length_mm), ()
+        case Liver():
+            return liver(part.width_mm), ()
         case FoldedCortex():
             return folded_cortex(part.thickness_mm), ()
 

@@ -12,6 +12,7 @@ from printctl.recipe.parts import Length, Part, Point
 _INLETS = {
     "heart": ("left_coronary", "right_coronary"),
     "kidney": ("hilum",),
+    "liver": ("porta_hepatis", "vena_cava"),
     "cortex": ("pial_artery",),
 }
 _OF = {
@@ -36,10 +37,11 @@ class InletPart(Part):
 class AnatomyPart(Part):
     """An organ's template; each place is found in the shape unless it is given."""
 
-    template: Literal["heart", "kidney", "cortex"]
+    template: Literal["heart", "kidney", "liver", "cortex"]
     inlets: dict[str, InletPart] = Field(
         default={},
-        description="Heart: left_coronary, right_coronary; kidney: hilum; cortex: pial_artery.",
+        description="Heart: left_coronary, right_coronary; kidney: hilum; liver: porta_hepatis, "
+        "vena_cava; cortex: pial_artery.",
     )
     base_direction: Point | None = Field(default=None, description="Heart: from apex to base.")
     right_direction: Point | None = Field(
@@ -47,7 +49,8 @@ class AnatomyPart(Part):
     )
     trunk_ends: Annotated[int, Field(ge=6, le=2000)] | None = Field(
         default=None,
-        description="Ends of the trunks, at about; heart: 600, kidney: 120, cortex: 200 at most.",
+        description="Ends of the trunks, at about; heart: 600, kidney: 120, liver: 100, "
+        "cortex: 200 at most.",
     )
     trunk_depth_mm: Length | None = Field(
         default=None,

@@ -254,6 +254,13 @@ class Kidney(ShapeSection):
     length_mm: Length = 60.0
 
 
+class Liver(ShapeSection):
+    """A phantom of a liver."""
+
+    shape: Literal["liver"]
+    width_mm: Length = 60.0
+
+
 class FoldedCortex(ShapeSection):
     """A folded slab of grey matter."""
 
@@ -277,6 +284,7 @@ TissuePart = Annotated[
     | Annotated[Annulus, Tag("annulus")]
     | Annotated[Biventricle, Tag("biventricle")]
     | Annotated[Kidney, Tag("kidney")]
+    | Annotated[Liver, Tag("liver")]
     | Annotated[FoldedCortex, Tag("folded_cortex")],
     Discriminator(_tissue_kind),
 ]

@@ -328,3 +328,35 @@ def test_a_change_reaches_just_the_kernels_that_take_it_in() -> None:
 @pytest.mark.slow
 def test_every_change_reaches_just_the_kernels_that_take_it_in() -> None:
     _check(_changes())
+
+
+def test_kernels_of_one_name_are_told_by_the_name_that_calls_them() -> None:
+    def times(factor: float) -> Any:
+        @jit
+        def scaled(x: Any) -> Any:
+            return x * factor
+
+        return scaled
+
+    def pair(first: Any, second: Any) -> Any:
+        @jit
+        def both(x: Any) -> Any:
+            return first(x) * 10 + second(x)
+
+        return both
+
+    one, two = times(1.0), times(2.0)
+    assert kernel_key(pair(one, two), {}) != kernel_key(pair(two, one), {})
+    assert kernel_key(pair(one, one), {}) != kernel_key(pair(one, two), {})
+
+
+def test_an_arrays_order_is_in_the_key() -> None:
+    def of(table: np.ndarray) -> Any:
+        @jit
+        def taken(x: Any) -> Any:
+            return table[1, 1] * x
+
+        return taken
+
+    table = np.arange(24.0).reshape(4, 6)[::2, ::2]
+    assert kernel_key(of(np.asfortranarray(table)), {}) != kernel_key(of(table), {})

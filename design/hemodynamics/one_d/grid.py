@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from design.hemodynamics.one_d.options import OneDOptions
-from design.hemodynamics.one_d.tube_law import relaxation_time, stiffness
+from design.hemodynamics.one_d.tube_law import external_pressure, relaxation_time, stiffness
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.network import FloatArray, IntArray, VesselNetwork
 from kernels import jit
@@ -33,8 +33,12 @@ class Grid(NamedTuple):
     face_area, face_stiffness : (n + v,) float64
     small_pressure, small_flow : (v,) float64
         Squares of what changes from cell to cell without being limited.
-    density, alpha, relaxation : float
-        Pa·s²/mm²; the momentum's correction; τ of the wall, s.
+    alpha : (v,) float64
+        The momentum's correction.
+    external : (v,) float64, Pa
+        Pressure outside each vessel.
+    density, relaxation : float
+        Pa·s²/mm²; τ of the wall, s.
     """
 
     offset: IntArray
@@ -47,8 +51,9 @@ class Grid(NamedTuple):
     face_stiffness: FloatArray
     small_pressure: FloatArray
     small_flow: FloatArray
+    alpha: FloatArray
+    external: FloatArray
     density: float
-    alpha: float
     relaxation: float
 
     @property
@@ -80,7 +85,9 @@ def make_grid(
         Pulse wave velocity at rest.
     """
     lengths = network.lengths()
-    wanted = options.cell_mm or speed * period_s / options.cells_per_period
+    wanted = options.cell_mm
+    if wanted is None:
+        wanted = speed * period_s / options.cells_per_period
     counts = np.maximum(options.least_cells, np.ceil(lengths / wanted - 1e-9)).astype(np.int64)
     offset = np.concatenate([[0], np.cumsum(counts)])
     cells, faces = np.empty((3, offset[-1])), np.empty(offset[-1] + len(counts))
@@ -90,7 +97,7 @@ def make_grid(
     vessel = np.repeat(np.arange(len(counts)), counts)
     at_face = np.repeat(np.arange(len(counts)), counts + 1)
     area = np.pi * square
-    rubbing = options.friction(conditions.viscosity_pa_s, conditions.density)
+    rubbing = options.friction(len(counts), conditions.viscosity_pa_s, conditions.density)
     nothing = np.zeros(len(counts))
     return Grid(
         offset=offset,
@@ -98,13 +105,14 @@ def make_grid(
         area=area,
         root=1.0 / np.sqrt(area),
         stiffness=stiffness(network, conditions.wall, vessel, square, cube),
-        friction=rubbing * steep * square**2,
+        friction=rubbing[vessel] * steep * square**2,
         face_area=np.pi * faces**2,
         face_stiffness=stiffness(network, conditions.wall, at_face, faces**2, faces**3),
         small_pressure=nothing,
         small_flow=nothing,
+        alpha=options.momentum_alpha(len(counts)),
+        external=external_pressure(conditions.wall, len(counts)),
         density=conditions.density,
-        alpha=options.momentum_alpha,
         relaxation=relaxation_time(conditions.wall, options.wall_viscosity_pa_s),
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.probes import Probes
+from design.network import FloatArray
 
 PARABOLIC = 2.0
 """Exponent ζ of Poiseuille's profile."""
@@ -25,14 +26,15 @@ class OneDOptions:
 
     Attributes
     ----------
-    cell_mm : float, optional
-        Length of a cell; without it, what a wave runs in 1/`cells_per_period` of a period.
+    cell_mm : float or (v,) float64, optional
+        Length of a cell, or of each vessel's; without it, what a wave runs in
+        1/`cells_per_period` of a period.
     cells_per_period : int
         How finely a wave is resolved where ``cell_mm`` isn't given.
     least_cells : int
         In every vessel, however short; 2 or more.
-    profile_exponent : float
-        ζ, 2 or more.
+    profile_exponent : float or (v,) float64
+        ζ, 2 or more; one, or each vessel's.
     alpha : float, optional
         The momentum's correction, where it isn't to be the profile's.
     wall_viscosity_pa_s : float, Pa·s
@@ -51,10 +53,10 @@ class OneDOptions:
     probes : Probes, optional
     """
 
-    cell_mm: float | None = None
+    cell_mm: float | FloatArray | None = None
     cells_per_period: int = 800
     least_cells: int = 2
-    profile_exponent: float = PARABOLIC
+    profile_exponent: float | FloatArray = PARABOLIC
     alpha: float | None = None
     wall_viscosity_pa_s: float = 0.0
     reflection: Mapping[int, float] = field(default_factory=dict)
@@ -67,21 +69,25 @@ class OneDOptions:
     def __post_init__(self) -> None:
         for name, low, high in _LIMITS:
             value = getattr(self, name)
-            if value is not None and not low <= value <= high:
-                raise FlowError(f"{name} is {value:g}; give {low:g} to {high:g}")
+            for one in () if value is None else np.atleast_1d(value).tolist():
+                if not low <= one <= high:
+                    raise FlowError(f"{name} is {one:g}; give {low:g} to {high:g}")
         for node, part in self.reflection.items():
             if not -1.0 <= part <= 1.0:
                 raise FlowError(f"outlet {node} reflects {part:g} of a wave; give -1 to 1")
 
-    @property
-    def momentum_alpha(self) -> float:
-        """∫u² dA A/Q² of the profile."""
-        zeta = self.profile_exponent
-        return (zeta + 2.0) / (zeta + 1.0) if self.alpha is None else self.alpha
+    def exponents(self, vessels: int) -> FloatArray:
+        """ζ of each vessel, (v,)."""
+        return np.array(np.broadcast_to(self.profile_exponent, vessels), dtype=np.float64)
 
-    def friction(self, viscosity_pa_s: float, density: float) -> float:
-        """2 (ζ + 2) π μ/ϱ, mm²/s: the momentum's loss is this times Q/A."""
-        return float(2.0 * (self.profile_exponent + 2.0) * np.pi * viscosity_pa_s / density)
+    def momentum_alpha(self, vessels: int) -> FloatArray:
+        """∫u² dA A/Q² of each vessel's profile, (v,)."""
+        zeta = self.exponents(vessels)
+        return (zeta + 2.0) / (zeta + 1.0) if self.alpha is None else np.full(vessels, self.alpha)
+
+    def friction(self, vessels: int, viscosity_pa_s: float, density: float) -> FloatArray:
+        """2 (ζ + 2) π μ/ϱ of each vessel, (v,), mm²/s: the momentum's loss is this times Q/A."""
+        return 2.0 * (self.exponents(vessels) + 2.0) * np.pi * viscosity_pa_s / density
 
 
 _LIMITS = (

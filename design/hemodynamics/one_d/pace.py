@@ -25,9 +25,10 @@ _MOST_STEPS: Final = 50_000_000
 def foreseen_rate(grid: Grid, seen: LumpedForecast) -> float:
     """Cells a second that the fastest wave will run, by what the lumped model expects."""
     vessel = grid.vessel_of_cell
-    low = np.maximum(1.0 + seen.low[vessel] / grid.stiffness, 0.1)
+    outside = grid.external[vessel]
+    low = np.maximum(1.0 + (seen.low[vessel] - outside) / grid.stiffness, 0.1)
     velocity = seen.flow[vessel] / (grid.area * low**2)
-    return wave_rate(grid, np.maximum(seen.high[vessel], 0.0), velocity)
+    return wave_rate(grid, np.maximum(seen.high[vessel] - outside, 0.0), velocity)
 
 
 def wave_rate(grid: Grid, pressure: FloatArray, velocity: FloatArray) -> float:
@@ -37,11 +38,14 @@ def wave_rate(grid: Grid, pressure: FloatArray, velocity: FloatArray) -> float:
     ----------
     grid : Grid
     pressure, velocity : (n,) float64, Pa, mm/s
+        Pressure above the one outside.
     """
+    vessel = grid.vessel_of_cell
+    alpha = grid.alpha[vessel]
     speed = np.sqrt((grid.stiffness + pressure) / (2.0 * grid.density))
-    carried = np.sqrt(speed**2 + grid.alpha * (grid.alpha - 1.0) * velocity**2)
-    fastest = grid.alpha * np.abs(velocity) + carried
-    return float((fastest / grid.cell[grid.vessel_of_cell]).max())
+    carried = np.sqrt(speed**2 + alpha * (alpha - 1.0) * velocity**2)
+    fastest = alpha * np.abs(velocity) + carried
+    return float((fastest / grid.cell[vessel]).max())
 
 
 def steps_for(

@@ -37,8 +37,10 @@ class OneDSolution:
         flow times the period.
     steps, cells : int
         Of the last cycle; of the network.
-    friction_exponent : float
+    friction_exponent : (v,) float64
         ζ of the velocity profile.
+    probe_area : (p, t) float64, mm², or None
+        At the probes asked for.
     """
 
     period_s: float
@@ -58,7 +60,8 @@ class OneDSolution:
     mass_imbalance: float
     steps: int
     cells: int
-    friction_exponent: float
+    friction_exponent: FloatArray
+    probe_area: FloatArray | None
 
     def velocity(self) -> FloatArray:
         """Mean over the cross-section amid each vessel, (v, t), mm/s."""
@@ -67,7 +70,8 @@ class OneDSolution:
     def wall_shear(self, viscosity_pa_s: float) -> FloatArray:
         """(ζ + 2) μ U/R amid each vessel, (v, t), Pa: the profile's, in step with the flow."""
         radius = np.sqrt(self.area / np.pi)
-        return (self.friction_exponent + 2.0) * viscosity_pa_s * self.velocity() / radius
+        steep = self.friction_exponent[:, None] + 2.0
+        return np.asarray(steep * viscosity_pa_s * self.velocity() / radius)
 
     def reynolds(self, viscosity_pa_s: float, density: float) -> FloatArray:
         """ϱ |U| d/μ at its greatest, (v,)."""

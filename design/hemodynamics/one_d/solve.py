@@ -82,9 +82,10 @@ def solve_one_d(
 ) -> OneDSolution:
     """Find the periodic state of 1D flow.
 
-    A_t + Q_x = 0, Q_t + (α Q²/A)_x + (A/ϱ) p_x = -2 (ζ + 2) π μ Q/(ϱ A), p = K (√(A/A₀) - 1), in
-    vessels whose radii are those of rest; mass and total pressure at junctions. ``profile`` of
-    the conditions is the lumped model's: here the profile is that of the options.
+    A_t + Q_x = 0, Q_t + (α Q²/A)_x + (A/ϱ) p_x = -2 (ζ + 2) π μ Q/(ϱ A), p = P + K (√(A/A₀) - 1)
+    with P outside, in vessels whose radii are those of rest; mass and total pressure at
+    junctions. ``profile`` of the conditions is the lumped model's: here the profile is that of
+    the options.
 
     Parameters
     ----------
@@ -127,7 +128,7 @@ def solve_one_d(
     raise FlowError(
         f"no periodic state after {len(changes)} cycles: the last still changed by "
         f"{changes[-1]:.2g} of the swing, above {options.tolerance:g}; allow more cycles "
-        "(most_cycles), or a larger tolerance"
+        "(most_cycles; cycles of openBF's files), or a larger tolerance"
     )
 
 
@@ -224,8 +225,9 @@ def _solution(
     count = network.vessel_count
     time = problem.period_s * np.arange(options.samples) / options.samples
     least, most = lines.extremes()
-    probes = None
+    probes, probe_area = None, None
     if options.probes is not None:
+        probe_area = lines.waves[2, count:]
         probes = ProbeWaves(time, lines.waves[0, count:], lines.waves[1, count:])
     grid = problem.grid
     middle = grid.offset[:-1] + np.diff(grid.offset) // 2
@@ -247,5 +249,6 @@ def _solution(
         mass_imbalance=imbalance,
         steps=steps,
         cells=len(grid.area),
-        friction_exponent=options.profile_exponent,
+        friction_exponent=options.exponents(count),
+        probe_area=probe_area,
     )

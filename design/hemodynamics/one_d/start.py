@@ -119,14 +119,14 @@ def first_state(
     inflow, outflow = (lumped.at(q, at)[0] for q in (lumped.flow_in, lumped.flow_out))
     vessel, share = grid.vessel_of_cell, grid.middles()
     first, last = pressure[network.vessel_nodes].T
-    p = first[vessel] * (1.0 - share) + last[vessel] * share
+    p = first[vessel] * (1.0 - share) + last[vessel] * share - grid.external[vessel]
     width = 1.0 + p / grid.stiffness
     shut = np.flatnonzero(~(width > 0.0))
     if len(shut):
         raise FlowError(
-            f"vessel {int(vessel[shut[0]])} would collapse: {p[shut[0]]:.4g} Pa inside a wall of "
-            f"stiffness {grid.stiffness[shut[0]]:.4g} Pa; raise the outlets' pressure, stiffen "
-            "the wall or lower the flow"
+            f"vessel {int(vessel[shut[0]])} would collapse: {p[shut[0]]:.4g} Pa above the outside, "
+            f"in a wall of stiffness {grid.stiffness[shut[0]]:.4g} Pa; raise the outlets' "
+            "pressure, stiffen the wall or lower the flow"
         )
     stored = nodes.back.copy()
     leaving = np.bincount(slot[network.vessel_nodes[:, 1]], weights=outflow, minlength=len(stored))

@@ -25,7 +25,7 @@ from design.errors import FlowError
 from design.files import write_text
 from design.hemodynamics.one_d.nodes import outlet_of
 from design.hemodynamics.one_d.options import OneDOptions
-from design.hemodynamics.one_d.tube_law import check_compliant, stiffness
+from design.hemodynamics.one_d.tube_law import check_compliant, external_pressure, stiffness
 from design.hemodynamics.waveforms import Waveform
 from design.hemodynamics.waveforms.waveform import cycle_times
 from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, refuse_supplies
@@ -80,6 +80,11 @@ def svoned_input(
     """
     options = options or OneDOptions()
     check_compliant(network, conditions.wall)
+    if external_pressure(conditions.wall, network.vessel_count).any() or options.alpha is not None:
+        raise FlowError(
+            "svOneDSolver has no pressure outside vessels, and alpha follows the profile; leave "
+            "these out"
+        )
     refuse_supplies(conditions.supplies, "svOneDSolver")
     inlets, outlets = boundary_nodes(network, conditions)
     check_parts(network, inlets, outlets)
@@ -165,9 +170,10 @@ def _materials(
     stiff = stiffness(network, conditions.wall, vessels, radius**2, radius**3) * _PRESSURE
     density = conditions.density * 1e3
     viscosity = conditions.viscosity_pa_s * 10.0
+    exponents = options.exponents(network.vessel_count).tolist()
     for k, value in enumerate((0.75 * stiff).tolist()):
         yield (
-            f"MATERIAL M{k} OLUFSEN {density!r} {viscosity!r} 0.0 {options.profile_exponent!r} "
+            f"MATERIAL M{k} OLUFSEN {density!r} {viscosity!r} 0.0 {exponents[k]!r} "
             f"0.0 0.0 {value!r}"
         )
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.vessel.geometry import integral_of_power
-from design.hemodynamics.vessel.wall import GelWall, ThinWall, Wall
+from design.hemodynamics.vessel.wall import GelWall, ThinWall, VesselWalls, Wall
 from design.network import FloatArray, VesselNetwork
 
 
@@ -64,11 +64,20 @@ def stiffness(
     """
     if isinstance(wall, GelWall):
         return np.full(len(square), wall.young_pa / (1.0 + wall.poisson))
+    if isinstance(wall, VesselWalls):
+        return wall.stiffness(vessel, cube / square)
     if isinstance(wall, ThinWall):
         plate = wall.young_pa * wall.thickness_mm / (1.0 - wall.poisson**2)
         return plate * square / cube
     whole = 2.0 * np.pi * integral_of_power(network, 2) / check_compliant(network, wall)
     return np.asarray(whole[vessel])
+
+
+def external_pressure(wall: Wall, vessels: int) -> FloatArray:
+    """Pressure outside each vessel, (v,), Pa; 0 of walls that know none."""
+    if isinstance(wall, VesselWalls):
+        return np.array(wall.external_pa)
+    return np.zeros(vessels)
 
 
 def relaxation_time(wall: Wall, wall_viscosity_pa_s: float) -> float:

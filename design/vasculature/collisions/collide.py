@@ -51,7 +51,11 @@ class Collisions:
 
 
 def collisions(
-    network: VesselNetwork, clearance_mm: float = 0.0, clearance_ratio: float = 0.0
+    network: VesselNetwork,
+    clearance_mm: float = 0.0,
+    clearance_ratio: float = 0.0,
+    reach: float = 1.0,
+    joint_part: float = 1.0,
 ) -> Collisions:
     """Find all pairs of pieces nearer than the clearance.
 
@@ -66,14 +70,21 @@ def collisions(
     clearance_mm : float
     clearance_ratio : float
         Clearance over the thinner radius of a pair; the larger of the two counts.
+    reach : float
+        Distance within which pairs are told, over the clearance.
+    joint_part : float
+        Of the way within which pairs belong to a joint. Below 1, pairs are told that another
+        radius would leave to a joint no longer.
     """
     start, end, r0, r1, vessel = network.pieces()
     radius = np.maximum(r0, r1)
     ends, nodes = _piece_nodes(network, vessel)
-    pairs, gap, place = close_pairs(start, end, radius, ends, clearance_mm, clearance_ratio)
+    pairs, gap, place = close_pairs(
+        start, end, radius, ends, reach * clearance_mm, reach * clearance_ratio
+    )
     both = radius[pairs].sum(axis=1)
     kept = np.maximum(clearance_mm, clearance_ratio * radius[pairs].min(axis=1))
-    limit = 2.0 * both + kept
+    limit = joint_part * (2.0 * both + kept)
     length = np.linalg.norm(end - start, axis=1)
     joint = ways_between(pairs, limit, ends, length, nodes) <= limit
     return Collisions(

@@ -15,6 +15,7 @@ from printctl.flow import (
     PULSES,
     TABLE,
     WAVES,
+    CsvTables,
     one_d_options,
     pulsatile_conditions,
     solve_and_write,
@@ -37,7 +38,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     All in the print's size, at the design's wall shear.
     """
     network, driven, driven_by = context.network, context.conditions, context.recipe.flow
-    solution, summary = solve_steady(context.folder, network, driven, driven_by)
+    solution, summary = solve_steady(CsvTables(context.folder), network, driven, driven_by)
     values = {"flow_ul_s": solution.flow, "wall_shear_pa": solution.wall_shear}
     write_network_vtp(context.folder / PICTURE, network, values)
     summary["inlet_flow_ml_min"] = summary["inflow_ml_min"]
@@ -60,7 +61,7 @@ def pulses(context: RunContext, pulse: PulsePart) -> dict[str, Any]:
     conditions = pulsatile_conditions(
         recipe.flow, pulse, context.recipe_folder, recipe.print_scale, context.network
     )
-    return solve_and_write(context.folder, context.network, conditions, pulse.steps)
+    return solve_and_write(CsvTables(context.folder), context.network, conditions, pulse.steps)
 
 
 def waves(context: RunContext, pulse: PulsePart, part: OneDPart, report: Report) -> dict[str, Any]:
@@ -75,7 +76,9 @@ def waves(context: RunContext, pulse: PulsePart, part: OneDPart, report: Report)
         done = min(1.0, np.log(change) / np.log(options.tolerance)) if change > 0.0 else 1.0
         report(max(0.0, float(done)), f"1D, cycle {cycle}")
 
-    return solve_and_write_one_d(context.folder, context.network, conditions, options, tell)
+    return solve_and_write_one_d(
+        CsvTables(context.folder), context.network, conditions, options, tell
+    )
 
 
 def scale_to_print(context: RunContext, summary: dict[str, Any]) -> dict[str, Any]:

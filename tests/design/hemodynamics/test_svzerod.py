@@ -63,6 +63,29 @@ def test_its_stored_result_is_ours_to_ten_digits() -> None:
     assert found.cycles == 10
 
 
+def test_a_large_system_steps_as_a_small_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One pass of a kernel from 2,000 unknowns on; SuperLU and SciPy below."""
+    values = {"R_poiseuille": 1.0, "C": 1e-6, "L": 1e-3}
+    names = [f"branch{k}_seg0" for k in range(600)]
+    ends: dict[str, Any] = {names[0]: (values, "IN", None), names[-1]: (values, None, "OUT")}
+    vessels = {name: ends.get(name, (values, None, None)) for name in names}
+    joints = [
+        {"junction_name": f"J{k}", "junction_type": "NORMAL_JUNCTION", "inlet_vessels": [k],
+         "outlet_vessels": [k + 1]} for k in range(599)
+    ]  # fmt: skip
+    data = case(
+        {"IN": ("FLOW", wave("Q", 2.2, 2.5, 21)), "OUT": ("RCR", dict(WINDKESSEL))},
+        vessels, joints, points=21, cycles=2,
+    )  # fmt: skip
+    large = _run(data)
+    for module in ("factors", "march"):
+        monkeypatch.setattr(f"design.hemodynamics.zero_d.svzerod.{module}.LARGE", 10**9)
+    small = _run(data)
+    scale = np.abs(small.value).max(axis=0)
+    assert (np.abs(large.value - small.value).max(axis=0) <= 1e-10 * scale).all()
+    assert large.change == pytest.approx(small.change)
+
+
 def test_output_options_choose_from_one_run() -> None:
     every = _run(_r_rcr(output_all_cycles=True))
     assert every.time == pytest.approx(np.arange(2001) * 0.005)

@@ -54,5 +54,43 @@ def test_five_elements_are_judged_by_one_standard_deviation():
 
 
 def test_unknown_table_is_refused_by_name():
-    with pytest.raises(DesignError, match="kidney"):
-        published_orders("kidney")
+    with pytest.raises(DesignError, match="spleen"):
+        published_orders("spleen")
+
+
+def fork(degrees_wider: float, degrees_narrower: float) -> VesselNetwork:
+    """A stem along x, and two straight children in one plane, on two sides of it."""
+    one, two = np.radians([degrees_wider, -degrees_narrower])
+    ends = [[10 + 8 * np.cos(a), 8 * np.sin(a), 0.0] for a in (one, two)]
+    nodes = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], *ends])
+    zero = np.zeros(3, dtype=np.int64)
+    return VesselNetwork.from_segments(
+        nodes, np.array([[0, 1], [1, 2], [1, 3]]), np.array([0.5, 0.4, 0.2]), zero, zero
+    )
+
+
+def test_angles_and_asymmetry_of_a_fork_are_its_own():
+    rows = compare_orders(fork(20.0, 50.0), "coronary")["forks"]
+    ours = {(row["measure"], row["at"]): row["ours"] for row in rows}
+    assert ours["between_deg", "all"] == pytest.approx(70.0)
+    assert ours["wider_deg", "all"] == pytest.approx(20.0)
+    assert ours["narrower_deg", "all"] == pytest.approx(50.0)
+    assert ours["diameter_ratio", "all"] == pytest.approx(0.5)
+    assert ours["area_ratio", "all"] == pytest.approx((0.16 + 0.04) / 0.25)
+
+
+def test_angle_of_the_left_main_is_judged_by_its_published_spread():
+    for degrees, inside in ((75.0, True), (120.0, False)):
+        rows = compare_orders(fork(20.0, degrees - 20.0), "coronary")["forks"]
+        (first,) = [row for row in rows if row["at"] == "first"]
+        assert first["inside"] is inside
+        assert "Medrano-Gracia" in first["source"]
+
+
+@pytest.mark.parametrize("organ", ["kidney", "lung", "liver"])
+def test_what_is_not_published_is_told_and_not_judged(organ):
+    found = compare_orders(fork(20.0, 50.0), organ)
+    (ratio,) = [row for row in found["forks"] if row["measure"] == "diameter_ratio"]
+    assert (ratio["mean"], ratio["source"], ratio["inside"]) == (None, None, None)
+    assert any("symmetry" in why for why in found["left_out"])
+    assert bool(found["orders"]) == (organ != "liver")

@@ -58,13 +58,28 @@ def test_a_pulse_leaves_tables_and_the_case_for_another_solver(fork: Path) -> No
     assert case.returncode == 0, case.stderr
     with np.load(fork / "theirs" / "svzerod.npz") as arrays:
         assert arrays["flow_in"].shape == (101, len(rows))
-    for name, option, words in (
-        ("case.json", ("--one-d",), "--one-d is for networks"),
-        ("fork.csv", ("--unit", "mm", "--results", "npz"), "--results is for a case"),
-    ):
+    for name, option, words in (("case.json", ("--one-d",), "--one-d is for networks"),):
         refused = printctl("flow", name, *option, cwd=fork)
         assert refused.returncode in (1, 2)
         assert words in refused.stderr
+
+
+def test_tables_are_the_same_numbers_as_arrays_of_one_file(fork: Path) -> None:
+    asked = ("flow", "fork.csv", "--unit", "mm", *SINE, "--wall-young-kpa", "10", "--one-d",
+             "--shear-band-dyn-cm2", "1,5")  # fmt: skip
+    for kind in ("csv", "npz"):
+        done = printctl(*asked, "--results", kind, "--out", kind, cwd=fork)
+        assert done.returncode == 0, done.stderr
+    assert [file.name for file in (fork / "npz").iterdir()] == ["flow.npz"]
+    names = ("flow", "flow_1d", "flow_1d_waves", "flow_pulsatile", "flow_waves")
+    assert sorted(file.stem for file in (fork / "csv").iterdir()) == list(names)
+    with np.load(fork / "npz" / "flow.npz", allow_pickle=False) as arrays:
+        assert {name.partition("/")[0] for name in arrays.files} == set(names)
+        for name in names:
+            with (fork / "csv" / f"{name}.csv").open() as handle:
+                rows = list(csv.DictReader(handle))
+            for column, text in rows[0].items():
+                assert str(arrays[f"{name}/{column}"][0].item()) == text
 
 
 def test_a_broken_json_file_is_told_of_as_such(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from kernels import jit
 
 @jit
 def cell_pressures(grid: Grid, area: FloatArray, pressure: FloatArray) -> None:
-    """P = K (√(A/A₀) - 1) of every cell, elastic."""
+    """Elastic pressure above the one outside, K (√(A/A₀) - 1), of every cell."""
     for i in range(len(area)):
         pressure[i] = grid.stiffness[i] * (np.sqrt(area[i]) * grid.root[i] - 1.0)
 
@@ -58,18 +58,20 @@ def cell_rates(
     ----------
     grid : Grid
     area, flow, pressure : (n,) float64
-        Pressure as `cell_pressures` gives it.
+        Pressure as `cell_pressures` gives it; the pressure outside is the same all along a vessel
+        and drives nothing.
     node_area, node_flow : (2 v,) float64
         At the ends of vessels, as the nodes want them; flow positive out of the vessel.
     area_rate, flow_rate : (n,) float64
         Written.
     """
-    third, alpha = 1.0 / 3.0, grid.alpha
+    third = 1.0 / 3.0
     per_density = 1.0 / grid.density
     third_density, quarter_density = third * per_density, 0.25 * per_density
-    extra = alpha * (alpha - 1.0)
     for vessel in range(len(grid.cell)):
         first, last = grid.offset[vessel], grid.offset[vessel + 1] - 1
+        alpha = grid.alpha[vessel]
+        extra = alpha * (alpha - 1.0)
         per_cell = 1.0 / grid.cell[vessel]
         small_p = grid.small_pressure[vessel] + 1e-300
         small_q = grid.small_flow[vessel] + 1e-300

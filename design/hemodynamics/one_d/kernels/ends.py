@@ -7,9 +7,10 @@ only over the small step from the cell's value at the end to the node's, so that
 of second order for other profiles.
 
 All ends of a node share P: at a junction the total pressure p + ½ϱu², at an inlet or outlet the
-pressure. Newton's method on (c of each end, P) has an arrow for its matrix: with Y = -dQ/dH, each
-end's admittance, P = (Σ(Q + Y H) - g₀)/(ΣY + g₁), where g₀ + g₁ P is what leaves the node
-outwards, and then c += (P - H)/H'. No number of vessels is special, and loops need nothing.
+pressure; p has the pressure outside the vessel in it. Newton's method on (c of each end, P) has an
+arrow for its matrix: with Y = -dQ/dH, each end's admittance, P = (Σ(Q + Y H) - g₀)/(ΣY + g₁),
+where g₀ + g₁ P is what leaves the node outwards, and then c += (P - H)/H'. No number of vessels is
+special, and loops need nothing.
 
 In a viscous wall the end's pressure has -γ Q_x besides, over half a cell: a resistance in series.
 
@@ -86,6 +87,7 @@ def gather_ends(
             ends[3, end], ends[4, end] = c, u + 4.0 * c
             ends[5, end], ends[6, end] = stiff, base * 4.0 * density * density / (stiff * stiff)
             ends[7, end], ends[8, end] = 0.0, 0.0
+            ends[13, end] = stiff - grid.external[vessel]
             if grid.relaxation > 0.0:
                 g = gamma(stiff, grid.relaxation, area[i], base)
                 ends[7, end], ends[8, end] = 2.0 * g / grid.cell[vessel], sign * flow[i]
@@ -110,7 +112,7 @@ def solve_ends(
     ends : (14, 2 v) float64
         Written, rows 0 to 2: area, outward flow and pressure at each end. Given by
         `gather_ends`, rows 3 to 8: c (changed), W, K, A/c⁴, resistance in series and the outward
-        flow before it. Scratch from row 9: Q, H, H', Y.
+        flow before it; row 13: K less the pressure outside. Scratch, rows 9 to 12: Q, H, H', Y.
 
     Returns
     -------
@@ -138,7 +140,7 @@ def solve_ends(
             worst, total, weighted, over = 0.0, 0.0, 0.0, -outward
             for k in range(start, stop):
                 end = nodes.end[k]
-                q, head, slope, y = _at(ends[3, end], ends[4, end], ends[5, end], ends[6, end],
+                q, head, slope, y = _at(ends[3, end], ends[4, end], ends[13, end], ends[6, end],
                                         ends[7, end], ends[8, end], kinetic, density)  # fmt: skip
                 ends[9, end], ends[10, end], ends[11, end], ends[12, end] = q, head, slope, y
                 total += y
@@ -172,7 +174,10 @@ def _at(
     kinetic: float,
     density: float,
 ) -> tuple[float, float, float, float]:
-    """Flow, pressure, its slope over c, and admittance of an end for its c."""
+    """Flow, pressure, its slope over c, and admittance of an end for its c.
+
+    ``stiff`` is K less the pressure outside.
+    """
     u = w - 4.0 * c
     square = c * c
     area = scale * square * square
@@ -219,7 +224,7 @@ def _settle(
 def _reflect(given: float, part: float, density: float, end: int, ends: FloatArray) -> bool:
     """Send part of what the arriving wave is over the undisturbed state back."""
     stiff, arriving = ends[5, end], ends[4, end]
-    y = 1.0 + given / stiff
+    y = (ends[13, end] + given) / stiff
     if not y > 0.0:
         return False
     rest = 4.0 * np.sqrt(0.5 * stiff * y / density)
@@ -229,5 +234,5 @@ def _reflect(given: float, part: float, density: float, end: int, ends: FloatArr
         return False
     ends[0, end] = ends[6, end] * c * c * c * c
     ends[1, end] = ends[0, end] * u
-    ends[2, end] = 2.0 * density * c * c - stiff
+    ends[2, end] = 2.0 * density * c * c - ends[13, end]
     return True

@@ -186,9 +186,13 @@ def _pass(nodes: Nodes, state: State, step: float, work: MarchScratch) -> None:
 
 @jit
 def all_pressures(grid: Grid, state: State, work: MarchScratch, pressure: FloatArray) -> None:
-    """Pressure of every cell with what a viscous wall adds, after `settle_ends`."""
-    for i in range(len(state.area)):
-        pressure[i] = work.pressure[i]
+    """Pressure of every cell with the one outside and what a viscous wall adds.
+
+    After `settle_ends`.
+    """
+    for vessel in range(len(grid.cell)):
+        for i in range(grid.offset[vessel], grid.offset[vessel + 1]):
+            pressure[i] = work.pressure[i] + grid.external[vessel]
     if grid.relaxation == 0.0:
         return
     for vessel in range(len(grid.cell)):

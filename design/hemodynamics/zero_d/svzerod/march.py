@@ -18,11 +18,11 @@ from scipy.linalg.lapack import dgesv
 from scipy.sparse import csc_array, csr_array
 
 from design.errors import FlowError
-from design.hemodynamics.zero_d.svzerod.factors import Factors
+from design.hemodynamics.zero_d.svzerod.factors import LARGE, Factors, by_rank, step_linear
 from design.hemodynamics.zero_d.svzerod.nonlinear import Added, Moment
 from design.hemodynamics.zero_d.svzerod.stamps import LumpedSystem
 from design.hemodynamics.zero_d.svzerod.tables import Sampler
-from design.network import FloatArray
+from design.network import FloatArray, IntArray
 
 _STALE = 0.1
 """Factors are made anew once an iteration leaves more than this part of the residual."""
@@ -40,6 +40,16 @@ class State:
 
     value: FloatArray
     rate: FloatArray
+
+
+@dataclass(frozen=True)
+class _Passes:
+    """What `step_linear` goes over, rows at their ``place`` in L."""
+
+    place: IntArray
+    constant: FloatArray
+    entries: tuple[Any, ...]
+    triangles: tuple[Any, ...]
 
 
 class Stepper:
@@ -71,13 +81,21 @@ class Stepper:
         self._sizes = (abs(system.e), abs(system.f)) if self._keeps and self._terms else None
         self._predicted = system.e * (1.0 - self.alpha_m / self.gamma)
         self._factors: Factors | None = None
+        self._large = not self._terms and count >= LARGE
+        if self._large:
+            # Memory of this size comes from the system, page by page, each time it is asked for.
+            self._next, self._spare = (State(*np.empty((2, count))) for _ in range(2))
+            self._work = np.empty(count)
+            self._driven = np.flatnonzero(np.diff(system.drive.indptr))
+            self._drive = system.drive[self._driven]
+            self._passes: _Passes | None = None
 
     def _weighted(self, by_rate: Any, by_state: Any) -> Any:
         """Return the derivative by the rates' change, of derivatives by rates and values."""
         return self.alpha_m * by_rate + (self.alpha_f * self.gamma * self.step_s) * by_state
 
     def advance(self, old: State, time: float) -> State:
-        """Return the state a step after ``time``.
+        """Return the state a step after ``time``; a later step may write into it.
 
         Raises
         ------
@@ -86,6 +104,8 @@ class Stepper:
         """
         at = time + self.alpha_f * self.step_s
         sampled = self.sampler.at(at) if isinstance(self.sampler, Sampler) else self.sampler
+        if self._large:
+            return self._in_one_pass(old, sampled)
         constant = self.system.constant + self.system.drive @ sampled
         if self._terms:
             newton = self._with_kept_factors if self._keeps else self._newton
@@ -98,6 +118,29 @@ class Stepper:
         if float(np.abs(change).max()) < self.tolerance:
             return self._changed(old, np.zeros_like(change))
         return self._changed(old, -self._factors.solve(change))
+
+    def _in_one_pass(self, old: State, sampled: FloatArray) -> State:
+        """A step of a large linear system."""
+        if self._passes is None:
+            self._passes = self._prepared()
+        new, passes, driven = self._next, self._passes, self._driven
+        passes.constant[passes.place[driven]] = self.system.constant[driven] + self._drive @ sampled
+        arguments: tuple[Any, ...] = (
+            old.value, old.rate, passes.constant, *passes.entries, self.tolerance,
+            1.0 - 1.0 / self.gamma, self.gamma * self.step_s, *passes.triangles,
+            new.value, new.rate, self._work,
+        )  # fmt: skip
+        step_linear(*arguments)
+        self._next, self._spare = self._spare, new
+        return new
+
+    def _prepared(self) -> _Passes:
+        triangles = Factors(self._base).triangles()
+        place = triangles[-2]
+        constant = np.empty_like(self.system.constant)
+        constant[place] = self.system.constant
+        entries = (*by_rank(self._predicted, place), *by_rank(self.system.f, place))
+        return _Passes(place, constant, entries, triangles)
 
     def _changed(self, old: State, change: FloatArray) -> State:
         """Return the state for a change of the predicted rates."""

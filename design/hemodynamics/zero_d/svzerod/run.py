@@ -125,7 +125,7 @@ class _Recorder:
         means: list[FloatArray] = []
         done = 0
         while True:
-            begin = state
+            begin = State(state.value.copy(), state.rate.copy())
             if not how.output_all_cycles:
                 self.kept.clear()
             state, mean = self._cycle(state, done)

@@ -58,11 +58,11 @@ def test_cells_have_the_vessels_compliance_resistance_and_volume(
 
 
 def test_a_parabola_has_its_alpha_and_its_friction_and_so_has_the_power_law() -> None:
-    assert OneDOptions().momentum_alpha == pytest.approx(4.0 / 3.0)
-    assert OneDOptions().friction(4e-3, 1e-3) == pytest.approx(8.0 * np.pi * 4.0)
-    blunt = OneDOptions(profile_exponent=9.0)
-    assert blunt.momentum_alpha == pytest.approx(1.1)
-    assert blunt.friction(4e-3, 1e-3) == pytest.approx(22.0 * np.pi * 4.0)
+    options = OneDOptions(profile_exponent=np.array([2.0, 9.0]))
+    assert options.momentum_alpha(2) == pytest.approx([4.0 / 3.0, 1.1])
+    friction = options.friction(2, 4e-3, 1e-3)
+    assert friction == pytest.approx([8.0 * np.pi * 4.0, 22.0 * np.pi * 4.0])
+    assert OneDOptions().momentum_alpha(2) == pytest.approx(4.0 / 3.0)
 
 
 def test_rigid_walls_are_refused() -> None:

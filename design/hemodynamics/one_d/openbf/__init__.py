@@ -1,0 +1,25 @@
+"""openBF's network files: read them, run them with our 1D solver, write what they ask for.
+
+Goes in: the parsed YAML of github.com/INSIGNEO/openBF and its inlet's table. Comes out: waves at
+five places of each vessel. Begin with `read.py`.
+"""
+
+from design.hemodynamics.one_d.openbf.case import OpenBFCase
+from design.hemodynamics.one_d.openbf.read import case_of, inlet_file, is_openbf
+from design.hemodynamics.one_d.openbf.results import (
+    OpenBFWaves,
+    run_openbf,
+    write_openbf_csv,
+    write_openbf_npz,
+)
+
+__all__ = [
+    "OpenBFCase",
+    "OpenBFWaves",
+    "case_of",
+    "inlet_file",
+    "is_openbf",
+    "run_openbf",
+    "write_openbf_csv",
+    "write_openbf_npz",
+]

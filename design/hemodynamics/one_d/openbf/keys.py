@@ -1,0 +1,71 @@
+"""Checked access to the keys of openBF's YAML input."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any, Final
+
+from design.errors import FlowError
+from design.hemodynamics.zero_d.svzerod.keys import check_keys, number
+
+TOP: Final = frozenset((
+    "project_name", "write_results", "output_directory", "inlet_file", "blood", "solver",
+    "network",
+))  # fmt: skip
+BLOOD: Final = frozenset(("mu", "rho"))
+SOLVER: Final = frozenset(("Ccfl", "cycles", "convergence_tolerance", "jump"))
+OUTLET: Final = frozenset(("outlet", "Rt", "R1", "R2", "Cc", "Pout", "inlet_impedance_matching"))
+VESSEL: Final = OUTLET | frozenset((
+    "label", "sn", "tn", "L", "E", "R0", "Rp", "Rd", "M", "h0", "Pext", "gamma_profile",
+    "to_save", "initial_pressure", "initial_flow", "visco-elastic",
+))  # fmt: skip
+_UNREAD: Final = {
+    "gamma profile": "openBF doesn't read it and runs with gamma_profile 2; write gamma_profile "
+    "for the profile that it names, or take the line out",
+}
+"""Keys in openBF's own files that openBF passes over."""
+
+
+def section(data: Any, place: str, known: frozenset[str]) -> Mapping[str, Any]:
+    """Return ``data`` as a mapping of known keys.
+
+    Raises
+    ------
+    FlowError
+        When it isn't one, or has a key that openBF doesn't read.
+    """
+    if isinstance(data, Mapping):
+        for key in data:
+            if key in _UNREAD:
+                raise FlowError(f"{place} has the key {key!r}: {_UNREAD[key]}")
+            if not isinstance(key, str) or key.startswith("_"):
+                raise FlowError(
+                    f"{place} has the key {key!r}, which openBF doesn't read; take it out"
+                )
+    return check_keys(data, place, known)
+
+
+def quantity(
+    data: Mapping[str, Any],
+    key: str,
+    place: str,
+    limits: tuple[float, float],
+    default: float | None = None,
+) -> float:
+    """Return the number under ``key``, within ``limits``; 1e-13 without a point is one, too.
+
+    Raises
+    ------
+    FlowError
+        When it is missing, no number or out of its limits.
+    """
+    value = data.get(key)
+    if isinstance(value, str):
+        with suppress(ValueError):  # `number` refuses it by name
+            data = {key: float(value)}
+    found = number(data, key, place, default)
+    low, high = limits
+    if not low <= found <= high:
+        raise FlowError(f"{place}: {key} is {found:g}; write {low:g} to {high:g}")
+    return found
