@@ -55,6 +55,16 @@ def _by_file(items: Group) -> list[Group]:
     return list(files.values())
 
 
+def _no_threads() -> None:
+    """Refuse to fork beside threads, of numba or a mesh library, that a fork would lack."""
+    tasks = "/proc/self/task"
+    if os.path.isdir(tasks) and len(os.listdir(tasks)) > 1:
+        raise pytest.UsageError(
+            "a test file starts threads as it is collected: make what its module computes, or "
+            "gives to parametrize, in a function with functools.cache"
+        )
+
+
 @dataclass
 class _Worker:
     """A fork, as its parent knows it."""
@@ -85,6 +95,7 @@ class _Loop:
         self.retried: set[str] = set()
 
     def run(self) -> None:
+        _no_threads()
         gc.collect()
         gc.freeze()  # pages of memory that no collection writes to stay shared
         try:

@@ -62,41 +62,33 @@ def loaded_by(*modules: str) -> set[str]:
     return set(done.stdout.split())
 
 
-@pytest.mark.parametrize(
-    "modules",
-    [
-        ("printctl.station.__main__",),
-        ("printctl.station",),
-        ("printctl.link.__main__",),
-        ("printctl.link.client",),
-        ("printctl.web.stop_process.__main__",),
-        ("printctl.recipe",),
-        ("printctl.cli.register",),
-        ("printctl.web.app", "nicegui", *PAGES),
-    ],
-    ids=[
-        "station",
-        "station's client",
-        "link",
-        "link's client",
-        "stop process",
-        "recipe",
-        "help of register",
-        "server",
-    ],
+BEGUN = (
+    "printctl.station.__main__",
+    "printctl.station",
+    "printctl.link.__main__",
+    "printctl.link.client",
+    "printctl.web.stop_process.__main__",
+    "printctl.recipe",
+    "printctl.cli.register",
+    "printctl.web.app",
+    "nicegui",
+    *PAGES,
 )
-def test_a_process_begins_without_kernels_meshes_and_figures(modules):
-    assert not loaded_by(*modules) & set(HEAVY)
+"""Stations, links, their clients, the stop process, recipes, a command's help, the server."""
 
 
-@pytest.mark.parametrize("module", ["printctl.link", "printctl.gate", "printctl.cli.status"])
-def test_a_link_and_the_status_of_a_print_need_no_numpy(module):
-    assert "numpy" not in loaded_by(module)
+def test_processes_begin_without_kernels_meshes_and_figures():
+    """What all of them together don't load, none of them does."""
+    assert not loaded_by(*BEGUN) & set(HEAVY)
 
 
-@pytest.mark.parametrize("command", ["run", "toolpath"])
-def test_a_recipe_is_refused_before_what_does_its_work_is_loaded(command):
-    assert not loaded_by(f"printctl.cli.{command}") & {"numba", "manifold3d", "shapely", "skimage"}
+def test_a_link_and_the_status_of_a_print_need_no_numpy():
+    assert "numpy" not in loaded_by("printctl.link", "printctl.gate", "printctl.cli.status")
+
+
+def test_a_recipe_is_refused_before_what_does_its_work_is_loaded():
+    loaded = loaded_by("printctl.cli.run", "printctl.cli.toolpath")
+    assert not loaded & {"numba", "manifold3d", "shapely", "skimage"}
 
 
 def test_registering_loads_no_plotting_library():

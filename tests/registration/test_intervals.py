@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 import trimesh
@@ -19,13 +21,17 @@ from registration.distance import ModelSurface
 from registration.uncertainty import ScanErrors
 
 SIZE = np.array([8.0, 5.0, 3.0])
-MODEL = ModelSurface.of(block_solid(SIZE.tolist()))
 START = Fit(np.eye(3), np.zeros(3), np.ones(3), SIZE / 2)
 # With z stretching too a block's scales and the offset can't be told apart.
 FREE = FitFreedom((0, 1), offset=True)
 NOISE_MM = 0.004
 BEAM = np.array([0.0, 0.0, 1.0])
 SURE = ScanErrors.of_blur(0.0)
+
+
+@cache
+def model_surface():
+    return ModelSurface.of(block_solid(SIZE.tolist()))
 
 
 def faces(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -43,7 +49,9 @@ def faces(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]
 def sure_of(
     points: np.ndarray, fit: Fit, shared: ScanErrors, freedom: FitFreedom = FREE
 ) -> Uncertainty:
-    return uncertainty(fit_errors(MODEL, points, fit, freedom, shared), fit, freedom, shared)
+    return uncertainty(
+        fit_errors(model_surface(), points, fit, freedom, shared), fit, freedom, shared
+    )
 
 
 def errors(fit: Fit) -> np.ndarray:
@@ -60,7 +68,7 @@ def test_intervals_cover_errors_that_whole_patches_share() -> None:
         cell = np.floor(points / PATCH_MM).astype(int) @ np.array([1, 20, 400])
         shared = rng.normal(0, NOISE_MM, cell.max() + 1)[cell]
         scan = points + shared[:, None] * normals
-        fit = refine(MODEL, scan, START, FREE)
+        fit = refine(model_surface(), scan, START, FREE)
         sure = sure_of(scan, fit, SURE)
         half = np.array([*sure.shift_mm, *sure.scale[:2], sure.offset_mm])
         covered.append(np.abs(errors(fit)) <= half)
@@ -80,7 +88,7 @@ def test_intervals_cover_what_whole_blocks_share() -> None:
         side = (normals @ np.array([1, 2, 3])).astype(int) + 3
         shared = rng.normal(0, NOISE_MM, (7, cell.max() + 1))[side, cell]
         scan = points + shared[:, None] * normals
-        fit = refine(MODEL, scan, START, FREE)
+        fit = refine(model_surface(), scan, START, FREE)
         sure = sure_of(scan, fit, SURE)
         half = np.array([*sure.shift_mm, *sure.scale[:2], sure.offset_mm])
         covered.append(np.abs(errors(fit)) <= half)

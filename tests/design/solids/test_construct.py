@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 import trimesh
@@ -20,24 +22,28 @@ from design.solids import (
 from design.solids.ports import depths
 from tests.design.solids.networks import channels, ladder
 
-BLOCK = block_solid((16, 8, 3))
 DIMPLES = [((1.5, 1, 3), 0.6), ((14.5, 1, 3), 0.6), ((1.5, 7, 3), 0.6)]
+
+
+@cache
+def block() -> Solid:
+    return block_solid((16, 8, 3))
 
 
 def test_a_bored_block_lacks_the_bores_volume() -> None:
     network = channels([[0, 4, 1.5], [16, 4, 1.5]], [(0, 1)], 0.4)
     lumen = lumen_solid(network, extend_ends_mm=1.0)
-    construct = construct_solid(BLOCK, lumen)
+    construct = construct_solid(block(), lumen)
     assert construct.volume_mm3 == pytest.approx(384 - np.pi * 0.16 * 16, abs=2e-4)
     assert surface_genus(construct.faces) == (1, 1)
 
 
 def test_the_ladder_opens_at_both_faces_and_has_the_graphs_handles() -> None:
     network = ladder()
-    ports = open_ends(network, BLOCK, 1.0)
+    ports = open_ends(network, block(), 1.0)
     assert ports.tolist() == [0, 11]
     lumen = lumen_solid(network, extend_ends_mm=1.0, extend_nodes=ports)
-    construct = construct_solid(BLOCK, lumen, DIMPLES)
+    construct = construct_solid(block(), lumen, DIMPLES)
     assert construct_genus(network, ports) == 3 + 2 - 1
     assert surface_genus(construct.faces) == (4, 1)
     for axis_point in ([0.0, 4.1, 1.5], [16.0, 4.1, 1.5]):
@@ -45,7 +51,7 @@ def test_the_ladder_opens_at_both_faces_and_has_the_graphs_handles() -> None:
 
 
 def test_dimples_are_half_balls() -> None:
-    plain, marked = construct_solid(BLOCK, None), construct_solid(BLOCK, None, DIMPLES)
+    plain, marked = construct_solid(block(), None), construct_solid(block(), None, DIMPLES)
     half_balls = 3 * 2 / 3 * np.pi * 0.3**3
     assert plain.volume_mm3 - marked.volume_mm3 == pytest.approx(half_balls, rel=0.02)
     assert marked.volume_mm3 < plain.volume_mm3
@@ -53,8 +59,8 @@ def test_dimples_are_half_balls() -> None:
 
 def test_a_lumen_without_port_is_a_cavity() -> None:
     network = channels([[3, 4, 1.5], [9, 4, 1.5]], [(0, 1)], 0.4)
-    assert open_ends(network, BLOCK, 1.0).tolist() == []
-    construct = construct_solid(BLOCK, lumen_solid(network))
+    assert open_ends(network, block(), 1.0).tolist() == []
+    construct = construct_solid(block(), lumen_solid(network))
     assert surface_genus(construct.faces) == (construct_genus(network, np.array([])), 2)
 
 
@@ -62,15 +68,15 @@ def test_ends_below_the_surface_or_along_it_stay_closed() -> None:
     nodes = [[0, 4, 1.5], [8, 4, 1.5], [8, 7, 1.5], [8, 4, 2.9], [12, 4, 2.8], [14, 4, 2.8]]
     network = channels(nodes, [(0, 1), (1, 2), (1, 3), (3, 4), (4, 5)], 0.3)
     # 2: ends 1 mm under the side; 5: runs along the top, within a radius of it.
-    assert open_ends(network, BLOCK, 0.8).tolist() == [0]
+    assert open_ends(network, block(), 0.8).tolist() == [0]
 
 
 def test_an_end_that_stops_short_of_the_face_by_less_than_its_radius_is_opened() -> None:
     network = channels([[0.2, 4, 1.5], [8, 4, 1.5]], [(0, 1)], 0.3)
-    ports = open_ends(network, BLOCK, 1.0)
+    ports = open_ends(network, block(), 1.0)
     assert ports.tolist() == [0]
     lumen = lumen_solid(network, extend_ends_mm=1.0, extend_nodes=ports)
-    assert surface_genus(construct_solid(BLOCK, lumen).faces) == (0, 1)
+    assert surface_genus(construct_solid(block(), lumen).faces) == (0, 1)
 
 
 def test_inside_and_distance_agree_with_a_ball() -> None:
@@ -105,11 +111,11 @@ def test_open_and_inverted_surfaces_are_refused() -> None:
 
 def test_nothing_left_is_refused() -> None:
     with pytest.raises(SolidError, match="construct is empty"):
-        construct_solid(BLOCK, block_solid((18, 10, 5), (-1, -1, -1)))
+        construct_solid(block(), block_solid((18, 10, 5), (-1, -1, -1)))
     with pytest.raises(SolidError, match="three sides above 0"):
         block_solid((1, 0, 2))
     with pytest.raises(SolidError, match="dimple of 0 mm"):
-        construct_solid(BLOCK, None, [((0, 0, 0), 0.0)])
+        construct_solid(block(), None, [((0, 0, 0), 0.0)])
 
 
 def test_a_block_stands_where_it_is_put() -> None:

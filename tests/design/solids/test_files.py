@@ -234,15 +234,16 @@ def test_3mf_is_read_by_lib3mf_without_a_warning(tmp_path: Path, construct: Soli
     ("parts", "metadata", "message"),
     [
         ([], {}, "without parts"),
-        ([Part(block_solid((1, 1, 1)), colour="red")], {}, "'red'"),
-        ([Part(block_solid((1, 1, 1)))], {"Owner": "me"}, "'Owner'"),
+        ([{"colour": "red"}], {}, "'red'"),
+        ([{}], {"Owner": "me"}, "'Owner'"),
     ],
 )
 def test_what_3mf_cant_say_is_refused(
-    tmp_path: Path, parts: list[Part], metadata: dict[str, str], message: str
+    tmp_path: Path, parts: list[dict[str, str]], metadata: dict[str, str], message: str
 ) -> None:
+    cube = block_solid((1, 1, 1))
     with pytest.raises(SolidError, match=message):
-        write_3mf(tmp_path / "a.3mf", parts, metadata)
+        write_3mf(tmp_path / "a.3mf", [Part(cube, **more) for more in parts], metadata)
 
 
 def test_vtp_holds_points_and_triangles(tmp_path: Path) -> None:

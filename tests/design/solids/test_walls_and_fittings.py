@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,8 +26,12 @@ from design.solids import (
 from design.solids.connector import Kind
 from tests.design.solids.networks import channels, ladder
 
-BODY = block_solid((12, 12, 6))
 UP = np.array([0.0, 0.0, 1.0])
+
+
+@cache
+def slab():
+    return block_solid((12, 12, 6))
 
 
 def test_a_straight_tubes_wall_is_a_ring_over_its_length() -> None:
@@ -59,11 +64,11 @@ def test_loops_count_twice_in_a_wall() -> None:
 
 @pytest.mark.parametrize("kind", ["plain", "barb", "luer_female", "luer_male"])
 def test_a_fitting_has_one_channel_through_it(kind: Kind) -> None:
-    body = with_connector(BODY, Connector(kind, 1.5), np.array([6.0, 6.0, 6.0]), UP)
+    body = with_connector(slab(), Connector(kind, 1.5), np.array([6.0, 6.0, 6.0]), UP)
     # The bore ends 1 mm within: a blind hole, which a lumen opens.
     assert surface_genus(body.faces) == (0, 1)
     assert body.bounds[1, 2] == pytest.approx(16.0, abs=1e-5)
-    assert body.volume_mm3 > BODY.volume_mm3
+    assert body.volume_mm3 > slab().volume_mm3
 
 
 def _radius_at(solid_radius: np.ndarray, z: np.ndarray, height: float) -> float:
@@ -94,10 +99,12 @@ def test_a_barb_stands_over_its_shank() -> None:
 
 def test_a_fitting_stands_along_any_direction() -> None:
     outward = np.array([3.0, 0.0, 0.0])
-    body = with_connector(BODY, Connector("plain", 2.0, 4.0, 5.0), np.array([12.0, 6, 3]), outward)
+    body = with_connector(
+        slab(), Connector("plain", 2.0, 4.0, 5.0), np.array([12.0, 6, 3]), outward
+    )
     assert body.bounds[1, 0] == pytest.approx(17.0, abs=1e-5)
     ring = np.pi * (2.0**2 - 1.0**2) * 5.0
-    assert body.volume_mm3 == pytest.approx(BODY.volume_mm3 + ring - np.pi * 1.0, rel=1e-4)
+    assert body.volume_mm3 == pytest.approx(slab().volume_mm3 + ring - np.pi * 1.0, rel=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -118,10 +125,10 @@ def test_impossible_fittings_are_refused(connector: Connector, message: str) -> 
 def test_text_is_raised_or_engraved_by_its_area() -> None:
     text = text_solid("A1", 2.0, 0.4)
     place = (np.array([2.0, 4.0, 6.0]), np.array([1.0, 0, 0]), UP)
-    raised = with_text(BODY, text, *place)
-    cut = with_text(BODY, text, *place, engraved=True)
-    assert raised.volume_mm3 == pytest.approx(BODY.volume_mm3 + 0.95 * text.volume_mm3, rel=1e-5)
-    assert cut.volume_mm3 == pytest.approx(BODY.volume_mm3 - 0.95 * text.volume_mm3, rel=1e-5)
+    raised = with_text(slab(), text, *place)
+    cut = with_text(slab(), text, *place, engraved=True)
+    assert raised.volume_mm3 == pytest.approx(slab().volume_mm3 + 0.95 * text.volume_mm3, rel=1e-5)
+    assert cut.volume_mm3 == pytest.approx(slab().volume_mm3 - 0.95 * text.volume_mm3, rel=1e-5)
     # "A" has a counter, which goes through the letter and not through the block.
     assert surface_genus(text.faces) == (1, 2)
 

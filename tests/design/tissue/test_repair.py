@@ -1,3 +1,4 @@
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,11 @@ from design.tissue.crossing_faces import crossing_faces
 from tests.design.tissue import surfaces
 
 SHARED = Path(__file__).parents[4] / "shared" / "data"
-BALL = surfaces.surface(surfaces.sphere(10.0))
+
+
+@cache
+def ball():
+    return surfaces.surface(surfaces.sphere(10.0))
 
 
 def sound(shape):
@@ -64,54 +69,54 @@ def test_real_meshes_need_no_repair(name):
 
 def test_triangle_soup_with_rounded_corners_is_sewn():
     rng = np.random.default_rng(0)
-    soup = BALL.vertices[BALL.faces].reshape(-1, 3)
+    soup = ball().vertices[ball().faces].reshape(-1, 3)
     soup = soup + rng.uniform(-1e-5, 1e-5, soup.shape)
     faces = np.arange(len(soup)).reshape(-1, 3)
-    assert mended(soup, faces, "vertices merged") == pytest.approx(BALL.volume_mm3, rel=1e-5)
+    assert mended(soup, faces, "vertices merged") == pytest.approx(ball().volume_mm3, rel=1e-5)
 
 
 def test_turned_faces_are_turned_back():
-    faces = BALL.faces.copy()
+    faces = ball().faces.copy()
     turned = np.random.default_rng(1).choice(len(faces), 500, replace=False)
     faces[turned] = faces[turned, ::-1]
-    volume = mended(BALL.vertices, faces, "500 face(s) turned to agree")
-    assert volume == pytest.approx(BALL.volume_mm3)
+    volume = mended(ball().vertices, faces, "500 face(s) turned to agree")
+    assert volume == pytest.approx(ball().volume_mm3)
 
 
 def test_duplicate_faces_are_dropped_in_both_windings():
-    faces = np.concatenate([BALL.faces, BALL.faces[:10], BALL.faces[20:25, ::-1]])
-    volume = mended(BALL.vertices, faces, "15 duplicate face(s)")
-    assert volume == pytest.approx(BALL.volume_mm3)
-    double = np.concatenate([BALL.faces, BALL.faces[:, ::-1]])
-    assert mended(BALL.vertices, double, f"{len(BALL.faces)} duplicate") == pytest.approx(
-        BALL.volume_mm3
+    faces = np.concatenate([ball().faces, ball().faces[:10], ball().faces[20:25, ::-1]])
+    volume = mended(ball().vertices, faces, "15 duplicate face(s)")
+    assert volume == pytest.approx(ball().volume_mm3)
+    double = np.concatenate([ball().faces, ball().faces[:, ::-1]])
+    assert mended(ball().vertices, double, f"{len(ball().faces)} duplicate") == pytest.approx(
+        ball().volume_mm3
     )
 
 
 def test_degenerate_faces_are_left_out():
-    faces = np.concatenate([BALL.faces, BALL.faces[:7, [0, 0, 1]]])
-    found, notes = repair_surface(BALL.vertices, faces)
+    faces = np.concatenate([ball().faces, ball().faces[:7, [0, 0, 1]]])
+    found, notes = repair_surface(ball().vertices, faces)
     assert notes == ()
-    assert len(found.faces) == len(BALL.faces)
+    assert len(found.faces) == len(ball().faces)
 
 
 def test_small_holes_are_filled_with_their_places_told():
-    middle = BALL.vertices[BALL.faces].mean(axis=1)
+    middle = ball().vertices[ball().faces].mean(axis=1)
     gone = (np.linalg.norm(middle - [0, 0, 10], axis=1) < 0.8) | (
         np.linalg.norm(middle - [10, 0, 0], axis=1) < 0.6
     )
-    volume = mended(BALL.vertices, BALL.faces[~gone], "2 hole(s) filled", "near (")
-    assert volume == pytest.approx(BALL.volume_mm3, rel=3e-3)
+    volume = mended(ball().vertices, ball().faces[~gone], "2 hole(s) filled", "near (")
+    assert volume == pytest.approx(ball().volume_mm3, rel=3e-3)
 
 
 def test_all_at_once():
     rng = np.random.default_rng(2)
-    faces = np.delete(BALL.faces, [5, 900, 901], axis=0)
+    faces = np.delete(ball().faces, [5, 900, 901], axis=0)
     turned = rng.choice(len(faces), 100, replace=False)
     faces[turned] = faces[turned, ::-1]
-    soup = BALL.vertices[np.concatenate([faces, faces[40:50]])].reshape(-1, 3)
+    soup = ball().vertices[np.concatenate([faces, faces[40:50]])].reshape(-1, 3)
     volume = mended(soup, np.arange(len(soup)).reshape(-1, 3), "duplicate", "turned", "filled")
-    assert volume == pytest.approx(BALL.volume_mm3, rel=3e-3)
+    assert volume == pytest.approx(ball().volume_mm3, rel=3e-3)
 
 
 def test_overlapping_shells_become_one():
@@ -143,22 +148,22 @@ def test_sliver_without_area_needs_no_repair():
 
 def test_shell_that_looks_inward_beside_another_is_turned():
     far = surfaces.surface(surfaces.sphere(4.0).translate((25.0, 0.0, 0.0)))
-    volume = mended(*joined(BALL, inverted(far)), "1 shell(s) turned")
-    assert volume == pytest.approx(BALL.volume_mm3 + far.volume_mm3)
+    volume = mended(*joined(ball(), inverted(far)), "1 shell(s) turned")
+    assert volume == pytest.approx(ball().volume_mm3 + far.volume_mm3)
 
 
 def test_shell_with_its_cavity_is_turned_as_a_whole():
     hollow = surfaces.surface(
         (surfaces.sphere(5.0) - surfaces.sphere(3.0)).translate((25.0, 0.0, 0.0))
     )
-    volume = mended(*joined(BALL, inverted(hollow)), "2 shell(s) turned")
-    assert volume == pytest.approx(BALL.volume_mm3 + hollow.volume_mm3)
+    volume = mended(*joined(ball(), inverted(hollow)), "2 shell(s) turned")
+    assert volume == pytest.approx(ball().volume_mm3 + hollow.volume_mm3)
 
 
 def test_shell_that_looks_outward_within_solid_is_told():
     core = surfaces.surface(surfaces.sphere(3.0))
-    found, notes = repair_surface(*joined(BALL, core))
-    assert sound(found) == pytest.approx(BALL.volume_mm3, rel=1e-6)
+    found, notes = repair_surface(*joined(ball(), core))
+    assert sound(found) == pytest.approx(ball().volume_mm3, rel=1e-6)
     assert "1 shell(s) inside others look outward" in notes[1]
 
 
@@ -209,15 +214,15 @@ def meet(one, two):
 
 
 def test_large_hole_is_refused_with_size_and_place():
-    top = BALL.vertices[BALL.faces].mean(axis=1)[:, 2] > 8
+    top = ball().vertices[ball().faces].mean(axis=1)[:, 2] > 8
     with pytest.raises(TissueError, match=r"1 of 1 holes are too wide .* 12\.\d .*near \("):
-        repair_surface(BALL.vertices, BALL.faces[~top])
+        repair_surface(ball().vertices, ball().faces[~top])
 
 
 def test_many_holes_are_refused():
-    keep = np.random.default_rng(3).random(len(BALL.faces)) > 0.08
+    keep = np.random.default_rng(3).random(len(ball().faces)) > 0.08
     with pytest.raises(TissueError, match=r"holes (make up|are too wide)"):
-        repair_surface(BALL.vertices, BALL.faces[keep])
+        repair_surface(ball().vertices, ball().faces[keep])
 
 
 def test_surface_that_passes_through_itself_at_large_is_refused():
@@ -258,31 +263,31 @@ def test_moebius_strip_is_refused():
 
 def test_file_is_repaired_with_a_note(tmp_path):
     path = tmp_path / "holes.stl"
-    keep = np.delete(BALL.faces, [5, 900], axis=0)
-    trimesh.Trimesh(BALL.vertices, keep, process=False).export(path)
+    keep = np.delete(ball().faces, [5, 900], axis=0)
+    trimesh.Trimesh(ball().vertices, keep, process=False).export(path)
     tissue = load_tissue(path, "mm")
-    assert tissue.volume_mm3 == pytest.approx(BALL.volume_mm3, rel=1e-2)
+    assert tissue.volume_mm3 == pytest.approx(ball().volume_mm3, rel=1e-2)
     assert tissue.notes[0].startswith("holes.stl: mesh repaired: 2 hole(s) filled")
 
 
 def test_vertices_on_a_neighbours_edge_split_it():
     """A joint of three faces in a T: the edges are open, and nothing is missing."""
-    points, faces = BALL.vertices.tolist(), BALL.faces.tolist()
+    points, faces = ball().vertices.tolist(), ball().faces.tolist()
     for k in (0, 7, 40):
         a, b, c = faces[k]
         points.append((0.3 * np.array(points[a]) + 0.7 * np.array(points[b])).tolist())
         faces[k] = [a, len(points) - 1, c]
         faces.append([len(points) - 1, b, c])
     volume = mended(np.array(points), np.array(faces), "3 edge(s) split at vertices")
-    assert volume == pytest.approx(BALL.volume_mm3, rel=1e-12)
+    assert volume == pytest.approx(ball().volume_mm3, rel=1e-12)
 
 
 @pytest.mark.parametrize("place", [(30.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
 def test_a_sheet_beside_or_within_is_left_out_and_told(place):
     corners = np.array([[0.0, 0, 0], [4, 0, 1], [4, 4, 0], [0, 4, 1]]) + place
     sheet = Surface(corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32))
-    volume = mended(*joined(BALL, sheet), "1 sheet(s) of", "left out, which enclose nothing")
-    assert volume == pytest.approx(BALL.volume_mm3, rel=1e-12)
+    volume = mended(*joined(ball(), sheet), "1 sheet(s) of", "left out, which enclose nothing")
+    assert volume == pytest.approx(ball().volume_mm3, rel=1e-12)
 
 
 def test_a_solid_with_a_large_hole_is_no_sheet_and_refused():
@@ -290,7 +295,7 @@ def test_a_solid_with_a_large_hole_is_no_sheet_and_refused():
     middle = shell.vertices[shell.faces].mean(axis=1)
     half = Surface(shell.vertices, shell.faces[middle[:, 2] < 0])
     with pytest.raises(TissueError, match="mesh is open"):
-        repair_surface(*joined(BALL, half))
+        repair_surface(*joined(ball(), half))
 
 
 def test_the_wall_between_solids_that_share_a_face_goes():

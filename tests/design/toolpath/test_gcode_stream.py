@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -17,7 +18,11 @@ from tests.design.toolpath.shapes import as_solid, block, upright
 SYRINGE = load(Syringe, "hamilton_1ml")
 PLACE = np.array([60.0, 70.0, 20.0])
 KNOWN = (60.0, 70.0, 45.0)
-SOLID = as_solid(block(6, 5, 0.6) - upright(2, 1.5, 1))
+
+
+@cache
+def drilled():
+    return as_solid(block(6, 5, 0.6) - upright(2, 1.5, 1))
 
 
 def streamed(parts, top, printer, options):
@@ -36,7 +41,7 @@ def streamed(parts, top, printer, options):
 )
 def test_layers_written_one_by_one_are_the_job_of_their_whole(name, more, start):
     printer, options = load(Printer, name), GcodeOptions(start_mm=start, **more)
-    layers = FreshLayers(SOLID, FreshOptions())
+    layers = FreshLayers(drilled(), FreshOptions())
     parts = list(layers)
     assert len(parts) == 10
     whole = join_toolpaths(parts)
@@ -51,7 +56,8 @@ def test_layers_written_one_by_one_are_the_job_of_their_whole(name, more, start)
 def test_the_plunger_s_count_goes_on_over_the_parts():
     printer = load(Printer, "generic_marlin")
     parts = [
-        replace(part, volume_ul=400 * part.volume_ul) for part in FreshLayers(SOLID, FreshOptions())
+        replace(part, volume_ul=400 * part.volume_ul)
+        for part in FreshLayers(drilled(), FreshOptions())
     ]
     whole = join_toolpaths(parts)
     top = float(whole.end[:, 2].max())
@@ -64,11 +70,11 @@ def test_a_part_is_given_back_before_the_next_but_one_is_asked_for():
     asked = []
 
     def parts():
-        for part in FreshLayers(SOLID, FreshOptions()):
+        for part in FreshLayers(drilled(), FreshOptions()):
             asked.append(len(asked))
             yield part
 
-    printer, layers = load(Printer, "generic_marlin"), FreshLayers(SOLID, FreshOptions())
+    printer, layers = load(Printer, "generic_marlin"), FreshLayers(drilled(), FreshOptions())
     job = stream_gcode(parts(), printer, SYRINGE, PLACE, None, layers.top_mm)
     for number in range(4):
         next(job)
@@ -76,18 +82,18 @@ def test_a_part_is_given_back_before_the_next_but_one_is_asked_for():
 
 
 def test_layers_say_their_top_before_they_are_made_and_their_numbers_after():
-    layers = FreshLayers(SOLID, FreshOptions())
+    layers = FreshLayers(drilled(), FreshOptions())
     top = layers.top_mm
     highest = max(float(part.end[:, 2].max()) for part in layers)
     assert highest <= top <= highest + FreshOptions.lift_mm
     assert layers.report().written_ul == pytest.approx(
-        plan_fresh(SOLID, FreshOptions()).report.written_ul
+        plan_fresh(drilled(), FreshOptions()).report.written_ul
     )
     assert len(list(layers)) == len(list(layers))
 
 
 def test_a_part_above_the_top_is_refused():
-    parts = list(FreshLayers(SOLID, FreshOptions()))
+    parts = list(FreshLayers(drilled(), FreshOptions()))
     top = float(parts[-1].end[:, 2].max()) - 0.01
     said = rf"layer {len(parts) - 1} goes up to .* mm, above the {20 + top:g} mm"
     with pytest.raises(ToolpathError, match=said):
@@ -101,7 +107,7 @@ def test_no_parts_are_refused():
 
 def test_a_job_that_fails_on_the_way_leaves_no_file(tmp_path):
     out, lines = tmp_path / "job.gcode", tmp_path / "job.map.npz"
-    parts = list(FreshLayers(SOLID, FreshOptions()))
+    parts = list(FreshLayers(drilled(), FreshOptions()))
     job = stream_gcode(parts, load(Printer, "generic_marlin"), SYRINGE, PLACE, None, 0.4)
     with pytest.raises(ToolpathError):
         save_gcode(out, lines, job)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,16 @@ from printctl.recipe.load import parse_recipe
 from printctl.recipe.solid import SolidPart
 from tests.design.solids.networks import channels, ladder
 
-BLOCK = block_solid((16, 8, 3))
 BARB = {"kind": "barb", "bore_mm": 0.8, "outer_mm": 2.0, "length_mm": 5}
 
 
+@cache
+def plain_block():
+    return block_solid((16, 8, 3))
+
+
 def make(network: VesselNetwork | None = None, **keys: Any) -> RunSolids:
-    built = build(SolidPart(**keys), network or ladder(), BLOCK, 0)
+    built = build(SolidPart(**keys), network or ladder(), plain_block(), 0)
     for solid in (built.construct, *([built.chamber] if built.chamber else [])):
         assert len(find_crossings(solid.vertices, solid.faces).pairs) == 0
     assert surface_genus(built.construct.faces) == (built.genus, 1)
@@ -31,7 +36,7 @@ def make(network: VesselNetwork | None = None, **keys: Any) -> RunSolids:
 def test_by_default_the_tissue_minus_its_lumens() -> None:
     built = make()
     assert built.genus == 4
-    assert built.construct.bounds.tolist() == BLOCK.bounds.tolist()
+    assert built.construct.bounds.tolist() == plain_block().bounds.tolist()
     assert (built.chamber, built.fittings) == (None, 0)
 
 
@@ -53,7 +58,7 @@ def test_only_the_inlet_gets_a_fitting_where_only_it_is_named() -> None:
 
 def test_tubes_take_the_tissues_place() -> None:
     built = make(tubes={"wall_mm": 0.4}, inlets=BARB | {"outer_mm": 2.4})
-    assert built.construct.volume_mm3 < 0.4 * BLOCK.volume_mm3
+    assert built.construct.volume_mm3 < 0.4 * plain_block().volume_mm3
     assert built.genus == 3 + 3 + 2 - 1
 
 

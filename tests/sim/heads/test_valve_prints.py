@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,6 +22,16 @@ AIR, PLUNGER = load(Printer, "pneumatic_marlin"), load(Printer, "generic_marlin"
 SYRINGE = load(Syringe, "hamilton_1ml")
 PLACE, START = (60.0, 70.0, 20.0), (60.0, 70.0, 60.0)
 VOXEL = 0.05
+
+
+@cache
+def fresh_way():
+    return fresh_toolpath(drilled_layer(), FreshOptions(joint_mm=0))  # as for a pneumatic head
+
+
+@cache
+def drilled_layer():
+    return as_solid(block(4, 3, 0.3) - upright(2, 1.5, 1))
 
 
 def by_plunger(toolpath: Toolpath) -> Deposit:
@@ -50,14 +61,10 @@ def grid(low: tuple[float, ...], high: tuple[float, ...]) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-DRILLED = as_solid(block(4, 3, 0.3) - upright(2, 1.5, 1))
-FRESH = fresh_toolpath(DRILLED, FreshOptions(joint_mm=0))  # as for a pneumatic head
-
-
 def test_a_fresh_lumen_stays_open_as_by_plunger() -> None:
-    air, plunger = by_air(FRESH, 0.02), by_plunger(FRESH)
-    joined = by_plunger(fresh_toolpath(DRILLED, FreshOptions()))
-    assert air.written_ul == pytest.approx(FRESH.written_ul, rel=0.02)
+    air, plunger = by_air(fresh_way(), 0.02), by_plunger(fresh_way())
+    joined = by_plunger(fresh_toolpath(drilled_layer(), FreshOptions()))
+    assert air.written_ul == pytest.approx(fresh_way().written_ul, rel=0.02)
     assert air.volume_mm3 == pytest.approx(plunger.volume_mm3, rel=0.02)
     at = grid((60.2, 70.2, 20.06), (63.8, 72.8, 20.25))
     away = np.hypot(at[:, 0] - 62, at[:, 1] - 71.5)
@@ -70,11 +77,11 @@ def test_a_fresh_lumen_stays_open_as_by_plunger() -> None:
 def test_speeding_up_and_down_lays_more_where_the_flow_is_steady() -> None:
     """A stop and a start at v with acceleration a take v/a longer than the way at v."""
     flow, area = 0.1, 0.15 * 0.06
-    ink = by_air(FRESH, flow)
-    data = write_gcode(FRESH, AIR, SYRINGE, PLACE, GcodeOptions(flow_ul_s=flow)).data
+    ink = by_air(fresh_way(), flow)
+    data = write_gcode(fresh_way(), AIR, SYRINGE, PLACE, GcodeOptions(flow_ul_s=flow)).data
     passes = data.count(b"M106 P0 S255")
     each = flow * (flow / area) / AIR.acceleration_mm_s2
-    excess = ink.written_ul - FRESH.written_ul
+    excess = ink.written_ul - fresh_way().written_ul
     assert passes * each < excess < 2 * passes * each  # the walls' corners besides
 
 
