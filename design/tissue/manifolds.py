@@ -39,12 +39,13 @@ def distinct_manifold(surface: Surface, what: str) -> Manifold:
     return manifold
 
 
-def surface_of(manifold: Manifold, what: str) -> Surface:
+def surface_of(manifold: Manifold, what: str, touching: bool = False) -> Surface:
     """The surface of a boolean's result, rounded to float32 without opening it.
 
     Files of meshes hold float32; a surface that is so already is the same in the file. Vertices
     closer together than its steps are merged first, at 8 steps of the greatest coordinate, and
-    up to 4^5 times as much if that leaves edges with four faces.
+    up to 4^5 times as much if that leaves edges with four faces; with ``touching`` such edges, in
+    which parts touch, may stay.
 
     Raises
     ------
@@ -60,20 +61,23 @@ def surface_of(manifold: Manifold, what: str) -> Surface:
         if found is not None:
             return found
         step *= _COARSER
+    if touching and (found := _rounded(manifold, touching)) is not None:
+        return found
     raise TissueError(
         f"{what} doesn't stay closed when rounded to float32: parts of it touch in an edge or a "
         "point; move them apart or let them overlap"
     )
 
 
-def _rounded(manifold: Manifold) -> Surface | None:
-    """The surface in float32, or None where that has edges without two faces."""
+def _rounded(manifold: Manifold, touching: bool = False) -> Surface | None:
+    """The surface in float32, or None where that has edges without two (four) faces."""
     vertices, faces = arrays_of(manifold)
     # Adding 0 turns -0 into 0: they are one place.
     near = vertices.astype(np.float32).astype(np.float64) + 0.0
     points, corners = merge_vertices(near, faces)
     edges = edges_of(corners)
-    if len(corners) and not (edges.uses != 2).any() and not edges.turned:
+    fits = edges.uses % 2 == 0 if touching else edges.uses == 2
+    if len(corners) and fits.all() and not edges.turned:
         return Surface(points, corners)
     return None
 

@@ -85,7 +85,7 @@ def turn_shells(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, int]:
     """
     if enclosed_volume(points, faces) < 0:
         faces = np.ascontiguousarray(faces[:, ::-1])
-    shell = shells_of(faces)
+    shell = shells_of(points, faces)
     count = int(shell.max()) + 1
     if count == 1:
         return faces, 0

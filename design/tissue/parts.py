@@ -62,7 +62,7 @@ def parts_of(tissue: Tissue) -> tuple[Part, ...]:
         When the surface has more than 2,000 shells.
     """
     points, faces = tissue.surface.vertices, tissue.surface.faces
-    shell = shells_of(faces)
+    shell = shells_of(points, faces)
     count = int(shell.max()) + 1
     signed = np.array([enclosed_volume(points, faces[shell == n]) for n in range(count)])
     solid = np.flatnonzero(signed > 0)

@@ -254,7 +254,7 @@ def _checked(surface: Surface, cloud: Cloud) -> tuple[Surface, list[str]]:
     middle = surface.vertices[surface.faces].mean(axis=1)
     away, near = cKDTree(cloud.points).query(middle)
     far = away / cloud.spacing[near]
-    shell = shells_of(surface.faces)
+    shell = shells_of(surface.vertices, surface.faces)
     mean = np.bincount(shell, weights=far) / np.bincount(shell)
     kept = mean[shell] < _FAR
     made_up = np.flatnonzero((far > _FAR) & (kept | (not kept.any())))

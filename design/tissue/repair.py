@@ -30,7 +30,7 @@ from design.tissue.crossing_faces import crossing_faces
 from design.tissue.holes import fill_holes
 from design.tissue.joints import split_joints
 from design.tissue.orient import agree, turn_shells
-from design.tissue.sheets import drop_sheets
+from design.tissue.sheets import drop_flat_faces, drop_sheets
 from design.tissue.shells import shells_of, unite_shells
 from design.tissue.weld import drop_duplicates, weld_rims
 
@@ -107,6 +107,8 @@ def _close(work: _Work, unit: str) -> None:
     edges = edges_of(work.faces)
     if not edges.open and not edges.turned:
         return
+    work.faces, flat = drop_flat_faces(work.points, work.faces)
+    work.did(flat, "face(s) without area left out")
     work.points, work.faces, welded, gap = weld_rims(work.points, work.faces)
     work.did(welded, f"vertices merged with others at most {gap:.2g} {unit} away")
     work.faces, split = split_joints(work.points, work.faces)
@@ -165,7 +167,7 @@ def _untangle(work: _Work, unit: str) -> None:
 def _own_crossings(work: _Work) -> NDArray[np.int64]:
     """Faces that pass through others of their own shell."""
     pairs = crossing_faces(work.points, work.faces)
-    shell = shells_of(work.faces)
+    shell = shells_of(work.points, work.faces)
     own = shell[pairs[:, 0]] == shell[pairs[:, 1]]
     return np.unique(pairs[own])
 

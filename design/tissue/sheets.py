@@ -18,6 +18,10 @@ _FULL = 0.002
 """Compactness, 36 π V² / A³ (1 for a ball), below which it is one, too."""
 
 
+_FLAT_SHARE = 2e-6
+"""Height of a face taken for flat, of the mesh's extent: some steps of float32."""
+
+
 def drop_sheets(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, list[FloatArray], float]:
     """Leave out open pieces that enclose next to nothing, where others are closed.
 
@@ -32,7 +36,7 @@ def drop_sheets(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, list[F
     edges = edges_of(faces)
     if not edges.open:
         return faces, [], 0.0
-    shell = shells_of(faces)
+    shell = shells_of(points, faces)
     single = (edges.uses == 1)[edges.of_face].reshape(-1, 3).any(axis=1)
     opened = np.unique(shell[single])
     count = int(shell.max()) + 1
@@ -42,6 +46,23 @@ def drop_sheets(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, list[F
     out: NDArray[np.bool_] = np.isin(shell, sheets)
     middles = [points[np.unique(faces[shell == n])].mean(axis=0) for n in sheets]
     return faces[~out], middles, float(face_areas(points, faces[out]).sum())
+
+
+def drop_flat_faces(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, int]:
+    """Leave out faces without area whose three edges each have one face too many.
+
+    Others without area stay: they may close a slit between edges that were split differently.
+    """
+    near = _FLAT_SHARE * float(np.ptp(points, axis=0).max())
+    corners = points[faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    flat = 2.0 * face_areas(points, faces) <= near * longest
+    if not flat.any():
+        return faces, 0
+    edges = edges_of(faces)
+    odd = (edges.uses % 2 == 1)[edges.of_face].reshape(-1, 3).all(axis=1)
+    out = flat & odd
+    return faces[~out], int(out.sum())
 
 
 def _is_sheet(points: FloatArray, faces: FaceArray) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from manifold3d import Manifold, OpType
 from numpy.typing import NDArray
@@ -17,6 +19,9 @@ from design.tissue.depth import winding_number
 from design.tissue.manifolds import manifold_of, surface_of
 
 _VOTES = 15
+_SAME_ANGLE = 1e-7
+"""Rad between faces at an edge that lie on each other."""
+
 _MOST = 2000
 """Shells beyond which a mesh is taken for rubbish: all pairs are compared."""
 
@@ -33,12 +38,90 @@ def neighbours(
     return one, two, edges.balance[pair] == 0
 
 
-def shells_of(faces: FaceArray) -> NDArray[np.int64]:
-    """Number of the shell that each face belongs to, (m,); joined across edges with two faces."""
+def shells_of(points: FloatArray, faces: FaceArray) -> NDArray[np.int64]:
+    """Number of the shell that each face belongs to, (m,).
+
+    Joined across edges with two faces; pieces that aren't closed so also where shells touch in an
+    edge, across which those faces are joined that have the solid between them.
+    """
     one, two, _ = neighbours(faces)
-    ones = np.ones(len(one), dtype=np.int8)
-    graph = coo_matrix((ones, (one, two)), shape=(len(faces), len(faces)))
+    piece = _joined(len(faces), one, two)
+    here, there = _around_shared_edges(points, faces)
+    loose = _not_closed(faces, piece)
+    both = loose[piece[here]] & loose[piece[there]]
+    if not both.any():
+        return piece
+    return _joined(
+        len(faces), np.concatenate([one, here[both]]), np.concatenate([two, there[both]])
+    )
+
+
+def _joined(count: int, one: NDArray[np.int64], two: NDArray[np.int64]) -> NDArray[np.int64]:
+    graph = coo_matrix((np.ones(len(one), dtype=np.int8), (one, two)), shape=(count, count))
     return connected_components(graph, directed=False)[1].astype(np.int64)
+
+
+def _not_closed(faces: FaceArray, piece: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Whether each piece has an edge with an odd number of its own faces."""
+    edges = edges_of(faces)
+    own = edges.of_face * (int(piece.max()) + 1) + np.repeat(piece, 3)
+    sides, uses = np.unique(own, return_counts=True)
+    loose = np.zeros(int(piece.max()) + 1, dtype=np.bool_)
+    loose[sides[uses % 2 == 1] % len(loose)] = True
+    return loose
+
+
+def _around_shared_edges(
+    points: FloatArray, faces: FaceArray
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs of faces with solid between them, at edges of four faces and more."""
+    pairs: list[tuple[int, int]] = []
+    for face, upward, _ in _shared_edges(points, faces):
+        # Begin where most are closed: what is open then is closed later on.
+        begin = 1 + int(np.argmin(np.cumsum(np.where(upward, -1, 1))))
+        waiting: list[int] = []
+        for one, closes in zip(np.roll(face, -begin), np.roll(upward, -begin), strict=True):
+            if not closes:
+                waiting.append(int(one))
+            elif waiting:
+                pairs.append((waiting.pop(), int(one)))
+    found = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    return found[:, 0], found[:, 1]
+
+
+def _walls_back_to_back(points: FloatArray, faces: FaceArray) -> NDArray[np.int64]:
+    """Faces that lie on others which look the other way, at edges of four faces and more."""
+    found = list[int]()
+    for face, upward, angle in _shared_edges(points, faces):
+        same = np.abs(np.angle(np.exp(1j * (angle - np.roll(angle, 1))))) < _SAME_ANGLE
+        opposite = upward != np.roll(upward, 1)
+        found += face[same & opposite].tolist() + np.roll(face, 1)[same & opposite].tolist()
+    return np.unique(np.array(found, dtype=np.int64))
+
+
+def _shared_edges(
+    points: FloatArray, faces: FaceArray
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.bool_], FloatArray]]:
+    """Around each edge of four faces and more: faces by angle, if they pass it upwards, angles.
+
+    Seen along the edge, a face that passes it upwards has its solid on the clockwise side, one that
+    passes it downwards on the other.
+    """
+    edges = edges_of(faces)
+    order = np.argsort(edges.of_face, kind="stable")
+    first = np.concatenate([[0], np.cumsum(edges.uses)[:-1]])
+    for edge in np.flatnonzero((edges.uses > 2) & (edges.balance == 0)).tolist():
+        sides = order[first[edge] : first[edge] + edges.uses[edge]]
+        face, corner = sides // 3, sides % 3
+        low, high = edges.ends[edge]
+        upward = faces[face, corner] == low
+        axis = points[high] - points[low]
+        axis = axis / max(float(np.linalg.norm(axis)), np.finfo(float).tiny)
+        across = points[faces[face, (corner + 2) % 3]] - points[low]
+        u = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        angle = np.arctan2(across @ np.cross(axis, u), across @ u)
+        turn = np.lexsort([~upward, angle])
+        yield face[turn], upward[turn], angle[turn]
 
 
 def enclosures(points: FloatArray, faces: FaceArray, shell: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -87,7 +170,7 @@ def unite_shells(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, Face
     swallowed : int
         Shells that look outward and lie wholly within solid.
     """
-    shell = shells_of(faces)
+    shell = shells_of(points, faces)
     count = int(shell.max()) + 1
     if count == 1:
         return points, faces, 0, 0
@@ -97,11 +180,13 @@ def unite_shells(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, Face
     layers = (holds * np.sign(volume)[:, None]).sum(axis=0)
     swallowed = (volume > 0) & (layers > 0)
     pairs = crossing_faces(points, faces)
-    crossed = np.unique(shell[pairs])
+    crossed = np.unique(
+        np.concatenate([shell[pairs].ravel(), shell[_walls_back_to_back(points, faces)]])
+    )
     if len(crossed) == 0 and not swallowed.any():
         return points, faces, 0, 0
     whole = Manifold.batch_boolean(_solids(points, faces, shell, volume, holds), OpType.Add)
-    found = surface_of(whole, "the union of the mesh's shells")
+    found = surface_of(whole, "the union of the mesh's shells", touching=True)
     united = max(len(crossed), int(swallowed.sum()) + 1)
     return found.vertices, found.faces, united, int(swallowed.sum())
 

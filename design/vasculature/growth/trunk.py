@@ -59,6 +59,8 @@ class Trunk:
         ------
         GrowthError
         """
+        if len(self.parent) == 0:
+            raise GrowthError("the trunk has no segments; give one, or grow without")
         if self.tips > goal:
             raise GrowthError(
                 f"the trunk has {self.tips} ends and {goal} terminals were asked for; ask for more"

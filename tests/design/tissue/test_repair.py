@@ -9,6 +9,7 @@ from manifold3d import Manifold
 from design.errors import TissueError
 from design.tissue import Surface, load_tissue, repair_surface
 from design.tissue.crossing_faces import crossing_faces
+from design.tissue.parts import parts_of
 from tests.design.tissue import surfaces
 
 SHARED = Path(__file__).parents[4] / "shared" / "data"
@@ -304,3 +305,39 @@ def test_the_wall_between_solids_that_share_a_face_goes():
     found, _ = repair_surface(*joined(one, other))
     assert sound(found) == pytest.approx(128.0)
     assert np.abs(found.vertices[found.faces][..., 0]).max(axis=1).min() > 0
+
+
+def cube(side, *corner):
+    return surfaces.surface(Manifold.cube((side,) * 3).translate(tuple(map(float, corner))))
+
+
+def test_parts_that_touch_in_edges_alone_stay_parts(tmp_path):
+    """Six cubes around an empty one: each touches four others in an edge."""
+    places = [(1, 1, 0), (1, 0, 1), (0, 1, 1), (2, 1, 1), (1, 2, 1), (1, 1, 2)]
+    vertices, faces = joined(*(cube(4.0, *(4 * x for x in place)) for place in places))
+    path = tmp_path / "cubes.ply"
+    trimesh.Trimesh(vertices, faces, process=False).export(path)
+    parts = parts_of(load_tissue(path, "mm"))
+    assert [part.volume_mm3 for part in parts] == pytest.approx([64.0] * 6)
+
+
+def test_boxes_that_share_a_wall_split_otherwise_are_one():
+    one, other = cube(8.0, 0, 0, 0), cube(8.0, 8, 0, 0)
+    mirrored = Surface(other.vertices * [1, -1, 1] + [0, 8, 0], other.faces[:, ::-1].copy())
+    for beside in (other, mirrored):
+        found, _ = repair_surface(*joined(one, beside))
+        assert sound(found) == pytest.approx(1024.0)
+
+
+@pytest.mark.parametrize("height", [0.0, 1e-9, 1e-5])
+def test_a_face_without_area_on_an_edge_is_left_out(height):
+    box = cube(10.0, 0, 0, 0)
+    a, b = (
+        int(np.argmin(np.linalg.norm(box.vertices - end, axis=1)))
+        for end in ([0, 0, 0], [10, 0, 0])
+    )
+    vertices = np.vstack([box.vertices, [5.0, -height, 0.0]])
+    faces = np.vstack([box.faces, [a, b, len(box.vertices)]])
+    found, notes = repair_surface(vertices, faces)
+    assert sound(found) == pytest.approx(1000.0)
+    assert "1 face(s) without area left out" in notes[0]
