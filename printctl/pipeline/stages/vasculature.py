@@ -34,6 +34,7 @@ from printctl.pipeline.growing import (
 )
 from printctl.pipeline.growing_forest import grown_forest
 from printctl.pipeline.growth_source import read_given
+from printctl.pipeline.outside import outside_note
 from printctl.pipeline.printability import printability
 from printctl.pipeline.stage import Stage
 from printctl.progress import Report
@@ -92,7 +93,7 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
             network, clearance = planar_four_vessel(), 0.0
         case GivenNetwork():
             network, notes = read_given(context.recipe_folder / part.network, part.unit)
-            notes += parts_note(network)
+            notes += parts_note(network) + outside_note(context.tissue, network)
             clearance = part.clearance_mm
             if part.overlaps == "tell":
                 notes += overlap_note(network, clearance)

@@ -14,7 +14,11 @@ from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv, write_network_csv
 from design.network_files.json_format import write_network_json
 from design.network_files.vtp import write_network_vtp
+from design.tissue.shapes import block
+from design.tissue.surface import tissue_from_surface
+from printctl.errors import RecipeError
 from printctl.pipeline.growth_source import read_given
+from printctl.pipeline.outside import outside_note
 from printctl.pipeline.run import toolpath_recipe
 from printctl.pipeline.stages.vasculature import parts_note
 from printctl.recipe import parse_recipe
@@ -82,3 +86,13 @@ def test_parts_that_share_no_node_are_told_with_how_near_they_come(gap: float, s
     told = parts_note(network)
     assert len(told) == bool(said)
     assert said in "".join(told)
+
+
+def test_vessels_outside_the_tissue_are_told_and_none_within_is_refused() -> None:
+    shape = block((10.0, 6.0, 4.0))
+    tissue = tissue_from_surface(shape.vertices, shape.faces)
+    assert outside_note(tissue, OVER) == ()
+    (note,) = outside_note(tissue, OVER.moved(np.array([6.0, 0, 0])))
+    assert note.startswith("9 of 12 mm of vessels lie outside the tissue, up to ")
+    with pytest.raises(RecipeError, match=r"no vessel of the network lies in the tissue: .*unit"):
+        outside_note(tissue, OVER.moved(np.array([100.0, 0, 0])))
