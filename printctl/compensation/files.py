@@ -1,4 +1,4 @@
-"""Load, check and save compensation files (YAML or JSON)."""
+"""Load, check and save files of shape corrections from scanned prints (YAML or JSON)."""
 
 from __future__ import annotations
 

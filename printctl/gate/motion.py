@@ -1,4 +1,4 @@
-"""Allow or refuse a typed G-code move, plunger push or homing, by travel and speed limits."""
+"""Allow or refuse a typed move, push or homing: by print phase, limits, and a mounted needle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Query force and pressure gauges during a print; compare the readings with their limits.
+"""Ask the printer for force and pressure readings during a print; compare them with limits.
 
 A question is a command between two lines like a checkpoint's: it has a number, is in the journal
 before it is sent, and its answer is matched by that number; the job's lines are held meanwhile.

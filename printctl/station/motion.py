@@ -1,4 +1,4 @@
-"""Manual moves of an idle printer, sent in short pieces so that they can be interrupted."""
+"""Move tip or plunger of an idle printer by hand, in short pieces that can be interrupted."""
 
 from __future__ import annotations
 

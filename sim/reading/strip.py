@@ -1,4 +1,4 @@
-"""Extract the command of a G-code line, without comments, line number and checksum.
+"""Take the command out of a G-code line; check its checksum and refuse unclear comments.
 
 A comment begins at a semicolon; what stands in parentheses is one, too. Some builds of a firmware
 take parentheses for words (Marlin without PAREN_COMMENTS), and a semicolon in quotes for text:

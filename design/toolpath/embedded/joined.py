@@ -1,4 +1,4 @@
-"""Data classes of writing strokes with overlaps at their joints, and of joints that failed."""
+"""Data classes: how far passes are extended to overlap at joints; joints without full overlap."""
 
 from __future__ import annotations
 

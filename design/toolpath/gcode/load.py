@@ -1,4 +1,4 @@
-"""Data classes of one head in a multi-head job: syringe and ink, state while it is idle."""
+"""Data classes of one head of several: its syringe and ink; when idle, plunger travel, relief."""
 
 from __future__ import annotations
 

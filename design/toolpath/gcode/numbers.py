@@ -1,4 +1,4 @@
-"""Choose the decimals of X, Y, Z and E in G-code from the printer's steps per mm."""
+"""Decimals of X, Y, Z from motor steps; E has 7, and the largest push one move may have."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibration service of the Printer page; same tests, fits and files as `printctl calibrate`."""
+"""Calibration service of the Printer page: test G-code, fits, measured copies of profiles."""
 
 from __future__ import annotations
 

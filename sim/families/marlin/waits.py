@@ -1,4 +1,4 @@
-"""Marlin's waiting commands: dwells, homing, user confirmation, heating, EEPROM.
+"""Marlin's commands that wait: G4, G28, M0, M81, M109, M400, M420, M500; also M104, M410.
 
 A function is a generator that yields what it waits for, or does its work at once.
 """
