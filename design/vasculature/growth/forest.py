@@ -262,7 +262,7 @@ def _with_root(tissue: Tissue, options: GrowthOptions, stems: list[_Stem]) -> Gr
             continue
         return trial
     raise GrowthError(
-        f"no place was found on the surface for root {len(stems)}; give a root_point_mm. At the "
+        f"no place was found on the surface for root {len(stems)}; give a root point. At the "
         f"farthest place: {last}"
     ) from last
 

@@ -65,15 +65,15 @@ def stem(
     if depth.max() < need:
         raise RootError(
             f"root at {_say(point)} along {_say(direction)} reaches {depth.max():.3g} mm below the "
-            f"surface, and its first branches need {need:.3g} mm; choose another root_point_mm or "
-            "root_direction, fewer terminals, a smaller smallest radius or clearance"
+            f"surface, and its first branches need {need:.3g} mm; choose another root point or "
+            "direction, fewer terminals, a smaller smallest radius or clearance"
         )
     long = along[: len(depth)] >= _STEM_LENGTH * options.length_to_radius * root_radius
     if depth[long].max(initial=-np.inf) < need:
         raise RootError(
             f"root at {_say(point)} along {_say(direction)} leaves no room for a stem "
             f"{options.length_to_radius:g} times as long as its radius of {root_radius:.3g} mm "
-            "(length_to_radius); choose another root_point_mm or root_direction, fewer terminals, "
+            "(length_to_radius); choose another root point or direction, fewer terminals, "
             "a smaller smallest radius or length_to_radius"
         )
     enough = np.flatnonzero(long & (depth >= _STEM_DEPTH * need))
@@ -110,13 +110,13 @@ def _first_stay(
     if not inside.any():
         raise RootError(
             f"root at {_say(point)} along {_say(direction)} never enters the tissue; give a "
-            "root_point_mm on its surface and a root_direction into it"
+            "root point on its surface and a direction into it"
         )
     first = int(np.argmax(inside))
     if along[first] > 2.0 * near + 4.0 * along[0]:
         raise RootError(
             f"root at {_say(point)} is outside the tissue, {along[first]:.3g} mm before its "
-            "surface; give a root_point_mm on the surface"
+            "surface; give a root point on the surface"
         )
     leaves = np.flatnonzero(~inside[first:])
     return depth[: first + int(leaves[0])] if len(leaves) else depth
