@@ -134,7 +134,7 @@ def flow_in_3d(scratch: Path) -> None:
     from design.vasculature import planar_four_vessel
 
     network = planar_four_vessel()
-    wall_surface(network, lumen_wall(network, fillet_ratio=0.5, ratio=1.0))
+    wall_surface(network, lumen_wall(network, fillet_ratio=0.5, ratio=1.0), fillet_ratio=0.5)
 
 
 def mend(scratch: Path) -> None:
