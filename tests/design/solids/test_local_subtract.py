@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,10 @@ from design.solids.check_made import check_made
 from design.solids.local_subtract import subtract_near
 from tests.design.solids.networks import channels, ladder
 
-BLOCK = block_solid((16, 8, 3))
+
+@cache
+def block() -> Solid:
+    return block_solid((16, 8, 3))
 
 
 def _lumen(fillet: float = 0.5) -> Solid:
@@ -21,7 +26,7 @@ def _lumen(fillet: float = 0.5) -> Solid:
 @pytest.mark.parametrize("fillet", [0.0, 0.5])
 def test_a_ladder_open_at_both_faces_is_cut_as_by_the_whole_boolean(fillet: float) -> None:
     lumen = _lumen(fillet)
-    near, whole = subtract_near(BLOCK, lumen, "it"), construct_solid(BLOCK, lumen)
+    near, whole = subtract_near(block(), lumen, "it"), construct_solid(block(), lumen)
     assert near is not None
     assert near.volume_mm3 == pytest.approx(whole.volume_mm3, rel=1e-8)
     assert surface_genus(near.faces) == surface_genus(whole.faces)
@@ -32,7 +37,7 @@ def test_a_ladder_open_at_both_faces_is_cut_as_by_the_whole_boolean(fillet: floa
 
 def test_most_faces_stay_the_lumens_own() -> None:
     lumen = _lumen()
-    near = subtract_near(BLOCK, lumen, "it")
+    near = subtract_near(block(), lumen, "it")
     assert near is not None
     own = {lumen.vertices[face[::-1]].tobytes() for face in lumen.faces}
     kept = sum(near.vertices[face].tobytes() in own for face in near.faces)
@@ -41,10 +46,10 @@ def test_most_faces_stay_the_lumens_own() -> None:
 
 def test_what_is_near_the_surface_all_along_is_left_to_the_whole_boolean() -> None:
     network = channels([[0, 4, 2.95], [16, 4, 2.95]], [(0, 1)], 0.4)
-    assert subtract_near(BLOCK, lumen_solid(network, extend_ends_mm=1.0), "it") is None
+    assert subtract_near(block(), lumen_solid(network, extend_ends_mm=1.0), "it") is None
 
 
 def test_a_lumen_that_meets_no_face_and_a_body_of_two_shells_are_left_to_it() -> None:
     inner = lumen_solid(channels([[3, 4, 1.5], [9, 4, 1.5]], [(0, 1)], 0.4))
-    assert subtract_near(BLOCK, inner, "it") is None
-    assert subtract_near(construct_solid(BLOCK, inner), _lumen(), "it") is None
+    assert subtract_near(block(), inner, "it") is None
+    assert subtract_near(construct_solid(block(), inner), _lumen(), "it") is None
