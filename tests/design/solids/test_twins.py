@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.sparse import coo_array
@@ -11,13 +13,16 @@ from design.solids import block_solid
 from design.solids.topology import corner_fans, edge_faults, is_closed, surface_genus
 from design.solids.twins import pair_half_edges
 
-CUBE = block_solid((1, 1, 1)).faces.astype(np.int64)
+
+@cache
+def cube() -> np.ndarray:
+    return block_solid((1, 1, 1)).faces.astype(np.int64)
 
 
 def _random_faces(seed: int) -> np.ndarray:
     """Cubes of which some corners are merged, and some faces dropped, turned or doubled."""
     random = np.random.default_rng(seed)
-    faces = np.concatenate([CUBE + 8 * k for k in range(4)])
+    faces = np.concatenate([cube() + 8 * k for k in range(4)])
     merged = np.arange(32)
     merged[random.integers(0, 32, 3)] = random.integers(0, 32, 3)
     faces = merged[faces]
@@ -50,7 +55,7 @@ def test_twins_are_the_only_opposite_sides_of_an_edge(seed: int) -> None:
 
 
 def test_fans_and_shells_of_cubes_that_touch_in_a_corner() -> None:
-    faces = np.concatenate([CUBE, CUBE + 8, CUBE + 16])
+    faces = np.concatenate([cube(), cube() + 8, cube() + 16])
     faces[faces == 8] = 0
     assert surface_genus(faces) == (0, 3)
     fan = corner_fans(faces)
