@@ -1,0 +1,27 @@
+"""Decide what a look at a print calls for: go on, correct the flow, mend, pause or stop.
+
+Goes in: gaps with p-values, widths in the order of writing. Comes out: a decision with its reason.
+Begin with `decide.py`.
+"""
+
+from printctl.observe.deciding.decide import Decider, Decision, DecisionKind, Evidence, Limits
+from printctl.observe.deciding.flow_control import FlowBlocks, FlowControl, FlowLimits
+from printctl.observe.deciding.gap_test import GapSeen, GapTest, confirmed_gaps
+from printctl.observe.deciding.ink_supply import InkSupply, SupplyState, judge_supply
+
+__all__ = [
+    "Decider",
+    "Decision",
+    "DecisionKind",
+    "Evidence",
+    "FlowBlocks",
+    "FlowControl",
+    "FlowLimits",
+    "GapSeen",
+    "GapTest",
+    "InkSupply",
+    "Limits",
+    "SupplyState",
+    "confirmed_gaps",
+    "judge_supply",
+]

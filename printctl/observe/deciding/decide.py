@@ -1,0 +1,269 @@
+"""Decide after a look: go on, correct the flow, mend, pause for the operator, or stop.
+
+Rules, in their order; the first that holds decides:
+
+1. the layer lies beside its place by more than tolerance (skipped steps): stop where the shift grew since
+   the last look, else pause; no ink laid later could lie right;
+2. no ink comes out any more (clog, empty syringe): pause;
+3. a lumen is closed, or narrowed beyond tolerance: pause; no ink can be taken away;
+4. gaps that two pictures show (one, where there is no second): mend;
+5. a flow beyond the bounds of the correction: pause; within them: correct it;
+6. too little of the layer was seen, several looks in a row: pause.
+
+What is unsure is told, and the print goes on. By `Limits.mend` the operator is only told (``tell``), asked before anything
+is written (``ask``), or not (``mend``).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Final, Literal
+
+from printctl.observe.deciding.flow_control import FlowBlocks, FlowControl, FlowLimits
+from printctl.observe.deciding.gap_test import GapSeen, GapTest, confirmed_gaps
+from printctl.observe.deciding.ink_supply import InkSupply, SupplyState
+
+Mode = Literal["tell", "ask", "mend"]
+
+_SURE: Final = 3.29
+"""Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
+
+
+class DecisionKind(StrEnum):
+    """What is done after a look."""
+
+    GO_ON = "go_on"
+    FLOW = "flow"
+    MEND = "mend"
+    PAUSE = "pause"
+    STOP = "stop"
+
+
+@dataclass(frozen=True)
+class Narrowed:
+    """Lumen that is seen narrower than designed.
+
+    Attributes
+    ----------
+    name : str
+    open_share : float
+        Seen over designed width; 0 for closed.
+    u : float
+        Standard uncertainty of it.
+    """
+
+    name: str
+    open_share: float
+    u: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a look has told.
+
+    Attributes
+    ----------
+    places : int
+        Places along lines that were tested.
+    gaps : tuple of GapSeen
+    second : tuple of GapSeen or None
+        Those of a second picture; None where there is none.
+    supply : InkSupply
+    flow : FlowBlocks
+    seen_share : float
+        Of the way written since the last look.
+    shift_mm, u_shift_mm : float, mm
+        How far the layer lies beside its place, and the standard uncertainty.
+    narrowed : tuple of Narrowed
+    """
+
+    places: int
+    gaps: tuple[GapSeen, ...]
+    second: tuple[GapSeen, ...] | None
+    supply: InkSupply
+    flow: FlowBlocks
+    seen_share: float
+    shift_mm: float = 0.0
+    u_shift_mm: float = 0.0
+    narrowed: tuple[Narrowed, ...] = ()
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Tolerances, and what may be done unasked.
+
+    Attributes
+    ----------
+    gap : GapTest
+    flow : FlowLimits
+    width_percent : float
+        Deviation of line widths that isn't corrected.
+    lumen_percent : float
+        By which a lumen may be seen narrower.
+    shift_mm : float, mm
+        By which a layer may lie beside its place.
+    least_seen : float
+        Share of the way that must be seen for a look to count.
+    unseen_looks : int
+        Looks in a row that didn't count, after which the print is paused.
+    mend : "tell", "ask" or "mend"
+    """
+
+    gap: GapTest = field(default_factory=GapTest)
+    flow: FlowLimits = field(default_factory=FlowLimits)
+    width_percent: float = 15.0
+    lumen_percent: float = 10.0
+    shift_mm: float = 0.1
+    least_seen: float = 0.5
+    unseen_looks: int = 3
+    mend: Mode = "ask"
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Outcome of a look.
+
+    Attributes
+    ----------
+    kind : DecisionKind
+        What is done now.
+    why : str
+        For operator and journal.
+    gaps : tuple of GapSeen
+        To be mended.
+    factor : float or None
+        Flow factor from here on.
+    ask : DecisionKind or None
+        What the operator is asked to approve, while the print waits; None for nothing.
+    """
+
+    kind: DecisionKind
+    why: str
+    gaps: tuple[GapSeen, ...] = ()
+    factor: float | None = None
+    ask: DecisionKind | None = None
+
+
+@dataclass
+class Decider:
+    """Decides look by look, and remembers what decisions hang on.
+
+    Attributes
+    ----------
+    limits : Limits
+    control : FlowControl
+    unseen : int
+        Looks in a row of which too little was seen.
+    last_shift_mm : float, mm
+    """
+
+    limits: Limits = field(default_factory=Limits)
+    control: FlowControl = field(default_factory=FlowControl)
+    unseen: int = 0
+    last_shift_mm: float = 0.0
+
+    def decide(self, evidence: Evidence) -> Decision:
+        """Return what the look calls for, as the mode allows."""
+        counts = evidence.seen_share >= self.limits.least_seen
+        self.unseen = 0 if counts else self.unseen + 1
+        if evidence.supply.state is SupplyState.FLOWING:
+            self.control.learn(evidence.flow)  # thin because it is about to stop is no drift
+        return self._as_allowed(self._wanted(evidence))
+
+    def _wanted(self, evidence: Evidence) -> Decision:
+        rules = (self._shifted, self._stopped, self._narrowed, self._gaps, self._flow, self._blind)
+        for rule in rules:
+            found = rule(evidence)
+            if found is not None:
+                return found
+        return Decision(DecisionKind.GO_ON, "as expected, within tolerance")
+
+    def _as_allowed(self, wanted: Decision) -> Decision:
+        mode = self.limits.mend
+        if wanted.kind is DecisionKind.GO_ON or mode == "mend":
+            return wanted
+        if mode == "tell":
+            return Decision(DecisionKind.GO_ON, f"{wanted.why} (only told: observe.mend is tell)")
+        if wanted.kind in (DecisionKind.MEND, DecisionKind.FLOW):
+            return replace(wanted, kind=DecisionKind.PAUSE, ask=wanted.kind)
+        return wanted
+
+    # --- rules -----------------------------------------------------------------------------------
+
+    def _shifted(self, evidence: Evidence) -> Decision | None:
+        shift, u = evidence.shift_mm, evidence.u_shift_mm
+        before, self.last_shift_mm = self.last_shift_mm, shift
+        if shift - _SURE * u <= self.limits.shift_mm:
+            return None
+        why = (
+            f"the layer lies {shift:.2f} mm beside its place (tolerance {self.limits.shift_mm:g} "
+            "mm): motors have lost steps, or the dish has moved"
+        )
+        if before > self.limits.shift_mm and shift - before > _SURE * u:
+            return Decision(DecisionKind.STOP, f"{why}; it grows from look to look")
+        return Decision(DecisionKind.PAUSE, f"{why}; look before you go on")
+
+    def _stopped(self, evidence: Evidence) -> Decision | None:
+        supply = evidence.supply
+        if not supply.stopped:
+            return None
+        cause = (
+            "the syringe is empty" if supply.state is SupplyState.EMPTY else "the needle is clogged"
+        )
+        why = (
+            f"no ink for the last {supply.since_ul or 0:.3g} µL: {cause}; what is missing is "
+            "mended after the cause"
+        )
+        return Decision(DecisionKind.PAUSE, why, gaps=self._believed(evidence))
+
+    def _narrowed(self, evidence: Evidence) -> Decision | None:
+        least = 1.0 - self.limits.lumen_percent / 100.0
+        bad = [one for one in evidence.narrowed if one.open_share + _SURE * one.u < least]
+        if not bad:
+            return None
+        worst = min(bad, key=lambda one: one.open_share)
+        told = "closed" if worst.open_share <= 0 else f"{worst.open_share:.0%} of its width open"
+        more = f", and {len(bad) - 1} more" if len(bad) > 1 else ""
+        return Decision(
+            DecisionKind.PAUSE, f"lumen {worst.name} is {told}{more}; ink can't be taken away"
+        )
+
+    def _gaps(self, evidence: Evidence) -> Decision | None:
+        gaps = self._believed(evidence)
+        if not gaps:
+            return None
+        way = math.fsum(gap.length_mm for gap in gaps)
+        cause = (
+            "" if evidence.supply.state is SupplyState.FLOWING else f" ({evidence.supply.state})"
+        )
+        many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+        return Decision(DecisionKind.MEND, f"{many}, {way:.2f} mm in all{cause}", gaps=gaps)
+
+    def _believed(self, evidence: Evidence) -> tuple[GapSeen, ...]:
+        return confirmed_gaps(evidence.gaps, evidence.places, evidence.second, self.limits.gap)
+
+    def _flow(self, evidence: Evidence) -> Decision | None:
+        control = self.control
+        told = (
+            f"the ink flows at {control.flow:.0%} ± {2 * control.u_flow:.0%} of what is asked for"
+        )
+        if control.out_of_bounds:
+            low, high = control.limits.low, control.limits.high
+            return Decision(
+                DecisionKind.PAUSE, f"{told}: beyond a correction by {low:g} to {high:g}"
+            )
+        factor = control.proposal()
+        if factor is None:
+            return None
+        return Decision(DecisionKind.FLOW, f"{told}: factor {factor:.2f}", factor=factor)
+
+    def _blind(self, evidence: Evidence) -> Decision | None:
+        if self.unseen < self.limits.unseen_looks:
+            return None
+        return Decision(
+            DecisionKind.PAUSE,
+            f"{self.unseen} looks in a row saw less than {self.limits.least_seen:.0%} of what was "
+            f"written (the last {evidence.seen_share:.0%}): clean the view, or set observe off",
+        )

@@ -1,0 +1,157 @@
+"""Estimate the ink's flow from seen line widths, and correct it by a slow, bounded factor.
+
+The estimate is that of the flow *without* correction, over the flow that was asked for: what the
+factor in force added is taken out of each reading first. The factor is its inverse within bounds.
+So nothing integrates while the factor stands at a bound (no wind-up), and a reading of lines that
+were written under an older factor does no harm.
+
+Estimator: Kalman filter of the logarithm of that ratio, a random walk (Kalman 1960, J. Basic Eng.
+82, 35, doi 10.1115/1.3662552). Two readings in a row far from it, on one side, are a step: the
+filter then forgets what it knew.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+_STEP_SIGMAS: Final = 3.5
+"""Deviation of a reading that may be a step; two in a row by chance: 1 in 4 million pairs."""
+_LEAST_U: Final = 0.005
+"""No reading of a ratio is better than 0.5 %: the expected width itself is rounded and modelled."""
+
+
+@dataclass(frozen=True)
+class FlowBlocks:
+    """Seen over expected cross-section, in the order of writing.
+
+    Attributes
+    ----------
+    time_s : (n,) float64, s
+        Middle of each block of writing, on one clock.
+    area_ratio : (n,) float64
+        Cross-section seen over the one asked for.
+    u : (n,) float64
+        Standard uncertainty of that ratio.
+    factor : (n,) float64
+        Flow factor in force when the block was written.
+    """
+
+    time_s: FloatArray
+    area_ratio: FloatArray
+    u: FloatArray
+    factor: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+@dataclass(frozen=True)
+class FlowLimits:
+    """Bounds of the controller.
+
+    Attributes
+    ----------
+    low, high : float
+        Least and greatest factor.
+    deadband : float
+        Smaller deviations aren't corrected.
+    drift_per_root_s : float
+        Standard deviation of the logarithm's random walk after 1 s of writing.
+    steps_per_unit : float
+        Steps of the factor that the firmware takes (Marlin's M221: whole percent).
+    """
+
+    low: float = 0.6
+    high: float = 1.7
+    deadband: float = 0.02
+    drift_per_root_s: float = 0.003
+    steps_per_unit: float = 100.0
+
+
+@dataclass
+class FlowControl:
+    """Flow estimate of one head, and the factor that corrects it.
+
+    Attributes
+    ----------
+    limits : FlowLimits
+    factor : float
+        In force.
+    log_flow, variance : float
+        Estimate of the logarithm of delivered over asked flow, uncorrected, and its variance.
+    time_s : float or None, s
+        Of the last reading.
+    """
+
+    limits: FlowLimits = field(default_factory=FlowLimits)
+    factor: float = 1.0
+    log_flow: float = 0.0
+    variance: float = 0.01
+    time_s: float | None = None
+    _far: float = 0.0
+
+    def learn(self, blocks: FlowBlocks) -> None:
+        """Take in readings; those without a positive finite ratio are left out."""
+        sound = np.isfinite(blocks.area_ratio) & (blocks.area_ratio > 0) & np.isfinite(blocks.u)
+        for k in np.flatnonzero(sound).tolist():
+            ratio = float(blocks.area_ratio[k])
+            u = max(float(blocks.u[k]) / ratio, _LEAST_U)
+            reading = math.log(ratio) - math.log(float(blocks.factor[k]))
+            self._update(float(blocks.time_s[k]), reading, u)
+
+    def _update(self, time_s: float, reading: float, u: float) -> None:
+        passed = max(time_s - self.time_s, 0.0) if self.time_s is not None else 0.0
+        self.time_s = time_s
+        self.variance += self.limits.drift_per_root_s**2 * passed
+        off = reading - self.log_flow
+        sigmas = off / math.sqrt(self.variance + u * u)
+        step = abs(sigmas) > _STEP_SIGMAS
+        if step and self._far * sigmas > 0:  # the second in a row on this side
+            self.variance = max(self.variance, off * off)
+        elif step:  # an outlier until the next reading says the same
+            self._far = sigmas
+            return
+        self._far = sigmas if step else 0.0
+        gain = self.variance / (self.variance + u * u)
+        self.log_flow += gain * off
+        self.variance *= 1.0 - gain
+
+    @property
+    def flow(self) -> float:
+        """Delivered over asked flow, without correction."""
+        return math.exp(self.log_flow)
+
+    @property
+    def u_flow(self) -> float:
+        """Standard uncertainty of `flow`."""
+        return self.flow * math.sqrt(self.variance)
+
+    @property
+    def out_of_bounds(self) -> bool:
+        """Whether no allowed factor corrects the flow, beyond doubt and the deadband."""
+        wanted, sure = -self.log_flow, 2.0 * math.sqrt(self.variance) + self.limits.deadband
+        return not (math.log(self.limits.low) - sure <= wanted <= math.log(self.limits.high) + sure)
+
+    def proposal(self) -> float | None:
+        """Return the factor that is due; None where the one in force is as good as known.
+
+        Corrected is what exceeds both the deadband and twice its standard uncertainty.
+        """
+        left = self.log_flow + math.log(self.factor)
+        if abs(left) <= max(self.limits.deadband, 2.0 * math.sqrt(self.variance)):
+            return None
+        per = self.limits.steps_per_unit
+        wanted = min(max(math.exp(-self.log_flow), self.limits.low), self.limits.high)
+        rounded = round(wanted * per) / per
+        return None if rounded == self.factor else rounded
+
+    def put_in_force(self, factor: float) -> None:
+        """Take notice that the printer has a factor."""
+        self.factor = factor

@@ -1,0 +1,96 @@
+"""Test gaps seen in pictures at a stated rate of false repairs.
+
+A layer is tested at many places, and each test can err. A gap counts where its p-value, times the
+number of places tested in that picture (Bonferroni), is below the rate that a layer may err with.
+With a second picture it must be there in both, in the second at `second_rate`, since only the
+places that the first picture named are tested again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class GapSeen:
+    """Stretch of a written path where a picture shows no ink.
+
+    Attributes
+    ----------
+    stroke : int
+        Unbroken path that it is on.
+    from_mm, to_mm : float, mm
+        Along the stroke.
+    p_value : float
+        Chance of such a picture, or one that shows less ink, where the line is as it should be.
+    """
+
+    stroke: int
+    from_mm: float
+    to_mm: float
+    p_value: float
+
+    @property
+    def length_mm(self) -> float:
+        """Its length, mm."""
+        return self.to_mm - self.from_mm
+
+    def overlap_mm(self, other: GapSeen) -> float:
+        """Way that both miss, mm; 0 on different strokes."""
+        if self.stroke != other.stroke:
+            return 0.0
+        return max(min(self.to_mm, other.to_mm) - max(self.from_mm, other.from_mm), 0.0)
+
+
+@dataclass(frozen=True)
+class GapTest:
+    """Rates at which gaps are believed.
+
+    Attributes
+    ----------
+    least_mm : float, mm
+        Shorter gaps are within tolerance.
+    rate : float
+        False gaps per sound layer, by the first picture: 0.001 are five in 5,000 layers.
+    second_rate : float
+        Chance that the second picture repeats a false gap of the first by noise.
+    """
+
+    least_mm: float = 0.2
+    rate: float = 1e-3
+    second_rate: float = 0.01
+
+    def significant(self, gap: GapSeen, places: int) -> bool:
+        """Whether a gap is long enough, and believed among ``places`` tested."""
+        return gap.length_mm >= self.least_mm and gap.p_value * max(places, 1) <= self.rate
+
+
+def confirmed_gaps(
+    first: Sequence[GapSeen],
+    places: int,
+    second: Sequence[GapSeen] | None,
+    test: GapTest,
+) -> tuple[GapSeen, ...]:
+    """Return the gaps that count, as the first picture shows them.
+
+    Parameters
+    ----------
+    first : sequence of GapSeen
+    places : int
+        Places tested in the first picture.
+    second : sequence of GapSeen or None
+        Of another picture of the same; None where there is none, and the first alone decides.
+    test : GapTest
+    """
+    found = [gap for gap in first if test.significant(gap, places)]
+    if second is None:
+        return tuple(found)
+    retested = max(len(found), 1)
+    again = [gap for gap in second if gap.p_value * retested <= test.second_rate]
+    return tuple(gap for gap in found if _seen_again(gap, again))
+
+
+def _seen_again(gap: GapSeen, again: Sequence[GapSeen]) -> bool:
+    """Whether the second picture's gaps cover at least half of a gap."""
+    return 2 * sum(gap.overlap_mm(other) for other in again) >= gap.length_mm
