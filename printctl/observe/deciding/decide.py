@@ -2,16 +2,16 @@
 
 Rules, in their order; the first that holds decides:
 
-1. the layer lies beside its place by more than tolerance (skipped steps): stop where the shift grew since
-   the last look, else pause; no ink laid later could lie right;
+1. the layer lies beside its place by more than tolerance (skipped steps): stop where the shift grew
+   since the last look, else pause; no ink laid later could lie right;
 2. no ink comes out any more (clog, empty syringe): pause;
 3. a lumen is closed, or narrowed beyond tolerance: pause; no ink can be taken away;
-4. gaps that two pictures show (one, where there is no second): mend;
+4. gaps that two pictures show (one, where there is no second): mend, and correct the flow;
 5. a flow beyond the bounds of the correction: pause; within them: correct it;
 6. too little of the layer was seen, several looks in a row: pause.
 
-What is unsure is told, and the print goes on. By `Limits.mend` the operator is only told (``tell``), asked before anything
-is written (``ask``), or not (``mend``).
+What is unsure is told, and the print goes on. By `Limits.mend` the operator is only told
+(``tell``), asked before anything is written (``ask``), or not (``mend``).
 """
 
 from __future__ import annotations
@@ -209,9 +209,8 @@ class Decider:
         supply = evidence.supply
         if not supply.stopped:
             return None
-        cause = (
-            "the syringe is empty" if supply.state is SupplyState.EMPTY else "the needle is clogged"
-        )
+        empty = supply.state is SupplyState.EMPTY
+        cause = "the syringe is empty" if empty else "the needle is clogged"
         why = (
             f"no ink for the last {supply.since_ul or 0:.3g} µL: {cause}; what is missing is "
             "mended after the cause"
@@ -235,11 +234,12 @@ class Decider:
         if not gaps:
             return None
         way = math.fsum(gap.length_mm for gap in gaps)
-        cause = (
-            "" if evidence.supply.state is SupplyState.FLOWING else f" ({evidence.supply.state})"
-        )
+        state, control = evidence.supply.state, self.control
+        cause = "" if state in (SupplyState.FLOWING, SupplyState.UNKNOWN) else f" ({state})"
         many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
-        return Decision(DecisionKind.MEND, f"{many}, {way:.2f} mm in all{cause}", gaps=gaps)
+        why = f"{many}, {way:.2f} mm in all{cause}"
+        factor = None if control.out_of_bounds else control.proposal()
+        return Decision(DecisionKind.MEND, why, gaps, factor)
 
     def _believed(self, evidence: Evidence) -> tuple[GapSeen, ...]:
         return confirmed_gaps(evidence.gaps, evidence.places, evidence.second, self.limits.gap)
