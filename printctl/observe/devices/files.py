@@ -1,0 +1,85 @@
+"""Acquire by files: a folder that a device's own program fills, a command, the simulated camera."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Final
+
+from printctl.observe.devices.settings import DeviceSettings
+
+_STILL_S: Final = 0.5
+"""A file that hasn't grown for so long is whole."""
+_LOOK_S: Final = 0.1
+
+
+def await_file(folder: Path, since: float) -> Path:
+    """Wait for a new file in a folder, until it grows no more; the caller limits the time.
+
+    Raises
+    ------
+    ValueError
+        When the folder isn't there.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"folder {folder} isn't there; let the device's program write into it")
+    size, at = -1, time.monotonic()
+    newest: Path | None = None
+    while True:
+        found = _newest(folder, since)
+        now = found.stat().st_size if found is not None else -1
+        if found is None or found != newest or now != size:
+            newest, size, at = found, now, time.monotonic()
+        elif size > 0 and time.monotonic() - at >= _STILL_S:
+            return found
+        time.sleep(_LOOK_S)
+
+
+def _newest(folder: Path, since: float) -> Path | None:
+    files = [one for one in folder.iterdir() if one.is_file() and not one.name.startswith(".")]
+    dated = [(one.stat().st_mtime, one) for one in files]
+    new = [pair for pair in dated if pair[0] >= since]
+    return max(new)[1] if new else None
+
+
+def run_command(words: str, out: Path) -> Path:
+    """Run a device's own program, which writes the file that ``{out}`` names.
+
+    Raises
+    ------
+    ValueError
+        When it fails, or writes nothing.
+    """
+    if "{out}" not in words:
+        raise ValueError("the device's command doesn't say {out}, the file that it is to write")
+    command = [word.replace("{out}", str(out)) for word in shlex.split(words)]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
+    if done.returncode:
+        last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
+        raise ValueError(f"{command[0]} failed ({done.returncode}): {last[0]}")
+    written = sorted(one for one in out.parent.glob(f"{out.name}*") if one.is_file())
+    if not written:
+        raise ValueError(f"{command[0]} wrote no file {out}")
+    return written[0]
+
+
+def simulated_picture(settings: DeviceSettings, out: Path) -> Path:
+    """Paint what lies in the simulated dish.
+
+    Raises
+    ------
+    ValueError
+        When nothing was recorded yet.
+    """
+    path = out.with_suffix(".png")
+    command = [sys.executable, "-m", "sim", "camera", "--out", str(path)]
+    for name, value in settings.extra.items():
+        command += [f"--{name}", str(value)]
+    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
+    if done.returncode:
+        last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
+        raise ValueError(f"the simulated camera failed: {last[0]}")
+    return path

@@ -1,0 +1,89 @@
+"""Decisions by their rules and modes."""
+
+import numpy as np
+import pytest
+
+from printctl.observe.deciding import (
+    Decider,
+    DecisionKind,
+    Evidence,
+    FlowBlocks,
+    GapSeen,
+    InkSupply,
+    Limits,
+    SupplyState,
+)
+from printctl.observe.deciding.decide import Narrowed
+
+FLOWING = InkSupply(SupplyState.FLOWING, 0.0, None, 0)
+GAP = GapSeen(2, 0.0, 1.0, 1e-12)
+
+
+def flow(ratio, count=30):
+    full = np.full(count, ratio)
+    return FlowBlocks(np.arange(float(count)), full, np.full(count, 0.02), np.ones(count))
+
+
+def evidence(**changed):
+    given = {"places": 400, "gaps": (), "second": None, "supply": FLOWING, "seen_share": 0.95}
+    return Evidence(**{**given, "flow": flow(1.0), **changed})
+
+
+def decided(mode="mend", **changed):
+    return Decider(Limits(mend=mode)).decide(evidence(**changed))
+
+
+def test_a_sound_layer_goes_on():
+    assert decided().kind is DecisionKind.GO_ON
+
+
+def test_gaps_are_mended_and_flow_with_them():
+    found = decided(gaps=(GAP,), flow=flow(0.8))
+    assert found.kind is DecisionKind.MEND
+    assert found.gaps == (GAP,)
+    assert found.factor == pytest.approx(1.25, abs=0.02)
+
+
+def test_thin_lines_are_corrected():
+    found = decided(flow=flow(0.8))
+    assert found.kind is DecisionKind.FLOW
+    assert found.factor == pytest.approx(1.25, abs=0.02)
+
+
+def test_a_clog_pauses_and_keeps_what_is_missing():
+    clogged = InkSupply(SupplyState.CLOGGED, 0.3, 0.3, 1)
+    found = decided(supply=clogged, gaps=(GAP,), flow=flow(0.3))
+    assert found.kind is DecisionKind.PAUSE
+    assert found.gaps == (GAP,)
+    assert "clogged" in found.why
+
+
+@pytest.mark.parametrize("kind", ["gaps", "flow"])
+def test_ask_pauses_with_a_proposal_and_tell_goes_on(kind):
+    wrong = {"gaps": (GAP,)} if kind == "gaps" else {"flow": flow(0.8)}
+    asked, told = decided("ask", **wrong), decided("tell", **wrong)
+    assert asked.kind is DecisionKind.PAUSE
+    assert asked.ask is (DecisionKind.MEND if kind == "gaps" else DecisionKind.FLOW)
+    assert told.kind is DecisionKind.GO_ON
+
+
+def test_a_shift_pauses_and_stops_where_it_grows():
+    decider = Decider(Limits(mend="mend"))
+    assert decider.decide(evidence(shift_mm=0.3, u_shift_mm=0.02)).kind is DecisionKind.PAUSE
+    assert decider.decide(evidence(shift_mm=0.6, u_shift_mm=0.02)).kind is DecisionKind.STOP
+    assert decided(shift_mm=0.3, u_shift_mm=0.1).kind is DecisionKind.GO_ON
+
+
+def test_a_closed_lumen_pauses():
+    assert decided(narrowed=(Narrowed("5", 0.0, 0.02),)).kind is DecisionKind.PAUSE
+    assert decided(narrowed=(Narrowed("5", 0.85, 0.05),)).kind is DecisionKind.GO_ON
+
+
+def test_three_blind_looks_pause():
+    decider = Decider(Limits(mend="mend"))
+    kinds = [decider.decide(evidence(seen_share=0.2)).kind for _ in range(3)]
+    assert kinds == [DecisionKind.GO_ON, DecisionKind.GO_ON, DecisionKind.PAUSE]
+
+
+def test_a_flow_beyond_all_bounds_pauses():
+    assert decided(flow=flow(0.2, 300)).kind is DecisionKind.PAUSE

@@ -1,0 +1,35 @@
+"""Gaps are believed at a stated rate, and only where both pictures show them."""
+
+import numpy as np
+
+from printctl.observe.deciding import GapSeen, GapTest, confirmed_gaps
+
+TEST = GapTest()
+
+
+def test_a_sure_gap_counts():
+    gap = GapSeen(3, 1.0, 1.5, 1e-9)
+    assert confirmed_gaps([gap], 500, None, TEST) == (gap,)
+    assert confirmed_gaps([gap], 500, [GapSeen(3, 1.1, 1.6, 1e-4)], TEST) == (gap,)
+
+
+def test_short_or_unsure_gaps_dont():
+    assert confirmed_gaps([GapSeen(3, 1.0, 1.1, 1e-9)], 500, None, TEST) == ()
+    assert confirmed_gaps([GapSeen(3, 1.0, 1.5, 1e-4)], 500, None, TEST) == ()
+
+
+def test_a_second_picture_must_show_it_too():
+    gap = GapSeen(3, 1.0, 2.0, 1e-9)
+    elsewhere = [GapSeen(4, 1.0, 2.0, 1e-9), GapSeen(3, 1.8, 3.0, 1e-9)]
+    assert confirmed_gaps([gap], 500, [], TEST) == ()
+    assert confirmed_gaps([gap], 500, elsewhere, TEST) == ()
+
+
+def test_sound_layers_are_mended_at_the_stated_rate():
+    rng = np.random.default_rng(7)
+    false = 0
+    for _ in range(5000):  # every place is tested, each p-value even between 0 and 1
+        p = rng.random(300)
+        seen = [GapSeen(k, 0.0, 0.5, float(p[k])) for k in np.flatnonzero(p < 1e-3)]
+        false += bool(confirmed_gaps(seen, 300, None, TEST))
+    assert false <= 14  # 5 expected; more than 14 once in 10,000 such tests
