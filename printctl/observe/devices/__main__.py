@@ -1,4 +1,4 @@
-"""Acquire one picture: ``python -m printctl.observe.devices SETTINGS OUT SINCE``; prints its path."""
+"""Acquire one picture: `python -m printctl.observe.devices SETTINGS OUT SINCE`; prints its path."""
 
 from __future__ import annotations
 

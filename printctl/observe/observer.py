@@ -1,0 +1,260 @@
+"""Observe one print: wait for looks, acquire, judge, decide, act, and keep a record of each.
+
+The observer is a client of the link process. It may die at any moment: the link holds the needle
+out of the bath until a look is decided, and pauses the print for the operator when nobody decides.
+What has been decided is in the link's journal, so a look is never acted on twice; what the flow
+control knew is in the record of each look, so a new observer goes on from there.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from printctl.link.errors import LinkError, Refused
+from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence, GapSeen
+from printctl.observe.devices import DeviceError
+from printctl.observe.records import (
+    Answer,
+    LookRecord,
+    answer_of,
+    look_folder,
+    read_looks,
+    save_look,
+)
+
+log = logging.getLogger(__name__)
+_ANSWER_POLL_S: Final = 0.2
+
+
+@dataclass(frozen=True)
+class Look:
+    """A look that the link waits for.
+
+    Attributes
+    ----------
+    number : int
+    done : int
+        Command lines of the growing job that were taken.
+    job_line : int
+        Command lines of the job's file among them.
+    before : int
+        The same at the look before.
+    mark : str
+    """
+
+    number: int
+    done: int
+    job_line: int
+    before: int
+    mark: str
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What the pictures of a look have told.
+
+    Attributes
+    ----------
+    evidence : Evidence
+    gaps_mm : callable
+        Gives the stretches to mend for gaps.
+    found : dict
+        Figures for the record.
+    """
+
+    evidence: Evidence
+    found: dict[str, Any]
+
+
+class PrintLink(Protocol):
+    """What the observer asks of a print's link."""
+
+    def insert(self, look: int, lines: Sequence[bytes], why: str) -> None:
+        """Put lines into the job where it is held, for a look or for the pause after it."""
+
+    def look_done(self, look: int, decision: str, why: str) -> None:
+        """End a look: ``go_on``, ``pause`` or ``stop``."""
+
+    def resume(self) -> None:
+        """Go on after a pause."""
+
+    def stop(self) -> None:
+        """Stop the print."""
+
+
+class Mender(Protocol):
+    """Writes inserts."""
+
+    def insert(self, look: Look, gaps: Sequence[GapSeen], factor: float | None) -> list[bytes]:
+        """Lines that mend gaps and put a flow factor in force; nothing where nothing can be."""
+
+
+@dataclass
+class Observer:
+    """One print's observer.
+
+    Attributes
+    ----------
+    folder : Path
+        The print's.
+    link : PrintLink
+    acquire : callable
+        Takes a picture into a path without suffix; gives the file.
+    judge : callable
+        Judges one or two pictures of a look; the second may be None.
+    mender : Mender
+    decider : Decider
+    ended : callable
+        Whether the print is over, or the look that was asked about decided by somebody else.
+    clock : callable
+        Seconds since 1970.
+    """
+
+    folder: Path
+    link: PrintLink
+    acquire: Callable[[Path], Path]
+    judge: Callable[[Look, Path, Path | None], Judged]
+    mender: Mender
+    decider: Decider
+    ended: Callable[[int], bool]
+    clock: Callable[[], float] = time.time
+
+    def remember(self) -> None:
+        """Go on from the records of an observer that died."""
+        looks = read_looks(self.folder)
+        if looks:
+            _restore(self.decider, looks[-1].control)
+
+    def look(self, look: Look) -> LookRecord:
+        """Look, judge, decide and act; nothing that a device does raises.
+
+        Raises
+        ------
+        LinkError
+            When the link can't be told.
+        OSError
+            When the record can't be written: the look then stays undecided, and the link pauses.
+        """
+        place = look_folder(self.folder, look.number)
+        begun = self.clock()
+        try:
+            judged = self._judged(look, place)
+        except DeviceError as exc:
+            record = self._record(look, DecisionKind.PAUSE, f"nothing seen: {exc}", {}, begun)
+            save_look(self.folder, record)
+            self.link.look_done(look.number, "pause", record.why)
+            return record
+        decision = self.decider.decide(judged.evidence)
+        record = replace(
+            self._record(look, decision.kind, decision.why, judged.found, begun),
+            asked=decision.ask.value if decision.ask else "",
+            factor=decision.factor,
+        )
+        save_look(self.folder, record)
+        self._act(look, decision)
+        return record
+
+    def _judged(self, look: Look, place: Path) -> Judged:
+        """Judge one picture; where it shows gaps, another of the same has the last word."""
+        picture = self.acquire(place / "picture")
+        judged = self.judge(look, picture, None)
+        limits, evidence = self.decider.limits, judged.evidence
+        if any(limits.gap.significant(gap, evidence.places) for gap in evidence.gaps):
+            judged = self.judge(look, picture, self.acquire(place / "again"))
+        return judged
+
+    def _record(
+        self, look: Look, kind: DecisionKind, why: str, found: dict[str, Any], begun: float
+    ) -> LookRecord:
+        return LookRecord(
+            number=look.number,
+            done=look.done,
+            job_line=look.job_line,
+            mark=look.mark,
+            at=begun,
+            decision=kind.value,
+            why=why,
+            found=found,
+            control=_state(self.decider),
+            seconds={"all": round(self.clock() - begun, 3)},
+        )
+
+    # --- acting ----------------------------------------------------------------------------------
+
+    def _act(self, look: Look, decision: Decision) -> None:
+        if decision.ask is not None:
+            self._ask(look, decision)
+        elif decision.kind in (DecisionKind.MEND, DecisionKind.FLOW):
+            self._insert(look, decision)
+        elif decision.kind is DecisionKind.PAUSE and decision.gaps:
+            self._ask(look, decision)  # what is missing is mended once the cause is gone
+        else:
+            self.link.look_done(look.number, decision.kind.value, decision.why)
+
+    def _ask(self, look: Look, decision: Decision) -> None:
+        """Pause, and wait for the operator's word; the needle stays out of the bath."""
+        self.link.look_done(look.number, "pause", decision.why)
+        answer = self._await_answer(look.number)
+        if answer == "approve":
+            if self._inserted(look, decision):
+                self.link.resume()
+        elif answer == "go_on":
+            self.link.resume()
+        elif answer == "stop":
+            self.link.stop()
+
+    def _await_answer(self, number: int) -> Answer | None:
+        """Return the operator's word; None where the print went on or ended without it."""
+        while (answer := answer_of(self.folder, number)) is None:
+            if self.ended(number):
+                return None
+            time.sleep(_ANSWER_POLL_S)
+        return answer
+
+    def _insert(self, look: Look, decision: Decision) -> None:
+        if self._inserted(look, decision):
+            self.link.look_done(look.number, "go_on", decision.why)
+        else:
+            why = f"{decision.why}; it can't be mended from here"
+            self.link.look_done(look.number, "pause", why)
+
+    def _inserted(self, look: Look, decision: Decision) -> bool:
+        """Put the mend into the job; False where there is none, or the gate refuses it."""
+        lines = self.mender.insert(look, decision.gaps, decision.factor)
+        if not lines:
+            return False
+        try:
+            self.link.insert(look.number, lines, decision.why)
+        except Refused as exc:
+            log.warning("insert of look %d refused: %s", look.number, exc)
+            return False
+        if decision.factor is not None:
+            self.decider.control.put_in_force(decision.factor)
+        return True
+
+
+def _state(decider: Decider) -> dict[str, Any]:
+    control = decider.control
+    return {
+        "factor": control.factor,
+        "log_flow": control.log_flow,
+        "variance": control.variance,
+        "time_s": control.time_s,
+        "unseen": decider.unseen,
+        "last_shift_mm": decider.last_shift_mm,
+    }
+
+
+def _restore(decider: Decider, state: dict[str, Any]) -> None:
+    control = decider.control
+    control.factor, control.log_flow = state["factor"], state["log_flow"]
+    control.variance, control.time_s = state["variance"], state["time_s"]
+    decider.unseen, decider.last_shift_mm = state["unseen"], state["last_shift_mm"]
+
+
+__all__ = ["Judged", "LinkError", "Look", "Mender", "Observer", "PrintLink"]

@@ -1,0 +1,121 @@
+"""Folders of the looks at a print: picture, findings, decision, insert, and the operator's answer.
+
+``looks/0007/`` beside the journal holds ``picture.*``, ``again.*`` (a second picture), ``seen.png``
+(the picture with what was expected and found), ``look.json`` (written last, at once: a look with it
+is judged), ``insert.gcode`` where lines were put into the job, and ``answer.json``, the operator's
+word.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from design.files import write_text
+
+Answer = Literal["approve", "go_on", "stop"]
+ANSWERS: Final[tuple[Answer, ...]] = ("approve", "go_on", "stop")
+FOLDER: Final = "looks"
+
+
+@dataclass(frozen=True)
+class LookRecord:
+    """One look, as it is kept.
+
+    Attributes
+    ----------
+    number : int
+        Of the look, from 1.
+    done : int
+        Command lines of the growing job that were taken.
+    job_line : int
+        The same, of the job's file: without inserts.
+    mark : str
+        What had ended there.
+    at : float, s since 1970
+    decision, why : str
+    asked : str
+        What the operator was asked to approve; empty for nothing.
+    factor : float or None
+        Flow factor put in force.
+    found : dict
+        Figures: gaps, width ratio, share seen, shift.
+    control : dict
+        State of the flow control and the decider after this look, to go on from.
+    seconds : dict
+        How long acquiring, judging and deciding took.
+    """
+
+    number: int
+    done: int
+    job_line: int
+    mark: str
+    at: float
+    decision: str
+    why: str
+    asked: str = ""
+    factor: float | None = None
+    found: dict[str, Any] = field(default_factory=dict)
+    control: dict[str, Any] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+def look_folder(print_folder: Path, number: int) -> Path:
+    """Folder of a look, made if it is missing."""
+    path = print_folder / FOLDER / f"{number:04d}"
+    path.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def save_look(print_folder: Path, record: LookRecord) -> None:
+    """Write a look's record.
+
+    Raises
+    ------
+    OSError
+        When the disk is full.
+    """
+    path = look_folder(print_folder, record.number) / "look.json"
+    write_text(path, json.dumps(asdict(record), indent=1, allow_nan=False) + "\n")
+
+
+def read_looks(print_folder: Path) -> list[LookRecord]:
+    """Return the looks that were judged, in their order; what can't be read is left out."""
+    found = []
+    for path in sorted((print_folder / FOLDER).glob("*/look.json")):
+        try:
+            found.append(LookRecord(**json.loads(path.read_text(encoding="utf-8"))))
+        except (OSError, ValueError, TypeError):
+            continue
+    return found
+
+
+def answer_look(print_folder: Path, number: int, answer: Answer) -> None:
+    """Leave the operator's word on a look for the observer, which waits for it.
+
+    Raises
+    ------
+    ValueError
+        When there is no such answer, or that look asks for none.
+    """
+    if answer not in ANSWERS:
+        raise ValueError(f"{answer!r} is no answer; say {', '.join(ANSWERS)}")
+    asking = [look for look in read_looks(print_folder) if look.number == number and look.asked]
+    if not asking:
+        raise ValueError(
+            f"look {number} asks for nothing; `printctl observe status` tells the last"
+        )
+    path = look_folder(print_folder, number) / "answer.json"
+    write_text(path, json.dumps({"answer": answer}) + "\n")
+
+
+def answer_of(print_folder: Path, number: int) -> Answer | None:
+    """Return the operator's word on a look; None while there is none."""
+    path = print_folder / FOLDER / f"{number:04d}" / "answer.json"
+    try:
+        answer = json.loads(path.read_text(encoding="utf-8"))["answer"]
+    except (OSError, ValueError, KeyError):
+        return None
+    return answer if answer in ANSWERS else None
