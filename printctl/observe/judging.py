@@ -1,0 +1,202 @@
+"""Turn what pictures of a layer show into evidence for a decision."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles.bead import BeadSection
+from printctl.observe.deciding import Evidence, FlowBlocks, InkSupply, judge_supply
+from printctl.observe.deciding.decide import Narrowed
+from printctl.observe.expected import ExpectedInk
+from registration.layer_images import ExpectedLines, LayerFindings, Stations
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_BLOCK_S: Final = 1.0
+"""Writing time whose widths are one reading of the flow."""
+_BELOW: Final = 3
+"""Levels below the judged one that may show through."""
+_LEVEL_MM: Final = 1e-3
+
+
+@dataclass(frozen=True)
+class LayerInk:
+    """Ink that a look is about.
+
+    Attributes
+    ----------
+    lines : ExpectedLines
+        The judged ones and those below.
+    row : (n,) int64
+        Of the expected ink, of each.
+    """
+
+    lines: ExpectedLines
+    row: IntArray
+
+
+def ink_to_judge(ink: ExpectedInk, first: int, last: int) -> LayerInk:
+    """Return the ink that a look after commands ``first`` to ``last`` is about.
+
+    In layers: the topmost level written since, and what shows through from below. Embedded: all
+    that was written since; older filaments lie around it.
+    """
+    written = ink.between(0, last)
+    fresh = ink.between(first, last)
+    if ink.style == "layered" and fresh.any():
+        top = ink.end[fresh, 2].max()
+        fresh &= ink.end[:, 2] > top - _LEVEL_MM
+        depth = _BELOW * float(ink.height_mm[fresh].max())
+        written &= ink.end[:, 2] > top - depth
+    row = np.flatnonzero(written)
+    lines = ExpectedLines(
+        ink.start[row],
+        ink.end[row],
+        ink.width_mm[row],
+        ink.command[row],
+        ink.stroke[row],
+        fresh[row],
+    )
+    return LayerInk(lines, row)
+
+
+def evidence_of(
+    layer: LayerInk,
+    ink: ExpectedInk,
+    found: LayerFindings,
+    again: LayerFindings | None,
+    *,
+    factor_at: Callable[[IntArray], FloatArray],
+    section: BeadSection,
+    least_gap_mm: float,
+    left_ul: float | None,
+) -> Evidence:
+    """Return the evidence of one look.
+
+    Parameters
+    ----------
+    layer : LayerInk
+    ink : ExpectedInk
+    found, again : LayerFindings
+        Of the first picture and a second one.
+    factor_at : callable
+        Flow factor in force at commands (n,).
+    section : BeadSection
+        From widths to cross-sections in layers.
+    least_gap_mm : float, mm
+    left_ul : float or None, µL
+        What the plunger still had.
+    """
+    stations = found.stations
+    row = layer.row[stations.piece]
+    supply = _supply(stations, ink, row, least_gap_mm, left_ul)
+    shift, u = _shift(found)
+    return Evidence(
+        places=found.places,
+        gaps=found.gaps,
+        second=None if again is None else again.gaps,
+        supply=supply,
+        flow=_flow(stations, ink, row, found.u_width_ratio, factor_at, section),
+        seen_share=found.seen_share,
+        shift_mm=shift,
+        u_shift_mm=u,
+        narrowed=tuple(
+            Narrowed(one.name, one.width_mm / one.expected_mm, one.u_width_mm / one.expected_mm)
+            for one in found.lumens
+            if one.seen
+        ),
+    )
+
+
+def figures(found: LayerFindings, evidence: Evidence) -> dict[str, Any]:
+    """Return the figures of a look for its record."""
+    return {
+        "seen_share": _number(found.seen_share),
+        "width_ratio": _number(found.width_ratio),
+        "u_width_ratio": _number(found.u_width_ratio),
+        "coverage": _number(found.coverage),
+        "shift_mm": [_number(found.shift.dx_mm), _number(found.shift.dy_mm)],
+        "gaps": [
+            {"stroke": gap.stroke, "from_mm": gap.from_mm, "to_mm": gap.to_mm, "p": gap.p_value}
+            for gap in found.gaps
+        ],
+        "blobs": len(found.blobs),
+        "ink": evidence.supply.state.value,
+    }
+
+
+def _number(value: float) -> float | None:
+    return round(float(value), 5) if math.isfinite(value) else None
+
+
+def _supply(
+    stations: Stations, ink: ExpectedInk, row: IntArray, least_gap_mm: float, left_ul: float | None
+) -> InkSupply:
+    volume = ink.area_mm2[row] * stations.length_mm
+    per_mm = float(np.median(ink.area_mm2[row])) if len(row) else 0.0
+    return judge_supply(
+        volume,
+        stations.present,
+        stations.seen,
+        stations.stroke,
+        least_ul=per_mm * least_gap_mm,
+        left_ul=left_ul,
+    )
+
+
+def _shift(found: LayerFindings) -> tuple[float, float]:
+    """Length of the shift and its standard uncertainty along itself, mm; infinite where unknown."""
+    way = np.array([found.shift.dx_mm, found.shift.dy_mm])
+    length = float(np.linalg.norm(way))
+    if not math.isfinite(length):
+        return 0.0, math.inf
+    along = way / length if length > 0 else np.array([1.0, 0.0])
+    return length, math.sqrt(max(float(along @ found.shift.covariance_mm2 @ along), 0.0))
+
+
+def _flow(
+    stations: Stations,
+    ink: ExpectedInk,
+    row: IntArray,
+    u_common: float,
+    factor_at: Callable[[IntArray], FloatArray],
+    section: BeadSection,
+) -> FlowBlocks:
+    """Cross-section seen over expected, a second of writing at a time."""
+    told = stations.seen & np.isfinite(stations.width_mm) & (stations.expected_mm > 0)
+    if not told.any():
+        none = np.zeros(0)
+        return FlowBlocks(none, none, none, none)
+    row, width, u = row[told], stations.width_mm[told], stations.u_width_mm[told]
+    ratio = _area_ratio(width, ink, row, section)
+    slope = _area_ratio(width + u, ink, row, section) - ratio  # of a width's uncertainty
+    time = ink.time_s[row]
+    block = np.unique(np.floor(time / _BLOCK_S), return_inverse=True)[1]
+    count = np.bincount(block)
+
+    def mean(values: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(block, values) / count)
+
+    scatter = np.sqrt(np.bincount(block, slope**2)) / count
+    common = u_common * mean(slope / np.maximum(u, 1e-12) * stations.expected_mm[told])
+    known = np.nan_to_num(np.abs(common), nan=0.0, posinf=0.0)
+    return FlowBlocks(
+        mean(time), mean(ratio), np.hypot(scatter, known), mean(factor_at(ink.command[row]))
+    )
+
+
+def _area_ratio(
+    width: FloatArray, ink: ExpectedInk, row: IntArray, section: BeadSection
+) -> FloatArray:
+    if ink.style == "embedded":
+        return np.asarray((width / ink.width_mm[row]) ** 2)
+    height = ink.height_mm[row]
+    wanted = section.area(ink.width_mm[row], height)
+    return np.asarray(section.area(width, height) / np.maximum(wanted, 1e-12))

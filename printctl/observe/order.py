@@ -1,0 +1,83 @@
+"""Order of an observer: what it watches, with what, within which limits; as a JSON file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from design.files import write_text
+from printctl.observe.deciding import FlowLimits, GapTest, Limits
+from printctl.observe.devices import DeviceSettings
+
+FILE: Final = "observer.json"
+
+
+@dataclass(frozen=True)
+class ObserverOrder:
+    """What an observer process is told.
+
+    Attributes
+    ----------
+    job : str
+        Path of the G-code file.
+    profile : str
+        Printer, by name or path.
+    embedded : bool
+        Filaments in a bath; else layers.
+    ul_per_e : float, µL/mm
+        Ink of a millimetre of the plunger.
+    bead : str or float
+        Cross-section of lines: the ink's.
+    layer_mm : float or None, mm
+        Of all layers; None where the G-code says each.
+    start_mm : tuple, mm
+        Where the tip stands before the first line.
+    capacity_ul : float or None, µL
+        Ink that the syringe holds as the print begins.
+    network : str
+        Path of the network's file, in the printer's frame after ``place_mm``; empty for none.
+    place_mm : tuple, mm
+    frame : str
+        Path of the camera's frame.
+    device : DeviceSettings
+    limits : Limits
+    options : dict
+        For the mender: lag, lead-in and the like.
+    """
+
+    job: str
+    profile: str
+    embedded: bool
+    ul_per_e: float
+    bead: str | float
+    layer_mm: float | None
+    start_mm: tuple[float, float, float]
+    frame: str
+    device: DeviceSettings
+    capacity_ul: float | None = None
+    network: str = ""
+    place_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    limits: Limits = field(default_factory=Limits)
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def save(self, folder: Path) -> None:
+        """Write it into a print's folder."""
+        write_text(folder / FILE, json.dumps(asdict(self), indent=1) + "\n")
+
+    @staticmethod
+    def load(folder: Path) -> ObserverOrder:
+        """Read `save`.
+
+        Raises
+        ------
+        OSError, ValueError
+            When there is none.
+        """
+        data = json.loads((folder / FILE).read_text(encoding="utf-8"))
+        limits = data["limits"]
+        limits["gap"], limits["flow"] = GapTest(**limits["gap"]), FlowLimits(**limits["flow"])
+        device = DeviceSettings.from_json(json.dumps(data["device"]))
+        places = {key: tuple(data[key]) for key in ("start_mm", "place_mm")}
+        return ObserverOrder(**{**data, **places, "limits": Limits(**limits), "device": device})
