@@ -4,6 +4,7 @@ Goes in: a held print, gaps along its written paths, the voids of the design. Co
 to insert, what they lay, and what stays unmended. Begin with `plan.py`.
 """
 
+from printctl.observe.mending.check import MendCheck, check_mend
 from printctl.observe.mending.errors import MendError
 from printctl.observe.mending.gap import Gap, NotMended, gap_between
 from printctl.observe.mending.held_print import HeldPrint
@@ -18,12 +19,14 @@ __all__ = [
     "Gap",
     "HeldPrint",
     "Mend",
+    "MendCheck",
     "MendError",
     "MendOptions",
     "NotMended",
     "Patch",
     "Voids",
     "WrittenPath",
+    "check_mend",
     "gap_between",
     "plan_mend",
     "written_paths",

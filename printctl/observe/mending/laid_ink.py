@@ -62,6 +62,21 @@ class LaidInk:
         )
 
 
+def nearest_pieces(places: FloatArray, ink: LaidInk) -> tuple[IntArray, FloatArray]:
+    """Return the piece of ink whose axis is nearest to each place, (m,), and its distance, mm."""
+    piece, away = np.zeros(len(places), np.int64), np.full(len(places), np.inf)
+    if not len(ink):
+        return piece, away
+    step = ink.end - ink.start
+    square = np.maximum((step**2).sum(axis=1), 1e-18)
+    for k, place in enumerate(places):
+        share = np.clip(((place - ink.start) * step).sum(axis=1) / square, 0.0, 1.0)
+        gap = np.linalg.norm(ink.start + share[:, None] * step - place, axis=1)
+        piece[k] = gap.argmin()
+        away[k] = gap[piece[k]]
+    return piece, away
+
+
 def stretch_of(path: WrittenPath, from_mm: float, to_mm: float) -> LaidInk:
     """Ink of a stretch of one path, if it is sound."""
     cuts = path.cuts(from_mm, to_mm, least_mm=0.0)

@@ -73,10 +73,10 @@ class Mend:
 def _patch_facts(patch: Patch) -> dict[str, Any]:
     return {
         "path": patch.path.number,
-        "from_mm": round(patch.gap.from_mm, 4),
-        "to_mm": round(patch.gap.to_mm, 4),
-        "before_mm": round(patch.before_mm, 4),
-        "beyond_mm": round(patch.beyond_mm, 4),
-        "flow": round(patch.flow, 4),
+        "from_mm": round(float(patch.gap.from_mm), 4),
+        "to_mm": round(float(patch.gap.to_mm), 4),
+        "before_mm": round(float(patch.before_mm), 4),
+        "beyond_mm": round(float(patch.beyond_mm), 4),
+        "flow": round(float(patch.flow), 4),
         "backwards": patch.backwards,
     }

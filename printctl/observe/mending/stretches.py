@@ -58,7 +58,9 @@ def patches_of(gap: Gap, site: Site) -> tuple[list[Patch], list[NotMended]]:
     if why:
         return [], [NotMended(gap.path, gap.from_mm, gap.to_mm, why)]
     overlap = options.overlap_widths * path.usual_width(gap.from_mm, gap.to_mm)
-    low, high = max(0.0, gap.from_mm - overlap), min(path.length_mm, gap.to_mm + overlap)
+    low, high = path.clear_of_corners(
+        max(0.0, gap.from_mm - overlap), min(path.length_mm, gap.to_mm + overlap)
+    )
     along = _stations(path, low, high)
     in_void = _in_voids(along, gap, path, site)
     blocked, backwards = _out_of_reach(along, path, site)

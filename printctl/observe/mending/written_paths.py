@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from sim.program.modal import MOVE
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+LEAST_MM: Final = 0.1
+"""Shorter moves at a patch's ends aren't made: firmware adds them to the next one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,18 +75,26 @@ class WrittenPath:
         middle = np.linspace(from_mm, to_mm, 9)
         return float(self.width_mm[self.piece(middle)].mean())
 
-    def cuts(self, from_mm: float, to_mm: float, least_mm: float = 0.02) -> FloatArray:
+    def cuts(self, from_mm: float, to_mm: float, least_mm: float = LEAST_MM) -> FloatArray:
         """Ways at which a stretch begins, turns and ends, (m + 1,), mm; corners are kept.
 
-        A corner within ``least_mm`` of an end is taken as the end.
+        An end nearer than ``least_mm`` to a corner within the stretch is moved to that corner.
         """
-        inner = self.arc[(self.arc > from_mm + least_mm) & (self.arc < to_mm - least_mm)]
-        ends = [self._snapped(from_mm, least_mm), self._snapped(to_mm, least_mm)]
-        return np.concatenate([ends[:1], inner, ends[1:]])
+        corners = self.arc[(self.arc > from_mm) & (self.arc < to_mm)]
+        inner = corners[(corners > from_mm + least_mm) & (corners < to_mm - least_mm)]
+        first = corners[corners <= from_mm + least_mm].max(initial=from_mm)
+        last = corners[corners >= to_mm - least_mm].min(initial=to_mm)
+        if first >= last:
+            return np.array([from_mm, to_mm])
+        return np.concatenate([[first], inner[(inner > first) & (inner < last)], [last]])
 
-    def _snapped(self, along: float, least_mm: float) -> float:
-        nearest = float(self.arc[np.abs(self.arc - along).argmin()])
-        return nearest if abs(nearest - along) <= least_mm else along
+    def clear_of_corners(self, from_mm: float, to_mm: float) -> tuple[float, float]:
+        """Make a stretch longer where its ends are nearer than `LEAST_MM` to a corner within it."""
+        corners = self.arc[(self.arc > from_mm) & (self.arc < to_mm)]
+        first = corners[corners < from_mm + LEAST_MM] - LEAST_MM
+        last = corners[corners > to_mm - LEAST_MM] + LEAST_MM
+        low, high = first.min(initial=from_mm), last.max(initial=to_mm)
+        return max(0.0, float(low)), min(self.length_mm, float(high))
 
     def nearest_mm(self, place: FloatArray) -> tuple[float, float]:
         """Way along the path of the point nearest to a place, and its distance, mm."""
