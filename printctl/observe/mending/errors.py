@@ -1,0 +1,15 @@
+"""Errors of planning mends.
+
+::
+
+    PrintctlError
+    └── MendError   no mend can be planned for this print at all
+"""
+
+from __future__ import annotations
+
+from printctl.errors import PrintctlError
+
+
+class MendError(PrintctlError):
+    """No mend can be planned; the message says why, and what to do."""

@@ -1,0 +1,174 @@
+"""Write a mend as command lines: up, across, down onto a gap, write, relieve, and back.
+
+The needle travels above all ink and comes down straight. The plunger is relieved wherever the
+needle travels, as the job has it. The insert ends where it began: place, plunger's count, feed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.toolpath.gcode.dialect import dialect_of
+from design.toolpath.gcode.numbers import decimals_for
+from design.toolpath.priming import Purge
+from printctl.observe.mending.held_print import WAY_MM, HeldPrint
+from printctl.observe.mending.patch import Patch
+
+FloatArray = NDArray[np.float64]
+
+_NOTHING_E = 1e-6
+
+
+class InsertWriter:
+    """Collects the lines of an insert.
+
+    Parameters
+    ----------
+    held : HeldPrint
+    high_mm : float, mm
+        Height of travels.
+
+    Attributes
+    ----------
+    lines : list of bytes
+    """
+
+    def __init__(self, held: HeldPrint, high_mm: float) -> None:
+        self.lines: list[bytes] = []
+        self._held, self._high = held, high_mm
+        self._digits = decimals_for(held.printer)
+        self._dialect = dialect_of(held.printer)
+        self._at, self._e = held.at_mm.copy(), held.e_mm
+        self._relieved = held.relieved_e
+        self._feed: str | None = None
+
+    def begin(self) -> None:
+        """Relieve the plunger and rise above all ink."""
+        self._relieve_to(max(self._held.relief_e, self._relieved))
+        self._rise()
+
+    def purge(self, purge: Purge, top_mm: float) -> None:
+        """Push ink out over a place outside the part, and wipe, going there as high as the job."""
+        self._go_z(max(top_mm, self._at[2]))
+        over = np.asarray(purge.place_mm, dtype=np.float64)
+        self._go_xy(over)
+        self._go_z(float(over[2]))
+        relief = self._relieved
+        self._push(relief + purge.volume_ul / self._held.ul_per_e)
+        self._relieved = 0.0
+        self._relieve_to(relief)
+        if purge.wipe_mm is not None:
+            self._go_xy(np.asarray(purge.wipe_mm, dtype=np.float64))
+        self._go_z(top_mm)
+
+    def patch(self, patch: Patch, wipe: FloatArray | None) -> tuple[int, int]:
+        """Write a patch; return the first of its lines that writes, and the one behind the last.
+
+        Parameters
+        ----------
+        patch : Patch
+        wipe : (k, 3) float64, mm, or None
+            Way on after it, with the plunger relieved.
+        """
+        points, e, feed = patch.moves()
+        lag = self._held.lag_s
+        length = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        pressure = lag * e * feed / length
+        relief = self._relieved
+        self._go_xy(points[0])
+        self._go_z(float(points[0, 2]))
+        self._push(relief + float(pressure[0]))
+        first = len(self.lines)
+        for place, more, speed in zip(points[1:], e, feed, strict=True):
+            self._e += float(more)
+            self._move(1, place, self._e, float(speed))
+        last = len(self.lines)
+        self._relieved = 0.0
+        self._relieve_to(relief + float(pressure[-1]))
+        self._relieved = relief
+        for place in () if wipe is None else wipe:
+            self._move(1, place, None, float(feed[-1]))
+        self._rise()
+        return first, last
+
+    def end(self) -> None:
+        """Come back to where the print is held, with plunger, count and feed as they were."""
+        held = self._held
+        self._go_xy(held.at_mm)
+        self._go_z(float(held.at_mm[2]))
+        self._push(self._relieved - held.relieved_e)
+        self.lines.append(b"G92 E%b" % self._number(held.e_mm, self._digits.e))
+        if held.place.f is not None:
+            self.lines.append(b"G1 F%b" % f"{held.place.f:.10g}".encode())
+
+    def _rise(self) -> None:
+        self._go_z(max(self._high, self._at[2]))
+
+    def _go_xy(self, place: FloatArray) -> None:
+        """Go across to a place at the height that the tip has."""
+        target = np.array([place[0], place[1], self._at[2]])
+        self._move(0, target, None, self._held.travel_mm_s)
+
+    def _go_z(self, z_mm: float) -> None:
+        target = np.array([self._at[0], self._at[1], z_mm])
+        self._move(0, target, None, self._held.lift_mm_s)
+
+    def _relieve_to(self, relief_e: float) -> None:
+        """Draw the plunger back until it is relieved by so much E."""
+        self._push(self._relieved - relief_e)
+        self._relieved = relief_e
+
+    def _push(self, e_mm: float) -> None:
+        """Move the plunger while the needle stands; back where it is below 0."""
+        if abs(e_mm) > _NOTHING_E:
+            self._e += e_mm
+            self._say(1, b"E%b" % self._number(self._e, self._digits.e), self._held.plunger_mm_s)
+
+    def _move(self, code: int, place: FloatArray, e: float | None, speed: float) -> None:
+        """Move along the axes that change; nothing where none does."""
+        digits = (self._digits.x, self._digits.y, self._digits.z)
+        words = [
+            axis + self._number(float(to), places)
+            for axis, to, now, places in zip((b"X", b"Y", b"Z"), place, self._at, digits, strict=True)
+            if abs(to - now) > WAY_MM
+        ]
+        if not words and e is None:
+            return
+        if e is not None:
+            words.append(b"E" + self._number(e, self._digits.e))
+        self._at = np.asarray(place, dtype=np.float64).copy()
+        self._say(code, b" ".join(words), speed)
+
+    def _say(self, code: int, words: bytes, speed: float) -> None:
+        feed = f"{speed * self._dialect.feed_s:.{self._dialect.feed_decimals}f}"
+        feed = feed.rstrip("0").rstrip(".")
+        told = b"" if feed == self._feed else b" F" + feed.encode()
+        self._feed = feed
+        self.lines.append(b"G%d %b%b" % (code, words, told))
+
+    @staticmethod
+    def _number(value: float, places: int) -> bytes:
+        text = f"{value:.{places}f}"
+        if places:
+            text = text.rstrip("0").rstrip(".")
+        return (b"0" if text in ("-0", "") else text.encode())
+
+
+def wipe_way(patch: Patch, wipe_mm: float, blocked_mm: Sequence[float] = ()) -> FloatArray:
+    """Return the way on along a path's sound ink behind a patch, (k, 3), mm; empty without room.
+
+    Parameters
+    ----------
+    patch : Patch
+    wipe_mm : float, mm
+    blocked_mm : sequence of float, mm
+        Ways along the path that must not be reached: where other gaps begin.
+    """
+    path, begin = patch.path, patch.to_mm
+    end = min([begin + wipe_mm, path.length_mm, *(b for b in blocked_mm if b >= begin)])
+    if patch.backwards or end - begin < WAY_MM:
+        return np.zeros((0, 3))
+    return path.at(path.cuts(begin, end, least_mm=0.0)[1:])

@@ -1,0 +1,102 @@
+"""Patch of a gap: the job's own path of the missing stretch, with overlaps on sound ink."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from printctl.observe.mending.gap import Gap
+from printctl.observe.mending.laid_ink import LaidInk, stretch_of
+from printctl.observe.mending.written_paths import WrittenPath
+
+FloatArray = NDArray[np.float64]
+
+_FEW_STEPS: Final = 40
+"""Of the plunger, below which a patch is made of whole ones: one more or less is seen."""
+_SPARE: Final = 0.1
+"""Of a step that may be missing."""
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Stretch of a path that is written again.
+
+    Attributes
+    ----------
+    gap : Gap
+    path : WrittenPath
+    from_mm, to_mm : float, mm
+        Along the path, overlaps included.
+    flow : float
+        Of the path's own plunger over way; 1 but for a second pass and for whole motor steps.
+    backwards : bool
+        Whether it is written from its end to its beginning.
+    """
+
+    gap: Gap
+    path: WrittenPath
+    from_mm: float
+    to_mm: float
+    flow: float = 1.0
+    backwards: bool = False
+
+    @property
+    def before_mm(self) -> float:
+        """Overlap on sound ink before the gap, mm."""
+        return max(0.0, self.gap.from_mm - self.from_mm)
+
+    @property
+    def beyond_mm(self) -> float:
+        """Overlap on sound ink behind the gap, mm."""
+        return max(0.0, self.to_mm - self.gap.to_mm)
+
+    @property
+    def cuts(self) -> FloatArray:
+        """Ways along the path of its points, in the path's direction, mm."""
+        return self.path.cuts(self.from_mm, self.to_mm)
+
+    def moves(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Points (m + 1, 3) mm, E (m,) mm and feed (m,) mm/s, in the order of writing."""
+        cuts = self.cuts
+        piece = self.path.piece((cuts[:-1] + cuts[1:]) / 2)
+        points = self.path.at(cuts)
+        e = self.path.e_per_mm[piece] * np.diff(cuts) * self.flow
+        feed = self.path.feed_mm_s[piece]
+        if self.backwards:
+            return points[::-1], e[::-1], feed[::-1]
+        return points, e, feed
+
+    def ink(self) -> LaidInk:
+        """Ink that it is expected to lay, as sound ink of the job lies."""
+        found = stretch_of(self.path, self.from_mm, self.to_mm)
+        return replace(found, width_mm=found.width_mm * min(self.flow, 1.0))
+
+    @property
+    def lowest_mm(self) -> float:
+        """Lowest place of the tip, mm."""
+        return float(self.path.at(self.cuts)[:, 2].min())
+
+
+def in_whole_steps(patch: Patch, steps_per_mm: float, room: tuple[float, float]) -> Patch:
+    """Return a short patch that takes a whole number of the plunger's motor steps.
+
+    A gap of 0.2 mm is about one step of a usual plunger: between two patches of equal E the motor
+    makes one step more or less. Overlaps are made longer up to ``room`` (mm along the path), and
+    what is left over is added to the flow.
+    """
+    _, e, _ = patch.moves()
+    steps = float(e.sum()) * steps_per_mm
+    if not 0 < steps < _FEW_STEPS:
+        return patch
+    whole = max(1.0, np.ceil(steps - _SPARE))
+    low, high = room
+    last = float(patch.path.e_per_mm[patch.path.piece(np.array([patch.to_mm]))[0]])
+    wanted = max(0.0, (whole - steps) / steps_per_mm / (last * patch.flow))
+    beyond = min(wanted, max(0.0, high - patch.to_mm))
+    before = min(wanted - beyond, max(0.0, patch.from_mm - low))
+    longer = replace(patch, from_mm=patch.from_mm - before, to_mm=patch.to_mm + beyond)
+    _, e, _ = longer.moves()
+    return replace(longer, flow=longer.flow * whole / (float(e.sum()) * steps_per_mm))

@@ -1,0 +1,175 @@
+"""Plan a mend: patches of gaps in an order that the needle can go, written as one insert."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from printctl.observe.mending.gap import Gap, NotMended, check_gaps, merged
+from printctl.observe.mending.held_print import WAY_MM, HeldPrint
+from printctl.observe.mending.insert_lines import InsertWriter, wipe_way
+from printctl.observe.mending.laid_ink import laid_ink
+from printctl.observe.mending.mend import Mend
+from printctl.observe.mending.needle_way import NeedleRows, shaft_contacts
+from printctl.observe.mending.options import MendOptions
+from printctl.observe.mending.patch import Patch
+from printctl.observe.mending.stretches import Site, patches_of
+from printctl.observe.mending.voids import Voids
+from printctl.observe.mending.written_paths import written_paths
+from sim.dry_run.run import dry_run
+from sim.program.written import read_written
+
+Spans = list[tuple[int, int]]
+
+_SAME_DEPTH_MM: Final = 0.05
+"""Patches that lie no deeper than this are ordered by their travel."""
+
+
+def plan_mend(
+    held: HeldPrint,
+    gaps: Sequence[Gap],
+    voids: Voids | None = None,
+    options: MendOptions | None = None,
+) -> Mend:
+    """Plan the insert that mends gaps of a held print.
+
+    Each patch is the job's own path of the missing stretch: its height, corners, speed and
+    plunger over way, with an overlap on sound ink at both ends. What can't be mended is in
+    `Mend.left`, with the reason.
+
+    Parameters
+    ----------
+    held : HeldPrint
+    gaps : sequence of Gap
+    voids : Voids, optional
+        What the design keeps open.
+    options : MendOptions, optional
+
+    Raises
+    ------
+    MendError
+        For gaps that aren't on written paths.
+    """
+    options = options or MendOptions()
+    paths = written_paths(held)
+    check_gaps(gaps, paths)
+    joined = merged(gaps, paths, options.merge_widths)
+    site = Site(held, paths, laid_ink(paths, joined), voids or Voids.none(), options)
+    patches: list[Patch] = []
+    left: list[NotMended] = []
+    for gap in joined:
+        found, not_mended = patches_of(gap, site)
+        patches += found
+        left += not_mended
+    return _written(ordered(patches, held), left, site)
+
+
+def ordered(patches: Sequence[Patch], held: HeldPrint) -> list[Patch]:
+    """Return patches in their order: nearest next; in a bath the deepest first."""
+    rest, found, at = list(patches), [], held.at_mm
+    while rest:
+        near = rest
+        if held.style == "embedded":
+            deepest = min(one.lowest_mm for one in rest)
+            near = [one for one in rest if one.lowest_mm <= deepest + _SAME_DEPTH_MM]
+        begins = [one.moves()[0][0] for one in near]
+        chosen = near[int(np.argmin([np.linalg.norm(p - at) for p in begins]))]
+        found.append(chosen)
+        at = chosen.moves()[0][-1]
+        rest.remove(chosen)
+    return found
+
+
+def _written(patches: list[Patch], left: list[NotMended], site: Site) -> Mend:
+    """The insert of patches whose whole way is free; others are left out."""
+    while patches:
+        lines, spans = _lines(patches, site)
+        crossing = None if site.layered else _crossing(lines, patches, spans, site)
+        if crossing is None:
+            return _mend(lines, patches, spans, left, site)
+        wrong, said = crossing
+        gap = patches[wrong].gap
+        left = [*left, NotMended(gap.path, gap.from_mm, gap.to_mm, said)]
+        patches = patches[:wrong] + patches[wrong + 1 :]
+    return Mend((), (), (), tuple(left), 0.0, 0.0)
+
+
+def _lines(patches: Sequence[Patch], site: Site) -> tuple[list[bytes], Spans]:
+    held, options = site.held, site.options
+    layer = max((float(one.path.height_mm.max()) for one in patches), default=0.0)
+    top = max(
+        site.ink.top_mm(layered=site.layered),
+        float(held.at_mm[2]),
+        *(float(one.path.points[:, 2].max()) for one in patches),
+    )
+    high = min(top + options.travel_lift_mm(layer, layered=site.layered), held.printer.z_mm.high)
+    writer = InsertWriter(held, high)
+    writer.begin()
+    if options.purge is not None:
+        writer.purge(options.purge, max(held.top_mm, high))
+    spans = []
+    for one in patches:
+        begins = [p.from_mm for p in patches if p.path is one.path and p is not one]
+        wipe = options.wipe_widths * float(one.path.width_mm.max()) if site.layered else 0.0
+        spans.append(writer.patch(one, wipe_way(one, wipe, begins)))
+    writer.end()
+    return writer.lines, spans
+
+
+def insert_rows(
+    held: HeldPrint, lines: Sequence[bytes], patches: Sequence[Patch], spans: Sequence[tuple[int, int]]
+) -> NeedleRows:
+    """Return an insert's lines as the needle's moves, read back from their text: a row each."""
+    text = b"\n".join([*held.lines[: held.done], *lines]) + b"\n"
+    program = read_written(text, held.printer, held.start_mm).program
+    rows = np.flatnonzero(program.command >= held.done)
+    tips = np.vstack([held.at_mm, program.target[rows, :3]])
+    way = np.linalg.norm(np.diff(tips, axis=0), axis=1)
+    volume = np.where(way > WAY_MM, np.maximum(program.pushed[rows], 0.0) * held.ul_per_e, 0.0)
+    path = np.full(len(rows), -1, dtype=np.int64)
+    for one, (first, last) in zip(patches, spans, strict=True):
+        path[first:last] = one.path.number
+    return NeedleRows(tips, volume, path)
+
+
+def _crossing(
+    lines: Sequence[bytes], patches: Sequence[Patch], spans: Spans, site: Site
+) -> tuple[int, str] | None:
+    """First patch on whose account the needle would cross ink, and why; None where none is."""
+    held = site.held
+    rows = insert_rows(held, lines, patches, spans)
+    clearance = site.options.clearance_mm
+    contacts = shaft_contacts(rows, site.ink, site.paths, held.needle, clearance)
+    if not contacts:
+        return None
+    row, contact = min(contacts, key=lambda one: one[0])
+    number = next((k for k, span in enumerate(spans) if row <= span[1] + 1), len(spans) - 1)
+    own = [k for k, one in enumerate(patches) if one.path.number == contact.crossed]
+    if row > spans[-1][1] + 1 and own:
+        number = own[-1]  # on the way back it is the patch's ink that is in the way
+    x, y, z = contact.place_mm
+    return number, (
+        f"the needle would go {contact.depth_mm:.3f} mm into written ink at x {x:.2f}, y {y:.2f}, "
+        f"z {z:.2f} mm; mend by hand, or print on"
+    )
+
+
+def _mend(
+    lines: list[bytes], patches: list[Patch], spans: Spans, left: list[NotMended], site: Site
+) -> Mend:
+    held, purge = site.held, site.options.purge
+    volume = sum(float(one.moves()[1].sum()) for one in patches) * held.ul_per_e
+    volume += 0.0 if purge is None else purge.volume_ul
+    return Mend(
+        tuple(lines), tuple(patches), tuple(spans), tuple(left), volume, duration_s(held, lines)
+    )
+
+
+def duration_s(held: HeldPrint, lines: Sequence[bytes]) -> float:
+    """Return how long an insert takes where the print is held, by the dry run, s."""
+    text = b"\n".join([*held.lines[: held.done], *lines]) + b"\n"
+    executed = dry_run(text, held.printer, held.start_mm, cold_extrusion=True).executed
+    before = executed.time_end[executed.line < held.done]
+    return float(executed.time_end.max(initial=0.0) - before.max(initial=0.0))

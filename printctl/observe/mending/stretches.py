@@ -1,0 +1,201 @@
+"""Find which stretches of a gap can be patched, and say why the others can't."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from printctl.observe.mending.gap import Gap, NotMended
+from printctl.observe.mending.held_print import HeldPrint
+from printctl.observe.mending.laid_ink import LaidInk
+from printctl.observe.mending.needle_way import NeedleRows, shaft_contacts, under_higher_ink
+from printctl.observe.mending.options import MendOptions
+from printctl.observe.mending.patch import Patch, in_whole_steps
+from printctl.observe.mending.voids import Voids, ink_in_voids_mm
+from printctl.observe.mending.written_paths import WrittenPath
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+_STATION_MM: Final = 0.1
+"""Farthest between places that are looked at, and at most half a line's width."""
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """What a patch is planned against.
+
+    Attributes
+    ----------
+    held : HeldPrint
+    paths : tuple of WrittenPath
+    ink : LaidInk
+        What lies there: paths without their gaps.
+    voids : Voids
+    options : MendOptions
+    """
+
+    held: HeldPrint
+    paths: Sequence[WrittenPath]
+    ink: LaidInk
+    voids: Voids
+    options: MendOptions
+
+    @property
+    def layered(self) -> bool:
+        """Whether lines are laid in layers."""
+        return self.held.style == "layered"
+
+
+def patches_of(gap: Gap, site: Site) -> tuple[list[Patch], list[NotMended]]:
+    """Return the patches that mend a gap, and the stretches that stay as they are."""
+    path, options = site.paths[gap.path], site.options
+    flow, why = _second_pass(gap, path, site)
+    if why:
+        return [], [NotMended(gap.path, gap.from_mm, gap.to_mm, why)]
+    overlap = options.overlap_widths * path.usual_width(gap.from_mm, gap.to_mm)
+    low, high = path.clear_of_corners(
+        max(0.0, gap.from_mm - overlap), min(path.length_mm, gap.to_mm + overlap)
+    )
+    along = _stations(path, low, high)
+    in_void = _in_voids(along, gap, path, site)
+    blocked, backwards = _out_of_reach(along, path, site)
+    free = ~in_void & ~blocked
+    patches = []
+    for begin, end in _runs(free):
+        one = _patch(gap, path, along[begin], along[end], site)
+        if one is not None:
+            patches.append(replace(one, flow=one.flow * flow, backwards=backwards))
+    left = [*_left(gap, along, in_void, _VOID), *_left(gap, along, blocked & ~in_void, _reach(site))]
+    if not patches and not left:
+        left = [NotMended(gap.path, gap.from_mm, gap.to_mm, _SHORT)]
+    return patches, left
+
+
+_VOID: Final = (
+    "ink there would reach into a lumen by more than the tolerance; the lumen stays open instead: "
+    "judge by the final scan whether the wall holds"
+)
+_SHORT: Final = "what could be reached of it is shorter than a patch is worth (least_mm)"
+
+
+def _reach(site: Site) -> str:
+    above = "the next layer" if site.layered else "another filament"
+    return (
+        f"ink of {above} lies above it, and the needle would go through: mend by hand, or print "
+        "the part again; look at every layer or vessel to find gaps sooner"
+    )
+
+
+def _second_pass(gap: Gap, path: WrittenPath, site: Site) -> tuple[float, str]:
+    """Flow of a patch over its path's, and why there can be none; empty where there can."""
+    if gap.whole:
+        return 1.0, ""
+    thin = f"{gap.missing:.0%} of the ink is missing, and the rest is in the way of a second pass"
+    do = "correct the flow of what is still to be written"
+    if not site.layered:
+        return 0.0, f"{thin}: a second filament would lie beside the first; {do}"
+    if gap.seen_height_mm is None:
+        return 0.0, f"{thin}: its height isn't known (a camera doesn't see it); {do}"
+    height = path.height_mm[path.piece(np.array([gap.from_mm, gap.to_mm]))].min()
+    room = float(height) - gap.seen_height_mm
+    least = site.options.room_for_second_pass * float(height)
+    if room < least:
+        return 0.0, (
+            f"{thin}: {max(room, 0):.3f} mm are free above it, and {least:.3f} mm are needed "
+            f"(room_for_second_pass); {do}"
+        )
+    return gap.missing, ""
+
+
+def _stations(path: WrittenPath, low: float, high: float) -> FloatArray:
+    step = min(_STATION_MM, path.usual_width(low, high) / 2)
+    return np.linspace(low, high, max(2, int(np.ceil((high - low) / step)) + 1))
+
+
+def _in_voids(along: FloatArray, gap: Gap, path: WrittenPath, site: Site) -> BoolArray:
+    """Stations where ink would reach too far into a void, (m,)."""
+    piece = path.piece(along)
+    width, height = path.width_mm[piece], path.height_mm[piece]
+    depth = ink_in_voids_mm(site.voids, path.at(along), width, height, layered=site.layered)
+    shift = gap.shift_mm + site.options.shift_mm
+    return np.asarray(depth + shift > site.options.void_tolerance_mm)
+
+
+def _out_of_reach(along: FloatArray, path: WrittenPath, site: Site) -> tuple[BoolArray, bool]:
+    """Stations that the needle can't come to, (m,), and whether it goes backwards.
+
+    In a bath the shaft stands above the tip, so that one direction may be free where the other
+    isn't; the path's own is taken where both are alike.
+    """
+    if site.layered:
+        held, clearance = site.held, site.options.clearance_mm
+        blocked = under_higher_ink(path.at(along), site.ink, held.needle, clearance)
+        return blocked, False
+    ahead = _crossed(along, path, site)
+    if not ahead.any():
+        return ahead, False
+    back = _crossed(along[::-1], path, site)[::-1]
+    return (back, True) if back.sum() < ahead.sum() else (ahead, False)
+
+
+def _crossed(along: FloatArray, path: WrittenPath, site: Site) -> BoolArray:
+    """Stations from or to which the shaft crosses written ink, in the order of writing, (m,)."""
+    piece = path.piece((along[:-1] + along[1:]) / 2)
+    volume = np.pi / 4 * path.width_mm[piece] ** 2 * np.abs(np.diff(along))
+    own = np.full(len(volume), path.number, dtype=np.int64)
+    rows = NeedleRows(path.at(along), volume, own)
+    found = np.zeros(len(along), dtype=bool)
+    held, clearance = site.held, site.options.clearance_mm
+    for row, _ in shaft_contacts(rows, site.ink, site.paths, held.needle, clearance):
+        found[row : row + 2] = True
+    return found
+
+
+def _patch(gap: Gap, path: WrittenPath, low: float, high: float, site: Site) -> Patch | None:
+    """A patch of a free stretch; None where it holds too little of the gap."""
+    inner = replace(gap, from_mm=max(low, gap.from_mm), to_mm=min(high, gap.to_mm))
+    least = min(site.options.least_mm, gap.length_mm)
+    if inner.length_mm < least * (1 - 1e-9):
+        return None
+    found = Patch(inner, path, float(low), float(high))
+    return in_whole_steps(found, site.held.printer.steps_per_mm.e, _room(found, site))
+
+
+def _room(patch: Patch, site: Site) -> tuple[float, float]:
+    """How far a patch's overlaps may grow, mm along its path: one line's width more."""
+    path, more = patch.path, site.options.overlap_widths * patch.path.width_mm.max()
+    low = max(0.0, patch.from_mm - more) if patch.before_mm else patch.from_mm
+    high = min(path.length_mm, patch.to_mm + more) if patch.beyond_mm else patch.to_mm
+    along = _stations(path, low, high) if high > low else np.array([low, high])
+    bad = _in_voids(along, patch.gap, path, site)
+    if site.layered:
+        bad |= _out_of_reach(along, path, site)[0]
+    below = along[bad & (along < patch.from_mm)]
+    above = along[bad & (along > patch.to_mm)]
+    return (
+        patch.from_mm if len(below) else low,
+        patch.to_mm if len(above) or not site.layered else high,
+    )
+
+
+def _left(gap: Gap, along: FloatArray, bad: BoolArray, reason: str) -> list[NotMended]:
+    """Stretches of the gap itself that stay, each to the middle between its stations."""
+    found, half = [], float(along[1] - along[0]) / 2
+    for begin, end in _runs(bad):
+        low = max(gap.from_mm, along[begin] - half)
+        high = min(gap.to_mm, along[end] + half)
+        if high > low:
+            found.append(NotMended(gap.path, float(low), float(high), reason))
+    return found
+
+
+def _runs(mask: BoolArray) -> list[tuple[int, int]]:
+    """First and last place of each run of True."""
+    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+    first, last = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1
+    return list(zip(first.tolist(), last.tolist(), strict=True))

@@ -1,0 +1,122 @@
+"""Voids that the design keeps open, as tapered capsules, and how deep ink would reach into them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from design.network import VesselNetwork
+from printctl.observe.mending.errors import MendError
+
+FloatArray = NDArray[np.float64]
+
+_AROUND = 16
+"""Places on the rim of a line that are looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Voids:
+    """Straight, tapered tubes without ink, in the printer's frame.
+
+    Attributes
+    ----------
+    start, end : (n, 3) float64, mm
+    radius : (n, 2) float64, mm
+        At both ends.
+
+    Raises
+    ------
+    MendError
+        When the arrays don't belong together.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    radius: FloatArray
+
+    def __post_init__(self) -> None:
+        count = len(self.start)
+        if self.start.shape != (count, 3) or self.end.shape != (count, 3):
+            raise MendError("voids: start and end are (n, 3), mm")
+        if self.radius.shape != (count, 2) or not (np.isfinite(self.radius).all()):
+            raise MendError("voids: radius is (n, 2), mm, at both ends")
+
+    @staticmethod
+    def none() -> Voids:
+        """No void."""
+        return Voids(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2)))
+
+    @staticmethod
+    def of_network(network: VesselNetwork, place_mm: ArrayLike) -> Voids:
+        """Return a network's lumens, moved by ``place_mm`` from the part's frame."""
+        inner = np.ones(len(network.points) - 1, dtype=bool)
+        inner[network.offset[1:-1] - 1] = False
+        begin = np.flatnonzero(inner)
+        points = network.points + np.asarray(place_mm, dtype=np.float64)
+        radius = np.column_stack([network.radius[begin], network.radius[begin + 1]])
+        return Voids(points[begin], points[begin + 1], radius)
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def near(self, low: FloatArray, high: FloatArray) -> Voids:
+        """Those that reach into a box, corners (3,) mm."""
+        wide = self.radius.max(axis=1, initial=0.0)[:, None]
+        below = np.minimum(self.start, self.end) - wide <= high
+        above = np.maximum(self.start, self.end) + wide >= low
+        kept = (below & above).all(axis=1)
+        return Voids(self.start[kept], self.end[kept], self.radius[kept])
+
+    def depth_mm(self, places: FloatArray) -> FloatArray:
+        """How deep places (m, 3) lie in the nearest void, (m,), mm; below 0 outside.
+
+        Of a tapered tube the radius beside the place's foot on the axis counts: exact for
+        straight tubes, to (Δr / length)² / 2 of the radius for others.
+        """
+        found = np.full(len(places), -np.inf)
+        for a, b, (r0, r1) in zip(self.start, self.end, self.radius, strict=True):
+            step = b - a
+            square = float(step @ step)
+            share = np.zeros(len(places))
+            if square > 0:
+                share = np.clip((places - a) @ step / square, 0.0, 1.0)
+            away = np.linalg.norm(a + share[:, None] * step - places, axis=1)
+            np.maximum(found, r0 + share * (r1 - r0) - away, out=found)
+        return found
+
+
+def ink_in_voids_mm(
+    voids: Voids,
+    places: FloatArray,
+    width_mm: FloatArray,
+    height_mm: FloatArray,
+    *,
+    layered: bool,
+) -> FloatArray:
+    """How deep ink around tip places reaches into a void, (m,), mm; below 0 for none.
+
+    A line of a layer is looked at in the middle of its height, where the design's layers are cut
+    (`design.toolpath.fresh.section`), as a disc of its width; a filament as a ball.
+
+    Parameters
+    ----------
+    voids : Voids
+    places : (m, 3) float64, mm
+        Of the tip.
+    width_mm, height_mm : (m,) float64, mm
+    layered : bool
+    """
+    reach = width_mm.max(initial=0.0) / 2 + height_mm.max(initial=0.0)
+    if not len(places):
+        return np.zeros(0)
+    close = voids.near(places.min(axis=0) - reach, places.max(axis=0) + reach)
+    if not layered:
+        return close.depth_mm(places) + width_mm / 2
+    middle = places - np.array([0.0, 0.0, 0.5]) * height_mm[:, None]
+    deepest = close.depth_mm(middle)
+    for angle in np.linspace(0.0, 2 * np.pi, _AROUND, endpoint=False):
+        side = np.array([np.cos(angle), np.sin(angle), 0.0])
+        np.maximum(deepest, close.depth_mm(middle + width_mm[:, None] / 2 * side), out=deepest)
+    return deepest

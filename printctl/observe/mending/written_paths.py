@@ -1,0 +1,182 @@
+"""Unbroken written paths of a job, as its lines command them, and stretches cut out of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from printctl.observe.mending.held_print import WAY_MM, HeldPrint
+from sim.deposit.levels import level_areas, level_heights, written_levels
+from sim.program.modal import MOVE
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+LEAST_MM: Final = 0.1
+"""Shorter moves at a patch's ends aren't made: firmware adds them to the next one."""
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenPath:
+    """One path that is written without a travel in between.
+
+    Attributes
+    ----------
+    number : int
+        From 0, in the job's order.
+    points : (k + 1, 3) float64, mm
+    e_per_mm : (k,) float64
+        Plunger over way of each piece, as the job's text counts E.
+    feed_mm_s : (k,) float64, mm/s
+    command : (k,) int64
+        Of the job, from 0.
+    width_mm : (k,) float64, mm
+        Width of a line in a layer, or diameter of a filament.
+    height_mm : (k,) float64, mm
+        Of the line, which hangs below the tip; or the diameter.
+    """
+
+    number: int
+    points: FloatArray
+    e_per_mm: FloatArray
+    feed_mm_s: FloatArray
+    command: IntArray
+    width_mm: FloatArray
+    height_mm: FloatArray
+
+    @cached_property
+    def arc(self) -> FloatArray:
+        """Way before each point, (k + 1,), mm."""
+        step = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(step)])
+
+    @property
+    def length_mm(self) -> float:
+        """Of the whole path."""
+        return float(self.arc[-1])
+
+    def at(self, along: FloatArray) -> FloatArray:
+        """Places at ways along the path (m,), mm: (m, 3)."""
+        columns = [np.interp(along, self.arc, self.points[:, axis]) for axis in range(3)]
+        return np.column_stack(columns)
+
+    def piece(self, along: FloatArray) -> IntArray:
+        """Piece at ways along the path, (m,); at a corner the one behind it."""
+        found = np.searchsorted(self.arc, along, side="right") - 1
+        return np.clip(found, 0, len(self.command) - 1)
+
+    def usual_width(self, from_mm: float, to_mm: float) -> float:
+        """Mean width between two places along it, mm."""
+        middle = np.linspace(from_mm, to_mm, 9)
+        return float(self.width_mm[self.piece(middle)].mean())
+
+    def cuts(self, from_mm: float, to_mm: float, least_mm: float = LEAST_MM) -> FloatArray:
+        """Ways at which a stretch begins, turns and ends, (m + 1,), mm; corners are kept.
+
+        An end nearer than ``least_mm`` to a corner within the stretch is moved to that corner.
+        """
+        corners = self.arc[(self.arc > from_mm) & (self.arc < to_mm)]
+        inner = corners[(corners > from_mm + least_mm) & (corners < to_mm - least_mm)]
+        first = corners[corners <= from_mm + least_mm].max(initial=from_mm)
+        last = corners[corners >= to_mm - least_mm].min(initial=to_mm)
+        if first >= last:
+            return np.array([from_mm, to_mm])
+        return np.concatenate([[first], inner[(inner > first) & (inner < last)], [last]])
+
+    def clear_of_corners(self, from_mm: float, to_mm: float) -> tuple[float, float]:
+        """Make a stretch longer where its ends are nearer than `LEAST_MM` to a corner within it."""
+        corners = self.arc[(self.arc > from_mm) & (self.arc < to_mm)]
+        first = corners[corners < from_mm + LEAST_MM] - LEAST_MM
+        last = corners[corners > to_mm - LEAST_MM] + LEAST_MM
+        low, high = first.min(initial=from_mm), last.max(initial=to_mm)
+        return max(0.0, float(low)), min(self.length_mm, float(high))
+
+    def nearest_mm(self, place: FloatArray) -> tuple[float, float]:
+        """Way along the path of the point nearest to a place, and its distance, mm."""
+        begin, step = self.points[:-1], np.diff(self.points, axis=0)
+        square = (step**2).sum(axis=1)
+        share = np.clip(((place - begin) * step).sum(axis=1) / square, 0.0, 1.0)
+        away = np.linalg.norm(begin + share[:, None] * step - place, axis=1)
+        k = int(away.argmin())
+        return float(self.arc[k] + share[k] * np.sqrt(square[k])), float(away[k])
+
+
+def written_paths(held: HeldPrint, until: int | None = None) -> tuple[WrittenPath, ...]:
+    """Return the paths that the job has written where it is held.
+
+    Parameters
+    ----------
+    held : HeldPrint
+    until : int or None
+        Lines to look at; those done where None. Paths to come are cut there.
+    """
+    program = held.program
+    taken = program.command < (held.done if until is None else until)
+    chosen = np.flatnonzero(held.writes & taken)
+    if not len(chosen):
+        return ()
+    breaks = (program.kind == MOVE) & ~held.writes & (held.way > WAY_MM)
+    number = np.cumsum(breaks)[chosen]
+    width, height = _sections(held, chosen)
+    e_per_mm = program.pushed[chosen] / held.way[chosen]
+    found = []
+    for own in np.split(np.arange(len(chosen)), np.flatnonzero(np.diff(number)) + 1):
+        row = chosen[own]
+        points = np.vstack([program.before[row[:1], :3], program.target[row, :3]])
+        found.append(
+            WrittenPath(
+                len(found),
+                points,
+                e_per_mm[own],
+                program.feed[row],
+                program.command[row],
+                width[own],
+                height[own],
+            )
+        )
+    return tuple(found)
+
+
+def _sections(held: HeldPrint, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Width and height of written rows, (n,) each, mm, at the flow factor in force."""
+    every = np.flatnonzero(held.writes)
+    area = held.program.pushed[every] / held.way[every] * held.ul_per_e
+    if held.style == "embedded":
+        swell = held.ink.swell_factor or 1.0
+        wide = np.sqrt(4 / np.pi * area)[np.searchsorted(every, rows)] * swell
+        return wide, wide
+    height = layer_heights(held, every, area)
+    width = held.ink.bead_section.width(area, height)
+    own = np.searchsorted(every, rows)
+    return width[own], height[own]
+
+
+def layer_heights(held: HeldPrint, rows: IntArray, area_mm2: FloatArray) -> FloatArray:
+    """Height of each written row's layer, (n,), mm."""
+    from_z = held.program.target[rows, 2]
+    levels = written_levels(from_z)
+    height = level_heights(levels, level_areas(levels, from_z, area_mm2))
+    at = np.searchsorted(levels, from_z + 1e-6, side="right") - 1
+    return height[np.clip(at, 0, None)]
+
+
+def path_at(
+    paths: Sequence[WrittenPath], place: FloatArray, command: int | None = None
+) -> tuple[WrittenPath, float, float]:
+    """Return the path nearest to a place, the way along it and the distance, mm.
+
+    Parameters
+    ----------
+    paths : sequence of WrittenPath
+    place : (3,) float64, mm
+    command : int or None
+        Of the job, from 0: only paths that it wrote.
+    """
+    own = [one for one in paths if command is None or command in one.command]
+    nearest = [(one, *one.nearest_mm(place)) for one in own or paths]
+    return min(nearest, key=lambda each: each[2])
