@@ -11,6 +11,7 @@ from printctl.link.marks import MarkKind
 
 _LOOK_KINDS = (None, MarkKind.LAYER, MarkKind.VESSEL)
 
+
 @dataclass(frozen=True)
 class Care:
     """What the link does beside sending lines.

@@ -43,7 +43,8 @@ from printctl.link.socket_clients import (
 log = logging.getLogger(__name__)
 
 _BACKLOG_LIMIT: Final = 1_000_000
-_LINE_LIMIT: Final = 10_000
+_LINE_LIMIT: Final = 1_000_000
+"""Of one message: an insert of some ten thousand lines."""
 _UNIX_PATH_LIMIT: Final = 100
 _KNOCKING: Final = 1024
 """Connections that may wait to be accepted: beyond, a Unix socket refuses at once."""

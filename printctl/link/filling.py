@@ -62,9 +62,7 @@ def grown_plan(
     whose: Sequence[int | None] = plan[1] or [None] * len(shifted)
     own = tuple(at for at, who in zip(shifted, whose, strict=True) if who == head)
     others = {
-        at: who
-        for at, who in zip(shifted, whose, strict=True)
-        if who != head and who is not None
+        at: who for at, who in zip(shifted, whose, strict=True) if who != head and who is not None
     }
     here = tuple(at for at in own if at == after)  # the insert is written with a new one
     used = 0.0 if here else filling.used_mm + _travel(job, filling.done, after, head)

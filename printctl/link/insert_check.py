@@ -76,7 +76,9 @@ def judged_lines(texts: Sequence[str], place: InsertPlace, name: str) -> tuple[b
     if not texts or len(texts) > MOST_LINES:
         raise Refused(f"{name} has {len(texts)} lines; it may have 1 to {MOST_LINES:,}")
     if any("\n" in text or "\r" in text for text in texts):
-        raise Refused(f"{name} has a line end within a line; give each command as a line of its own")
+        raise Refused(
+            f"{name} has a line end within a line; give each command as a line of its own"
+        )
     try:
         job = parse_job("\n".join(texts).encode("ascii"), name, place.printer)
     except (JobError, UnicodeEncodeError) as exc:

@@ -32,7 +32,7 @@ class Inserting:
     changer : SyringeChanger
     book : LookBook
     job : Job
-        As it was before any insert of this process.
+        Its own lines are what counts.
     """
 
     channel: Channel
@@ -45,7 +45,7 @@ class Inserting:
     @cached_property
     def reach(self) -> JobReach:
         """Space that the job's own moves keep to."""
-        return JobReach.of(self.job.lines)
+        return JobReach.of(self.job.own_lines)
 
     def answer_all(self, at: Modal) -> LookWord | None:
         """Answer what clients have said; return a decision of theirs, which is still to be made.

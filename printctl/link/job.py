@@ -8,6 +8,7 @@ time.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
@@ -63,9 +64,24 @@ class Job:
         return self.file_lines[min(done, len(self.lines)) - 1] if done > 0 and self.lines else 0
 
     @property
+    def own_lines(self) -> list[bytes]:
+        """The file's own commands, without what was put in."""
+        lines = list(self.lines)
+        for after, count in reversed(self.positions):
+            del lines[after : after + count]
+        return lines
+
+    @property
     def positions(self) -> tuple[Position, ...]:
         """Where its inserts stand, and how many lines each has."""
         return tuple((one.after, len(one.lines)) for one in self.inserts)
+
+    def grown_by(self, inserts: Sequence[Insert]) -> Job:
+        """Return the job with several inserts, in their order; see `grown`."""
+        job = self
+        for insert in inserts:
+            job = job.grown(insert)
+        return job
 
     def grown(self, insert: Insert) -> Job:
         """Return the job with an insert's lines behind its first ``insert.after`` lines.

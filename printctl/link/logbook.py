@@ -150,6 +150,7 @@ class Logbook:
             message=ended.message,
             position_known=ended.known,
             error=ended.error,
+            look=None,
         )
         self._state, self._final = ended.state, status
         self._journal_lost = False  # there may be room again, and this is the one that matters

@@ -193,11 +193,13 @@ class Pauses:
         logbook.enter(LinkState.RESUMING, "returning to where the print was left")
         if new or (self.change.going_on and self.change.idle_head is not None):
             self.changer.count(at, new or NewSyringe())
-        self.requests.alive()
-        self.come_back(at, self.heads.retreat.prime_mm)
+        self.come_back(at, self.heads.retreat.prime_mm, by_person=True)
 
-    def come_back(self, at: Modal, prime_mm: float = 0.0) -> None:
-        """Take back what others have set, lower the needle to ``at``, and go on printing."""
+    def come_back(self, at: Modal, prime_mm: float = 0.0, by_person: bool = False) -> None:
+        """Take back what others have set, lower the needle to ``at``, and go on printing.
+
+        ``by_person``: it was a person's word, so that somebody is there (dead-man's time).
+        """
         logbook = self.channel.logbook
         self.meddling.take_back()
         self.meddling.own_modes()
@@ -208,6 +210,8 @@ class Pauses:
         self.position.note_plunger()
         self.inserting.book.end()
         self.inserting.refuse_rest()
+        if by_person:
+            self.requests.alive()
         logbook.enter(LinkState.PRINTING, "printing")
         self.valve.reopen()
 
