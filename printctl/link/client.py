@@ -9,7 +9,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final, Self
@@ -21,7 +21,7 @@ from printctl.link.detached_process import START_LIMIT_S, spawn
 from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
 from printctl.link.find_link import has_ended, read_outcome, stays_alive
 from printctl.link.job import load_job
-from printctl.link.look_book import LookDecision
+from printctl.link.look_client import LookClient
 from printctl.link.marks import MarkKind
 from printctl.link.port_detection import AUTO, locate
 from printctl.link.record import LOG, LinkRecord, load_record
@@ -135,55 +135,10 @@ class PrintClient:
                 raise Refused(message["message"])
         raise LinkError(f"no reply to {text!r} within {_PATIENCE_S:g} s, or the print ended first")
 
-    def insert(self, look: int, lines: Sequence[str], why: str = "") -> dict[str, Any]:
-        """Put lines into the job where the print is held for a look.
-
-        Parameters
-        ----------
-        look : int
-            Number of the look (`Status.look`).
-        lines : sequence of str
-            One command each; they must end where the print is held.
-        why : str
-            For the journal.
-
-        Returns
-        -------
-        dict
-            ``look``, ``after`` (lines of the job before them), ``count``, ``sha256``. The same
-            insert again gives the same answer.
-
-        Raises
-        ------
-        Refused
-            With the reason: the gate's, no such look, or a second, different insert.
-        LinkError
-            When the print ends first.
-        """
-        self._connection.send("insert", look=look, lines=list(lines), why=why)
-        return self._answered("inserted", look)
-
-    def look_done(self, look: int, decision: LookDecision, why: str = "") -> dict[str, Any]:
-        """End a look; give what is in the journal of it.
-
-        Raises
-        ------
-        Refused
-            When no such look is going on, or it was decided otherwise.
-        LinkError
-            When the print ends first.
-        """
-        self._connection.send("look_done", look=look, decision=str(decision), why=why)
-        return self._answered("looked", look)
-
-    def _answered(self, event: str, look: int) -> dict[str, Any]:
-        for message in self._connection.messages(_PATIENCE_S):
-            self._connection.take(message)
-            if message["event"] == event and message["look"] == look:
-                return message
-            if message["event"] == "refused":
-                raise Refused(message["message"])
-        raise LinkError(f"no answer on look {look} within {_PATIENCE_S:g} s, or the print ended")
+    @property
+    def looks(self) -> LookClient:
+        """What may be said of a look that the print is held for."""
+        return LookClient(self._connection)
 
     # --- what a client may hear ------------------------------------------------------------
 

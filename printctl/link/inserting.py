@@ -45,7 +45,7 @@ class Inserting:
     @cached_property
     def reach(self) -> JobReach:
         """Space that the job's own moves keep to."""
-        return JobReach.of(self.job.own_lines)
+        return JobReach.of(self.job.own_lines, self.watch.care.start_mm)
 
     def answer_all(self, at: Modal) -> LookWord | None:
         """Answer what clients have said; return a decision of theirs, which is still to be made.

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from printctl.link.modal import declared_axes
 from sim.reading import is_motion
 
 Point = tuple[float, float]
@@ -33,13 +34,16 @@ class JobReach:
     hull_mm: tuple[Point, ...]
 
     @staticmethod
-    def of(lines: Sequence[bytes]) -> JobReach:
-        """Read it from a job's lines."""
-        at, places = dict.fromkeys("XYZ", math.nan), set[tuple[float, float, float]]()
+    def of(lines: Sequence[bytes], start_mm: tuple[float, float, float] | None = None) -> JobReach:
+        """Read it from a job's lines; ``start_mm``: where the tip stands before the first, mm."""
+        at = dict(zip("XYZ", start_mm or (math.nan,) * 3, strict=True))
+        places = set[tuple[float, float, float]]()
         for line in lines:
             if is_motion(line):
                 at |= _words(line)
                 places.add((at["X"], at["Y"], at["Z"]))
+            else:
+                at |= declared_axes(line)
         heights = [z for _, _, z in places if z == z]
         low, top = min(heights, default=math.inf), max(heights, default=-math.inf)
         known = [place for place in places if place[0] == place[0] and place[1] == place[1]]

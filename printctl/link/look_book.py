@@ -158,7 +158,7 @@ class LookBook:
     def _held(self, number: int) -> bool:
         return self.current is not None and self.current.number == number
 
-    # --- for the thread that speaks to the printer -------------------------------------------------
+    # --- for the thread that speaks to the printer -----------------------------------------------
 
     def restore(self, decided: Iterable[Mapping[str, Any]], inserts: Iterable[Insert]) -> None:
         """Take what a process that died has written down."""

@@ -30,8 +30,8 @@ from printctl.link.job import load_job
 from printctl.link.journal import Journal
 from printctl.link.locking import lock
 from printctl.link.origin import origin
-from printctl.link.print_notes import archive_journal
 from printctl.link.parking import refuse_park
+from printctl.link.print_notes import archive_journal
 from printctl.link.record import JOURNAL, LOCK, LinkRecord
 from printctl.link.resuming import resumable
 from printctl.link.retreat import Retreat
