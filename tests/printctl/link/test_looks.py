@@ -7,12 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from printctl.link.care import Care
-from printctl.link.errors import Refused
 from printctl.link.journal import Journal
 from printctl.link.journalled_print import read_journal
-from printctl.link.look_book import LookDecision
-from printctl.link.marks import MarkKind
 from printctl.link.states import LinkState
 from sim.dry_run.run import dry_run
 from tests.printctl.link.jobs import parse_job
