@@ -11,6 +11,7 @@ from typing import Final
 
 from printctl.link.errors import BY_NAME, LinkError, PortLost
 from printctl.link.job import Job, load_job
+from printctl.link.printed_job import grown_in
 from printctl.link.process import Order, Wire, serve
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
@@ -141,7 +142,7 @@ class PrintSession:
 
     def _learn(self, here: _Print, status: Status) -> None:
         """Take notice of what a print did to place, plunger and dish."""
-        known, job = self.known, here.job
+        known, job = self.known, grown_in(here.order.folder, here.job)
         if here.declared is not None:
             known.count_anew(here.at or here.declared, here.declared, {"x", "y", "z"})
         if not status.position_known or not leaves_motors_on(job, status.lines_done, known.printer):
