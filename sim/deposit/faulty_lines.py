@@ -172,6 +172,4 @@ def _strokes(lines: Placed) -> IntArray:
     if not len(stroke):
         return stroke
     apart = np.linalg.norm(place.start[1:] - place.end[:-1], axis=1) > _CLUMP_MM / 2
-    broken = apart & (lines.first[1:] - lines.last[:-1] > 1e-9)
-    clump = np.diff(stroke) != 0
-    return np.concatenate([[0], np.cumsum(broken | clump)]).astype(np.int64)
+    return np.concatenate([[0], np.cumsum(apart | (np.diff(stroke) != 0))]).astype(np.int64)
