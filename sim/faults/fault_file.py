@@ -23,6 +23,8 @@ A fault file is YAML::
       - {fault: slow, line: 400, share: 0.5}
     gauges:                  # what it tells of a sensor: straight between times, by its clock
       - {command: M871, says: "Force: {value:.2f} N", ramp: [[0, 1.0], [60, 15.0]]}
+    ink:                     # what becomes of the ink; the motors know nothing of it
+      - {fault: clog, written_mm: 120, clears_ul: 0.5}   # all kinds: sim.faults.ink_faults
 """
 
 from __future__ import annotations
@@ -38,6 +40,7 @@ from firmware_profiles.wrong_values import wording
 from firmware_profiles.yaml_file import read_yaml
 from sim.errors import ServeError
 from sim.faults.gauge import Gauge
+from sim.faults.ink_faults import InkFault, InkFaults
 
 FaultKind = Literal[
     "unplug",
@@ -143,6 +146,12 @@ class FaultFile(PermanentFaults):
     seed: Annotated[int, Field(ge=0)] = 0
     at: tuple[Fault, ...] = ()
     gauges: tuple[Gauge, ...] = ()
+    ink: tuple[InkFault, ...] = ()
+
+    @property
+    def of_ink(self) -> InkFaults:
+        """Faults of the ink, with the file's seed."""
+        return InkFaults(self.ink, self.seed)
 
 
 _FAULT: Final = re.compile(r"([a-z_]+)@(\d+)")

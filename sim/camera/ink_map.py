@@ -1,0 +1,115 @@
+"""Maps of the ink as a camera sees it: thickness that counts, and its crest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware_profiles.bead import BeadSection
+from sim.camera.kernels import draw_lines
+from sim.camera.plan import Plan
+from sim.camera.scene import Bath, InkLook
+from sim.deposit.laid import Laid
+from sim.deposit.strands import Strands
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+SingleArray = NDArray[np.float32]
+
+_FAINT: Final = 0.02
+"""Share of its light by which a deep layer isn't drawn any more."""
+_FLAT: Final = {"layered": 0.25, "embedded": 0.5}
+
+
+@dataclass(frozen=True)
+class InkMap:
+    """Ink over a plan.
+
+    Attributes
+    ----------
+    thick_mm : (rows, columns) float32
+        Of all ink along the line of sight, deeper one fading with the bath's turbidity.
+    crest_mm : (rows, columns) float32
+        Top of the ink, printer's z; NaN where there is none.
+    """
+
+    thick_mm: SingleArray
+    crest_mm: SingleArray
+
+
+def ink_map(ink: Laid, plan: Plan, look: InkLook, bath: Bath) -> InkMap:
+    """Draw laid ink.
+
+    Layers add up, lines within one don't (they are united); of filaments in a bath the one that
+    shows most counts.
+    """
+    thick = np.zeros(plan.shape, np.float32)
+    crest = np.full(plan.shape, -np.inf, np.float32)
+    lines = ink.strands
+    if not len(lines):
+        return InkMap(thick, np.full(plan.shape, np.nan, np.float32))
+    top, radius = _tops(ink), _radii(ink, look)
+    surface = top.max() if bath.surface_z_mm is None else max(bath.surface_z_mm, top.max())
+    weight = np.exp(-2 * bath.turbidity_per_mm * (surface - top))
+    shown = weight > _FAINT * weight.max()
+    number = np.zeros(len(lines), np.int64)
+    if ink.layering is not None:
+        number = ink.layering.number(lines.end[:, 2])
+    for layer in np.unique(number[shown]):
+        rows = np.flatnonzero(shown & (number == layer))
+        _draw(lines, rows, radius, top, ink.height_mm, weight, plan, _FLAT[ink.style], thick, crest)
+    return InkMap(thick, np.where(np.isfinite(crest), crest, np.float32(np.nan)))
+
+
+def _tops(ink: Laid) -> FloatArray:
+    middle = (ink.strands.start[:, 2] + ink.strands.end[:, 2]) / 2
+    return middle if ink.layering is not None else middle + ink.strands.radius
+
+
+def _radii(ink: Laid, look: InkLook) -> FloatArray:
+    """Half of what is seen of each line from above, mm."""
+    if ink.layering is None:
+        return ink.strands.radius
+    width = BeadSection(look.bead).width(ink.strands.area_mm2, ink.height_mm)
+    return np.asarray(width / 2)
+
+
+def _draw(
+    lines: Strands,
+    rows: IntArray,
+    radius: FloatArray,
+    top: FloatArray,
+    height: FloatArray,
+    weight: FloatArray,
+    plan: Plan,
+    flatness: float,
+    thick: SingleArray,
+    crest: SingleArray,
+) -> None:
+    start, end = plan.seen_at(lines.start[rows]), plan.seen_at(lines.end[rows])
+    wide = radius[rows] * plan.scale((lines.start[rows, 2] + lines.end[rows, 2]) / 2)
+    limit = np.array(plan.shape[::-1]) - 1.0
+    low = np.minimum(start, end).min(axis=0) - wide.max() - 2
+    high = np.maximum(start, end).max(axis=0) + wide.max() + 2
+    first = np.clip(np.floor(low), 0, limit).astype(int)
+    last = np.clip(np.ceil(high), 0, limit).astype(int)
+    if (high < 0).any() or (low > limit).any():
+        return
+    box = (slice(first[1], last[1] + 1), slice(first[0], last[0] + 1))
+    own = np.zeros((last[1] + 1 - first[1], last[0] + 1 - first[0]), np.float32)
+    own_crest = np.ascontiguousarray(crest[box])
+    draw_lines(
+        np.column_stack([start - first, end - first]),
+        wide,
+        top[rows],
+        height[rows],
+        weight[rows],
+        flatness,
+        own,
+        own_crest,
+    )
+    thick[box] += own
+    crest[box] = own_crest
