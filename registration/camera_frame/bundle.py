@@ -16,12 +16,12 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from registration.camera_frame.evidence import Placement, PrintedPoints, Touch
 from registration.camera_frame.insert import Insert
 from registration.camera_frame.marks import SeenMarks
 from registration.camera_frame.projection import View, project
+from registration.camera_frame.settle import settle
 from registration.camera_frame.turning import turned
 from registration.errors import PictureError
 
@@ -116,14 +116,14 @@ def fit_bundle(bundle: Bundle, start: Start) -> Fitted:
         When the numbers don't come to rest.
     """
     count = _OFF + 2 * len(bundle.insert.marks)
-    unknown, jacobian = _solved(bundle, start, np.zeros(count))
+    unknown, normal = _solved(bundle, start, np.zeros(count))
     misfit = _misfit(bundle, start, unknown)
     if misfit > 1:
         # Corners scatter more than their edges say: weigh them by what is seen.
         marks = replace(bundle.marks, u_px=bundle.marks.u_px * misfit)
         bundle = replace(bundle, marks=marks)
-        unknown, jacobian = _solved(bundle, start, unknown)
-    covariance = np.linalg.inv(jacobian.T @ jacobian)[: _LENS.stop, : _LENS.stop]
+        unknown, normal = _solved(bundle, start, unknown)
+    covariance = np.linalg.inv(normal)[: _LENS.stop, : _LENS.stop]
     spread = np.eye(_LENS.stop)
     spread[_LENS, _LENS] = bundle.lens_factor
     covariance = spread @ covariance @ spread.T
@@ -146,18 +146,29 @@ def fit_bundle(bundle: Bundle, start: Start) -> Fitted:
 def _solved(
     bundle: Bundle, start: Start, unknown: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Least squares: unknowns, and the slope of all residuals there."""
+    """Least squares: unknowns, and the products of all slopes there."""
 
     def residuals(tried: FloatArray) -> FloatArray:
         return np.concatenate([part.ravel() for part in _residuals(bundle, start, tried)])
 
-    done = least_squares(residuals, unknown, x_scale="jac", method="trf", max_nfev=60)
-    if not done.success or not np.isfinite(done.cost):
+    done = settle(residuals, unknown, _sizes(bundle))
+    if done is None:
         raise PictureError(
             "camera and marks don't fit each other; is it this camera's lens file (--lens), and "
             "this insert (--insert)?"
         )
-    return np.asarray(done.x), np.asarray(done.jac)
+    return done
+
+
+def _sizes(bundle: Bundle) -> FloatArray:
+    """Changes of the unknowns that matter: 1 mrad, 0.1 mm, the lens' own uncertainties."""
+    found = np.full(_OFF + 2 * len(bundle.insert.marks), bundle.insert.u_mark_mm)
+    found[:3], found[3:6] = 1e-3, 0.1
+    found[_LENS] = 1.0
+    found[_PLACED] = [0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3]
+    found[_SCALE] = bundle.insert.u_scale
+    found[_GROWN] = 0.01
+    return found
 
 
 def _misfit(bundle: Bundle, start: Start, unknown: FloatArray) -> float:
