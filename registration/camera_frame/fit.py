@@ -268,7 +268,7 @@ def _frame(
         eye_mm=tuple(map(float, fitted.view.eye_mm)),
         covariance=own,
         middle_mm=tuple(map(float, origin)),
-        hole_mm=insert.hole_mm,
+        insert=insert,
         marks_z_slope=(float(level[0]), float(level[1])),
         seen=seen,
         off_px=fitted.off_px,

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from design.files import write_text
 from firmware_profiles.yaml_file import read_yaml
+from registration.camera_frame.insert import Insert
 from registration.camera_frame.projection import View, meet, project
 from registration.camera_frame.turning import turned
 from registration.errors import PictureError
@@ -85,8 +86,8 @@ class CameraFrame(BaseModel):
         Of a turn about the printer's axes, the eye, and the lens' numbers.
     middle_mm : (x, y, z), mm
         Of the insert, at its marks.
-    hole_mm : (x, y), mm
-        Of the insert: the field that the frame is for.
+    insert : Insert
+        As drawn; its hole is the field that the frame is for.
     marks_z_slope : (x, y)
         Rise of the marks' plane along x and y.
     seen : SeenAtFit
@@ -111,7 +112,7 @@ class CameraFrame(BaseModel):
         Field(min_length=14, max_length=14),
     ]
     middle_mm: Three
-    hole_mm: tuple[Number, Number]
+    insert: Insert
     marks_z_slope: tuple[Number, Number]
     seen: SeenAtFit
     off_px: NotNegative
@@ -158,9 +159,9 @@ class CameraFrame(BaseModel):
 
     def field(self) -> FloatArray:
         """Pixels (n, 2) of places all over the dish, at the marks' height."""
-        x, y = np.meshgrid(*(np.linspace(-0.46, 0.46, 7) * side for side in self.hole_mm))
+        x, y = np.meshgrid(*(np.linspace(-0.46, 0.46, 7) * side for side in self.insert.hole_mm))
         flat = np.column_stack([x.ravel(), y.ravel()])
-        inside = np.hypot(*(flat / np.array(self.hole_mm)).T) < 0.5
+        inside = np.hypot(*(flat / np.array(self.insert.hole_mm)).T) < 0.5
         places = np.column_stack([flat, np.zeros(len(flat))])[inside] + self.middle_mm
         return self.to_pixels(places)
 
