@@ -255,7 +255,7 @@ def _printed_errors(bundle: Bundle, view: View) -> FloatArray:
         view = View(view.lens, view.turn, view.eye_mm, *bundle.bath)
     seen = project(view, printed.places_mm)
     px_per_mm = view.lens[0] / np.linalg.norm(view.eye_mm - printed.places_mm.mean(axis=0))
-    return np.nan_to_num(seen - printed.pixels, nan=1e6) / (px_per_mm * printed.u_mm)
+    return np.nan_to_num(seen - printed.pixels, nan=1e6) / (px_per_mm * printed.u_mm[:, None])
 
 
 def _placement_errors(bundle: Bundle, unknown: FloatArray) -> FloatArray:

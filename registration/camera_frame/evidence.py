@@ -42,7 +42,7 @@ class PrintedPoints:
     places_mm : (n, 3) float64, mm
         By the G-code, printer's frame.
     pixels : (n, 2) float64
-    u_mm : float, mm
+    u_mm : (n,) float64, mm
         Standard uncertainty of each along each axis: how well ink lies where the motors went, and
         is measured in the picture.
     common_u_mm : float, mm
@@ -51,7 +51,7 @@ class PrintedPoints:
 
     places_mm: FloatArray
     pixels: FloatArray
-    u_mm: float = 0.03
+    u_mm: FloatArray
     common_u_mm: float = 0.0
 
 

@@ -46,16 +46,19 @@ class Ties:
     printed : PrintedPoints or None
     z_mm, u_z_mm : float, mm
         Height of the marks by a rule, and its standard uncertainty; touches tell it better.
+    at_mm : (x, y), mm
+        The insert's middle, where nothing else tells it; unturned then.
     bath : Bath, optional
         Above the printed points.
 
-    Without touches and printed points the frame is the insert's own.
+    Without touches and printed points the frame is the insert's own, moved to ``at_mm``.
     """
 
     touches: Sequence[Touch] = ()
     printed: PrintedPoints | None = None
     z_mm: float = 0.0
     u_z_mm: float = 0.2
+    at_mm: tuple[float, float] = (0.0, 0.0)
     bath: Bath | None = None
 
 
@@ -216,7 +219,7 @@ def _placed(
         own, there = meet(view, ties.printed.pixels, below), ties.printed.places_mm[:, :2]
         z, known = ties.z_mm, False
     else:
-        return Placement(origin_mm=(0.0, 0.0, ties.z_mm))
+        return Placement(origin_mm=(*ties.at_mm, ties.z_mm))
     shift, angle = _rigid(own, there)
     return Placement(
         (float(shift[0]), float(shift[1]), z), angle, _AWAY, _AWAY if known else ties.u_z_mm,

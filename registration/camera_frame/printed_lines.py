@@ -28,6 +28,7 @@ _LEAST_CLEAR: Final = 6.0
 """Of the best place's response over the deviation of the others."""
 _LEAST_GOOD: Final = 0.5
 """Of a line's length on which it must be seen."""
+_STRETCHES: Final = 10
 _SQUARE: Final = 0.3
 """Sine of the smallest angle between two lines whose crossing counts."""
 
@@ -75,12 +76,12 @@ def find_crossings(
         When a line isn't seen, or fewer than two crossings are left.
     """
     grey = grey_picture(image)
-    flat, sure = [], []
+    flat, known = [], []
     for number, line in enumerate(lines, 1):
-        ends, scatter = _found(grey, view, line, reach_mm, number)
+        ends, sure = _found(grey, view, line, reach_mm, number)
         flat.append(unbend((ends - view.lens[1:3]) / view.lens[0], view.lens))
-        sure.append(scatter)
-    places, pixels = [], []
+        known.append(sure)
+    places, pixels, spread = [], [], []
     for one, other in combinations(range(len(lines)), 2):
         place = _meeting(_plan(lines[one]), _plan(lines[other]))
         pixel = _meeting(flat[one], flat[other])
@@ -88,18 +89,25 @@ def find_crossings(
             continue
         places.append([*place, (lines[one].begin[2] + lines[other].begin[2]) / 2])
         pixels.append(bend(pixel[None], view.lens)[0] * view.lens[0] + view.lens[1:3])
+        off = [_spread(_plan(lines[n]), place, known[n]) for n in (one, other)]
+        spread.append(float(np.sqrt(u_mm**2 + (off[0] ** 2 + off[1] ** 2) / 2)))
     if len(places) < 2:
         raise PictureError(
             f"the {len(lines)} printed lines cross in {len(places)} places (2 wanted); print two "
             "lines along x and two along y, far apart"
         )
-    return PrintedPoints(
-        np.array(places), np.array(pixels), float(np.hypot(u_mm, np.mean(sure)))
-    )
+    return PrintedPoints(np.array(places), np.array(pixels), np.array(spread))
 
 
 def _plan(line: PrintedLine) -> FloatArray:
     return np.array([line.begin[:2], line.end[:2]])
+
+
+def _spread(line: FloatArray, place: FloatArray, sure: tuple[float, float]) -> float:
+    """Uncertainty across a line where it, or its prolongation, passes a place, mm."""
+    along = line[1] - line[0]
+    share = float((place - line[0]) @ along / (along @ along))
+    return float(np.hypot(sure[0], sure[1] * (share - 0.5)))
 
 
 def _meeting(one: FloatArray, other: FloatArray) -> FloatArray | None:
@@ -114,8 +122,8 @@ def _meeting(one: FloatArray, other: FloatArray) -> FloatArray | None:
 
 def _found(
     grey: NDArray[np.float32], view: View, line: PrintedLine, reach_mm: float, number: int
-) -> tuple[FloatArray, float]:
-    """Pixels of the line's two ends on its axis (2, 2), and its uncertainty across, mm."""
+) -> tuple[FloatArray, tuple[float, float]]:
+    """Pixels of the line's two ends on its axis (2, 2); uncertainty of its middle and slope, mm."""
     begin, end = np.array(line.begin), np.array(line.end)
     along = end - begin
     across = np.array([-along[1], along[0], 0.0]) / np.hypot(*along[:2])
@@ -134,10 +142,10 @@ def _found(
             f"({clear:.1f} times the ground's deviation, {_LEAST_CLEAR:g} wanted): is the insert "
             "where --at says, to 2 mm and 3 degrees? Dye the ink, light it evenly"
         )
-    middle, lean, scatter = _refined(sign * ridge, share, aside, (at, slope), line.width_mm, number)
+    middle, lean, sure = _refined(sign * ridge, share, aside, (at, slope), line.width_mm, number)
     off = middle + lean * (np.array([0.0, 1.0]) - 0.5)
     ends = np.array([begin, end]) + off[:, None] * across
-    return project(view, ends), scatter
+    return project(view, ends), sure
 
 
 def _ridges(strip: FloatArray, width: float) -> FloatArray:
@@ -152,7 +160,7 @@ def _best(
 ) -> tuple[float, float, float, float]:
     """Offset in the middle and slope (mm over the length) of the clearest line; how clear; sign."""
     columns, step = np.arange(ridge.shape[1]), aside[1] - aside[0]
-    most = (0.0, 0.0, 0.0, 1.0)
+    most = (0.0, 0.0, 0.0, 0.0)
     length = 25.0
     for turn in _TURNS * length:
         shift = (share - 0.5) * turn / step
@@ -178,8 +186,8 @@ def _refined(
     first: tuple[float, float],
     width: float,
     number: int,
-) -> tuple[float, float, float]:
-    """Offset in the middle, slope and uncertainty by a robust fit of each row's centre, mm."""
+) -> tuple[float, float, tuple[float, float]]:
+    """Offset in the middle, slope, and their uncertainties by each row's centre, mm."""
     at, slope = first
     for _ in range(3):
         want = at + slope * (share - 0.5)
@@ -199,4 +207,16 @@ def _refined(
             f"printed line {number} is seen on {good.mean():.0%} of its length "
             f"({_LEAST_GOOD:.0%} wanted); print it again, or leave it out"
         )
-    return at, slope, usual / float(np.sqrt(good.sum() / 4))  # four rows see the same ink
+    return at, slope, _uncertain(off[good], share[good] - 0.5)
+
+
+def _uncertain(off: FloatArray, along: FloatArray) -> tuple[float, float]:
+    """Standard uncertainties of middle and slope, mm, by the means of stretches.
+
+    Rows beside each other see the same grain of the bath; stretches are nearly independent.
+    """
+    parts = np.array_split(np.arange(len(off)), _STRETCHES)
+    means = np.array([off[part].mean() for part in parts])
+    places = np.array([along[part].mean() for part in parts])
+    scatter = float(np.sqrt((means**2).sum() / (_STRETCHES - 2)))
+    return scatter / float(np.sqrt(_STRETCHES)), scatter / float(np.linalg.norm(places))
