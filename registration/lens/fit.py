@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from registration.errors import PictureError
 from registration.lens.board import BoardView
 from registration.lens.lens import Lens
+from registration.lens.whole_fit import fit_whole
 
 FloatArray = NDArray[np.float64]
 
@@ -35,7 +36,9 @@ def fit_lens(views: Sequence[BoardView]) -> Lens:
 
     A board that always lies square to the camera can't tell the focal length, and nothing that is
     measured in its plane needs it. It is fitted to three pictures or more, as k₂ is, and kept
-    where they tell it to 2 %. The scale is that of the first picture.
+    where they tell it to 2 %. From five pictures that tell focal length and optical axis to 1 %
+    all numbers are fitted, with their covariance: a camera that looks at a dish from aside needs
+    them. The scale is that of the first picture.
 
     Parameters
     ----------
@@ -57,6 +60,11 @@ def fit_lens(views: Sequence[BoardView]) -> Lens:
         raise PictureError(f"pictures of a board must be of one size; these are {told}")
     (size,) = sizes
     focal = _LONG * max(size)
+    whole = fit_whole(views, _start(focal, size))
+    if whole is not None:
+        numbers, covariance, off, relative = whole
+        held = tuple(tuple(map(float, row)) for row in covariance)
+        return _scaled(views[0], relative, size, numbers, off, held)
     if len(views) >= _FEWEST_FOR_ALL:
         _, matrix, _, error, _ = _solved(views, size, focal, _RADIAL)
         if error[0] < _SURE_FOCUS * matrix[0, 0]:
@@ -66,33 +74,52 @@ def fit_lens(views: Sequence[BoardView]) -> Lens:
         # A second term that isn't there would bend what the board doesn't reach.
         flags |= cv2.CALIB_FIX_K2
     off, matrix, radial, _, relative = _solved(views, size, focal, flags)
+    numbers = np.array([focal, matrix[0, 2], matrix[1, 2], radial[0], radial[1]])
+    return _scaled(views[0], relative, size, numbers, off, None)
+
+
+def _scaled(
+    view: BoardView,
+    relative: float,
+    size: tuple[int, int],
+    numbers: FloatArray,
+    off: float,
+    covariance: tuple[tuple[float, ...], ...] | None,
+) -> Lens:
+    """Lens of fitted numbers (`Lens.numbers`, or its first five), its scale that of a picture."""
+    focal, u, v, *bent = map(float, numbers)
     lens = Lens(
         size_px=size,
         focal_px=focal,
-        centre_px=(float(matrix[0, 2]), float(matrix[1, 2])),
-        distortion=(float(radial[0]), float(radial[1])),
+        centre_px=(u, v),
+        distortion=(bent[0], bent[1]) if covariance is None else tuple(bent),
         um_per_px=1.0,
         um_per_px_95=(1.0, 1.0),
         off_px=off,
+        covariance=covariance,
     )
-    scale = _um_per_px(lens, views[0])
+    scale = _um_per_px(lens, view)
     half = _T95 * relative * scale
     return lens.model_copy(
         update={"um_per_px": scale, "um_per_px_95": (scale - half, scale + half)}
     )
 
 
+def _start(focal: float, size: tuple[int, int]) -> FloatArray:
+    """Camera matrix with the optical axis in the picture's middle, (3, 3)."""
+    return np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1.0]])
+
+
 def _solved(
     views: Sequence[BoardView], size: tuple[int, int], focal: float, flags: int
 ) -> tuple[float, FloatArray, FloatArray, FloatArray, float]:
     """RMS px, camera matrix, distortion, errors of both, relative error of the first distance."""
-    start = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1.0]])
     flat = [np.column_stack([v.places_mm, 0 * v.places_mm[:, :1]]) for v in views]
     off, matrix, radial, _, along, error, posed, _ = cv2.calibrateCameraExtended(
         [one.astype(np.float32) for one in flat],
         [view.pixels.astype(np.float32) for view in views],
         size,
-        start,
+        _start(focal, size),
         np.zeros(5),
         flags=flags,
     )

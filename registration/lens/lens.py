@@ -24,8 +24,9 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 class Lens(BaseModel):
     """A camera at one distance, by a board (`fit_lens`).
 
-    A place x, y (over the focal length, from the optical axis) is seen at x (1 + k₁r² + k₂r⁴),
-    y (1 + k₁r² + k₂r⁴), r² = x² + y² (Brown 1971, Photogramm. Eng. 37, 855; radial terms).
+    A place x, y (over the focal length, from the optical axis) is seen at
+    x (1 + k₁r² + k₂r⁴ + k₃r⁶) + 2p₁xy + p₂(r² + 2x²) and, for y, with p₁ and p₂ exchanged,
+    r² = x² + y² (Brown 1971, Photogramm. Eng. 37, 855).
 
     Attributes
     ----------
@@ -34,14 +35,17 @@ class Lens(BaseModel):
     focal_px : float
     centre_px : (float, float)
         The optical axis.
-    distortion : (float, float)
-        k₁, k₂.
+    distortion : tuple of 2 or 5 floats
+        k₁, k₂; of a lens that was fitted whole also p₁, p₂, k₃.
     um_per_px : float
         In the middle, at the distance at which the board lay.
     um_per_px_95 : (float, float)
         95 % of it, the board's sizes taken as exact.
     off_px : float
         RMS of the board's corners about the fit.
+    covariance : (8, 8) floats, or None
+        Of focal_px, centre_px and k₁, k₂, p₁, p₂, k₃ (`numbers`); None where they weren't all
+        fitted.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -50,10 +54,24 @@ class Lens(BaseModel):
     size_px: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]]
     focal_px: Positive
     centre_px: tuple[Number, Number]
-    distortion: tuple[Number, Number]
+    distortion: tuple[Number, Number] | tuple[Number, Number, Number, Number, Number]
     um_per_px: Positive
     um_per_px_95: tuple[Positive, Positive]
     off_px: Number
+    covariance: Annotated[
+        tuple[Annotated[tuple[Number, ...], Field(min_length=8, max_length=8)], ...] | None,
+        Field(min_length=8, max_length=8),
+    ] = None
+
+    @property
+    def coefficients(self) -> FloatArray:
+        """OpenCV's k₁, k₂, p₁, p₂, k₃, (5,)."""
+        return np.array([*self.distortion, 0.0, 0.0, 0.0][:5])
+
+    @property
+    def numbers(self) -> FloatArray:
+        """Focal length, centre and `coefficients`, (8,)."""
+        return np.array([self.focal_px, *self.centre_px, *self.coefficients])
 
     @property
     def matrix(self) -> FloatArray:
@@ -63,9 +81,9 @@ class Lens(BaseModel):
 
     def straight_pixels(self, pixels: FloatArray) -> FloatArray:
         """Pixels (n, 2) of a picture as the same places lie without distortion."""
-        radial = np.array([*self.distortion, 0.0, 0.0])
         seen = np.asarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
-        return np.asarray(cv2.undistortPoints(seen, self.matrix, radial, P=self.matrix))[:, 0]
+        bent = self.coefficients
+        return np.asarray(cv2.undistortPoints(seen, self.matrix, bent, P=self.matrix))[:, 0]
 
     def straighten(self, image: NDArray[Any], source: Path) -> NDArray[Any]:
         """Picture without distortion, of its own size.
@@ -98,10 +116,9 @@ class Lens(BaseModel):
 @lru_cache(maxsize=1)
 def _sources(lens: Lens) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Columns and rows of the picture that each pixel without distortion is taken from."""
-    radial = np.array([*lens.distortion, 0.0, 0.0])
     matrix = lens.matrix
     across, down = cv2.initUndistortRectifyMap(
-        matrix, radial, np.eye(3), matrix, lens.size_px, cv2.CV_32FC1
+        matrix, lens.coefficients, np.eye(3), matrix, lens.size_px, cv2.CV_32FC1
     )
     return np.asarray(across, dtype=np.float32), np.asarray(down, dtype=np.float32)
 
@@ -114,7 +131,8 @@ def write_lens(path: Path, lens: Lens) -> None:
     OSError
         When the disk is full or the folder can't be written.
     """
-    write_text(path, yaml.safe_dump(lens.model_dump(mode="json"), sort_keys=False))
+    held = lens.model_dump(mode="json", exclude_none=True)
+    write_text(path, yaml.safe_dump(held, sort_keys=False))
 
 
 def read_lens(path: Path) -> Lens:

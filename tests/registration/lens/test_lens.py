@@ -50,7 +50,7 @@ def test_tilted_pictures_tell_the_focal_length_as_well(tmp_path: Path) -> None:
     rigs = [Rig(**wide, tilt_deg=tilt) for tilt in SEVERAL]
     lens = fit_lens([view(tmp_path, rig, seed) for seed, rig in enumerate(rigs)])
     assert lens.focal_px == pytest.approx(660.0, rel=5e-3)
-    np.testing.assert_allclose(lens.distortion, (-0.2, 0.05), atol=0.02)
+    np.testing.assert_allclose(lens.distortion[:2], (-0.2, 0.05), atol=0.03)
     assert off_px(lens, rigs[0]) < 0.25
     assert lens.um_per_px == pytest.approx(37.0, rel=3e-4)
 

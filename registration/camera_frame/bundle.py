@@ -1,0 +1,265 @@
+"""Fit camera, insert and its printing errors together, each with what is known of it beforehand.
+
+Least squares of the marks' pixels, of touched crosses and of printed points. Unknowns: the camera's
+pose and lens; the insert's place, turn, tilt and scale; how far each mark was made off its place;
+how much larger marks look (ink spreads, bright paper outshines). What is known beforehand (the
+lens by its board, the scale by the way of making) enters as observations, so the covariance of the
+result holds all of it (a bundle adjustment with priors; Triggs et al. 2000, LNCS 1883, 298,
+doi 10.1007/3-540-44480-7_21).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.camera_frame.evidence import Placement, PrintedPoints, Touch
+from registration.camera_frame.insert import Insert
+from registration.camera_frame.marks import SeenMarks
+from registration.camera_frame.projection import View, project
+from registration.camera_frame.settle import settle
+from registration.camera_frame.turning import turned
+from registration.errors import PictureError
+
+FloatArray = NDArray[np.float64]
+
+_POSE: Final = slice(0, 6)
+_LENS: Final = slice(6, 14)
+_PLACED: Final = slice(14, 20)
+_SCALE: Final = 20
+_GROWN: Final = 21
+_OFF: Final = 22
+_FIXED: Final = 1e-7
+"""Standard uncertainty of what defines the frame."""
+_U_GROWN: Final = 0.05
+"""Of how much larger marks look, of their size."""
+
+
+class Start(NamedTuple):
+    """Camera to begin with: turn (3, 3) and eye (3,) mm, both in the printer's frame."""
+
+    turn: FloatArray
+    eye_mm: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """What is fitted to what.
+
+    Attributes
+    ----------
+    insert : Insert
+    marks : SeenMarks
+    lens : (8,) float64
+        As `Lens.numbers`, by its board.
+    lens_factor : (8, 8) float64
+        Its product with its transpose is the lens' covariance.
+    placement : Placement
+    touches : sequence of Touch
+    printed : PrintedPoints or None
+    bath : (surface z mm, index), or None
+        Above the printed points.
+    """
+
+    insert: Insert
+    marks: SeenMarks
+    lens: FloatArray
+    lens_factor: FloatArray
+    placement: Placement
+    touches: Sequence[Touch] = ()
+    printed: PrintedPoints | None = None
+    bath: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """Result of `fit_bundle`.
+
+    Attributes
+    ----------
+    view : View
+        In air.
+    covariance : (14, 14) float64
+        Of the turn about the printer's axes (rad), the eye (mm) and the lens' numbers.
+    marks_mm : (n, 3) float64, mm
+        The insert's marks, where they lie in the printer's frame, all of them.
+    scale : float
+        Of the insert.
+    off_px : float
+        RMS of the corners about the fit.
+    misfit : float
+        Root of the sum of squares over the degrees of freedom: 1 where the stated uncertainties
+        hold.
+    worst_touch : float
+        Largest deviation of a touched cross, of its standard uncertainty.
+    """
+
+    view: View
+    covariance: FloatArray
+    marks_mm: FloatArray
+    scale: float
+    off_px: float
+    misfit: float
+    worst_touch: float
+
+
+def fit_bundle(bundle: Bundle, start: Start) -> Fitted:
+    """Fit, and propagate all uncertainties.
+
+    Raises
+    ------
+    PictureError
+        When the numbers don't come to rest.
+    """
+    count = _OFF + 2 * len(bundle.insert.marks)
+    unknown, normal = _solved(bundle, start, np.zeros(count))
+    misfit = _misfit(bundle, start, unknown)
+    if misfit > 1:
+        # Corners scatter more than their edges say: weigh them by what is seen.
+        marks = replace(bundle.marks, u_px=bundle.marks.u_px * misfit)
+        bundle = replace(bundle, marks=marks)
+        unknown, normal = _solved(bundle, start, unknown)
+    covariance = np.linalg.inv(normal)[: _LENS.stop, : _LENS.stop]
+    spread = np.eye(_LENS.stop)
+    spread[_LENS, _LENS] = bundle.lens_factor
+    covariance = spread @ covariance @ spread.T
+    if bundle.printed is not None:
+        covariance[3, 3] += bundle.printed.common_u_mm**2
+        covariance[4, 4] += bundle.printed.common_u_mm**2
+    view = _view(bundle, start, unknown)
+    touched = _touch_errors(bundle, unknown)
+    return Fitted(
+        view,
+        covariance,
+        _laid(bundle, unknown, _middles(bundle, unknown)),
+        float(unknown[_SCALE]) + bundle.insert.scale,
+        float(np.sqrt((_corner_errors(bundle, view, unknown) ** 2).sum(axis=2).mean())),
+        misfit,
+        float(np.abs(touched).max(initial=0.0)),
+    )
+
+
+def _solved(
+    bundle: Bundle, start: Start, unknown: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Least squares: unknowns, and the products of all slopes there."""
+
+    def residuals(tried: FloatArray) -> FloatArray:
+        return np.concatenate([part.ravel() for part in _residuals(bundle, start, tried)])
+
+    done = settle(residuals, unknown, _sizes(bundle))
+    if done is None:
+        raise PictureError(
+            "camera and marks don't fit each other; is it this camera's lens file (--lens), and "
+            "this insert (--insert)?"
+        )
+    return done
+
+
+def _sizes(bundle: Bundle) -> FloatArray:
+    """Changes of the unknowns that matter: 1 mrad, 0.1 mm, the lens' own uncertainties."""
+    found = np.full(_OFF + 2 * len(bundle.insert.marks), bundle.insert.u_mark_mm)
+    found[:3], found[3:6] = 1e-3, 0.1
+    found[_LENS] = 1.0
+    found[_PLACED] = [0.1, 0.1, 0.1, 1e-3, 1e-3, 1e-3]
+    found[_SCALE] = bundle.insert.u_scale
+    found[_GROWN] = 0.01
+    return found
+
+
+def _misfit(bundle: Bundle, start: Start, unknown: FloatArray) -> float:
+    """Root of the corners' sum of squares over its degrees of freedom."""
+    corners = _residuals(bundle, start, unknown)[0]
+    # A mark's own errors take up two of its eight numbers.
+    free = corners.size - 6 - 2 * len(corners)
+    return float(np.sqrt((corners**2).sum() / max(free, 1)))
+
+
+def _view(bundle: Bundle, start: Start, unknown: FloatArray) -> View:
+    pose = unknown[_POSE]
+    # A turn of the camera about the printer's axes.
+    turn = start.turn @ turned(pose[:3]).T
+    numbers = bundle.lens + bundle.lens_factor @ unknown[_LENS]
+    return View(numbers, turn, start.eye_mm + pose[3:])
+
+
+def _residuals(bundle: Bundle, start: Start, unknown: FloatArray) -> list[FloatArray]:
+    """Deviations over standard uncertainties: corners (n, 4, 2), touches, printed, priors."""
+    view = _view(bundle, start, unknown)
+    u_px = bundle.marks.u_px[:, None, None]
+    corners = _corner_errors(bundle, view, unknown) / u_px
+    return [
+        corners,
+        _touch_errors(bundle, unknown),
+        _printed_errors(bundle, view),
+        unknown[_LENS],
+        _placement_errors(bundle, unknown),
+        unknown[_SCALE : _SCALE + 1] / bundle.insert.u_scale,
+        unknown[_GROWN : _GROWN + 1] / _U_GROWN,
+        unknown[_OFF:] / bundle.insert.u_mark_mm,
+    ]
+
+
+def _corner_errors(bundle: Bundle, view: View, unknown: FloatArray) -> FloatArray:
+    """Pixels from where each seen corner should be, (n, 4, 2)."""
+    index = bundle.marks.index
+    drawn = bundle.insert.corners()[index]
+    middle = drawn.mean(axis=1, keepdims=True)
+    off = unknown[_OFF:].reshape(-1, 1, 2)[index]
+    plane = middle + (drawn - middle) * (1 + unknown[_GROWN]) + off
+    seen = project(view, _laid(bundle, unknown, plane.reshape(-1, 2)))
+    return np.nan_to_num(seen.reshape(plane.shape), nan=1e6) - bundle.marks.corners
+
+
+def _middles(bundle: Bundle, unknown: FloatArray) -> FloatArray:
+    """Middles of all marks on the insert as made, (n, 2) mm, but for its scale."""
+    middles = bundle.insert.corners().mean(axis=1)
+    return np.asarray(middles + unknown[_OFF:].reshape(-1, 2))
+
+
+def _laid(bundle: Bundle, unknown: FloatArray, plane: FloatArray) -> FloatArray:
+    """Places of the insert's upper face (n, 2) mm in the printer's frame, (n, 3)."""
+    x, y, z, tilt_x, tilt_y, turned = unknown[_PLACED]
+    angle = bundle.placement.turned_rad + turned
+    c, s = np.cos(angle), np.sin(angle)
+    flat = (bundle.insert.scale + unknown[_SCALE]) * plane @ np.array([[c, s], [-s, c]])
+    up = z + tilt_y * flat[:, 0] - tilt_x * flat[:, 1]
+    origin = np.array(bundle.placement.origin_mm)
+    return origin + np.column_stack([flat + [x, y], up])
+
+
+def _touch_errors(bundle: Bundle, unknown: FloatArray) -> FloatArray:
+    places = {cross.name: (cross.x_mm, cross.y_mm) for cross in bundle.insert.crosses}
+    if not bundle.touches:
+        return np.zeros(0)
+    laid = _laid(bundle, unknown, np.array([places[t.name] for t in bundle.touches]))
+    found: list[Any] = []
+    for touch, place in zip(bundle.touches, laid, strict=True):
+        u_mm = np.hypot(touch.u_mm, bundle.insert.u_mark_mm)
+        found += [(place[0] - touch.x_mm) / u_mm, (place[1] - touch.y_mm) / u_mm]
+        if touch.z_mm is not None:
+            found.append((place[2] - touch.z_mm) / touch.u_mm)
+    return np.array(found)
+
+
+def _printed_errors(bundle: Bundle, view: View) -> FloatArray:
+    """Deviations on the printed points' own plane, in mm over their uncertainty."""
+    printed = bundle.printed
+    if printed is None:
+        return np.zeros(0)
+    if bundle.bath is not None:
+        view = View(view.lens, view.turn, view.eye_mm, *bundle.bath)
+    seen = project(view, printed.places_mm)
+    px_per_mm = view.lens[0] / np.linalg.norm(view.eye_mm - printed.places_mm.mean(axis=0))
+    return np.nan_to_num(seen - printed.pixels, nan=1e6) / (px_per_mm * printed.u_mm[:, None])
+
+
+def _placement_errors(bundle: Bundle, unknown: FloatArray) -> FloatArray:
+    known = bundle.placement
+    sure = np.array([known.u_xy_mm] * 2 + [known.u_z_mm] + [known.u_tilt_rad] * 2
+                    + [known.u_turned_rad])  # fmt: skip
+    return unknown[_PLACED] / np.maximum(sure, _FIXED)
