@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -73,7 +72,6 @@ def evidence_of(
     found: LayerFindings,
     again: LayerFindings | None,
     *,
-    factor_at: Callable[[IntArray], FloatArray],
     section: BeadSection,
     least_gap_mm: float,
     left_ul: float | None,
@@ -86,8 +84,6 @@ def evidence_of(
     ink : ExpectedInk
     found, again : LayerFindings
         Of the first picture and a second one.
-    factor_at : callable
-        Flow factor in force at commands (n,).
     section : BeadSection
         From widths to cross-sections in layers.
     least_gap_mm : float, mm
@@ -103,7 +99,7 @@ def evidence_of(
         gaps=found.gaps,
         second=None if again is None else again.gaps,
         supply=supply,
-        flow=_flow(stations, ink, row, found.u_width_ratio, factor_at, section),
+        flow=_flow(stations, ink, row, found.u_width_ratio, section),
         seen_share=found.seen_share,
         shift_mm=shift,
         u_shift_mm=u,
@@ -166,7 +162,6 @@ def _flow(
     ink: ExpectedInk,
     row: IntArray,
     u_common: float,
-    factor_at: Callable[[IntArray], FloatArray],
     section: BeadSection,
 ) -> FlowBlocks:
     """Cross-section seen over expected, a second of writing at a time."""
@@ -187,9 +182,7 @@ def _flow(
     scatter = np.sqrt(np.bincount(block, slope**2)) / count
     common = u_common * mean(slope / np.maximum(u, 1e-12) * stations.expected_mm[told])
     known = np.nan_to_num(np.abs(common), nan=0.0, posinf=0.0)
-    return FlowBlocks(
-        mean(time), mean(ratio), np.hypot(scatter, known), mean(factor_at(ink.command[row]))
-    )
+    return FlowBlocks(mean(time), mean(ratio), np.hypot(scatter, known), mean(ink.factor[row]))
 
 
 def _area_ratio(

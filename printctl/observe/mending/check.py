@@ -205,7 +205,9 @@ def _crossed(
 ) -> int:
     ink = laid_ink(paths, gaps)
     if held.style == "embedded":
-        return len(shaft_contacts(_needle_rows(inserted, held, paths), ink, paths, held.needle, 0.0))
+        return len(
+            shaft_contacts(_needle_rows(inserted, held, paths), ink, paths, held.needle, 0.0)
+        )
     start, end = inserted.tips()
     crossed = np.zeros(len(start), dtype=bool)
     for share in (0.0, 0.25, 0.5, 0.75, 1.0):

@@ -119,7 +119,10 @@ def _lines(patches: Sequence[Patch], site: Site) -> tuple[list[bytes], Spans]:
 
 
 def insert_rows(
-    held: HeldPrint, lines: Sequence[bytes], patches: Sequence[Patch], spans: Sequence[tuple[int, int]]
+    held: HeldPrint,
+    lines: Sequence[bytes],
+    patches: Sequence[Patch],
+    spans: Sequence[tuple[int, int]],
 ) -> NeedleRows:
     """Return an insert's lines as the needle's moves, read back from their text: a row each."""
     text = b"\n".join([*held.lines[: held.done], *lines]) + b"\n"

@@ -70,7 +70,10 @@ def patches_of(gap: Gap, site: Site) -> tuple[list[Patch], list[NotMended]]:
         one = _patch(gap, path, along[begin], along[end], site)
         if one is not None:
             patches.append(replace(one, flow=one.flow * flow, backwards=backwards))
-    left = [*_left(gap, along, in_void, _VOID), *_left(gap, along, blocked & ~in_void, _reach(site))]
+    left = [
+        *_left(gap, along, in_void, _VOID),
+        *_left(gap, along, blocked & ~in_void, _reach(site)),
+    ]
     if not patches and not left:
         left = [NotMended(gap.path, gap.from_mm, gap.to_mm, _SHORT)]
     return patches, left
