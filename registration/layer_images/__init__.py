@@ -1,0 +1,57 @@
+"""Judge a picture or height map of a layer against the lines that should lie there.
+
+Names are loaded when first asked for.
+
+Goes in: a picture, its frame, expected lines. Comes out: widths along every line, gaps, blobs,
+lumens, the layer's shift, or "not seen". Begin with `see.py`.
+"""
+
+from typing import TYPE_CHECKING
+
+from design.on_demand import on_demand
+
+if TYPE_CHECKING:
+    from registration.layer_images.annotate import annotated
+    from registration.layer_images.height import HeightFrame, height_map
+    from registration.layer_images.see import see_layer
+    from registration.layer_images.values import (
+        Appearance,
+        Blob,
+        ExpectedLines,
+        Frame,
+        Gap,
+        LayerFindings,
+        Lumen,
+        LumenSeen,
+        SeeingOptions,
+        Shift,
+        Stations,
+        Stretch,
+        Unseen,
+    )
+
+__all__ = [
+    "Appearance",
+    "Blob",
+    "ExpectedLines",
+    "Frame",
+    "Gap",
+    "HeightFrame",
+    "LayerFindings",
+    "Lumen",
+    "LumenSeen",
+    "SeeingOptions",
+    "Shift",
+    "Stations",
+    "Stretch",
+    "Unseen",
+    "annotated",
+    "height_map",
+    "see_layer",
+]
+
+__getattr__ = on_demand(__name__)
+
+
+def __dir__() -> list[str]:
+    return __all__

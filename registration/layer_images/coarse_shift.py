@@ -1,0 +1,92 @@
+"""Find roughly how far a layer lies beside its place, whatever its ink looks like.
+
+The contrast between where lines are expected and all else is squared and summed over the picture's
+channels, and over the strength of their edges (clear ink shows by its edges alone). Of several good
+places the nearest counts: parallel lines fit again one pitch further on.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from registration.layer_images.values import FloatArray, FloatImage
+from registration.layer_images.working import Mask
+
+_GOOD = 0.6
+"""Of the best score, at which a nearer place is taken."""
+_LEAST_SCORE = 20.0
+"""A best score that is fewer times the middle one says nothing."""
+
+
+def coarse_shift(flat: FloatImage, fresh: Mask, blocked: Mask, reach_px: int) -> FloatArray:
+    """Shift of the picture against the mask, (2,) px; 0 where nothing tells.
+
+    Parameters
+    ----------
+    flat : (h, w, c) float32
+        Light taken out.
+    fresh : (h, w) uint8
+        Where lines are expected.
+    blocked : (h, w) uint8
+        1 where nothing is known.
+    reach_px : int
+        Farthest.
+    """
+    shrink = max(1, int(np.sqrt(fresh.size / 3e5)))
+    size = (fresh.shape[1] // shrink, fresh.shape[0] // shrink)
+    known = 1.0 - cv2.resize(blocked.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    lines = cv2.resize(fresh.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    reach = max(1, reach_px // shrink)
+    pad = 2 * reach
+    shape = tuple(cv2.getOptimalDFTSize(int(n) + pad) for n in lines.shape)
+    mask = np.conj(np.fft.rfft2(lines, shape))
+    ones = _window(np.fft.irfft2(np.fft.rfft2(known, shape) * mask, shape), reach)
+    total = float(known.sum())
+    score = np.zeros_like(ones)
+    for values in _features(flat, size):
+        middle = float(np.median(values))
+        spread = 1.4826 * float(np.median(np.abs(values - middle))) + 1e-9
+        one = np.clip((values - middle) / spread, -8.0, 8.0) * known
+        on = _window(np.fft.irfft2(np.fft.rfft2(one, shape) * mask, shape), reach)
+        inside = on / np.maximum(ones, 1.0)
+        outside = (one.sum() - on) / np.maximum(total - ones, 1.0)
+        score += (inside - outside) ** 2
+    return _nearest_peak(score, reach) * shrink
+
+
+def _features(flat: FloatImage, size: tuple[int, int]) -> list[FloatImage]:
+    small = cv2.resize(flat, size, interpolation=cv2.INTER_AREA).reshape(size[1], size[0], -1)
+    found = []
+    for c in range(small.shape[2]):
+        one = np.ascontiguousarray(small[:, :, c])
+        x, y = cv2.Sobel(one, cv2.CV_32F, 1, 0), cv2.Sobel(one, cv2.CV_32F, 0, 1)
+        found += [one, cv2.GaussianBlur(np.log(x * x + y * y + 1e-8), (0, 0), 1.5)]
+    return found
+
+
+def _window(full: FloatArray, reach: int) -> FloatArray:
+    """Correlations at shifts -reach..reach in y and x."""
+    index = np.arange(-reach, reach + 1)
+    return np.asarray(full[np.ix_(index, index)])
+
+
+def _nearest_peak(score: FloatArray, reach: int) -> FloatArray:
+    top = float(score.max())
+    if top < _LEAST_SCORE * 1e-4 or top < 1.3 * float(np.median(score)):
+        return np.zeros(2)
+    dilated = cv2.dilate(score, np.ones((3, 3)))
+    y, x = np.nonzero((score >= dilated) & (score >= _GOOD * top))
+    inner = np.flatnonzero((np.abs(y - reach) < reach) & (np.abs(x - reach) < reach))
+    if not len(inner):
+        return np.zeros(2)
+    y, x = y[inner], x[inner]
+    k = int(np.argmin((y - reach) ** 2 + (x - reach) ** 2))
+    place = []
+    for before, at, after in (
+        (score[y[k], x[k] - 1], x[k], score[y[k], x[k] + 1]),
+        (score[y[k] - 1, x[k]], y[k], score[y[k] + 1, x[k]]),
+    ):
+        bend = before - 2 * score[y[k], x[k]] + after
+        place.append(at - reach + (0.5 * (before - after) / bend if bend < 0 else 0.0))
+    return np.array(place)

@@ -1,0 +1,144 @@
+"""Find stretches without ink along strokes, and the chance of each by the picture's noise."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from registration.layer_images.presence import END, INK, WindowNoise
+from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray
+from registration.layer_images.ways import Ways
+
+LEAST: Final = 0.6
+"""Of the tolerated length: shorter ones aren't told (round ends reach into a gap)."""
+_SMOOTH: Final = 0.4
+"""Of the tolerated length, over which presence is averaged to find where a gap ends."""
+
+
+def find_gaps(
+    present: FloatArray,
+    good: BoolArray,
+    ways: Ways,
+    noise: WindowNoise,
+    gap_mm: float,
+    p_needed: float,
+) -> tuple[list[Gap], BoolArray]:
+    """Return gaps, and places whose surroundings contradict a gap there, (n,).
+
+    Parameters
+    ----------
+    present : (n,) float64
+    good : (n,) bool
+        Seen, and told from its background.
+    ways : Ways
+    noise : WindowNoise
+    gap_mm : float, mm
+    p_needed : float
+        A gap's p-value must be below.
+    """
+    usual = noise.middle
+    smooth = _along(present, good, ways, gap_mm)
+    low = good & (smooth < INK * usual)
+    unclear = np.zeros(len(ways), dtype=np.bool_)
+    found = []
+    for first, last in _stretches(low, ways.run):
+        rows = slice(first, last + 1)
+        begin, end = _ends(smooth, good, ways, first, last, INK * usual)
+        mean = float(present[rows].mean())
+        if _only_an_end(ways, rows, end - begin, gap_mm):
+            continue
+        if mean < -max(0.6, 5.0 * noise.bath) * usual:
+            unclear[rows] = True  # neither ink nor bath
+            continue
+        p_value = noise.p_value(mean, end - begin)
+        if end - begin < LEAST * gap_mm or p_value > p_needed:
+            continue
+        u = float(np.hypot(ways.step[first] / np.sqrt(12), _end_noise(noise) * gap_mm))
+        found.append(_gap(ways, first, last, begin, end, u, p_value))
+    return found, unclear
+
+
+def _along(present: FloatArray, good: BoolArray, ways: Ways, gap_mm: float) -> FloatArray:
+    """Presence averaged over a few neighbours of the same run that are seen."""
+    count = max(1, round(_SMOOTH * gap_mm / float(np.median(ways.step)))) | 1
+    if count == 1:
+        return present
+    out = np.array(present)
+    weight = good.astype(np.float64)
+    total = uniform_filter1d(np.where(good, present, 0.0), count, mode="nearest")
+    share = uniform_filter1d(weight, count, mode="nearest")
+    half = count // 2
+    same = np.ones(len(ways), dtype=np.bool_)
+    same[half:] &= ways.run[half:] == ways.run[: len(ways) - half]
+    same[: len(ways) - half] &= ways.run[half:] == ways.run[: len(ways) - half]
+    use = same & (share > 0.3)
+    out[use] = total[use] / share[use]
+    return out
+
+
+def _stretches(low: BoolArray, run: IntArray) -> list[tuple[int, int]]:
+    """First and last row of each unbroken stretch of one run."""
+    cut = np.concatenate([[True], run[1:] != run[:-1]])
+    before = np.concatenate([[False], low[:-1]]) & ~cut
+    after = np.concatenate([low[1:], [False]]) & ~np.append(cut[1:], True)
+    first, last = np.flatnonzero(low & ~before), np.flatnonzero(low & ~after)
+    return list(zip(first.tolist(), last.tolist(), strict=True))
+
+
+def _ends(
+    smooth: FloatArray, good: BoolArray, ways: Ways, first: int, last: int, level: float
+) -> tuple[float, float]:
+    """Where presence crosses the level, mm along the stroke; the run's end where it doesn't."""
+    ends = []
+    for row, by in ((first, -1), (last, 1)):
+        beside = row + by
+        half = 0.5 * float(ways.step[row])
+        if 0 <= beside < len(ways) and ways.run[beside] == ways.run[row] and good[beside]:
+            rise = float(smooth[beside] - smooth[row])
+            part = (level - float(smooth[row])) / rise if rise > 0 else 0.5
+            ends.append(float(ways.along[row]) + by * 2 * half * min(max(part, 0.0), 1.0))
+        else:
+            ends.append(float(ways.along[row]) + by * half)
+    return ends[0], ends[1]
+
+
+def _only_an_end(ways: Ways, rows: slice, length: float, gap_mm: float) -> bool:
+    """Whether a stretch is no more than a bead that ends a little early."""
+    nearest = float(ways.to_end[rows].min())
+    width = float(ways.width[rows].max())
+    return nearest < END * width and length < END * width + LEAST * gap_mm
+
+
+def _end_noise(noise: WindowNoise) -> float:
+    """Of a gap's tolerated length, by which noise moves its end."""
+    return float(noise.spread[0]) * _SMOOTH
+
+
+def _gap(
+    ways: Ways, first: int, last: int, begin: float, end: float, u: float, p_value: float
+) -> Gap:
+    places = []
+    for row, at in ((first, begin), (last, end)):
+        ahead = np.array([ways.normal[row, 1], -ways.normal[row, 0]])
+        x, y = ways.point[row, :2] + (at - ways.along[row]) * ahead
+        places.append((float(x), float(y)))
+    return Gap(int(ways.stroke[first]), begin, end, places[0], places[1], u, p_value)
+
+
+def merged(gaps: list[Gap], ways: Ways) -> tuple[Gap, ...]:
+    """Gaps in order, those of one stroke that are nearer than half a width as one."""
+    out: list[Gap] = []
+    for gap in sorted(gaps, key=lambda one: (one.stroke, one.from_mm)):
+        before = out[-1] if out else None
+        if before and before.stroke == gap.stroke:
+            near = 0.5 * float(ways.width[ways.stroke == gap.stroke].max())
+            if gap.from_mm - before.to_mm < near:
+                out[-1] = Gap(
+                    gap.stroke, before.from_mm, gap.to_mm, before.start_mm, gap.end_mm,
+                    max(before.u_mm, gap.u_mm), min(before.p_value, gap.p_value),
+                )  # fmt: skip
+                continue
+        out.append(gap)
+    return tuple(out)

@@ -1,0 +1,141 @@
+"""Take uneven light and the bath's own colour out of a working picture.
+
+In logarithms light adds. It is a polynomial of second order, fitted to the bath and, one step away
+from it, to the ink (so that a large filled area has light of its own), and what the bath shows of
+it beyond that over some millimetres.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from registration.layer_images.values import BoolArray, FloatArray, FloatImage
+from registration.layer_images.working import Mask
+
+_CELL_MM = 0.5
+_LOCAL_CELLS = 3.0
+_LEAST = 0.05
+"""Of a cell that must show bath, or ink, to count."""
+_PRIOR = 0.02
+"""Weight of "nothing beyond the polynomial" where the bath is far."""
+
+
+def flattened(
+    channels: FloatImage, free: Mask, core: Mask, px_per_mm: float, local: bool = True
+) -> FloatImage:
+    """Channels (h, w, c) less light and bath: the bath lies at 0.
+
+    Parameters
+    ----------
+    channels : (h, w, c) float32
+    free, core : (h, w) uint8
+        1 where there is nothing but bath, and in the middle of lines.
+    px_per_mm : float
+    local : bool
+        Whether light is followed beyond a polynomial.
+    """
+    high, wide, count = channels.shape
+    n = max(4.0, _CELL_MM * px_per_mm)
+    size = (max(2, round(wide / n)), max(2, round(high / n)))
+    bath, bath_share = _cells(channels, free, size)
+    ink, ink_share = _cells(channels, core, size)
+    basis = _basis(size)
+    out = np.empty_like(channels)
+    is_bath, is_ink = bath_share > _LEAST, _ink_cells(bath, ink, bath_share, ink_share, basis)
+    for c in range(count):
+        light = _fit(basis, bath[:, c], bath_share * is_bath, ink[:, c], ink_share * is_ink)
+        light = light.reshape(size[1], size[0])
+        if local:
+            light = light + _local(bath[:, c].reshape(light.shape) - light, bath_share, is_bath)
+        out[:, :, c] = channels[:, :, c] - cv2.resize(
+            light.astype(np.float32), (wide, high), interpolation=cv2.INTER_LINEAR
+        )
+    return out
+
+
+def _cells(
+    channels: FloatImage, mask: Mask, size: tuple[int, int]
+) -> tuple[FloatArray, FloatArray]:
+    """Mean (cells, c) where the mask is set, and which share that is, (cells,)."""
+    weight = mask.astype(np.float32)
+    share = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
+    total = cv2.resize(channels * weight[:, :, None], size, interpolation=cv2.INTER_AREA)
+    total = total.reshape(size[0] * size[1], -1).astype(np.float64)
+    flat = share.ravel().astype(np.float64)
+    return total / np.maximum(flat, 1e-9)[:, None], flat
+
+
+def _basis(size: tuple[int, int]) -> FloatArray:
+    x, y = np.meshgrid(np.linspace(-1, 1, size[0]), np.linspace(-1, 1, size[1]))
+    x, y = x.ravel(), y.ravel()
+    return np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+
+
+def _ink_cells(
+    bath: FloatArray,
+    ink: FloatArray,
+    bath_share: FloatArray,
+    ink_share: FloatArray,
+    basis: FloatArray,
+) -> BoolArray:
+    """Cells whose lines show ink, where some may be missing, (cells,)."""
+    maybe = np.asarray(ink_share > _LEAST, dtype=np.bool_)
+    is_bath = bath_share > _LEAST
+    if is_bath.sum() < 12 or maybe.sum() < 4:
+        return maybe
+    score = np.zeros(len(basis))
+    for c in range(bath.shape[1]):
+        light = _robust(basis, bath[:, c], bath_share * is_bath)
+        rest = ink[:, c] - basis @ light
+        noise = 1.5 * float(np.median(np.abs(bath[is_bath, c] - basis[is_bath] @ light))) + 1e-6
+        step = float(np.median(rest[maybe]) + np.mean(rest[maybe])) / 2
+        score += rest * step / noise**2
+    usual = float(np.percentile(score[maybe], 80))
+    return maybe & (score > 0.5 * usual) if usual > 0 else maybe
+
+
+def _fit(
+    basis: FloatArray,
+    bath: FloatArray,
+    bath_weight: FloatArray,
+    ink: FloatArray,
+    ink_weight: FloatArray,
+) -> FloatArray:
+    """Light of the bath at all cells, by bath and ink together, (cells,)."""
+    use_ink = ink_weight.sum() > 0
+    if bath_weight.sum() <= 0:  # no bath at all: ink stands for it, and nothing will be told
+        return np.asarray(basis @ _robust(basis, ink, ink_weight))
+    zero, one = np.zeros((len(basis), 1)), np.ones((len(basis), 1))
+    design = np.vstack([np.hstack([basis, zero]), np.hstack([basis, one])])
+    if not use_ink:
+        return np.asarray(basis @ _robust(basis, bath, bath_weight))
+    both = _robust(design, np.concatenate([bath, ink]), np.concatenate([bath_weight, ink_weight]))
+    return np.asarray(basis @ both[:-1])
+
+
+def _robust(design: FloatArray, values: FloatArray, weight: FloatArray) -> FloatArray:
+    """Weighted least squares with Huber's weights, a little held together, (p,)."""
+    use = weight > 0
+    a, b, w = design[use], values[use], weight[use]
+    pull = 1e-6 * w.sum() * np.eye(design.shape[1])
+    own = w
+    best = np.zeros(design.shape[1])
+    for _ in range(8):
+        best = np.linalg.solve((a.T * own) @ a + pull, (a.T * own) @ b)
+        off = np.abs(b - a @ best)
+        limit = 1.5 * 1.4826 * float(np.median(off)) + 1e-9
+        own = w * np.minimum(1.0, limit / np.maximum(off, 1e-12))
+    return best
+
+
+def _local(rest: FloatArray, share: FloatArray, is_bath: BoolArray) -> FloatArray:
+    """What the bath shows beyond the polynomial, smoothed; 0 where it is far."""
+    weight = (share * is_bath).reshape(rest.shape)
+    known = rest[weight > 0]
+    if not len(known):
+        return np.zeros_like(rest)
+    spread = 1.4826 * float(np.median(np.abs(known - np.median(known)))) + 1e-9
+    weight = weight * (np.abs(rest) < 5.0 * spread)
+    total = cv2.GaussianBlur(weight * np.where(weight > 0, rest, 0.0), (0, 0), _LOCAL_CELLS)
+    return np.asarray(total / (cv2.GaussianBlur(weight, (0, 0), _LOCAL_CELLS) + _PRIOR))

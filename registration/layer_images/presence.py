@@ -1,0 +1,182 @@
+"""Tell how much of a sound line's ink is seen at each place, and how much that scatters.
+
+The presence is a profile across the line, weighted by what sound lines look like: 1 for ink, 0 for
+bath. Where bath is seen beside the line it is also taken against that bath, and the larger value
+counts: light that changes from place to place mustn't look like missing ink.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from scipy.stats import norm
+
+from registration.layer_images.ink_image import ACROSS, Template
+from registration.layer_images.values import BoolArray, FloatArray, FloatImage, IntArray
+from registration.layer_images.ways import Seen, Ways
+from registration.layer_images.working import Mask
+
+INK: Final = 0.5
+"""Presence above which there is ink."""
+_SIDE = 0.15
+"""Of a width: nearer than that to an edge a side isn't clear bath."""
+_TAILS: Final = (0.02, 0.005)
+_FEWEST = 40
+_FAKES = 400
+END: Final = 0.3
+"""Of a width: so near to an end less ink is no sign."""
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Where the next ink is expected to either side of each place, (n,) expected widths; <= 1.5."""
+
+    left: FloatArray
+    right: FloatArray
+
+    @staticmethod
+    def of(seen: Seen, ways: Ways, lines: Mask, px_per_mm: float) -> Sides:
+        """Look it up in a mask of all expected ink."""
+        drawn = seen.profiles(lines, ways.width[:, None] * ACROSS, nearest=True) > 0
+        begin = 0.5 + np.maximum(0.1, 1.2 / (px_per_mm * ways.width))
+        sides = []
+        for way in (1.0, -1.0):
+            u = way * ACROSS
+            taken = drawn & (u > begin[:, None])
+            sides.append(np.where(taken, u, 1.5).min(axis=1))
+        return Sides(sides[0], sides[1])
+
+    def usable(self) -> BoolArray:
+        """Places across at which nothing but the line itself is expected, (n, 61)."""
+        inner = np.abs(ACROSS) <= 0.5
+        beyond = (ACROSS < self.left[:, None] - 0.1) & (-ACROSS < self.right[:, None] - 0.1)
+        return np.asarray(inner | beyond)
+
+    def levels(self, profiles: FloatImage, px_width: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean of the bath seen on the left and on the right, (n,) each; NaN where there is none."""
+        margin = _SIDE + 1.0 / px_width
+        found = []
+        for way, clear in ((1.0, self.left), (-1.0, self.right)):
+            u = way * ACROSS
+            zone = (u > 0.5 + margin[:, None]) & (u < np.minimum(clear - margin, 1.2)[:, None])
+            count = zone.sum(axis=1)
+            total = np.where(zone, profiles, 0.0).sum(axis=1)
+            found.append(np.where(count >= 4, total / np.maximum(count, 1), np.nan))
+        return found[0], found[1]
+
+
+def presence(
+    profiles: FloatImage, template: Template, left: FloatArray, right: FloatArray
+) -> FloatArray:
+    """Presence of each profile (n, 61) given the bath beside it, (n,); NaN where none is seen."""
+    weight = template.weight
+    plain = profiles @ weight
+    side = np.where(np.isnan(left), right, np.where(np.isnan(right), left, 0.5 * (left + right)))
+    beside = plain - side * float(weight.sum())
+    return np.asarray(np.where(np.isnan(side), plain, np.maximum(plain, beside)), dtype=np.float64)
+
+
+def fake_places(free: Mask, width_px: float, step_px: float, rng: np.random.Generator) -> Seen | None:
+    """Lines of eight places each where there is bath alone; pixels stand for mm."""
+    depth = cv2.distanceTransform(free, cv2.DIST_L2, 3)
+    y, x = np.nonzero(depth > 0.6 * width_px)
+    if len(y) < _FEWEST:
+        return None
+    pick = rng.integers(0, len(y), _FAKES)
+    angle = rng.uniform(0, 2 * np.pi, _FAKES)
+    way = np.column_stack([np.cos(angle), np.sin(angle)])
+    begin = np.column_stack([x[pick], y[pick]]).astype(np.float64)
+    at = begin[:, None] + (np.arange(8)[None, :, None] - 3.5) * step_px * way[:, None]
+    way = np.repeat(way, 8, axis=0)
+    return Seen(at.reshape(-1, 2), np.column_stack([-way[:, 1], way[:, 0]]), way)
+
+
+@dataclass(frozen=True)
+class WindowNoise:
+    """Scatter of the mean presence over windows of several lengths.
+
+    Attributes
+    ----------
+    length_mm : (k,) float64, mm
+    middle : float
+        Usual presence of ink.
+    spread : (k,) float64
+        Standard deviation that stands for the tails, too.
+    bath : float
+        Of bath, over the shortest window that matters; 0 where it isn't known.
+    """
+
+    length_mm: FloatArray
+    middle: float
+    spread: FloatArray
+    bath: float
+
+    def p_value(self, mean: float, length_mm: float) -> float:
+        """Chance of so low a mean over a stretch, by noise."""
+        spread = float(np.interp(length_mm, self.length_mm, self.spread))
+        return float(norm.sf((self.middle - mean) / max(spread, 1e-9)))
+
+    def can_tell(self, length_mm: float, p_needed: float) -> bool:
+        """Whether a gap of that length would be found, nineteen times in twenty."""
+        spread = float(np.interp(length_mm, self.length_mm, self.spread))
+        return bool(norm.isf(p_needed) * spread + 1.64 * self.bath < 0.9 * self.middle)
+
+
+def window_means(
+    values: FloatArray, good: BoolArray, run: IntArray, count: int
+) -> FloatArray:
+    """Means over ``count`` neighbours of one run that are all good."""
+    n = len(values)
+    if n < count:
+        return np.empty(0)
+    total = np.concatenate([[0.0], np.cumsum(np.where(good, values, 0.0))])
+    number = np.concatenate([[0], np.cumsum(good)])
+    whole = (number[count:] - number[:-count] == count) & (run[count - 1 :] == run[: n - count + 1])
+    return np.asarray((total[count:] - total[:-count])[whole] / count)
+
+
+def window_noise(
+    values: FloatArray, good: BoolArray, ways: Ways, bath_values: FloatArray | None, gap_mm: float
+) -> WindowNoise | None:
+    """Measure scatter; None where there is too little ink.
+
+    Missing ink lowers presence, so that the upper half of all values is that of ink; the lower half
+    counts as far as it is ink at all. The tails are measured, not taken for normal.
+    """
+    step = float(np.median(ways.step))
+    lengths, spreads = [], []
+    middle = float(np.median(values[good & (values > INK)])) if good.any() else np.nan
+    if not middle > 0:
+        return None
+    for size in (0.5, 1.0, 2.0, 4.0, 8.0):
+        count = max(1, round(size * gap_mm / step))
+        means = window_means(values, good, ways.run, count)
+        ink = means[means > INK * middle]
+        if len(ink) < _FEWEST:
+            break
+        lengths.append(count * step)
+        spreads.append(_spread(ink))
+    if not spreads:
+        return None
+    count = max(1, round(gap_mm / step))
+    bath = 0.0
+    if bath_values is not None:
+        fake = bath_values.reshape(-1, 8)
+        bath = _spread(fake[:, : min(8, count)].mean(axis=1))
+    spread = np.minimum.accumulate(np.array(spreads))
+    return WindowNoise(np.array(lengths), middle, spread, bath)
+
+
+def _spread(values: FloatArray) -> float:
+    """Standard deviation by the wider half, or by the tails where those are wider."""
+    middle = float(np.median(values))
+    low, high = np.percentile(values, [15.87, 84.13])
+    found = max(middle - low, high - middle)
+    for tail in _TAILS:
+        if tail * len(values) >= 5:
+            below, above = np.quantile(values, [tail, 1 - tail])
+            found = max(found, max(middle - below, above - middle) / norm.isf(tail))
+    return float(found)

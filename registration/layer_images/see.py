@@ -1,0 +1,331 @@
+"""Judge a picture of a layer against the lines that should lie there.
+
+1. Places along the fresh lines, closely spaced; the picture cropped and binned to them (`working`).
+2. Uneven light is taken out (`light`), and the layer's shift found roughly (`coarse_shift`).
+3. Ink is learned from the lines themselves, some of which may be missing (`ink_image`), over the
+   bath and over older ink separately (`told`). Ink that can't be told is "not seen".
+4. The shift is fitted to the offsets of the lines, and 2 and 3 are done again (`layer_shift`).
+5. Gaps, widths, stretches, blobs and lumens, each against the noise of the same picture.
+
+What a picture can't show: height (a thin line is as wide as a thick one that is flat), lines that
+touch singly (their coverage is told, not their widths), ink of the bath's own colour and texture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import cv2
+import numpy as np
+
+from registration.layer_images.blobs import find_blobs
+from registration.layer_images.coarse_shift import coarse_shift
+from registration.layer_images.gaps import find_gaps, merged
+from registration.layer_images.ink_image import ACROSS, smoothed
+from registration.layer_images.layer_shift import fit_shift
+from registration.layer_images.light import flattened
+from registration.layer_images.lumens_seen import see_lumens
+from registration.layer_images.plane_map import PlaneMap
+from registration.layer_images.presence import INK, Sides
+from registration.layer_images.stations import Grouping, station_widths
+from registration.layer_images.stretches import find_stretches, width_ratio
+from registration.layer_images.told import Ground, Told, tell_ink
+from registration.layer_images.values import (
+    Appearance,
+    BoolArray,
+    ExpectedLines,
+    FloatArray,
+    FloatImage,
+    Frame,
+    Gap,
+    Image,
+    IntArray,
+    LayerFindings,
+    Lumen,
+    Outlines,
+    SeeingOptions,
+    Shift,
+    Stations,
+    Unseen,
+)
+from registration.layer_images.ways import Seen, Ways, check_lines, lay_ways
+from registration.layer_images.widths import Widths
+from registration.layer_images.working import Masks, Working, WorkingFrame, prepare
+
+_STEPS_IN_GAP: Final = 4
+_SAME_PX: Final = 0.15
+"""A shift that changes by less isn't followed further."""
+_ROUNDS: Final = 3
+_MOST_OLD: Final = 0.3
+"""Of a line's width over older ink: more, and it is judged against that."""
+
+
+def see_layer(
+    picture: Image,
+    frame: Frame,
+    lines: ExpectedLines,
+    *,
+    lumens: Sequence[Lumen] = (),
+    before: Image | None = None,
+    hidden: Outlines = (),
+    known: Appearance | None = None,
+    options: SeeingOptions | None = None,
+) -> LayerFindings:
+    """Judge a picture of a layer.
+
+    Parameters
+    ----------
+    picture : (h, w) or (h, w, c) uint8, uint16 or float
+        A float picture (an OCT's height map, `height_map`) is taken as it is, NaN as not seen; of
+        others the logarithm.
+    frame : Frame
+    lines : ExpectedLines
+        Of the layer, and what older lines can be seen.
+    lumens : sequence of Lumen
+    before : picture or None
+        The same view before the layer was written: what lay there then cancels.
+    hidden : sequence of (k, 2) float64, px
+        Polygons of the picture behind which nothing can be seen (the needle).
+    known : Appearance or None
+        Of an earlier look in the same light: a layer that is missing altogether can't be learned
+        from.
+    options : SeeingOptions or None
+
+    Raises
+    ------
+    PictureError
+        When lines or picture can't be used, or the picture shows none of the lines.
+    """
+    options = options or SeeingOptions()
+    check_lines(lines)
+    rng = np.random.default_rng(26)
+    step = options.gap_mm / _STEPS_IN_GAP
+    ways = lay_ways(lines, step)
+    work, own = prepare(picture, frame, ways, options.gap_mm, before, hidden)
+    known = known if known is None or len(known.mix) == work.channels.shape[2] else None
+    shift = _first_shift(work, own, lines, ways, options)
+    for _ in range(_ROUNDS):
+        look = _look(work, own, lines, ways, shift, options, known, rng)
+        finer = _finer(look, shift, options, work)
+        if finer is None:
+            break
+        moved = np.hypot(finer.dx_mm - shift.dx_mm, finer.dy_mm - shift.dy_mm) * work.px_per_mm
+        shift = finer
+        if moved < _SAME_PX:
+            break
+    else:
+        look = _look(work, own, lines, ways, shift, options, known, rng)
+    return _findings(look, lines, lumens, shift, options)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """All that was learned at one shift."""
+
+    work: Working
+    frame: WorkingFrame
+    ways: Ways
+    moved: Ways
+    seen: Seen
+    masks: Masks
+    sides: Sides
+    over_old: BoolArray
+    bath: Told | None
+    old: Told | None
+    present: FloatArray
+    plain: FloatArray
+    profiles: FloatImage
+    why: IntArray
+    group: Grouping
+    widths: Widths
+
+
+def _first_shift(
+    work: Working, frame: WorkingFrame, lines: ExpectedLines, ways: Ways, options: SeeingOptions
+) -> Shift:
+    reach = options.shift_mm
+    unknown = Shift(0.0, 0.0, reach**2 * np.eye(2))
+    reach_px = int(np.ceil(reach * work.px_per_mm))
+    if reach_px < 1:
+        return unknown
+    masks = Masks.of(lines, frame, work, np.zeros(2))
+    flat = flattened(work.channels, masks.free, masks.core, work.px_per_mm, local=False)
+    blocked = (work.bad | work.hidden).astype(np.uint8)
+    by_px = coarse_shift(flat, masks.fresh, blocked, reach_px)
+    middle = ways.point.mean(axis=0)
+    at = frame.to_pixels(np.array([middle, middle + (0.5, 0, 0), middle + (0, 0.5, 0)]))
+    slope = 2.0 * (at[1:] - at[0]).T  # px/mm
+    by_mm = np.linalg.solve(slope, by_px)
+    u = 1.0 / work.px_per_mm + 0.1 * float(np.median(ways.width))
+    return Shift(float(by_mm[0]), float(by_mm[1]), u**2 * np.eye(2))
+
+
+def _look(
+    work: Working,
+    frame: WorkingFrame,
+    lines: ExpectedLines,
+    ways: Ways,
+    shift: Shift,
+    options: SeeingOptions,
+    known: Appearance | None,
+    rng: np.random.Generator,
+) -> _Look:
+    by = np.array([shift.dx_mm, shift.dy_mm])
+    masks, moved = Masks.of(lines, frame, work, by), ways.moved(by)
+    seen = Seen.of(moved, frame)
+    drawn = np.maximum(masks.fresh, masks.old)
+    sides = Sides.of(seen, ways, drawn, work.px_per_mm)
+    width_px = float(np.median(ways.width)) * work.px_per_mm
+    flat = flattened(work.channels, masks.free, masks.core, work.px_per_mm)
+    ground = Ground(
+        smoothed(flat, width_px), flat, masks.free, masks.fresh, work, options.gap_mm,
+        options.false_rate, known,
+    )  # fmt: skip
+    older = seen.profiles(masks.old, ways.width[:, None] * np.linspace(-0.5, 0.5, 9), nearest=True)
+    over_old = np.asarray(older.mean(axis=1) > _MOST_OLD)
+    bath = tell_ink(ground, ways, seen, sides, ~over_old, rng)
+    old = None
+    if over_old.any():
+        disc = np.ones((3, 3), np.uint8)
+        alone = cv2.erode(masks.old, disc) & (cv2.dilate(masks.fresh, disc, iterations=2) == 0)
+        alone = (alone & ~(work.bad | work.hidden)).astype(np.uint8)
+        touching = Sides(np.full(len(ways), 0.5), np.full(len(ways), 0.5))
+        on_old = replace(ground, free=alone, known=None)
+        old = tell_ink(on_old, ways, seen, touching, over_old, rng)
+    joined = _joined(len(ways), over_old, bath, old)
+    group = Grouping.of_ways(ways, joined[3] == Unseen.SEEN)
+    widths = station_widths(
+        group, ways, joined[2], sides, bath, over_old, joined[0], joined[3] == Unseen.SEEN, work
+    )
+    return _Look(
+        work, frame, ways, moved, seen, masks, sides, over_old, bath, old, *joined, group, widths
+    )
+
+
+def _joined(
+    count: int, over_old: BoolArray, bath: Told | None, old: Told | None
+) -> tuple[FloatArray, FloatArray, FloatImage, IntArray]:
+    """Presence, the same without sides, profiles and reasons, of both backgrounds."""
+    present, plain = np.full(count, np.nan), np.full(count, np.nan)
+    profiles = np.zeros((count, len(ACROSS)), dtype=np.float32)
+    why = np.full(count, int(Unseen.FAINT))
+    for told, rows, faint in ((bath, ~over_old, Unseen.FAINT), (old, over_old, Unseen.OLD_INK)):
+        why[rows] = int(faint)
+        if told is None:
+            continue
+        present[rows], plain[rows] = told.present[rows], told.plain[rows]
+        profiles[rows] = told.profiles[rows]
+        why[rows] = np.where(
+            (told.why[rows] == Unseen.SEEN) & (told.noise is None), int(faint), told.why[rows]
+        )
+    return present, plain, profiles, why
+
+
+def _finer(look: _Look, shift: Shift, options: SeeingOptions, work: Working) -> Shift | None:
+    offset = look.widths.offset_mm
+    rows = look.group.first
+    rest = fit_shift(
+        offset, look.ways.normal[rows], look.ways.stroke[rows], options.shift_mm, 1 / work.px_per_mm
+    )
+    if rest is None:
+        return None
+    return Shift(shift.dx_mm + rest.dx_mm, shift.dy_mm + rest.dy_mm, rest.covariance_mm2)
+
+
+def _findings(
+    look: _Look,
+    lines: ExpectedLines,
+    lumens: Sequence[Lumen],
+    shift: Shift,
+    options: SeeingOptions,
+) -> LayerFindings:
+    ways, why = look.ways, look.why.copy()
+    good = why == Unseen.SEEN
+    places = max(1, round(float(ways.step[good].sum()) / options.gap_mm))
+    blobs, big = _blobs(look, options)
+    if big.any():
+        under = look.seen.profiles(big.astype(np.uint8), ways.width[:, None] * ACROSS, True)
+        why[good & under.any(axis=1)] = int(Unseen.HIDDEN)
+        good = why == Unseen.SEEN
+    gaps = _gaps(look, good, why, places, options)
+    stations = look.group.stations(ways, look.present, why, look.widths)
+    stretches = find_stretches(stations, look.widths, options.width_percent)
+    told = look.bath
+    usable = told is not None and told.noise is not None and told.template.filled
+    lost = look.work.bad | look.work.hidden if told is None else told.strange | look.work.hidden
+    seen_lumens = see_lumens(
+        lumens,
+        told.image if told is not None and usable else None,
+        lost,
+        look.masks.old,
+        look.frame,
+        np.array([shift.dx_mm, shift.dy_mm]),
+        1.0 / look.work.px_per_mm,
+        told.bath_spread if told is not None else 1.0,
+    )
+    ratio, u_ratio = width_ratio(stations, look.widths)
+    way = ways.step
+    seen_mm = float(way[good].sum())
+    covered = float((np.clip(look.present[good], 0.0, 1.0) * way[good]).sum())
+    return LayerFindings(
+        stations=stations,
+        gaps=merged(gaps, ways),
+        stretches=stretches,
+        blobs=blobs,
+        lumens=seen_lumens,
+        width_ratio=ratio,
+        u_width_ratio=u_ratio,
+        seen_share=seen_mm / float(way.sum()),
+        coverage=covered / seen_mm if seen_mm > 0 else np.nan,
+        shift=shift,
+        places=places,
+        contrast=_contrast(told, options),
+        appearance=told.appearance if told is not None and told.noise is not None else None,
+    )
+
+
+def _contrast(told: Told | None, options: SeeingOptions) -> float:
+    if told is None or told.noise is None:
+        return 0.0
+    noise = told.noise
+    spread = float(np.interp(options.gap_mm, noise.length_mm, noise.spread))
+    return noise.middle / max(np.hypot(spread, noise.bath), 1e-9)
+
+
+def _gaps(
+    look: _Look, good: BoolArray, why: IntArray, places: int, options: SeeingOptions
+) -> list[Gap]:
+    """Gaps over either background; marks in ``why`` what turns out unclear."""
+    found: list[Gap] = []
+    needed = options.false_rate / places
+    for told, rows in ((look.bath, ~look.over_old), (look.old, look.over_old)):
+        if told is not None and told.noise is not None:
+            gaps, unclear = find_gaps(
+                look.present, good & rows, look.ways, told.noise, options.gap_mm, needed
+            )
+            found += gaps
+            why[unclear] = int(Unseen.UNCLEAR)
+            noise = told.noise
+            # Bath that looks like ink beside a line that doesn't: light changes there.
+            doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
+            why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
+    return found
+
+
+def _blobs(look: _Look, options: SeeingOptions) -> tuple[tuple, BoolArray]:
+    told = look.bath
+    nothing = np.zeros(look.work.shape, dtype=np.bool_)
+    if told is None or told.noise is None or not told.template.filled:
+        return (), nothing
+    px_mm = 1.0 / look.work.px_per_mm
+    return find_blobs(
+        told.image,
+        look.masks.free,
+        told.strange | look.work.hidden,
+        np.maximum(look.masks.fresh, look.masks.old),
+        float(np.median(look.ways.width)) / px_mm,
+        PlaneMap.of(look.frame, look.moved, px_mm),
+        options.false_rate,
+    )

@@ -1,0 +1,71 @@
+"""Find what is neither ink nor bath in a picture: glare, shadows, bubbles, debris."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from registration.layer_images.ink_image import BathNoise
+from registration.layer_images.values import BoolArray, FloatArray, FloatImage
+from registration.layer_images.working import Mask
+
+_SURE = 6.0
+"""Standard deviations from both, at least."""
+_HOLE = 8.0
+"""Widths: a larger hole in a strange ring (a dish's rim) isn't strange itself."""
+_MOST_INK = 2.5
+"""Of ink's usual difference from bath: thick ink."""
+
+
+def strange_places(
+    smooth: FloatImage, bath: BathNoise, ink: FloatArray, free: Mask, fresh: Mask, width_px: float
+) -> BoolArray:
+    """Where the smoothed channels (h, w, c) fit neither bath nor ink, (h, w).
+
+    Parameters
+    ----------
+    smooth : (h, w, c) float32
+    bath : BathNoise
+    ink : (c,) float64
+        Mean of ink less that of bath.
+    free, fresh : (h, w) uint8
+    width_px : float
+    """
+    count = smooth.shape[2]
+    covariance = bath.covariance + 1e-4 * np.diag(ink**2) + 1e-12 * np.eye(count)
+    root = np.linalg.cholesky(np.linalg.inv(covariance)).astype(np.float32)
+    whitened = (smooth - bath.mean.astype(np.float32)) @ root
+    way = ink.astype(np.float32) @ root
+    power = float(way @ way)
+    share = np.clip(whitened @ way / max(power, 1e-12), 0.0, _MOST_INK)
+    away = np.sqrt(((whitened - share[:, :, None] * way) ** 2).sum(axis=2))
+    limit = max(_SURE, 2.5 * _quantile(away, free, 95), 1.5 * _quantile(away, fresh, 85))
+    return _grown((away > limit).astype(np.uint8), width_px)
+
+
+def _quantile(values: FloatImage, mask: Mask, percent: float) -> float:
+    some = values[mask > 0]
+    return float(np.percentile(some[:: max(1, len(some) // 50_000)], percent)) if len(some) else 0.0
+
+
+def grown(mask: BoolArray, width_px: float) -> BoolArray:
+    """A mask without specks, its rings filled, and a little wider (light spills over)."""
+    return _grown(mask.astype(np.uint8), width_px)
+
+
+def _grown(mask: Mask, width_px: float) -> BoolArray:
+    if not mask.any():
+        return mask > 0
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * round(0.3 * width_px) + 3,) * 2)
+    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, disc)
+    outlines, tree = cv2.findContours(closed, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+    out = np.zeros_like(mask)
+    least = max(3.0, (0.3 * width_px) ** 2)
+    for outline, links in zip(outlines, tree[0], strict=True):
+        box = cv2.boundingRect(outline)
+        if links[3] < 0 and box[2] * box[3] >= least:
+            cv2.drawContours(out, [outline], -1, 1, cv2.FILLED)
+    for outline, links in zip(outlines, tree[0], strict=True):
+        if links[3] >= 0 and cv2.contourArea(outline) > (_HOLE * width_px) ** 2:
+            cv2.drawContours(out, [outline], -1, 0, cv2.FILLED)
+    return np.asarray(cv2.dilate(out, disc) > 0)

@@ -1,0 +1,364 @@
+"""Values of a look at a layer: what is expected, and what was seen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+FloatImage = NDArray[np.float32]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+Image = NDArray[Any]
+
+
+class Frame(Protocol):
+    """Where places of the printer lie in a picture."""
+
+    def to_pixels(self, points_mm: FloatArray) -> FloatArray:
+        """Return pixels (n, 2) of places (n, 3), mm; the middle of the first pixel is 0, 0."""
+
+
+@dataclass(frozen=True)
+class ExpectedLines:
+    """Straight pieces of ink that should lie there; printer's frame.
+
+    Attributes
+    ----------
+    start, end : (n, 3) float64, mm
+    width_mm : (n,) float64, mm
+    line : (n,) int64
+        Command line of the job.
+    stroke : (n,) int64
+        Unbroken path of each; the pieces of one follow each other.
+    fresh : (n,) bool
+        Of the layer that is judged; False: written before. Old ink that isn't told is found as
+        ink where none is expected.
+    """
+
+    start: FloatArray
+    end: FloatArray
+    width_mm: FloatArray
+    line: IntArray
+    stroke: IntArray
+    fresh: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.width_mm)
+
+
+@dataclass(frozen=True)
+class Lumen:
+    """Area of the layer that must stay free of ink.
+
+    Attributes
+    ----------
+    name : str
+    outline : (k, 3) float64, mm
+        Closed polygon.
+    width_mm : float, mm
+        Expected, across.
+    """
+
+    name: str
+    outline: FloatArray
+    width_mm: float
+
+    @staticmethod
+    def capsule(name: str, start: FloatArray, end: FloatArray, width_mm: float) -> Lumen:
+        """Return the area nearer than half a width to a straight piece; a disc of start = end."""
+        start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+        way = (end - start)[:2]
+        turn = math.atan2(way[1], way[0]) if way.any() else 0.0
+        half = np.linspace(-np.pi / 2, np.pi / 2, 17)
+        angles = turn + np.concatenate([half, half + np.pi])
+        middles = np.repeat([end, start], 17, axis=0)
+        round_mm = 0.5 * width_mm * np.column_stack(
+            [np.cos(angles), np.sin(angles), np.zeros(len(angles))]
+        )
+        return Lumen(name, middles + round_mm, width_mm)
+
+
+class Unseen(IntEnum):
+    """Why a station wasn't seen."""
+
+    SEEN = 0
+    OUTSIDE = 1
+    """Out of the picture."""
+    HIDDEN = 2
+    """Behind what the caller named (needle), or a large strange thing."""
+    GLARE = 3
+    """Saturated, or neither ink nor bath: glare, shadow, bubble, debris."""
+    FAINT = 4
+    """Too little contrast against the noise."""
+    OLD_INK = 5
+    """Over older ink from which it can't be told."""
+    UNCLEAR = 6
+    """The line's surroundings contradict it: light or bath changes there."""
+
+
+@dataclass(frozen=True)
+class Stations:
+    """Places along the fresh lines, in the order of writing.
+
+    Attributes
+    ----------
+    at_mm : (m, 2) float64, mm
+        On the expected line (without the layer's shift).
+    piece : (m,) int64
+        Row of `ExpectedLines`.
+    stroke : (m,) int64
+    along_mm : (m,) float64, mm
+        From the stroke's begin.
+    length_mm : (m,) float64, mm
+        Of the way that a station stands for.
+    expected_mm : (m,) float64, mm
+        Expected width.
+    width_mm, u_width_mm : (m,) float64, mm
+        Width seen and its standard uncertainty, what is common to all included; NaN where it
+        isn't told (not seen, absent, or a side touches other ink).
+    offset_mm : (m,) float64, mm
+        Of the line's middle, to the left, the layer's shift taken off; NaN as the width.
+    present : (m,) float64
+        Ink seen over the usual, 0 to 1.
+    seen : (m,) bool
+    why : (m,) int64
+        `Unseen`.
+    """
+
+    at_mm: FloatArray
+    piece: IntArray
+    stroke: IntArray
+    along_mm: FloatArray
+    length_mm: FloatArray
+    expected_mm: FloatArray
+    width_mm: FloatArray
+    u_width_mm: FloatArray
+    offset_mm: FloatArray
+    present: FloatArray
+    seen: BoolArray
+    why: IntArray
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Stretch of a stroke where no ink is seen.
+
+    Attributes
+    ----------
+    stroke : int
+    from_mm, to_mm : float, mm
+        Along the stroke; where presence falls below one half.
+    start_mm, end_mm : (float, float), mm
+        The same as places, on the expected line.
+    u_mm : float, mm
+        Standard uncertainty of either end.
+    p_value : float
+        Chance of so little ink or less, here, by the picture's noise, where the line is as
+        expected. Many places are tested: `LayerFindings.places`.
+    """
+
+    stroke: int
+    from_mm: float
+    to_mm: float
+    start_mm: tuple[float, float]
+    end_mm: tuple[float, float]
+    u_mm: float
+    p_value: float
+
+    @property
+    def length_mm(self) -> float:
+        """Its length, mm."""
+        return self.to_mm - self.from_mm
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Stretch of a stroke that is thinner or thicker than tolerated.
+
+    Attributes
+    ----------
+    kind : "thin" or "thick"
+    stroke : int
+    from_mm, to_mm : float, mm
+    ratio, u_ratio : float
+        Width seen over expected.
+    p_value : float
+        Chance of it by noise, where the line is as wide as expected.
+    """
+
+    kind: Literal["thin", "thick"]
+    stroke: int
+    from_mm: float
+    to_mm: float
+    ratio: float
+    u_ratio: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Blob:
+    """Ink where none is expected.
+
+    Attributes
+    ----------
+    kind : "blob", "drag" or "object"
+        Round; drawn out; far too big for one line's ink (a needle, a hand, a spill).
+    at_mm : (float, float), mm
+        Its middle.
+    outline_mm : (k, 2) float64, mm
+    area_mm2 : float, mm²
+    touches_line : bool
+    p_value : float
+    """
+
+    kind: Literal["blob", "drag", "object"]
+    at_mm: tuple[float, float]
+    outline_mm: FloatArray
+    area_mm2: float
+    touches_line: bool
+    p_value: float
+
+
+@dataclass(frozen=True)
+class LumenSeen:
+    """What is seen of a lumen.
+
+    Attributes
+    ----------
+    name : str
+    expected_mm : float, mm
+    width_mm, u_width_mm : float, mm
+        Narrowest free width and its standard uncertainty; NaN where not seen.
+    open_share : float
+        Of its area without ink; NaN where not seen.
+    seen : bool
+    p_value : float
+        Chance of so narrow a lumen, by noise, where it is as expected; 1 where not seen.
+    """
+
+    name: str
+    expected_mm: float
+    width_mm: float
+    u_width_mm: float
+    open_share: float
+    seen: bool
+    p_value: float
+
+
+@dataclass(frozen=True)
+class Shift:
+    """How far the fresh layer lies from where it should; printer's frame.
+
+    Attributes
+    ----------
+    dx_mm, dy_mm : float, mm
+    covariance_mm2 : (2, 2) float64, mm²
+        Of both; large across what the lines don't tell (along parallel lines).
+    """
+
+    dx_mm: float
+    dy_mm: float
+    covariance_mm2: FloatArray
+
+    @property
+    def u_mm(self) -> tuple[float, float]:
+        """Standard uncertainties of dx and dy, mm."""
+        return (
+            math.sqrt(float(self.covariance_mm2[0, 0])),
+            math.sqrt(float(self.covariance_mm2[1, 1])),
+        )
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """How ink looked: hands a layer's look on to the next one's.
+
+    Attributes
+    ----------
+    mix : (c,) float64
+        Weights of the picture's channels.
+    template : (u,) float64
+        Across a line, over ±1.5 widths, bath 0.
+    core : float
+        Of the template in its middle.
+    """
+
+    mix: FloatArray
+    template: FloatArray
+    core: float
+
+
+@dataclass(frozen=True)
+class LayerFindings:
+    """What a look at a layer told.
+
+    Attributes
+    ----------
+    stations : Stations
+    gaps : tuple of Gap
+    stretches : tuple of Stretch
+    blobs : tuple of Blob
+    lumens : tuple of LumenSeen
+    width_ratio, u_width_ratio : float
+        Width seen over expected where there is ink, with what is common to all; NaN and inf where
+        no width was told.
+    seen_share : float
+        Of the expected way.
+    coverage : float
+        Ink seen over ink expected on the way that was seen; NaN where nothing was.
+    shift : Shift
+    places : int
+        Independent places that were tested for gaps.
+    contrast : float
+        Ink over bath, in standard deviations of a place as long as a tolerated gap.
+    appearance : Appearance or None
+        None where ink couldn't be told from bath.
+    """
+
+    stations: Stations
+    gaps: tuple[Gap, ...]
+    stretches: tuple[Stretch, ...]
+    blobs: tuple[Blob, ...]
+    lumens: tuple[LumenSeen, ...]
+    width_ratio: float
+    u_width_ratio: float
+    seen_share: float
+    coverage: float
+    shift: Shift
+    places: int
+    contrast: float
+    appearance: Appearance | None
+
+
+@dataclass(frozen=True)
+class SeeingOptions:
+    """Tolerances of a look, and how often a sound layer may be faulted.
+
+    Attributes
+    ----------
+    gap_mm : float, mm
+        Gaps from this length on are looked for.
+    width_percent : float, %
+    lumen_percent : float, %
+    shift_mm : float, mm
+        Farthest that the layer is looked for beside its place.
+    false_rate : float
+        False findings of each kind per sound layer, at most.
+    """
+
+    gap_mm: float = 0.2
+    width_percent: float = 15.0
+    lumen_percent: float = 10.0
+    shift_mm: float = 0.5
+    false_rate: float = 2e-4
+
+
+Outlines = Sequence[FloatArray]
+"""Polygons (k, 2), px of the picture."""

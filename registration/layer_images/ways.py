@@ -1,0 +1,202 @@
+"""Closely spaced places along the fresh lines, and where a picture shows them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from registration.errors import PictureError
+from registration.layer_images.values import (
+    BoolArray,
+    ExpectedLines,
+    FloatArray,
+    FloatImage,
+    Frame,
+    IntArray,
+)
+
+_STEEP = 0.3
+"""A piece whose way as seen from above is a smaller part of its length can't be judged."""
+_CHUNK = 20_000
+"""OpenCV takes pictures of at most 2^15 samples a side."""
+
+
+@dataclass(frozen=True)
+class Ways:
+    """Places along unbroken runs of fresh pieces, equally spaced in each.
+
+    Attributes
+    ----------
+    point : (n, 3) float64, mm
+    normal : (n, 2) float64
+        To the left of the way, as seen from above; a unit vector.
+    piece, stroke, run : (n,) int64
+    along : (n,) float64, mm
+        From the stroke's begin.
+    step : (n,) float64, mm
+        Between neighbours.
+    width : (n,) float64, mm
+        Expected.
+    to_end : (n,) float64, mm
+        From the nearer end of the run.
+    """
+
+    point: FloatArray
+    normal: FloatArray
+    piece: IntArray
+    stroke: IntArray
+    run: IntArray
+    along: FloatArray
+    step: FloatArray
+    width: FloatArray
+    to_end: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.piece)
+
+    def moved(self, by_mm: FloatArray) -> Ways:
+        """Return the same, moved by (2,) mm."""
+        return replace(self, point=self.point + np.append(by_mm, 0.0))
+
+
+def check_lines(lines: ExpectedLines) -> None:
+    """Check that lines can be looked for.
+
+    Raises
+    ------
+    PictureError
+        When arrays don't match, a value isn't finite, a width isn't above 0, or none is fresh.
+    """
+    shapes = {len(v) for v in vars(lines).values()}
+    if len(shapes) != 1 or lines.start.shape != (len(lines), 3) or lines.end.shape[1:] != (3,):
+        raise PictureError("expected lines: arrays of different lengths; start and end are (n, 3)")
+    for name in ("start", "end", "width_mm"):
+        if not np.isfinite(getattr(lines, name)).all():
+            raise PictureError(f"expected lines: {name} holds NaN or infinite values")
+    if not (lines.width_mm > 0).all():
+        raise PictureError("expected lines: a width isn't above 0 mm; leave out lines without ink")
+    if not lines.fresh.any():
+        raise PictureError("expected lines: none is of the layer that is to be judged (fresh)")
+
+
+def lay_ways(lines: ExpectedLines, step_mm: float) -> Ways:
+    """Return places each ``step_mm`` or so along all fresh runs."""
+    length = np.linalg.norm(lines.end - lines.start, axis=1)
+    flat = np.linalg.norm((lines.end - lines.start)[:, :2], axis=1)
+    before = _from_stroke_begin(lines.stroke, length)
+    row = np.flatnonzero(lines.fresh & (length > 0) & (flat > _STEEP * length))
+    if not len(row):
+        raise PictureError("expected lines: no fresh line has a way that can be seen from above")
+    joined = (
+        (np.diff(lines.stroke[row]) == 0)
+        & (np.diff(row) == 1)
+        & (np.abs(lines.start[row[1:]] - lines.end[row[:-1]]).max(axis=1) < 1e-3)
+    )
+    run = np.concatenate([[0], np.cumsum(~joined)])
+    end = np.cumsum(length[row])
+    begin = end - length[row]
+    first = np.flatnonzero(np.concatenate([[True], ~joined]))
+    last = np.append(first[1:], len(row)) - 1
+    total = end[last] - begin[first]
+    count = np.maximum(1, np.rint(total / step_mm)).astype(np.int64)
+    own = np.repeat(np.arange(len(first)), count)
+    number = np.arange(len(own)) - np.repeat(np.cumsum(count) - count, count)
+    step = (total / count)[own]
+    inside = (number + 0.5) * step
+    at = begin[first][own] + inside
+    k = np.clip(np.searchsorted(end, at, side="right"), first[own], last[own])
+    width = lines.width_mm[row[k]]
+    low, high = begin[first][own], end[last][own]
+    reach = 0.3 * width
+    back, ahead = (
+        _places(lines, row, begin, end, np.clip(at + side, low, high)) for side in (-reach, reach)
+    )
+    way = (ahead - back)[:, :2]
+    own_way = (lines.end - lines.start)[row[k], :2]
+    tiny = np.linalg.norm(way, axis=1) < 0.2 * reach
+    way[tiny] = own_way[tiny]
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    return Ways(
+        point=_places(lines, row, begin, end, at),
+        normal=np.column_stack([-way[:, 1], way[:, 0]]),
+        piece=row[k],
+        stroke=lines.stroke[row[k]],
+        run=run[k],
+        along=before[row[k]] + at - begin[k],
+        step=step,
+        width=width,
+        to_end=np.minimum(inside, total[own] - inside),
+    )
+
+
+def _from_stroke_begin(stroke: IntArray, length: FloatArray) -> FloatArray:
+    """Way along its stroke up to each piece, (n,), mm; a stroke's pieces follow each other."""
+    end = np.cumsum(length)
+    fresh_stroke = np.concatenate([[True], np.diff(stroke) != 0])
+    first = np.maximum.accumulate(np.where(fresh_stroke, np.arange(len(stroke)), 0))
+    return np.asarray(end - length - (end - length)[first])
+
+
+def _places(
+    lines: ExpectedLines, row: IntArray, begin: FloatArray, end: FloatArray, at: FloatArray
+) -> FloatArray:
+    k = np.clip(np.searchsorted(end, at, side="left"), 0, len(row) - 1)
+    share = ((at - begin[k]) / (end[k] - begin[k]))[:, None]
+    return np.asarray(lines.start[row[k]] * (1 - share) + lines.end[row[k]] * share)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Places in the working picture.
+
+    Attributes
+    ----------
+    at : (n, 2) float64, px
+    across, along : (n, 2) float64, px/mm
+        Of a step to the left, and of one ahead.
+    """
+
+    at: FloatArray
+    across: FloatArray
+    along: FloatArray
+
+    @staticmethod
+    def of(ways: Ways, frame: Frame) -> Seen:
+        """Look up where a frame shows places (its lens is straight over a width)."""
+        left = np.column_stack([ways.normal, np.zeros(len(ways))])
+        ahead = np.column_stack([ways.normal[:, 1], -ways.normal[:, 0], np.zeros(len(ways))])
+        h = 0.5 * ways.width[:, None]
+        middle = frame.to_pixels(ways.point)
+        across = (frame.to_pixels(ways.point + h * left) - middle) / h
+        along = (frame.to_pixels(ways.point + h * ahead) - middle) / h
+        return Seen(middle, across, along)
+
+    @property
+    def px_per_mm(self) -> float:
+        """Root of the pixels in a square millimetre, median."""
+        area = np.abs(
+            self.across[:, 0] * self.along[:, 1] - self.across[:, 1] * self.along[:, 0]
+        )
+        return float(np.sqrt(np.median(area)))
+
+    def profiles(self, image: FloatImage, across_mm: FloatArray, nearest: bool = False) -> FloatImage:
+        """Sample an image (h, w) across at (n, u) or (u,) mm, (n, u); borders repeat."""
+        u = np.broadcast_to(across_mm, (len(self.at), across_mm.shape[-1]))
+        x = (self.at[:, :1] + u * self.across[:, :1]).astype(np.float32)
+        y = (self.at[:, 1:] + u * self.across[:, 1:]).astype(np.float32)
+        how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
+        parts = [
+            cv2.remap(image, x[k : k + _CHUNK], y[k : k + _CHUNK], how, None, cv2.BORDER_REPLICATE)
+            for k in range(0, len(x), _CHUNK)
+        ]
+        return np.concatenate(parts)
+
+    def inside(self, shape: tuple[int, ...], across_mm: FloatArray) -> BoolArray:
+        """Which places lie in a picture of that shape, with so much to either side, (n,)."""
+        ok = np.ones(len(self.at), dtype=np.bool_)
+        for side in (-1.0, 1.0):
+            place = self.at + side * across_mm[:, None] * self.across
+            ok &= ((place >= 0) & (place <= (shape[1] - 1, shape[0] - 1))).all(axis=1)
+        return ok

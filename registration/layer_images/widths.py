@@ -1,0 +1,173 @@
+"""Measure line widths at stations, with what scatters and what is common to all.
+
+Edges lie at half of a line's height over the bath beside it. What that means for the width follows
+from the mean profile: how much light the ink takes, and how sharp the picture is
+(`registration.microscope.shade`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from registration.layer_images.ink_image import ACROSS, Template
+from registration.layer_images.values import BoolArray, FloatArray, FloatImage, IntArray
+from registration.microscope.shade import Shade, fit_shade
+
+_FEWEST = 8
+_EDGE_PX = 0.15
+"""Of a pixel: what the edge's place may be off by in the picture itself."""
+_MISFIT = 0.08
+
+
+@dataclass(frozen=True)
+class Widths:
+    """Widths at stations.
+
+    Attributes
+    ----------
+    width_mm, random_mm : (m,) float64, mm
+        Width, and what of its uncertainty differs from station to station; NaN where not told.
+    offset_mm : (m,) float64, mm
+        Of the middle, to the left.
+    common : float
+        Relative standard uncertainty of all widths together.
+    common_mm : float, mm
+        The part of it that doesn't grow with the width.
+    """
+
+    width_mm: FloatArray
+    random_mm: FloatArray
+    offset_mm: FloatArray
+    common: float
+    common_mm: float
+
+    @property
+    def u_mm(self) -> FloatArray:
+        """Standard uncertainty of each, (m,), mm."""
+        return np.sqrt(
+            self.random_mm**2 + (self.common * self.width_mm) ** 2 + self.common_mm**2
+        )
+
+
+def measure_widths(
+    profiles: FloatImage,
+    expected_mm: FloatArray,
+    stroke: IntArray,
+    tell: BoolArray,
+    template: Template,
+    px_mm: float,
+    noise: float,
+) -> Widths:
+    """Measure widths where they can be told.
+
+    Parameters
+    ----------
+    profiles : (m, 61) float32
+        Mean over each station, the bath beside it taken off.
+    expected_mm : (m,) float64, mm
+    stroke : (m,) int64
+    tell : (m,) bool
+        Present, seen, and free on both sides.
+    template : Template
+    px_mm : float, mm
+        A working pixel.
+    noise : float
+        Scatter of a station's single value.
+    """
+    count = len(profiles)
+    nothing = np.full(count, np.nan)
+    if tell.sum() < _FEWEST:
+        return Widths(nothing, nothing, nothing, 0.0, 0.0)
+    left, right, slope = _edges(profiles, template)
+    wide = (left + right) * expected_mm
+    good = tell & np.isfinite(wide)
+    if good.sum() < _FEWEST:
+        return Widths(nothing, nothing, nothing, 0.0, 0.0)
+    width, common, common_mm = _true_widths(profiles, expected_mm, wide, good, template, px_mm)
+    by_noise = np.sqrt(2.0) * noise / np.maximum(slope, 0.3) * expected_mm
+    random = np.hypot(by_noise, 0.1 * px_mm)
+    seen = _scatter(width, stroke, good)
+    random = random * max(1.0, seen / float(np.median(random[good])))
+    keep = np.where(good, 1.0, np.nan)
+    return Widths(
+        width * keep, random * keep, 0.5 * (left - right) * expected_mm * keep, common, common_mm
+    )
+
+
+def _edges(profiles: FloatImage, template: Template) -> tuple[FloatArray, ...]:
+    """Distance of the left and right edge in expected widths, and the slope there, (m,) each."""
+    height = np.clip(_height(profiles, template), 0.4, 2.5)
+    found, slopes = [], []
+    step = float(ACROSS[1] - ACROSS[0])
+    for way in (1.0, -1.0):
+        order = np.argsort(way * ACROSS)
+        u, values, shape = way * ACROSS[order], profiles[:, order], template.values[order]
+        half = np.abs(u) <= 0.6
+        lobe = 0.0 if template.filled else float(u[half & (u > 0)][_peak(shape[half & (u > 0)])])
+        top = float(shape[np.argmin(np.abs(u - lobe))])
+        level = 0.5 * height * top
+        outer = np.flatnonzero(u >= lobe)
+        part = values[:, outer] * np.sign(top)
+        level = np.abs(level)
+        below = part < level[:, None]
+        first = np.where(below.any(axis=1), below.argmax(axis=1), 0)
+        k = np.maximum(first, 1)
+        rows = np.arange(len(part))
+        inside, outside = part[rows, k - 1], part[rows, k]
+        drop = inside - outside
+        at = u[outer][k - 1] + np.clip((inside - level) / np.maximum(drop, 1e-9), 0, 1) * step
+        found.append(np.where(first > 0, at, np.nan))
+        far = np.minimum(k + 1, part.shape[1] - 1)
+        near = np.maximum(k - 2, 0)
+        slopes.append((part[rows, near] - part[rows, far]) / (step * np.maximum(far - near, 1)))
+    return found[0], found[1], np.minimum(slopes[0], slopes[1])
+
+
+def _height(profiles: FloatImage, template: Template) -> FloatArray:
+    """Strength of each profile over the template's: in the middle, or of its edges, (m,)."""
+    if not template.filled:
+        return np.asarray(profiles @ template.weight)
+    inner = np.abs(ACROSS) <= 0.25
+    shape = template.values[inner]
+    return np.asarray(profiles[:, inner] @ (shape / float(shape @ shape)))
+
+
+def _peak(values: FloatArray) -> int:
+    return int(np.argmax(np.abs(values)))
+
+
+def _true_widths(
+    profiles: FloatImage,
+    expected_mm: FloatArray,
+    wide: FloatArray,
+    good: BoolArray,
+    template: Template,
+    px_mm: float,
+) -> tuple[FloatArray, float, float]:
+    """Widths from widths at half level, relative and absolute uncertainty of all together."""
+    typical = float(np.median(expected_mm[good]))
+    if not template.filled:
+        return wide, 0.06, _EDGE_PX * px_mm
+    alike = good & (np.abs(expected_mm - typical) < 0.15 * typical)
+    mean = np.median(profiles[alike], axis=0).astype(np.float64)
+    near = np.abs(ACROSS) <= 1.2
+    shade = fit_shade(ACROSS[near] * typical, [mean[near]], [float(np.median(wide[alike]))], px_mm)
+    width = np.where(good, shade.diameter(np.where(good, wide, np.nan)), np.nan)
+    bent = float(np.nanmedian(np.abs(width / wide - 1.0)))
+    common = float(np.hypot(min(shade.spread, 0.05), 0.3 * bent + 0.3 * max(0, _doubt(shade))))
+    return width, common, _EDGE_PX * px_mm
+
+
+def _doubt(shade: Shade) -> float:
+    """What a profile that no filament has may put widths off by, relative."""
+    return min(shade.misfit, _MISFIT)
+
+
+def _scatter(width: FloatArray, stroke: IntArray, good: BoolArray) -> float:
+    """Scatter of widths by the differences of neighbours, mm; 0 where there are too few."""
+    pair = good[1:] & good[:-1] & (stroke[1:] == stroke[:-1])
+    if pair.sum() < _FEWEST:
+        return 0.0
+    return float(1.4826 * np.median(np.abs(np.diff(width)[pair])) / np.sqrt(2.0))

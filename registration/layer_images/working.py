@@ -1,0 +1,220 @@
+"""Working picture: cropped to the layer, binned, as logarithm; and masks of what is expected."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from registration.errors import PictureError
+from registration.layer_images.values import (
+    BoolArray,
+    ExpectedLines,
+    FloatArray,
+    FloatImage,
+    Frame,
+    Image,
+    Outlines,
+)
+from registration.layer_images.ways import Seen, Ways
+
+_MARGIN_MM = 2.0
+_FINE_PX = 9.0
+"""Working pixels in a line's width, about."""
+_GAP_PX = 5.0
+"""And in a gap that is just tolerated, at least."""
+_FEWEST_PX = 3.0
+_FLOOR = 0.02
+"""Of the full range, added before the logarithm: dark noise mustn't count for contrast."""
+_PILED = 3e-5
+"""Of the pixels with the highest value: the sensor was saturated."""
+_SHIFT = 4
+
+Mask = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Working:
+    """The part of a picture that is worked on.
+
+    Attributes
+    ----------
+    channels : (h, w, c) float32
+        Logarithm of brightness (of a float picture: its values).
+    bad : (h, w) bool
+        Saturated, or not finite.
+    hidden : (h, w) bool
+        Hidden as the caller says.
+    origin : (x, y), px of the picture
+    scale : int
+        Pixels of the picture in one.
+    px_per_mm : float
+        Working pixels.
+    """
+
+    channels: FloatImage
+    bad: BoolArray
+    hidden: BoolArray
+    origin: tuple[int, int]
+    scale: int
+    px_per_mm: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.channels.shape[0], self.channels.shape[1]
+
+
+@dataclass(frozen=True)
+class WorkingFrame:
+    """A frame, counted in working pixels."""
+
+    frame: Frame
+    origin: tuple[int, int]
+    scale: int
+
+    def to_pixels(self, points_mm: FloatArray) -> FloatArray:
+        """Return working pixels (n, 2) of places (n, 3), mm."""
+        seen = np.asarray(self.frame.to_pixels(points_mm), dtype=np.float64)
+        return np.asarray((seen - self.origin + 0.5) / self.scale - 0.5)
+
+
+def prepare(
+    picture: Image,
+    frame: Frame,
+    ways: Ways,
+    gap_mm: float,
+    before: Image | None,
+    hidden: Outlines,
+) -> tuple[Working, WorkingFrame]:
+    """Crop and bin a picture so that a line is some nine pixels wide.
+
+    Raises
+    ------
+    PictureError
+        When the picture isn't one, shows none of the lines, or is too coarse for them.
+    """
+    check_picture(picture, "the picture")
+    seen = Seen.of(ways, frame)
+    wide_px = float(np.percentile(ways.width, 10)) * seen.px_per_mm
+    if not np.isfinite(wide_px) or wide_px < _FEWEST_PX:
+        raise PictureError(
+            f"a line of {np.percentile(ways.width, 10):.2f} mm is {wide_px:.1f} px wide "
+            f"(at least {_FEWEST_PX:g}); go nearer, or take a camera with more pixels"
+        )
+    scale = max(1, int(min(wide_px / _FINE_PX, gap_mm * seen.px_per_mm / _GAP_PX)))
+    x0, y0, x1, y1 = _box(picture, seen)
+    part = picture[y0:y1, x0:x1]
+    channels, bad = _channels(part, scale)
+    if before is not None:
+        check_picture(before, "the picture before")
+        if before.shape != picture.shape:
+            raise PictureError(
+                f"the picture before has the shape {before.shape}, this one {picture.shape}; "
+                "take both with the same camera and settings"
+            )
+        old, old_bad = _channels(before[y0:y1, x0:x1], scale)
+        channels, bad = np.concatenate([channels, channels - old], axis=2), bad | old_bad
+    cover = np.zeros(part.shape[:2], dtype=np.uint8)
+    for outline in hidden:
+        cv2.fillPoly(cover, [np.rint(np.asarray(outline) - (x0, y0)).astype(np.int32)], 255)
+    size = channels.shape[1::-1]
+    lost = cv2.resize(cover, size, interpolation=cv2.INTER_AREA) > 0 if hidden else bad & False
+    work = Working(channels, bad, lost, (x0, y0), scale, seen.px_per_mm / scale)
+    return work, WorkingFrame(frame, (x0, y0), scale)
+
+
+def check_picture(picture: Image, name: str) -> None:
+    """Raise `PictureError` unless it is a grey or colour picture that isn't empty."""
+    kind = picture.dtype
+    good = kind in (np.uint8, np.uint16) or np.issubdtype(kind, np.floating)
+    if picture.ndim not in (2, 3) or not good or min(picture.shape[:2]) < 16:
+        raise PictureError(
+            f"{name} is an array of {kind}, shape {picture.shape}; expected (rows, columns) or "
+            "(rows, columns, channels) of uint8, uint16 or float, 16 x 16 or more"
+        )
+
+
+def _box(picture: Image, seen: Seen) -> tuple[int, int, int, int]:
+    """Part of the picture that shows the lines and some bath around."""
+    margin = _MARGIN_MM * seen.px_per_mm
+    high, wide = picture.shape[:2]
+    place = seen.at[np.isfinite(seen.at).all(axis=1)]
+    if len(place):
+        x0, y0 = np.clip(np.floor(place.min(axis=0) - margin), 0, (wide, high)).astype(int)
+        x1, y1 = np.clip(np.ceil(place.max(axis=0) + margin) + 1, 0, (wide, high)).astype(int)
+        if min(x1 - x0, y1 - y0) >= 16:
+            return int(x0), int(y0), int(x1), int(y1)
+    raise PictureError(
+        "none of the layer's lines lies in the picture; check the frame (printctl observe check)"
+    )
+
+
+def _channels(part: Image, scale: int) -> tuple[FloatImage, BoolArray]:
+    values = part if part.ndim == 3 else part[:, :, None]
+    size = (max(1, part.shape[1] // scale), max(1, part.shape[0] // scale))
+    fit = values[: size[1] * scale, : size[0] * scale]
+    if np.issubdtype(part.dtype, np.floating):
+        bad = ~np.isfinite(fit).all(axis=2)
+        filled = np.where(bad[:, :, None], np.nanmedian(fit), fit).astype(np.float32)
+        return _binned(filled, size), _binned(bad.astype(np.float32), size)[:, :, 0] > 0.25
+    top = int(fit.max())
+    piled = (fit >= top - top // 200).all(axis=2)
+    full = top >= 250 if part.dtype == np.uint8 else top >= 1000
+    saturated = piled if full and piled.mean() > _PILED and piled.sum() > 8 else piled & False
+    small = _binned(fit.astype(np.float32), size)
+    bad = _binned(saturated.astype(np.float32), size)[:, :, 0] > 0.1
+    return np.log(small + _FLOOR * top), bad
+
+
+def _binned(values: FloatImage, size: tuple[int, int]) -> FloatImage:
+    small = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(small if small.ndim == 3 else small[:, :, None])
+
+
+@dataclass(frozen=True)
+class Masks:
+    """What is expected where in the working picture, (h, w) uint8 each, 0 or 1.
+
+    Attributes
+    ----------
+    fresh, old : where such ink should lie
+    core : the middle half of fresh lines
+    free : far enough from any line to be bath
+    """
+
+    fresh: Mask
+    old: Mask
+    core: Mask
+    free: Mask
+
+    @staticmethod
+    def of(lines: ExpectedLines, frame: Frame, work: Working, shift_mm: FloatArray) -> Masks:
+        """Draw lines, moved by the layer's shift."""
+        by = np.append(shift_mm, 0.0)
+        ends = np.stack(
+            [frame.to_pixels(lines.start + by), frame.to_pixels(lines.end + by)], axis=1
+        )
+        wide = lines.width_mm * work.px_per_mm
+        new, old = lines.fresh, ~lines.fresh
+        fresh = _drawn(work.shape, ends[new], wide[new])
+        earlier = _drawn(work.shape, ends[old], wide[old])
+        core = _drawn(work.shape, ends[new], 0.5 * wide[new])
+        near = _drawn(work.shape, ends, 1.7 * wide + 4.0)
+        blocked = (near > 0) | work.bad | work.hidden
+        return Masks(fresh, earlier, core, (~blocked).astype(np.uint8))
+
+
+def _drawn(shape: tuple[int, int], ends: FloatArray, wide: FloatArray) -> Mask:
+    """Pieces (n, 2, 2) px drawn with round ends, their widths rounded to whole pixels."""
+    out = np.zeros(shape, dtype=np.uint8)
+    good = np.isfinite(ends).all(axis=(1, 2)) & (np.abs(ends).max(axis=(1, 2)) < 1e6)
+    fixed = np.rint(ends * (1 << _SHIFT)).astype(np.int32)
+    thick = np.maximum(1, np.rint(wide)).astype(np.int64)
+    for each in np.unique(thick[good]):
+        pieces: Sequence[NDArray[np.int32]] = list(fixed[good & (thick == each)])
+        cv2.polylines(out, pieces, False, 1, int(each), cv2.LINE_8, _SHIFT)
+    return out
