@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from printctl.link.errors import LinkError, Refused
-from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence, GapSeen
+from printctl.link.errors import Refused
+from printctl.observe.deciding import Decider, Decision, DecisionKind, Evidence
 from printctl.observe.devices import DeviceError
 from printctl.observe.records import (
     Answer,
@@ -26,6 +26,7 @@ from printctl.observe.records import (
     read_looks,
     save_look,
 )
+from registration.layer_images.values import Gap
 
 log = logging.getLogger(__name__)
 _ANSWER_POLL_S: Final = 0.2
@@ -61,8 +62,6 @@ class Judged:
     Attributes
     ----------
     evidence : Evidence
-    gaps_mm : callable
-        Gives the stretches to mend for gaps.
     found : dict
         Figures for the record.
     """
@@ -74,8 +73,11 @@ class Judged:
 class PrintLink(Protocol):
     """What the observer asks of a print's link."""
 
-    def insert(self, look: int, lines: Sequence[bytes], why: str) -> None:
+    def insert(self, look: int, lines: Sequence[str], why: str) -> None:
         """Put lines into the job where it is held, for a look or for the pause after it."""
+
+    def scale_flow(self, look: int, factor: float, why: str) -> None:
+        """Have the rest of the job pushed by a factor of what its file says."""
 
     def look_done(self, look: int, decision: str, why: str) -> None:
         """End a look: ``go_on``, ``pause`` or ``stop``."""
@@ -85,13 +87,6 @@ class PrintLink(Protocol):
 
     def stop(self) -> None:
         """Stop the print."""
-
-
-class Mender(Protocol):
-    """Writes inserts."""
-
-    def insert(self, look: Look, gaps: Sequence[GapSeen], factor: float | None) -> list[bytes]:
-        """Lines that mend gaps and put a flow factor in force; nothing where nothing can be."""
 
 
 @dataclass
@@ -107,7 +102,8 @@ class Observer:
         Takes a picture into a path without suffix; gives the file.
     judge : callable
         Judges one or two pictures of a look; the second may be None.
-    mender : Mender
+    mend_lines : callable
+        Lines that mend gaps; none where nothing can be mended from here.
     decider : Decider
     ended : callable
         Whether the print is over, or the look that was asked about decided by somebody else.
@@ -119,7 +115,7 @@ class Observer:
     link: PrintLink
     acquire: Callable[[Path], Path]
     judge: Callable[[Look, Path, Path | None], Judged]
-    mender: Mender
+    mend_lines: Callable[[Look, tuple[Gap, ...]], list[str]]
     decider: Decider
     ended: Callable[[int], bool]
     clock: Callable[[], float] = time.time
@@ -224,17 +220,19 @@ class Observer:
             self.link.look_done(look.number, "pause", why)
 
     def _inserted(self, look: Look, decision: Decision) -> bool:
-        """Put the mend into the job; False where there is none, or the gate refuses it."""
-        lines = self.mender.insert(look, decision.gaps, decision.factor)
-        if not lines:
+        """Put mend and flow into the job; False where there is none, or the link refuses it."""
+        lines = self.mend_lines(look, decision.gaps) if decision.gaps else []
+        if not lines and decision.factor is None:
             return False
         try:
-            self.link.insert(look.number, lines, decision.why)
+            if lines:
+                self.link.insert(look.number, lines, decision.why)
+            if decision.factor is not None:
+                self.link.scale_flow(look.number, decision.factor, decision.why)
+                self.decider.control.put_in_force(decision.factor)
         except Refused as exc:
-            log.warning("insert of look %d refused: %s", look.number, exc)
+            log.warning("look %d: %s", look.number, exc)
             return False
-        if decision.factor is not None:
-            self.decider.control.put_in_force(decision.factor)
         return True
 
 
@@ -255,6 +253,3 @@ def _restore(decider: Decider, state: dict[str, Any]) -> None:
     control.factor, control.log_flow = state["factor"], state["log_flow"]
     control.variance, control.time_s = state["variance"], state["time_s"]
     decider.unseen, decider.last_shift_mm = state["unseen"], state["last_shift_mm"]
-
-
-__all__ = ["Judged", "LinkError", "Look", "Mender", "Observer", "PrintLink"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from design.files import write_text
 from printctl.observe.deciding import FlowLimits, GapTest, Limits
@@ -24,16 +24,10 @@ class ObserverOrder:
         Path of the G-code file.
     profile : str
         Printer, by name or path.
+    syringe, ink, needle : str
+        Profiles, by name or path.
     embedded : bool
         Filaments in a bath; else layers.
-    ul_per_e : float, µL/mm
-        Ink of a millimetre of the plunger.
-    bead : str or float
-        Cross-section of lines: the ink's.
-    layer_mm : float or None, mm
-        Of all layers; None where the G-code says each.
-    start_mm : tuple, mm
-        Where the tip stands before the first line.
     capacity_ul : float or None, µL
         Ink that the syringe holds as the print begins.
     network : str
@@ -43,24 +37,20 @@ class ObserverOrder:
         Path of the camera's frame.
     device : DeviceSettings
     limits : Limits
-    options : dict
-        For the mender: lag, lead-in and the like.
     """
 
     job: str
     profile: str
+    syringe: str
+    ink: str
+    needle: str
     embedded: bool
-    ul_per_e: float
-    bead: str | float
-    layer_mm: float | None
-    start_mm: tuple[float, float, float]
     frame: str
     device: DeviceSettings
     capacity_ul: float | None = None
     network: str = ""
     place_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     limits: Limits = field(default_factory=Limits)
-    options: dict[str, Any] = field(default_factory=dict)
 
     def save(self, folder: Path) -> None:
         """Write it into a print's folder."""
@@ -79,5 +69,5 @@ class ObserverOrder:
         limits = data["limits"]
         limits["gap"], limits["flow"] = GapTest(**limits["gap"]), FlowLimits(**limits["flow"])
         device = DeviceSettings.from_json(json.dumps(data["device"]))
-        places = {key: tuple(data[key]) for key in ("start_mm", "place_mm")}
-        return ObserverOrder(**{**data, **places, "limits": Limits(**limits), "device": device})
+        changed = {"place_mm": tuple(data["place_mm"]), "device": device}
+        return ObserverOrder(**{**data, **changed, "limits": Limits(**limits)})

@@ -6,7 +6,7 @@ Begin with `decide.py`.
 
 from printctl.observe.deciding.decide import Decider, Decision, DecisionKind, Evidence, Limits
 from printctl.observe.deciding.flow_control import FlowBlocks, FlowControl, FlowLimits
-from printctl.observe.deciding.gap_test import GapSeen, GapTest, confirmed_gaps
+from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
 from printctl.observe.deciding.ink_supply import InkSupply, SupplyState, judge_supply
 
 __all__ = [
@@ -17,7 +17,6 @@ __all__ = [
     "FlowBlocks",
     "FlowControl",
     "FlowLimits",
-    "GapSeen",
     "GapTest",
     "InkSupply",
     "Limits",

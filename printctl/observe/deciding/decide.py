@@ -22,8 +22,9 @@ from enum import StrEnum
 from typing import Final, Literal
 
 from printctl.observe.deciding.flow_control import FlowBlocks, FlowControl, FlowLimits
-from printctl.observe.deciding.gap_test import GapSeen, GapTest, confirmed_gaps
+from printctl.observe.deciding.gap_test import GapTest, confirmed_gaps
 from printctl.observe.deciding.ink_supply import InkSupply, SupplyState
+from registration.layer_images.values import Gap
 
 Mode = Literal["tell", "ask", "mend"]
 
@@ -67,8 +68,8 @@ class Evidence:
     ----------
     places : int
         Places along lines that were tested.
-    gaps : tuple of GapSeen
-    second : tuple of GapSeen or None
+    gaps : tuple of Gap
+    second : tuple of Gap or None
         Those of a second picture; None where there is none.
     supply : InkSupply
     flow : FlowBlocks
@@ -80,8 +81,8 @@ class Evidence:
     """
 
     places: int
-    gaps: tuple[GapSeen, ...]
-    second: tuple[GapSeen, ...] | None
+    gaps: tuple[Gap, ...]
+    second: tuple[Gap, ...] | None
     supply: InkSupply
     flow: FlowBlocks
     seen_share: float
@@ -131,7 +132,7 @@ class Decision:
         What is done now.
     why : str
         For operator and journal.
-    gaps : tuple of GapSeen
+    gaps : tuple of Gap
         To be mended.
     factor : float or None
         Flow factor from here on.
@@ -141,7 +142,7 @@ class Decision:
 
     kind: DecisionKind
     why: str
-    gaps: tuple[GapSeen, ...] = ()
+    gaps: tuple[Gap, ...] = ()
     factor: float | None = None
     ask: DecisionKind | None = None
 
@@ -241,7 +242,7 @@ class Decider:
         factor = None if control.out_of_bounds else control.proposal()
         return Decision(DecisionKind.MEND, why, gaps, factor)
 
-    def _believed(self, evidence: Evidence) -> tuple[GapSeen, ...]:
+    def _believed(self, evidence: Evidence) -> tuple[Gap, ...]:
         return confirmed_gaps(evidence.gaps, evidence.places, evidence.second, self.limits.gap)
 
     def _flow(self, evidence: Evidence) -> Decision | None:

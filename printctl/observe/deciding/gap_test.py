@@ -11,36 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-
-@dataclass(frozen=True)
-class GapSeen:
-    """Stretch of a written path where a picture shows no ink.
-
-    Attributes
-    ----------
-    stroke : int
-        Unbroken path that it is on.
-    from_mm, to_mm : float, mm
-        Along the stroke.
-    p_value : float
-        Chance of such a picture, or one that shows less ink, where the line is as it should be.
-    """
-
-    stroke: int
-    from_mm: float
-    to_mm: float
-    p_value: float
-
-    @property
-    def length_mm(self) -> float:
-        """Its length, mm."""
-        return self.to_mm - self.from_mm
-
-    def overlap_mm(self, other: GapSeen) -> float:
-        """Way that both miss, mm; 0 on different strokes."""
-        if self.stroke != other.stroke:
-            return 0.0
-        return max(min(self.to_mm, other.to_mm) - max(self.from_mm, other.from_mm), 0.0)
+from registration.layer_images.values import Gap
 
 
 @dataclass(frozen=True)
@@ -61,25 +32,25 @@ class GapTest:
     rate: float = 1e-3
     second_rate: float = 0.01
 
-    def significant(self, gap: GapSeen, places: int) -> bool:
+    def significant(self, gap: Gap, places: int) -> bool:
         """Whether a gap is long enough, and believed among ``places`` tested."""
         return gap.length_mm >= self.least_mm and gap.p_value * max(places, 1) <= self.rate
 
 
 def confirmed_gaps(
-    first: Sequence[GapSeen],
+    first: Sequence[Gap],
     places: int,
-    second: Sequence[GapSeen] | None,
+    second: Sequence[Gap] | None,
     test: GapTest,
-) -> tuple[GapSeen, ...]:
+) -> tuple[Gap, ...]:
     """Return the gaps that count, as the first picture shows them.
 
     Parameters
     ----------
-    first : sequence of GapSeen
+    first : sequence of Gap
     places : int
         Places tested in the first picture.
-    second : sequence of GapSeen or None
+    second : sequence of Gap or None
         Of another picture of the same; None where there is none, and the first alone decides.
     test : GapTest
     """
@@ -91,6 +62,13 @@ def confirmed_gaps(
     return tuple(gap for gap in found if _seen_again(gap, again))
 
 
-def _seen_again(gap: GapSeen, again: Sequence[GapSeen]) -> bool:
+def _seen_again(gap: Gap, again: Sequence[Gap]) -> bool:
     """Whether the second picture's gaps cover at least half of a gap."""
-    return 2 * sum(gap.overlap_mm(other) for other in again) >= gap.length_mm
+    return 2 * sum(_overlap_mm(gap, other) for other in again) >= gap.length_mm
+
+
+def _overlap_mm(one: Gap, other: Gap) -> float:
+    """Way that both miss, mm; 0 on different strokes."""
+    if one.stroke != other.stroke:
+        return 0.0
+    return max(min(one.to_mm, other.to_mm) - max(one.from_mm, other.from_mm), 0.0)

@@ -8,15 +8,15 @@ from printctl.observe.deciding import (
     DecisionKind,
     Evidence,
     FlowBlocks,
-    GapSeen,
     InkSupply,
     Limits,
     SupplyState,
 )
 from printctl.observe.deciding.decide import Narrowed
+from registration.layer_images.values import Gap
 
 FLOWING = InkSupply(SupplyState.FLOWING, 0.0, None, 0)
-GAP = GapSeen(2, 0.0, 1.0, 1e-12)
+GAP = Gap(2, 0.0, 1.0, (0.0, 0.0), (1.0, 0.0), 0.01, 1e-12)
 
 
 def flow(ratio, count=30):

@@ -2,25 +2,30 @@
 
 import numpy as np
 
-from printctl.observe.deciding import GapSeen, GapTest, confirmed_gaps
+from printctl.observe.deciding import GapTest, confirmed_gaps
+from registration.layer_images.values import Gap
 
 TEST = GapTest()
 
 
+def gap_of(stroke, from_mm, to_mm, p_value):
+    return Gap(stroke, from_mm, to_mm, (from_mm, 0.0), (to_mm, 0.0), 0.01, p_value)
+
+
 def test_a_sure_gap_counts():
-    gap = GapSeen(3, 1.0, 1.5, 1e-9)
+    gap = gap_of(3, 1.0, 1.5, 1e-9)
     assert confirmed_gaps([gap], 500, None, TEST) == (gap,)
-    assert confirmed_gaps([gap], 500, [GapSeen(3, 1.1, 1.6, 1e-4)], TEST) == (gap,)
+    assert confirmed_gaps([gap], 500, [gap_of(3, 1.1, 1.6, 1e-4)], TEST) == (gap,)
 
 
 def test_short_or_unsure_gaps_dont():
-    assert confirmed_gaps([GapSeen(3, 1.0, 1.1, 1e-9)], 500, None, TEST) == ()
-    assert confirmed_gaps([GapSeen(3, 1.0, 1.5, 1e-4)], 500, None, TEST) == ()
+    assert confirmed_gaps([gap_of(3, 1.0, 1.1, 1e-9)], 500, None, TEST) == ()
+    assert confirmed_gaps([gap_of(3, 1.0, 1.5, 1e-4)], 500, None, TEST) == ()
 
 
 def test_a_second_picture_must_show_it_too():
-    gap = GapSeen(3, 1.0, 2.0, 1e-9)
-    elsewhere = [GapSeen(4, 1.0, 2.0, 1e-9), GapSeen(3, 1.8, 3.0, 1e-9)]
+    gap = gap_of(3, 1.0, 2.0, 1e-9)
+    elsewhere = [gap_of(4, 1.0, 2.0, 1e-9), gap_of(3, 1.8, 3.0, 1e-9)]
     assert confirmed_gaps([gap], 500, [], TEST) == ()
     assert confirmed_gaps([gap], 500, elsewhere, TEST) == ()
 
@@ -30,6 +35,6 @@ def test_sound_layers_are_mended_at_the_stated_rate():
     false = 0
     for _ in range(5000):  # every place is tested, each p-value even between 0 and 1
         p = rng.random(300)
-        seen = [GapSeen(k, 0.0, 0.5, float(p[k])) for k in np.flatnonzero(p < 1e-3)]
+        seen = [gap_of(k, 0.0, 0.5, float(p[k])) for k in np.flatnonzero(p < 1e-3)]
         false += bool(confirmed_gaps(seen, 300, None, TEST))
     assert false <= 14  # 5 expected; more than 14 once in 10,000 such tests

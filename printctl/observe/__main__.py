@@ -1,0 +1,35 @@
+"""Start an observer: ``python -m printctl.observe FOLDER [--detach]``."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+from pathlib import Path
+
+from printctl.link.detached_process import detach
+from printctl.link.errors import LinkError
+from printctl.link.process import ignore_signals
+from printctl.observe.process import LOG, observe
+
+
+def main() -> int:
+    """Observe until the print is over; 1 where there is none, or another observer."""
+    parser = argparse.ArgumentParser(prog="python -m printctl.observe")
+    parser.add_argument("folder", type=Path, help="of the print")
+    parser.add_argument("--detach", action="store_true", help="go on in the background")
+    said = parser.parse_args()
+    if said.detach:
+        detach(said.folder / LOG, "printctl.observe")
+    ignore_signals()
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
+    try:
+        observe(said.folder)
+    except (LinkError, OSError, ValueError) as exc:
+        print(exc, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,193 @@
+"""Judge the pictures of a look: what should lie there, by the job's lines, against what is seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from design.network import VesselNetwork
+from design.network_files.csv_format import read_network_csv
+from firmware_profiles import Ink, Needle, Printer, Syringe, load
+from printctl.link.job import Job, load_job
+from printctl.link.journalled_print import read_journal
+from printctl.link.record import JOURNAL
+from printctl.observe.devices import DeviceError
+from printctl.observe.expected import ExpectedInk, expected_ink
+from printctl.observe.judging import evidence_of, figures, ink_to_judge
+from printctl.observe.lumen_areas import lumens_at
+from printctl.observe.mending import HeldPrint, MendOptions, Voids, plan_mend
+from printctl.observe.mending.gap import Gap as MendGap
+from printctl.observe.observer import Judged, Look
+from printctl.observe.order import ObserverOrder
+from registration.camera_frame import CameraFrame, read_frame
+from registration.layer_images import (
+    Appearance,
+    Gap,
+    LayerFindings,
+    Lumen,
+    SeeingOptions,
+    annotated,
+    see_layer,
+)
+
+Image = NDArray[Any]
+
+
+@dataclass
+class ObservedJob:
+    """A job as it stands at a look, and how its layers are seen.
+
+    Attributes
+    ----------
+    folder : Path
+        The print's.
+    order : ObserverOrder
+    """
+
+    folder: Path
+    order: ObserverOrder
+    _appearance: Appearance | None = None
+    _held: dict[int, HeldPrint] = field(default_factory=dict)
+
+    @cached_property
+    def frame(self) -> CameraFrame:
+        """The camera's."""
+        return read_frame(Path(self.order.frame))
+
+    @cached_property
+    def network(self) -> VesselNetwork | None:
+        """Designed lumens, printer's frame; None where nobody said."""
+        if not self.order.network:
+            return None
+        return read_network_csv(Path(self.order.network)).moved(np.array(self.order.place_mm))
+
+    @cached_property
+    def _printer(self) -> Printer:
+        return load(Printer, self.order.profile)
+
+    @cached_property
+    def _job(self) -> Job:
+        return load_job(Path(self.order.job), self._printer)
+
+    def held(self, look: Look) -> HeldPrint:
+        """The print as it is held at a look, with all that was put into the job so far."""
+        if look.number not in self._held:
+            inserts = read_journal(self.folder / JOURNAL).inserts
+            grown = self._job.grown_by([one for one in inserts if one.after < look.done])
+            self._held = {
+                look.number: HeldPrint(
+                    grown.lines,
+                    look.done,
+                    self._printer,
+                    load(Syringe, self.order.syringe),
+                    load(Ink, self.order.ink),
+                    load(Needle, self.order.needle),
+                    "embedded" if self.order.embedded else "layered",
+                )
+            }
+        return self._held[look.number]
+
+    # --- judging ---------------------------------------------------------------------------------
+
+    def judge(self, look: Look, picture: Path, again: Path | None) -> Judged:
+        """Judge one or two pictures.
+
+        Raises
+        ------
+        DeviceError
+            When a picture can't be read.
+        """
+        held = self.held(look)
+        ink = expected_ink(held)
+        layer = ink_to_judge(ink, look.before, look.done)
+        lumens = self._lumens(ink, look)
+        options = self._options()
+
+        def seen(path: Path) -> tuple[Image, LayerFindings]:
+            image = read_picture(path)
+            return image, see_layer(
+                image,
+                self.frame,
+                layer.lines,
+                lumens=lumens,
+                known=self._appearance,
+                options=options,
+            )
+
+        image, first = seen(picture)
+        second = None if again is None else seen(again)[1]
+        self._appearance = first.appearance or self._appearance
+        drawn = annotated(image, self.frame, layer.lines, first)
+        cv2.imwrite(str(picture.with_name("seen.png")), drawn)
+        limits = self.order.limits
+        evidence = evidence_of(
+            layer,
+            ink,
+            first,
+            second,
+            section=held.ink.bead_section,
+            least_gap_mm=limits.gap.least_mm,
+            left_ul=self._left_ul(ink),
+        )
+        return Judged(evidence, figures(first, evidence))
+
+    def _options(self) -> SeeingOptions:
+        limits = self.order.limits
+        return SeeingOptions(
+            gap_mm=limits.gap.least_mm,
+            width_percent=limits.width_percent,
+            lumen_percent=limits.lumen_percent,
+            shift_mm=max(0.5, 2 * limits.shift_mm),
+        )
+
+    def _lumens(self, ink: ExpectedInk, look: Look) -> tuple[Lumen, ...]:
+        """Lumens in the topmost layer; an embedded print writes its vessels."""
+        fresh = ink.between(look.before, look.done)
+        if self.network is None or ink.style == "embedded" or not fresh.any():
+            return ()
+        top = int(np.flatnonzero(fresh)[ink.end[fresh, 2].argmax()])
+        middle = float(ink.end[top, 2] - ink.height_mm[top] / 2)
+        return lumens_at(self.network, middle, float(np.median(ink.width_mm[fresh])) / 2)
+
+    def _left_ul(self, ink: ExpectedInk) -> float | None:
+        if self.order.capacity_ul is None:
+            return None
+        length = np.linalg.norm(ink.end - ink.start, axis=1)
+        return self.order.capacity_ul - float((ink.area_mm2 * length * ink.factor).sum())
+
+    # --- mending ---------------------------------------------------------------------------------
+
+    def mend_lines(self, look: Look, gaps: tuple[Gap, ...]) -> list[str]:
+        """Lines that mend gaps; none where nothing can be mended from here."""
+        held = self.held(look)
+        paths = expected_ink(held).paths
+        place = np.array(self.order.place_mm)
+        voids = None
+        if self.order.network:
+            voids = Voids.of_network(read_network_csv(Path(self.order.network)), place)
+        wanted = [
+            MendGap(gap.stroke, max(gap.from_mm, 0.0), min(gap.to_mm, paths[gap.stroke].length_mm))
+            for gap in gaps
+        ]
+        mend = plan_mend(held, wanted, voids, MendOptions())
+        return [line.decode("ascii") for line in mend.lines]
+
+
+def read_picture(path: Path) -> Image:
+    """Read a picture of any depth.
+
+    Raises
+    ------
+    DeviceError
+        When it isn't one.
+    """
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise DeviceError(f"{path} isn't a picture that can be read (PNG, TIFF, JPEG)")
+    return np.asarray(image)

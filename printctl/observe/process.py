@@ -1,0 +1,131 @@
+"""Process that observes one print: ``python -m printctl.observe FOLDER``, until the print is over."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from printctl.link.client import PrintClient, attach
+from printctl.link.inserts import file_count
+from printctl.link.journalled_print import read_journal
+from printctl.link.look_book import LookDecision
+from printctl.link.process import hold_folder
+from printctl.link.record import JOURNAL
+from printctl.link.states import Status
+from printctl.observe.deciding import Decider, FlowControl
+from printctl.observe.devices import acquire
+from printctl.observe.looking_at import ObservedJob
+from printctl.observe.observer import Look, Observer
+from printctl.observe.order import ObserverOrder
+from printctl.observe.records import read_looks
+
+LOCK: Final = "observer.lock"
+LOG: Final = "observer.log"
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LinkWords:
+    """What the observer says to the link, on a connection of its own.
+
+    Attributes
+    ----------
+    client : PrintClient
+    """
+
+    client: PrintClient
+
+    def insert(self, look: int, lines: Sequence[str], why: str) -> None:
+        """Put lines into the job."""
+        self.client.looks.insert(look, lines, why)
+
+    def scale_flow(self, look: int, factor: float, why: str) -> None:
+        """Have the rest of the job pushed by a factor."""
+        self.client.looks.scale_flow(look, factor, why)
+
+    def look_done(self, look: int, decision: str, why: str) -> None:
+        """End a look."""
+        self.client.looks.decide(look, LookDecision(decision), why)
+
+    def resume(self) -> None:
+        """Go on after a pause."""
+        self.client.resume()
+
+    def stop(self) -> None:
+        """Stop the print."""
+        self.client.stop()
+
+
+def observe(folder: Path) -> None:
+    """Observe the print in ``folder`` until it is over.
+
+    Raises
+    ------
+    AlreadyPrinting
+        When another observer is at work there.
+    LinkError
+        When there is no print.
+    """
+    order = ObserverOrder.load(folder)
+    with hold_folder(folder, LOCK, "an observer is at work"):
+        with attach(folder) as words, attach(folder) as events:
+            observer = _assembled(folder, order, words)
+            observer.remember()
+            for status in events.events():
+                if status.look is not None and not status.look["decision"]:
+                    _look(observer, status, folder)
+
+
+def _assembled(folder: Path, order: ObserverOrder, words: PrintClient) -> Observer:
+    job = ObservedJob(folder, order)
+    return Observer(
+        folder=folder,
+        link=LinkWords(words),
+        acquire=partial(acquire, order.device, since=time.time()),
+        judge=job.judge,
+        mend_lines=job.mend_lines,
+        decider=Decider(order.limits, FlowControl(order.limits.flow)),
+        ended=partial(_gone_on, folder),
+    )
+
+
+def _look(observer: Observer, status: Status, folder: Path) -> None:
+    """Look once; what goes wrong here is the operator's affair, and the link's time limit holds."""
+    told = status.look
+    if told is None:
+        return
+    try:
+        if told["insert_sha256"]:  # an observer put it in and died before it said so
+            observer.link.look_done(told["number"], "go_on", "mended by an observer that died")
+        else:
+            record = observer.look(look_of(told, folder))
+            log.info("look %d: %s: %s", record.number, record.decision, record.why)
+    except Exception as exc:
+        log.exception("look %d failed", told["number"])
+        observer.link.look_done(told["number"], "pause", f"the observer failed: {exc}")
+
+
+def look_of(told: dict[str, Any], folder: Path) -> Look:
+    """Return a look as the status tells it, with where the one before was."""
+    positions = read_journal(folder / JOURNAL).positions
+    done = int(told["done"])
+    earlier = [one.done for one in read_looks(folder) if one.number < told["number"]]
+    return Look(
+        number=int(told["number"]),
+        done=done,
+        job_line=file_count(done, positions),
+        before=max(earlier, default=0),
+        mark=str(told["mark"]),
+    )
+
+
+def _gone_on(folder: Path, number: int) -> bool:
+    """Whether the print isn't held for a look any more."""
+    with attach(folder) as client:
+        look = client.status.look
+    return look is None or look["number"] != number
