@@ -1,4 +1,4 @@
-"""Process that observes one print: ``python -m printctl.observe FOLDER``, until the print is over."""
+"""Observe one print until it is over, as a client of its link process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from printctl.link.journalled_print import read_journal
 from printctl.link.look_book import LookDecision
 from printctl.link.process import hold_folder
 from printctl.link.record import JOURNAL
-from printctl.link.states import Status
 from printctl.observe.deciding import Decider, FlowControl
 from printctl.observe.devices import acquire
 from printctl.observe.looking_at import ObservedJob
@@ -72,13 +71,19 @@ def observe(folder: Path) -> None:
         When there is no print.
     """
     order = ObserverOrder.load(folder)
-    with hold_folder(folder, LOCK, "an observer is at work"):
-        with attach(folder) as words, attach(folder) as events:
-            observer = _assembled(folder, order, words)
-            observer.remember()
-            for status in events.events():
-                if status.look is not None and not status.look["decision"]:
-                    _look(observer, status, folder)
+    handled: set[int] = set()  # what was said before a look ended is heard after it
+    with (
+        hold_folder(folder, LOCK, "an observer is at work"),
+        attach(folder) as words,
+        attach(folder) as events,
+    ):
+        observer = _assembled(folder, order, words)
+        observer.remember()
+        for status in events.events():
+            look = status.look
+            if look is not None and not look["decision"] and look["number"] not in handled:
+                handled.add(look["number"])
+                _look(observer, look, folder)
 
 
 def _assembled(folder: Path, order: ObserverOrder, words: PrintClient) -> Observer:
@@ -94,11 +99,8 @@ def _assembled(folder: Path, order: ObserverOrder, words: PrintClient) -> Observ
     )
 
 
-def _look(observer: Observer, status: Status, folder: Path) -> None:
-    """Look once; what goes wrong here is the operator's affair, and the link's time limit holds."""
-    told = status.look
-    if told is None:
-        return
+def _look(observer: Observer, told: dict[str, Any], folder: Path) -> None:
+    """Look once; whatever goes wrong here pauses the print for the operator."""
     try:
         if told["insert_sha256"]:  # an observer put it in and died before it said so
             observer.link.look_done(told["number"], "go_on", "mended by an observer that died")
