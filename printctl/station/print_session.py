@@ -13,6 +13,7 @@ from printctl.link.errors import BY_NAME, LinkError, PortLost
 from printctl.link.job import Job, load_job
 from printctl.link.printed_job import grown_in
 from printctl.link.process import Order, Wire, serve
+from printctl.link.record import JOURNAL
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.printing.executed_note import record_for, write_note
@@ -129,7 +130,7 @@ class PrintSession:
         port, fresh = self.port, self.port.socket.simulated
         if fresh:
             at = here.declared or here.at or port.start
-            port.open_for(here.order.job, here.record, at)
+            port.open_for(here.order.job, here.record, here.order.folder / JOURNAL, at)
         return Wire(
             port.opened(),
             on_start,

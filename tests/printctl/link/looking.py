@@ -69,12 +69,14 @@ class Observer:
     seen: list[Status] = field(default_factory=list)
     streamer: Streamer | None = None
     resumes: bool = True
+    seen_by: Callable[[Status], None] = lambda status: None
 
     def status(self, status: Status) -> None:
         self.seen.append(status)
         streamer = self.streamer
         if streamer is None:
             return
+        self.seen_by(status)
         if status.state is LinkState.LOOKING and status.look is not None:
             number = status.look["number"]
             if number in self.says:
