@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 from printctl.link.completed_moves import CompletedMoves
+from printctl.link.errors import JobError
 from printctl.link.heads import head_at
+from printctl.link.inserts import Insert
 from printctl.link.job import Job
 from printctl.link.modal import Modal, ModalTrail, modal_state, relieved_mm
 from printctl.link.motor_run_on import Answers, MotorRunOn, longest_run_on
@@ -29,6 +31,8 @@ class JobProgress:
 
     Attributes
     ----------
+    job : Job
+        With what was put in so far.
     unverified : bool
         Whether something that nobody sent was answered, so that the position must be compared
         before the job goes on.
@@ -128,6 +132,23 @@ class JobProgress:
     def relieved_mm(self) -> float:
         """How far the job itself has drawn the plunger back just here, mm."""
         return relieved_mm(self.job.lines, self.done)
+
+    def grow(self, insert: Insert) -> None:
+        """Put an insert's lines behind those that were taken; the printer stands still.
+
+        Raises
+        ------
+        JobError
+            When other lines were taken than the insert follows.
+        """
+        if insert.after != self.done:
+            raise JobError(
+                f"the insert of look {insert.look} follows line {insert.after} and {self.done} "
+                "were taken"
+            )
+        self.job = job = self.job.grown(insert)
+        self._trail.grow(job.lines)
+        self._made.grow(job.lines)
 
     # --- what the streamer learns ----------------------------------------------------------------
 

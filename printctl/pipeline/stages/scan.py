@@ -13,6 +13,7 @@ import numpy as np
 from design.files import write_text
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.head_contents import Filled
+from printctl.pipeline.printed_text import printed_text
 from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
@@ -125,7 +126,7 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
     elif context.flow_ul_s is None:
         ink = deposit(motion, area, fine, plunger_step_mm=1 / context.printer.steps_per_mm.e)
     else:
-        gcode = (context.folder / GCODE).read_bytes()
+        gcode = b"".join(printed_text(context).lines)
         ink = pneumatic_deposit(motion, gcode, context.printer, more * context.flow_ul_s, fine)
     if context.recipe.toolpath.prime is not None:
         ink = ink.within(context.written_bounds + context.place_mm + FIELD_MM * FIELD_SIDES)
@@ -147,10 +148,11 @@ def predicted_ink(
     context: RunContext, motion: ExecutedMotion, voxel_mm: float, more: float
 ) -> Deposit:
     """What lies in the bath where the plunger goes ahead of the ink's lag."""
-    gcode = (context.folder / GCODE).read_bytes()
+    text = printed_text(context)
+    gcode = b"".join(text.lines)
     x, y, z = context.start_mm.tolist()
     run = dry_run(gcode, context.printer, (x, y, z))
-    bead = predicted_of_motion(context, run, gcode, motion).bead
+    bead = predicted_of_motion(context, run, gcode, motion, text.file_row).bead
     return bead_deposit(bead, voxel_mm, math.sqrt(more))
 
 

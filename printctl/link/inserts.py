@@ -1,0 +1,71 @@
+"""Lines put into a job while it is printed: the value, its record, counts of the file's lines.
+
+A job grows at the place where the print is held, so the lines of an insert follow those that were
+taken, and no later insert moves an earlier one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+Position: TypeAlias = tuple[int, int]
+"""Command lines before an insert, in the grown job, and how many it has."""
+
+
+@dataclass(frozen=True)
+class Insert:
+    """Lines that were put into a job in a look.
+
+    Attributes
+    ----------
+    look : int
+        Number of the look, from 1.
+    after : int
+        Command lines of the job before them, with earlier inserts.
+    lines : tuple of bytes
+        As they are sent.
+    why : str
+    """
+
+    look: int
+    after: int
+    lines: tuple[bytes, ...]
+    why: str = ""
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the lines."""
+        return hashlib.sha256(b"\n".join(self.lines)).hexdigest()
+
+    def to_record(self) -> dict[str, Any]:
+        """As the journal has it."""
+        lines = [line.decode("ascii") for line in self.lines]
+        told = {"look": self.look, "after": self.after, "why": self.why}
+        return {**told, "sha256": self.sha256, "lines": lines}
+
+    @staticmethod
+    def from_record(record: Mapping[str, Any]) -> Insert:
+        """Read `to_record`."""
+        lines = tuple(str(line).encode("ascii") for line in record["lines"])
+        return Insert(int(record["look"]), int(record["after"]), lines, str(record.get("why", "")))
+
+
+def file_count(done: int, positions: Sequence[Position]) -> int:
+    """Return how many of the first ``done`` lines of a grown job are the file's own commands."""
+    return done - sum(min(max(done - after, 0), count) for after, count in positions)
+
+
+def file_command(index: int, positions: Sequence[Position]) -> int:
+    """Return the file's command, from 0, that line ``index`` of a grown job is.
+
+    Of an insert's line, the file's last command before it; -1 where there is none.
+    """
+    return file_count(index + 1, positions) - 1
+
+
+def behind(index: int, after: int, count: int) -> int:
+    """Return a place between lines of a job as it is once ``count`` lines follow its ``after``."""
+    return index + count if index > after else index

@@ -1,0 +1,100 @@
+"""Space that a job's own moves keep to: hull across, heights, feeds; what its checks judged."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from printctl.link.modal import declared_axes
+from sim.reading import is_motion
+
+Point = tuple[float, float]
+ASIDE_MM: Final = 1.0
+"""So far beside the hull of the job's moves a needle may still go below the job's top."""
+_HEIGHTS_MM: Final = 1e-6
+
+
+@dataclass(frozen=True)
+class JobReach:
+    """What a job's moves keep to, as it counts places.
+
+    Attributes
+    ----------
+    low_mm, top_mm : float, mm
+        Least and greatest height; infinite the other way round where no move names any.
+    hull_mm : tuple of (x, y), mm
+        Corners, against the clock, of what its moves below ``top_mm`` stand on; of all its moves
+        where every one is as high.
+    """
+
+    low_mm: float
+    top_mm: float
+    hull_mm: tuple[Point, ...]
+
+    @staticmethod
+    def of(lines: Sequence[bytes], start_mm: tuple[float, float, float] | None = None) -> JobReach:
+        """Read it from a job's lines; ``start_mm``: where the tip stands before the first, mm."""
+        at = dict(zip("XYZ", start_mm or (math.nan,) * 3, strict=True))
+        places = set[tuple[float, float, float]]()
+        for line in lines:
+            if is_motion(line):
+                at |= _words(line)
+                places.add((at["X"], at["Y"], at["Z"]))
+            else:
+                at |= declared_axes(line)
+        heights = [z for _, _, z in places if z == z]
+        low, top = min(heights, default=math.inf), max(heights, default=-math.inf)
+        known = [place for place in places if place[0] == place[0] and place[1] == place[1]]
+        below = {(x, y) for x, y, z in known if z < top - _HEIGHTS_MM}
+        return JobReach(low, top, _hull(below or {(x, y) for x, y, _ in known}))
+
+    def is_inside(self, x: float, y: float) -> bool:
+        """Whether a place is within the hull, or at most `ASIDE_MM` beside it."""
+        corners = self.hull_mm
+        if len(corners) < 3:
+            pairs = list(zip(corners, corners[1:] or corners, strict=False))
+            return any(_apart_mm(one, other, (x, y)) <= ASIDE_MM for one, other in pairs)
+        edges = list(zip(corners, (*corners[1:], corners[0]), strict=True))
+        if all(_turn(one, other, (x, y)) >= 0 for one, other in edges):
+            return True
+        return any(_apart_mm(one, other, (x, y)) <= ASIDE_MM for one, other in edges)
+
+
+def _words(line: bytes) -> dict[str, float]:
+    words = line.split(b" ")[1:]
+    return {
+        word[:1].decode(): float(word[1:])
+        for word in words
+        if word[:1] in (b"X", b"Y", b"Z") and len(word) > 1
+    }
+
+
+def _hull(points: set[Point]) -> tuple[Point, ...]:
+    """Convex hull, against the clock (A. M. Andrew, Inf. Process. Lett. 9, 216, 1979)."""
+    order = sorted(points)
+    if len(order) < 3:
+        return tuple(order)
+    return (*_half(order), *_half(order[::-1]))
+
+
+def _half(order: Sequence[Point]) -> list[Point]:
+    found: list[Point] = []
+    for point in order:
+        while len(found) > 1 and _turn(found[-2], found[-1], point) <= 0:
+            found.pop()
+        found.append(point)
+    return found[:-1]
+
+
+def _turn(a: Point, b: Point, c: Point) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _apart_mm(a: Point, b: Point, c: Point) -> float:
+    """Distance of ``c`` from the way between ``a`` and ``b``, mm."""
+    length = math.dist(a, b)
+    along = (b[0] - a[0]) * (c[0] - a[0]) + (b[1] - a[1]) * (c[1] - a[1])
+    share = min(max(along / length**2, 0.0), 1.0) if length else 0.0
+    return math.dist((a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])), c)
