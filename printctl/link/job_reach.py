@@ -1,9 +1,9 @@
-"""Space that a job's own moves keep to: hull across, heights, feeds; what its checks judged."""
+"""What a job's own moves keep to, as its checks judged: hull across, heights, plunger's speed."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -27,28 +27,36 @@ class JobReach:
     hull_mm : tuple of (x, y), mm
         Corners, against the clock, of what its moves below ``top_mm`` stand on; of all its moves
         where every one is as high.
+    push_mm_s : float, mm/s
+        Fastest that its moves push the plunger.
     """
 
     low_mm: float
     top_mm: float
     hull_mm: tuple[Point, ...]
+    push_mm_s: float = 0.0
 
     @staticmethod
     def of(lines: Sequence[bytes], start_mm: tuple[float, float, float] | None = None) -> JobReach:
         """Read it from a job's lines; ``start_mm``: where the tip stands before the first, mm."""
         at = dict(zip("XYZ", start_mm or (math.nan,) * 3, strict=True))
+        at |= {"E": math.nan, "F": math.nan}
         places = set[tuple[float, float, float]]()
+        fastest = 0.0
         for line in lines:
             if is_motion(line):
+                before = dict(at)
                 at |= _words(line)
+                fastest = max(fastest, _push_mm_s(before, at))
                 places.add((at["X"], at["Y"], at["Z"]))
             else:
                 at |= declared_axes(line)
+                at |= {"E": math.nan} if line.startswith(b"G92") else {}
         heights = [z for _, _, z in places if z == z]
         low, top = min(heights, default=math.inf), max(heights, default=-math.inf)
         known = [place for place in places if place[0] == place[0] and place[1] == place[1]]
         below = {(x, y) for x, y, z in known if z < top - _HEIGHTS_MM}
-        return JobReach(low, top, _hull(below or {(x, y) for x, y, _ in known}))
+        return JobReach(low, top, _hull(below or {(x, y) for x, y, _ in known}), fastest)
 
     def is_inside(self, x: float, y: float) -> bool:
         """Whether a place is within the hull, or at most `ASIDE_MM` beside it."""
@@ -67,8 +75,17 @@ def _words(line: bytes) -> dict[str, float]:
     return {
         word[:1].decode(): float(word[1:])
         for word in words
-        if word[:1] in (b"X", b"Y", b"Z") and len(word) > 1
+        if word[:1] in (b"X", b"Y", b"Z", b"E", b"F") and len(word) > 1
     }
+
+
+def _push_mm_s(before: Mapping[str, float], after: Mapping[str, float]) -> float:
+    """Speed of the plunger in a straight move, mm/s; 0 where it draws back or isn't known."""
+    push = after["E"] - before["E"]
+    length = math.dist(*([place[axis] for axis in "XYZ"] for place in (before, after)))
+    if not (push > 0 and after["F"] > 0):
+        return 0.0
+    return after["F"] / 60 * (push / length if length > 0 else 1.0)
 
 
 def _hull(points: set[Point]) -> tuple[Point, ...]:

@@ -28,6 +28,9 @@ class Gap:
         Of the ink that is there; None where the device doesn't see heights.
     shift_mm : float, mm
         How far what lies there may stand beside its place.
+    flow : float
+        Plunger over way against the path's own lines: what the flow has been corrected by since
+        they were written.
     """
 
     path: int
@@ -36,6 +39,7 @@ class Gap:
     missing: float = 1.0
     seen_height_mm: float | None = None
     shift_mm: float = 0.0
+    flow: float = 1.0
 
     @property
     def length_mm(self) -> float:
@@ -78,6 +82,7 @@ def gap_between(
     command: int | None = None,
     *,
     missing: float = 1.0,
+    flow: float = 1.0,
     within_mm: float = 0.5,
 ) -> Gap:
     """Return the gap between two places of the printer's frame, as a look finds it.
@@ -88,7 +93,8 @@ def gap_between(
     start_mm, end_mm : (3,) array, mm
     command : int or None
         Command of the job that wrote there, from 0; it tells paths apart that lie side by side.
-    missing : float
+    missing, flow : float
+        Of `Gap`.
     within_mm : float, mm
         Farthest from the path.
 
@@ -107,7 +113,7 @@ def gap_between(
             f"the gap's end lies {max(off):.2f} mm beside the nearest written path, more than "
             f"{within_mm:g} mm: look again, or calibrate the frame (printctl observe frame)"
         )
-    return Gap(path.number, min(ways), max(ways), missing)
+    return Gap(path.number, min(ways), max(ways), missing, flow=flow)
 
 
 def check_gaps(gaps: Sequence[Gap], paths: Sequence[WrittenPath]) -> None:
@@ -129,10 +135,11 @@ def check_gaps(gaps: Sequence[Gap], paths: Sequence[WrittenPath]) -> None:
                 f"a gap from {gap.from_mm:g} to {gap.to_mm:g} mm isn't on path {gap.path}, "
                 f"{length:.3f} mm long"
             )
-        if not 0 < gap.missing <= 1 or not 0 <= gap.shift_mm < np.inf:
+        if not (0 < gap.missing <= 1 and 0 <= gap.shift_mm < np.inf and 0 < gap.flow < np.inf):
             raise MendError(
                 f"a gap with {gap.missing:g} of its ink missing, {gap.shift_mm:g} mm beside its "
-                "place; give a share above 0 up to 1, and 0 mm or more"
+                f"place, at {gap.flow:g} of its flow; give a share above 0 up to 1, 0 mm or more, "
+                "and a factor above 0"
             )
 
 
@@ -166,4 +173,5 @@ def _joined(one: Gap, other: Gap) -> Gap:
         max(one.missing, other.missing),
         max(heights) if heights else None,
         max(one.shift_mm, other.shift_mm),
+        max(one.flow, other.flow),
     )

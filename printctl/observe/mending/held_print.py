@@ -19,7 +19,6 @@ from sim.deposit.levels import written_levels
 from sim.program.gcode import Program
 from sim.program.modal import MOVE
 from sim.program.written import read_written
-from sim.reading import code_of, read_sent
 from sim.reading.comments import declared_start
 
 FloatArray = NDArray[np.float64]
@@ -143,20 +142,10 @@ class HeldPrint:
         level = np.abs(ends - program.before[rows, 2]).max() < _LEVEL_MM
         return "layered" if level and len(written_levels(ends)) > 1 else "embedded"
 
-    @cached_property
-    def flow_share(self) -> float:
-        """Flow factor in force (M221), 1 for 100 %."""
-        for line in reversed(self.lines[: self.done]):
-            if code_of(line) == b"M221":
-                percent = read_sent(line).number("S")
-                if percent is not None:
-                    return percent / 100.0
-        return 1.0
-
     @property
     def ul_per_e(self) -> float:
         """Ink that comes out for a millimetre of E, µL."""
-        return self.syringe.area_mm2 * self.ink.flow_factor * self.flow_share
+        return self.syringe.area_mm2 * self.ink.flow_factor
 
     @cached_property
     def lag_s(self) -> float:
@@ -172,13 +161,12 @@ class HeldPrint:
     @property
     def relief_e(self) -> float:
         """Relief at the end of a written path, mm of E."""
-        return self.ink.retract_ul / (self.syringe.area_mm2 * self.ink.flow_factor)
+        return self.ink.retract_ul / self.ul_per_e
 
     @property
     def plunger_mm_s(self) -> float:
         """Speed of the plunger while the needle stands, mm/s."""
-        own = self.ink.plunger_ul_s / (self.syringe.area_mm2 * self.ink.flow_factor)
-        return min(own, self.printer.max_speed_mm_s.e)
+        return min(self.ink.plunger_ul_s / self.ul_per_e, self.printer.max_speed_mm_s.e)
 
     @cached_property
     def travel_mm_s(self) -> float:

@@ -6,6 +6,7 @@ needle travels, as the job has it. The insert ends where it began: place, plunge
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -145,11 +146,16 @@ class InsertWriter:
         self._say(code, b" ".join(words), speed)
 
     def _say(self, code: int, words: bytes, speed: float) -> None:
-        feed = f"{speed * self._dialect.feed_s:.{self._dialect.feed_decimals}f}"
-        feed = feed.rstrip("0").rstrip(".")
+        feed = self._rounded_down(speed * self._dialect.feed_s)
         told = b"" if feed == self._feed else b" F" + feed.encode()
         self._feed = feed
         self.lines.append(b"G%d %b%b" % (code, words, told))
+
+    def _rounded_down(self, feed: float) -> str:
+        """Text of a feed, never above a limit by its last digit."""
+        places = self._dialect.feed_decimals
+        whole = math.floor(feed * 10**places + 1e-6)
+        return f"{whole / 10**places:.{places}f}".rstrip("0").rstrip(".")
 
     @staticmethod
     def _number(value: float, places: int) -> bytes:

@@ -7,6 +7,7 @@ higher within the needle's outer diameter is in its way. In a bath the check is 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -27,6 +28,7 @@ BoolArray = NDArray[np.bool_]
 OVERLAP_RADII: Final = 0.5
 """Of joints, as the embedded planner has it."""
 _NODE_DECIMALS: Final = 4
+_SAME_MM: Final = 1e-6
 _HIGH_MM: Final = 50.0
 """Above all ink, where the needle comes from."""
 
@@ -105,6 +107,8 @@ def shaft_contacts(
     needle : Needle
     clearance_mm : float, mm
         Kept in planning; nearer alone is no crossing.
+
+    What the shaft stands in where the rows begin it doesn't meet anew there: the job came so.
     """
     if not len(rows.path):
         return ()
@@ -127,7 +131,25 @@ def shaft_contacts(
     body = needle_body(needle, clearance_mm)
     found = check_clearance(motion, network_of(paths), [body], OVERLAP_RADII)
     first = count - len(own) + 1
-    return tuple((one.line - first, one) for one in found.crossings if one.line >= first)
+    contacts = ((one.line - first, one) for one in found.crossings if one.line >= first)
+    joint = math.sqrt(2) * (body.radius_mm + float(ink.width_mm.max(initial=0.0)) / 2)
+    return tuple(
+        (row, one)
+        for row, one in contacts
+        if not (_stands(rows, row) and _known(one, rows.tips[0], first, joint))
+    )
+
+
+def _stands(rows: NeedleRows, row: int) -> bool:
+    """Whether a row only rises from, or comes back to, where the print is held."""
+    both = rows.tips[row : row + 2, :2]
+    return bool(np.abs(both - rows.tips[0, :2]).max() < _SAME_MM)
+
+
+def _known(contact: ShaftContact, held_mm: FloatArray, first: int, joint_mm: float) -> bool:
+    """Whether the shaft stood in that ink already while the print was held, or in its joint."""
+    near = np.linalg.norm(np.array(contact.place_mm) - held_mm) <= joint_mm
+    return contact.crossed_line < first or bool(near)
 
 
 def network_of(paths: Sequence[WrittenPath]) -> WrittenNetwork:

@@ -31,7 +31,7 @@ class Patch:
     from_mm, to_mm : float, mm
         Along the path, overlaps included.
     flow : float
-        Of the path's own plunger over way; 1 but for a second pass and for whole motor steps.
+        Ink over the path's own; 1 but for a second pass and for whole motor steps.
     backwards : bool
         Whether it is written from its end to its beginning.
     """
@@ -63,8 +63,9 @@ class Patch:
         cuts = self.cuts
         piece = self.path.piece((cuts[:-1] + cuts[1:]) / 2)
         points = self.path.at(cuts)
-        e = self.path.e_per_mm[piece] * np.diff(cuts) * self.flow
-        feed = self.path.feed_mm_s[piece]
+        more = self.flow * self.gap.flow
+        e = self.path.e_per_mm[piece] * np.diff(cuts) * more
+        feed = self.path.feed_mm_s[piece] / max(more, 1.0)  # the plunger goes no faster
         if self.backwards:
             return points[::-1], e[::-1], feed[::-1]
         return points, e, feed
@@ -94,7 +95,7 @@ def in_whole_steps(patch: Patch, steps_per_mm: float, room: tuple[float, float])
     whole = max(1.0, np.ceil(steps - _SPARE))
     low, high = room
     last = float(patch.path.e_per_mm[patch.path.piece(np.array([patch.to_mm]))[0]])
-    wanted = max(0.0, (whole - steps) / steps_per_mm / (last * patch.flow))
+    wanted = max(0.0, (whole - steps) / steps_per_mm / (last * patch.flow * patch.gap.flow))
     beyond = min(wanted, max(0.0, high - patch.to_mm))
     before = min(wanted - beyond, max(0.0, patch.from_mm - low))
     longer = replace(patch, from_mm=patch.from_mm - before, to_mm=patch.to_mm + beyond)

@@ -63,17 +63,14 @@ def patches_of(gap: Gap, site: Site) -> tuple[list[Patch], list[NotMended]]:
     )
     along = _stations(path, low, high)
     in_void = _in_voids(along, gap, path, site)
-    blocked, backwards = _out_of_reach(along, path, site)
+    blocked, backwards, reach = _out_of_reach(along, path, site)
     free = ~in_void & ~blocked
     patches = []
     for begin, end in _runs(free):
         one = _patch(gap, path, along[begin], along[end], site)
         if one is not None:
             patches.append(replace(one, flow=one.flow * flow, backwards=backwards))
-    left = [
-        *_left(gap, along, in_void, _VOID),
-        *_left(gap, along, blocked & ~in_void, _reach(site)),
-    ]
+    left = [*_left(gap, along, in_void, _VOID), *_left(gap, along, blocked & ~in_void, reach)]
     if not patches and not left:
         left = [NotMended(gap.path, gap.from_mm, gap.to_mm, _SHORT)]
     return patches, left
@@ -86,12 +83,18 @@ _VOID: Final = (
 _SHORT: Final = "what could be reached of it is shorter than a patch is worth (least_mm)"
 
 
-def _reach(site: Site) -> str:
-    above = "the next layer" if site.layered else "another filament"
-    return (
-        f"ink of {above} lies above it, and the needle would go through: mend by hand, or print "
-        "the part again; look at every layer or vessel to find gaps sooner"
-    )
+_UNDER_LAYER: Final = (
+    "ink of a later layer lies above it, and the needle would go through: mend by hand, or print "
+    "the part again; look at every layer to find gaps sooner"
+)
+_UNDER_OTHER: Final = (
+    "another filament lies above it, and the needle would go through: mend by hand, or print the "
+    "part again; look at every vessel to find gaps sooner"
+)
+_UNDER_OWN: Final = (
+    "sound ink of the same path stands above it, too steep for the needle: mend by hand, or print "
+    "the part again"
+)
 
 
 def _second_pass(gap: Gap, path: WrittenPath, site: Site) -> tuple[float, str]:
@@ -129,8 +132,10 @@ def _in_voids(along: FloatArray, gap: Gap, path: WrittenPath, site: Site) -> Boo
     return np.asarray(depth + shift > site.options.void_tolerance_mm)
 
 
-def _out_of_reach(along: FloatArray, path: WrittenPath, site: Site) -> tuple[BoolArray, bool]:
-    """Stations that the needle can't come to, (m,), and whether it goes backwards.
+def _out_of_reach(
+    along: FloatArray, path: WrittenPath, site: Site
+) -> tuple[BoolArray, bool, str]:
+    """Stations out of the needle's reach, (m,), whether it goes backwards, and what is in its way.
 
     In a bath the shaft stands above the tip, so that one direction may be free where the other
     isn't; the path's own is taken where both are alike.
@@ -138,25 +143,27 @@ def _out_of_reach(along: FloatArray, path: WrittenPath, site: Site) -> tuple[Boo
     if site.layered:
         held, clearance = site.held, site.options.clearance_mm
         blocked = under_higher_ink(path.at(along), site.ink, held.needle, clearance)
-        return blocked, False
-    ahead = _crossed(along, path, site)
+        return blocked, False, _UNDER_LAYER
+    ahead, said = _crossed(along, path, site)
     if not ahead.any():
-        return ahead, False
-    back = _crossed(along[::-1], path, site)[::-1]
-    return (back, True) if back.sum() < ahead.sum() else (ahead, False)
+        return ahead, False, said
+    back, other = _crossed(along[::-1], path, site)
+    turned = bool(back.sum() < ahead.sum())
+    return (back[::-1], True, other) if turned else (ahead, False, said)
 
 
-def _crossed(along: FloatArray, path: WrittenPath, site: Site) -> BoolArray:
+def _crossed(along: FloatArray, path: WrittenPath, site: Site) -> tuple[BoolArray, str]:
     """Stations from or to which the shaft crosses written ink, in the order of writing, (m,)."""
     piece = path.piece((along[:-1] + along[1:]) / 2)
     volume = np.pi / 4 * path.width_mm[piece] ** 2 * np.abs(np.diff(along))
     own = np.full(len(volume), path.number, dtype=np.int64)
     rows = NeedleRows(path.at(along), volume, own)
-    found = np.zeros(len(along), dtype=bool)
+    found, others = np.zeros(len(along), dtype=bool), False
     held, clearance = site.held, site.options.clearance_mm
-    for row, _ in shaft_contacts(rows, site.ink, site.paths, held.needle, clearance):
+    for row, contact in shaft_contacts(rows, site.ink, site.paths, held.needle, clearance):
         found[row : row + 2] = True
-    return found
+        others |= contact.crossed != path.number
+    return found, _UNDER_OTHER if others else _UNDER_OWN
 
 
 def _patch(gap: Gap, path: WrittenPath, low: float, high: float, site: Site) -> Patch | None:

@@ -143,7 +143,7 @@ def written_paths(held: HeldPrint, until: int | None = None) -> tuple[WrittenPat
 
 
 def _sections(held: HeldPrint, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Width and height of written rows, (n,) each, mm, at the flow factor in force."""
+    """Width and height of written rows, (n,) each, mm."""
     every = np.flatnonzero(held.writes)
     area = held.program.pushed[every] / held.way[every] * held.ul_per_e
     if held.style == "embedded":
