@@ -1,4 +1,4 @@
-"""Entry point of the simulated printer (``python -m sim``), on a pseudo-terminal or TCP."""
+"""Entry point of the simulated printer (``python -m sim``) and its camera (``sim camera``)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def parser() -> argparse.ArgumentParser:
     options = argparse.ArgumentParser(
         prog="python -m sim",
         description="A simulated printer: Marlin, Duet or Klipper, by the profile. Its port's "
-        "address is the first line it prints.",
+        "address is the first line it prints. `python -m sim camera` is a camera over its dish.",
     )
     options.add_argument("--printer", required=True, help="profile name, or path of a .yaml file")
     port = options.add_mutually_exclusive_group()
@@ -108,7 +108,13 @@ def _read(path: Path) -> bytes:
 
 def main(arguments: list[str] | None = None) -> int:
     """Serve until told to stop; 0 when that went well, 1 when not, 2 for a wrong use."""
-    given = parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    if words[:1] == ["camera"]:
+        # A printer's process does without OpenCV, and starts the sooner.
+        from sim.camera.command import main as look
+
+        return look(words[1:])
+    given = parser().parse_args(words)
     try:
         file, faults = _faults(given)
         profile = load(Printer, given.printer)
