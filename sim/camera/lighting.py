@@ -18,6 +18,8 @@ SingleArray = NDArray[np.float32]
 
 _COARSE: Final = 4
 """Glints are worked out at every so many pixels."""
+_LIFT_MM: Final = 0.2
+"""Depth at which a ridge lifts the surface over it by 1/e."""
 _SMOOTH_PX: Final = 1.2
 """Of the crest before its slope is taken: what light makes of a ridge has no corners."""
 
@@ -108,7 +110,10 @@ def _slopes(crest: SingleArray, pitch_mm: float) -> tuple[SingleArray, SingleArr
 
 def _ridge_slope(ink: InkMap, plan: Plan, shape: tuple[int, ...]) -> tuple[SingleArray, SingleArray]:
     rows, columns = shape
-    small = cv2.resize(ink.thick_mm, (columns, rows), interpolation=cv2.INTER_AREA)
+    # Ink deep in the bath doesn't lift its surface.
+    cover = plan.z_mm - np.nan_to_num(ink.crest_mm, nan=plan.z_mm)
+    lifted = ink.thick_mm * np.exp(-np.maximum(cover, 0) / np.float32(_LIFT_MM))
+    small = cv2.resize(lifted, (columns, rows), interpolation=cv2.INTER_AREA)
     small = cv2.GaussianBlur(small, (0, 0), 1.0)
     slope_y, slope_x = np.gradient(small, plan.pitch_mm * _COARSE)
     return slope_x.astype(np.float32), slope_y.astype(np.float32)

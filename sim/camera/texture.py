@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Final
 
 import cv2
@@ -48,6 +49,7 @@ def waves(plan: Plan, size_mm: float, seed: int, step: int) -> SingleArray:
     return cv2.GaussianBlur(found, (0, 0), max(0.8, 0.6 * size_mm / _PER_GRAIN / coarse.pitch_mm))
 
 
+@lru_cache(maxsize=8)
 def _noise_tile(seed: int, number: int) -> SingleArray:
     """Smooth noise without seams at its rim, standard deviation 1."""
     drawn = np.random.default_rng((seed, 7, number)).standard_normal((_TILE, _TILE), np.float32)
