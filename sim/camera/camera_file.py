@@ -3,41 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict
 
-from firmware_profiles.wrong_values import wording
-from firmware_profiles.yaml_file import read_yaml
 from sim.camera.optics import Camera
 from sim.camera.scene import Scene
+from sim.deposit.of_record import InkSource
 from sim.errors import CameraError
-
-
-class InkSource(BaseModel):
-    """How executed motion becomes ink.
-
-    Attributes
-    ----------
-    printer, syringe, ink : str
-        Profiles: shipped name, or path of a .yaml. Without an ink as much comes out as is pushed.
-    head : int
-        Of a printer with several: whose ink is seen.
-    style : "layered" or "embedded" or None
-        None decides from the motion.
-    layer_mm : float or None, mm
-        Height of the lines while there is but one level.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    printer: str
-    syringe: str
-    ink: str | None = None
-    head: Annotated[int, Field(ge=0, le=15)] = 0
-    style: Literal["layered", "embedded"] | None = None
-    layer_mm: Annotated[float, Field(gt=0, le=10)] | None = None
+from sim.model_file import read_model
 
 
 class CameraFile(BaseModel):
@@ -58,15 +31,4 @@ def load_camera(path: Path) -> CameraFile:
     CameraError
         When it can't be read, or has a key or value that means nothing.
     """
-    try:
-        return CameraFile.model_validate(read_yaml(path.read_text(encoding="utf-8")) or {})
-    except OSError as exc:
-        raise CameraError(f"camera file {path} can't be read: {exc.strerror}") from exc
-    except yaml.YAMLError as exc:
-        raise CameraError(f"camera file {path} isn't YAML: {exc}") from exc
-    except ValidationError as exc:
-        problems = "; ".join(
-            f"{'.'.join(map(str, problem['loc'])) or 'file'}: {wording(problem)}"
-            for problem in exc.errors()
-        )
-        raise CameraError(f"camera file {path}: {problems}") from exc
+    return read_model(path, CameraFile, "camera file", CameraError)

@@ -65,7 +65,9 @@ def _bubble(
     azimuth = np.radians(light.azimuth_deg)
     lamp = off / radius - 0.55 * np.array([np.cos(azimuth), np.sin(azimuth)])
     glint = np.exp(-(lamp**2).sum(axis=-1) / (2 * 0.12**2))
-    glow = np.exp(-((off / radius + 0.5 * np.array([np.cos(azimuth), np.sin(azimuth)])) ** 2).sum(-1) / 0.18)
+    glow = np.exp(
+        -((off / radius + 0.5 * np.array([np.cos(azimuth), np.sin(azimuth)])) ** 2).sum(-1) / 0.18
+    )
     factor = 1 - inside * (0.65 * rim - 0.12 * (1 - rim) - 0.1 * glow)
     patch *= factor[..., None].astype(np.float32)
     patch += (200 * glint * inside)[..., None].astype(np.float32)
@@ -83,7 +85,9 @@ def _speck(
             cover = np.clip(0.15 * long - away + 0.5, 0, 1)
             patch *= (1 - (1 - dark) * cover)[..., None].astype(np.float32)
         return
-    turn = generator.uniform(0, 2 * np.pi) + np.cumsum(0.35 * generator.standard_normal(_FIBRE_KNOTS))
+    turn = generator.uniform(0, 2 * np.pi) + np.cumsum(
+        0.35 * generator.standard_normal(_FIBRE_KNOTS)
+    )
     way = np.cumsum(np.column_stack([np.cos(turn), np.sin(turn)]) * long / _FIBRE_KNOTS, axis=0)
     path = at + way - way.mean(axis=0)
     low = np.floor(path.min(axis=0)).astype(int) - 3

@@ -39,16 +39,16 @@ def draw_lines(
         reach = r + 1.0
         dx, dy = x1 - x0, y1 - y0
         squared = dx * dx + dy * dy
-        first = max(0, int(math.ceil(min(y0, y1) - reach)))
-        last = min(ny - 1, int(math.floor(max(y0, y1) + reach)))
+        first = max(0, math.ceil(min(y0, y1) - reach))
+        last = min(ny - 1, math.floor(max(y0, y1) + reach))
         for row in range(first, last + 1):
             t0, t1 = 0.0, 1.0
             if abs(dy) > 1e-9:
                 ta, tb = (row - reach - y0) / dy, (row + reach - y0) / dy
                 t0, t1 = max(0.0, min(ta, tb)), min(1.0, max(ta, tb))
             xa, xb = x0 + t0 * dx, x0 + t1 * dx
-            left = max(0, int(math.ceil(min(xa, xb) - reach)))
-            right = min(nx - 1, int(math.floor(max(xa, xb) + reach)))
+            left = max(0, math.ceil(min(xa, xb) - reach))
+            right = min(nx - 1, math.floor(max(xa, xb) + reach))
             for col in range(left, right + 1):
                 px, py = col - x0, row - y0
                 t = (px * dx + py * dy) / squared if squared > 0.0 else 0.0

@@ -108,7 +108,9 @@ def _slopes(crest: SingleArray, pitch_mm: float) -> tuple[SingleArray, SingleArr
     )
 
 
-def _ridge_slope(ink: InkMap, plan: Plan, shape: tuple[int, ...]) -> tuple[SingleArray, SingleArray]:
+def _ridge_slope(
+    ink: InkMap, plan: Plan, shape: tuple[int, ...]
+) -> tuple[SingleArray, SingleArray]:
     rows, columns = shape
     # Ink deep in the bath doesn't lift its surface.
     cover = plan.z_mm - np.nan_to_num(ink.crest_mm, nan=plan.z_mm)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.camera.plan import Plan
-from sim.camera.scene import Dish, Marker, Picture, Scene
+from sim.camera.scene import Dish, Marker, Scene
 from sim.errors import CameraError
 
 FloatArray = NDArray[np.float64]

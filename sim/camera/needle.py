@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Final
 
 import cv2
@@ -42,7 +43,7 @@ def add_needle(
     for number, (share, bright) in enumerate(_STRIPES):
         mask = np.zeros((height, width), np.uint8)
         shaft = _rings(camera, tip_mm, z, share * needle.outer_mm / 2)
-        for near, far in zip(shaft[:-1], shaft[1:], strict=True):
+        for near, far in itertools.pairwise(shaft):
             _fill(mask, np.concatenate([near, far]))
         _blend(taken, mask, needle.brightness * bright, needle.defocus_px if number == 0 else 1.0)
     mask = np.zeros((height, width), np.uint8)

@@ -66,9 +66,7 @@ def _vignette(shape: tuple[int, ...], fall: float, dimensions: int) -> SingleArr
     return factor if dimensions == 2 else factor[..., None]
 
 
-def _counted(
-    light: SingleArray, sensor: Sensor, generator: np.random.Generator
-) -> ByteArray:
+def _counted(light: SingleArray, sensor: Sensor, generator: np.random.Generator) -> ByteArray:
     """Shot and read noise, the sensor's limit, gamma, 8 bits."""
     light = np.clip(light, 0, 4 * _WHITE)
     deviation = np.sqrt(light * np.float32(_WHITE / sensor.full_well) + sensor.read_noise**2)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
+from registration import read_scan
 from sim.__main__ import main
 from sim.motion.executed import ExecutedMotion
 
@@ -86,3 +87,33 @@ def test_missing_files_are_named(tmp_path, capsys):
     assert look(tmp_path, "--look", "-1") == 2
     assert main(["camera", "--record", "r", "--camera", "c", "--out", "p.gif"]) == 2
     assert "a picture is written as .png" in capsys.readouterr().err
+
+
+def test_oct_scans_a_fixed_field_of_a_begun_print(tmp_path):
+    record(tmp_path / "executed.npz")
+    field = {
+        "low_mm": [47, 38.5, 0.6], "high_mm": [53, 41.5, 1.2], "voxel_um": [50, 50, 30],
+        "laid": CAMERA["laid"],
+    }  # fmt: skip
+    (tmp_path / "oct.yaml").write_text(yaml.safe_dump(field))
+    (tmp_path / "faults.yaml").write_text("ink: [{fault: clog, written_mm: 5, lasts_mm: 5}]")
+    words = ["oct", "--record", str(tmp_path / "executed.npz"), "--oct", str(tmp_path / "oct.yaml")]
+    words += ["--faults", str(tmp_path / "faults.yaml"), "--out", str(tmp_path / "seen.npz")]
+    assert main(words) == 0
+    scan = read_scan(tmp_path / "seen.npz")
+    assert scan.volume.shape == (27, 60, 120)
+    assert scan.depth_down
+    with np.load(tmp_path / "seen.npz") as file:
+        pose = file["printer_to_scan"]
+    for y, ink in ((39.0, True), (40.0, False), (41.0, True)):
+        places = np.column_stack(
+            [np.arange(48, 52, 0.1), np.full(40, y), np.full(40, 0.95), np.ones(40)]
+        )
+        x, row, depth = (places @ pose.T)[:, :3].T / np.array([0.05, 0.05, 0.03 / 1.34])[:, None]
+        seen = scan.volume[
+            np.round(depth).astype(int), np.round(row).astype(int), np.round(x).astype(int)
+        ]
+        assert (seen.mean() > 1000) == ink
+    record(tmp_path / "executed.npz", lines=0)
+    assert main(words) == 0
+    assert read_scan(tmp_path / "seen.npz").volume.mean() < 10

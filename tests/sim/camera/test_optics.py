@@ -26,9 +26,7 @@ def test_pixels_are_those_of_opencv():
     generator = np.random.default_rng(1)
     points = np.array([100, 80, 2]) + generator.uniform(-8, 8, (50, 3))
     turn = cv2.Rodrigues(CAMERA.axes)[0]
-    matrix = np.array(
-        [[CAMERA.focal_px, 0, 599.5 + 7], [0, CAMERA.focal_px, 449.5 - 4], [0, 0, 1]]
-    )
+    matrix = np.array([[CAMERA.focal_px, 0, 599.5 + 7], [0, CAMERA.focal_px, 449.5 - 4], [0, 0, 1]])
     wanted, _ = cv2.projectPoints(
         points, turn, -CAMERA.axes @ CAMERA.eye_mm, matrix, np.array(CAMERA.distortion)
     )
@@ -40,9 +38,7 @@ def test_axes_are_those_said():
     found = upright.pixels(np.array([[10.0, 20, 0], [11, 20, 0], [10, 21, 0]]))
     np.testing.assert_allclose(found, [[49.5, 39.5], [59.5, 39.5], [49.5, 29.5]])
     turned = upright.model_copy(update={"turn_deg": 90.0})
-    np.testing.assert_allclose(
-        turned.pixels(np.array([[11.0, 20, 0]])), [[49.5, 49.5]], atol=1e-9
-    )
+    np.testing.assert_allclose(turned.pixels(np.array([[11.0, 20, 0]])), [[49.5, 49.5]], atol=1e-9)
     tilted = upright.model_copy(update={"tilt_deg": 30.0, "tilt_towards_deg": 90.0})
     assert tilted.eye_mm == pytest.approx([10, 20 + 75, 150 * np.cos(np.pi / 6)])
     np.testing.assert_allclose(np.linalg.det(tilted.axes), 1.0)

@@ -87,7 +87,8 @@ def test_missing_ink_is_missing():
     picture = paint(laid_as_is(Strands.joined(halves), "layered", layer_mm=0.1), CAMERA, PLAIN, 1)
     sound = paint(whole, CAMERA, PLAIN, 1)
     gap, beside = np.round(CAMERA.pixels(np.array([[50.0, 40, 1], [48.5, 40, 1]]))).astype(int)
-    assert picture[gap[1], gap[0]] == 100 and sound[gap[1], gap[0]] > 140
+    assert picture[gap[1], gap[0]] == 100
+    assert sound[gap[1], gap[0]] > 140
     assert picture[beside[1], beside[0]] > 140
 
 
@@ -100,7 +101,8 @@ def test_what_lies_deep_fades():
         picture[:, 150:250].max(axis=0).mean(),
         np.sort(picture[:, 150:250], axis=0)[:150].mean(),
     )
-    assert near > 40 and far < 1
+    assert near > 40
+    assert far < 1
     rows = np.flatnonzero(picture[:, 200] > 3)
     groups = np.split(rows, np.flatnonzero(np.diff(rows) > 5) + 1)
     assert len(groups) == 2
@@ -120,7 +122,8 @@ def test_same_seed_gives_the_same_bytes_and_another_look_the_same_dish():
     )
     ink = line((47, 40, 1), (53, 40, 1))
     first, again = (paint(ink, CAMERA, scene, 7) for _ in range(2))
-    assert first.shape == (300, 400, 3) and first.tobytes() == again.tobytes()
+    assert first.shape == (300, 400, 3)
+    assert first.tobytes() == again.tobytes()
     other = paint(ink, CAMERA, scene, 8)
     assert 0 < np.abs(first.astype(float) - other).mean() < 5
 
@@ -152,7 +155,7 @@ def test_markers_are_found_and_their_sides_lie_where_said():
     for begin, end in zip(flat, np.roll(flat, -1, axis=0), strict=True):
         side = begin + np.linspace(0.2, 0.8, 40)[:, None] * (end - begin)
         pixels = CAMERA.pixels(np.column_stack([side, np.ones(40)]))
-        grey, step = across(picture, pixels, pixels[-1] - pixels[0], reach=5)
+        grey, _step = across(picture, pixels, pixels[-1] - pixels[0], reach=5)
         white = (grey - grey.min()) / np.ptp(grey)
         # A step's place by its mean: inside (to the one side) black, outside white.
         edge = 5 - 0.1 * white.sum(axis=1) if white[0, -1] > 0.5 else -5 + 0.1 * white.sum(axis=1)
