@@ -32,8 +32,8 @@ def parser() -> argparse.ArgumentParser:
     options = argparse.ArgumentParser(
         prog="python -m sim",
         description="A simulated printer: Marlin, Duet or Klipper, by the profile. Its port's "
-        "address is the first line it prints. `python -m sim camera` is a camera, `python -m sim oct` an OCT "
-        "over its dish.",
+        "address is the first line it prints. `python -m sim camera` and `python -m sim oct` "
+        "show what lies in its dish.",
     )
     options.add_argument("--printer", required=True, help="profile name, or path of a .yaml file")
     port = options.add_mutually_exclusive_group()

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
 
 _TILE_MM: Final = 10.0
-"""Clutter is drawn square by square of the printer's plane: a camera that is moved sees the same."""
+"""Clutter is drawn by squares of the printer's plane: a camera that is moved sees the same."""
 _SHIFT: Final = 4
 _FIBRE_KNOTS: Final = 12
 

@@ -26,8 +26,8 @@ def draw_lines(
 ) -> None:
     """Draw capsules, each thickest in its middle; where they overlap the thickest counts.
 
-    ``segments`` (n, 4) are x0, y0, x1, y1 and ``radius`` (n,) in pixels of the maps; ``crest`` and
-    ``height`` (n,) are mm: where a line's top is, and how thick it is there. ``weight`` fades what
+    ``segments`` (n, 4) are x0, y0, x1, y1 and ``radius`` (n,) in pixels of the maps; ``crest``
+    (n, 2) and ``height`` (n,) are mm: where a line's top is at its ends, and how thick it is. ``weight`` fades what
     lies deep. At the share q of the radius a line is (1 - q²) ** ``flatness`` as thick as in its
     middle: 1/2 is an ellipse, less is flatter with steeper sides. The outermost pixel counts by the
     share that is covered.
@@ -63,6 +63,6 @@ def draw_lines(
                 thick = np.float32(weight[s] * height[s] * share)
                 if thick > thick_map[row, col]:
                     thick_map[row, col] = thick
-                top = np.float32(crest[s] - height[s] * (1.0 - share))
+                top = np.float32(crest[s, 0] + t * (crest[s, 1] - crest[s, 0]) - height[s] * (1.0 - share))
                 if top > crest_map[row, col]:
                     crest_map[row, col] = top

@@ -15,8 +15,8 @@ from sim.camera.scene import Light, NeedleLook
 FloatArray = NDArray[np.float64]
 SingleArray = NDArray[np.float32]
 
-_UP_TO: Final = 0.7
-"""Of the way to the pinhole: what is nearer is as wide as the picture, or out of it."""
+_NEAREST: Final = 0.02
+"""Of the way from the pinhole to the tip: what is nearer is out of the picture."""
 _KNOTS: Final = 60
 _SHIFT: Final = 4
 _STRIPES: Final = ((1.0, 0.45), (0.85, 0.8), (0.55, 1.0), (0.18, 1.7))
@@ -35,8 +35,10 @@ def add_needle(
     of circles up the axis. It is blurred as a whole, though less near its tip in truth.
     """
     height, width = taken.shape[:2]
-    top = tip_mm[2] + _UP_TO * (camera.eye_mm[2] - tip_mm[2])
-    z = np.linspace(tip_mm[2], top, _KNOTS)
+    high = camera.eye_mm[2] - tip_mm[2]
+    if high <= 0:
+        return
+    z = camera.eye_mm[2] - high * np.geomspace(1, _NEAREST, _KNOTS)
     rings = _rings(camera, tip_mm, z, needle.outer_mm / 2)
     if not _in_view(rings.reshape(-1, 2), width, height):
         return
