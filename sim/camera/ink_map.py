@@ -53,7 +53,7 @@ def ink_map(ink: Laid, plan: Plan, look: InkLook, bath: Bath) -> InkMap:
         return InkMap(thick, np.full(plan.shape, np.nan, np.float32))
     top, radius = _tops(ink), _radii(ink, look)
     surface = top.max() if bath.surface_z_mm is None else max(bath.surface_z_mm, top.max())
-    weight = np.exp(-2 * bath.turbidity_per_mm * (surface - top))
+    weight = np.exp(-2 * bath.turbidity_per_mm * (surface - top.mean(axis=1)))
     shown = weight > _FAINT * weight.max()
     number = np.zeros(len(lines), np.int64)
     if ink.layering is not None:
@@ -65,8 +65,9 @@ def ink_map(ink: Laid, plan: Plan, look: InkLook, bath: Bath) -> InkMap:
 
 
 def _tops(ink: Laid) -> FloatArray:
-    middle = (ink.strands.start[:, 2] + ink.strands.end[:, 2]) / 2
-    return middle if ink.layering is not None else middle + ink.strands.radius
+    """Height of the crest at each line's ends, (n, 2), mm."""
+    tip = np.column_stack([ink.strands.start[:, 2], ink.strands.end[:, 2]])
+    return tip if ink.layering is not None else tip + ink.strands.radius[:, None]
 
 
 def _radii(ink: Laid, look: InkLook) -> FloatArray:

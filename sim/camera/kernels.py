@@ -26,8 +26,8 @@ def draw_lines(
 ) -> None:
     """Draw capsules, each thickest in its middle; where they overlap the thickest counts.
 
-    ``segments`` (n, 4) are x0, y0, x1, y1 and ``radius`` (n,) in pixels of the maps; ``crest`` and
-    ``height`` (n,) are mm: where a line's top is, and how thick it is there. ``weight`` fades what
+    ``segments`` (n, 4) are x0, y0, x1, y1 and ``radius`` (n,) in pixels of the maps; ``crest``
+    (n, 2) and ``height`` (n,) are mm: where a line's top is at its ends, and how thick it is. ``weight`` fades what
     lies deep. At the share q of the radius a line is (1 - q²) ** ``flatness`` as thick as in its
     middle: 1/2 is an ellipse, less is flatter with steeper sides. The outermost pixel counts by the
     share that is covered.
@@ -39,16 +39,16 @@ def draw_lines(
         reach = r + 1.0
         dx, dy = x1 - x0, y1 - y0
         squared = dx * dx + dy * dy
-        first = max(0, int(math.ceil(min(y0, y1) - reach)))
-        last = min(ny - 1, int(math.floor(max(y0, y1) + reach)))
+        first = max(0, math.ceil(min(y0, y1) - reach))
+        last = min(ny - 1, math.floor(max(y0, y1) + reach))
         for row in range(first, last + 1):
             t0, t1 = 0.0, 1.0
             if abs(dy) > 1e-9:
                 ta, tb = (row - reach - y0) / dy, (row + reach - y0) / dy
                 t0, t1 = max(0.0, min(ta, tb)), min(1.0, max(ta, tb))
             xa, xb = x0 + t0 * dx, x0 + t1 * dx
-            left = max(0, int(math.ceil(min(xa, xb) - reach)))
-            right = min(nx - 1, int(math.floor(max(xa, xb) + reach)))
+            left = max(0, math.ceil(min(xa, xb) - reach))
+            right = min(nx - 1, math.floor(max(xa, xb) + reach))
             for col in range(left, right + 1):
                 px, py = col - x0, row - y0
                 t = (px * dx + py * dy) / squared if squared > 0.0 else 0.0
@@ -63,6 +63,6 @@ def draw_lines(
                 thick = np.float32(weight[s] * height[s] * share)
                 if thick > thick_map[row, col]:
                     thick_map[row, col] = thick
-                top = np.float32(crest[s] - height[s] * (1.0 - share))
+                top = np.float32(crest[s, 0] + t * (crest[s, 1] - crest[s, 0]) - height[s] * (1.0 - share))
                 if top > crest_map[row, col]:
                     crest_map[row, col] = top

@@ -95,7 +95,9 @@ class Camera(BaseModel):
         CameraError
             When one looks beside it.
         """
-        flat = self._straight((np.asarray(pixels, dtype=np.float64) - self.centre_px) / self.focal_px)
+        flat = self._straight(
+            (np.asarray(pixels, dtype=np.float64) - self.centre_px) / self.focal_px
+        )
         rays = np.column_stack([flat, np.ones(len(flat))]) @ self.axes
         if not (-rays[:, 2] > _STEEPEST * np.linalg.norm(rays, axis=1)).all():
             raise CameraError(

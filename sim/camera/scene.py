@@ -212,5 +212,3 @@ class Scene(SceneFacts):
         if self.ink.colour == self.bath.colour:
             raise ValueError("ink.colour is the bath's; nothing would be seen of the ink")
         return self
-
-

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Final
 
 import cv2
@@ -19,6 +20,9 @@ _PER_GRAIN: Final = 3.0
 _OCTAVES: Final = ((1.0, 0.6), (2.7, 0.5), (8.3, 0.45), (31.0, 0.4))
 """Size over the finest granule, and its share; no two sizes have a common measure, so that no
 tile's repetition shows."""
+
+_MAGNIFIED: Final = 0.2
+"""Texels a pixel below which straight lines between them would be seen."""
 
 
 def granules(plan: Plan, granule_mm: float, seed: int) -> SingleArray:
@@ -40,9 +44,12 @@ def waves(plan: Plan, size_mm: float, seed: int, step: int) -> SingleArray:
     coarse = Plan(
         plan.camera, plan.z_mm, plan.index, plan.origin_mm, plan.pitch_mm * step, (rows, columns)
     )
-    return _laid_out(_noise_tile(seed, len(_OCTAVES)), coarse, size_mm)
+    found = _laid_out(_noise_tile(seed, len(_OCTAVES)), coarse, size_mm)
+    # A bend at every texel would be seen in a glint.
+    return cv2.GaussianBlur(found, (0, 0), max(0.8, 0.6 * size_mm / _PER_GRAIN / coarse.pitch_mm))
 
 
+@lru_cache(maxsize=8)
 def _noise_tile(seed: int, number: int) -> SingleArray:
     """Smooth noise without seams at its rim, standard deviation 1."""
     drawn = np.random.default_rng((seed, 7, number)).standard_normal((_TILE, _TILE), np.float32)
@@ -58,12 +65,13 @@ def _laid_out(tile: SingleArray, plan: Plan, grain_mm: float) -> SingleArray:
     scale = plan.pitch_mm / texel
     x, y = np.mod(plan.origin_mm / texel, _TILE)
     rows, columns = plan.shape
+    between = cv2.INTER_CUBIC if scale < _MAGNIFIED else cv2.INTER_LINEAR
     return np.asarray(
         cv2.warpAffine(
             tile,
             np.array([[scale, 0, x], [0, scale, y]]),
             (columns, rows),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            flags=between | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_WRAP,
         )
     )

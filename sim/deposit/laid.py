@@ -138,6 +138,12 @@ def laid_as_is(
     return Laid(lines, layering, standing_ul)
 
 
+def nothing_laid() -> Laid:
+    """Return the ink of a print that hasn't begun."""
+    none, places, number = np.zeros(0), np.zeros((0, 3)), np.zeros(0, np.int64)
+    return Laid(Strands(places, places, none, none, number, number), None)
+
+
 def writing_style(lines: Strands, layer_mm: float | None = None) -> Style:
     """Layered when all is flat, on two levels or more; or on one where `layer_mm` is given."""
     flat = np.abs(lines.end[:, 2] - lines.start[:, 2]).max() < 1e-3

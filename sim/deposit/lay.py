@@ -154,8 +154,16 @@ def deposit(
     return deposit_of_laid(ink, voxel_mm)
 
 
-def deposit_of_laid(ink: Laid, voxel_mm: float) -> Deposit:
+def deposit_of_laid(ink: Laid, voxel_mm: float, box_mm: FloatArray | None = None) -> Deposit:
     """Lay ink into voxels that `sim.deposit.laid` says to lie there.
+
+    Parameters
+    ----------
+    ink : Laid
+    voxel_mm : float, mm
+    box_mm : (2, 3) float64 or None, mm
+        Lowest and highest corner of what the grid covers, one voxel more all round, whatever of
+        the ink lies there; None for all ink.
 
     Raises
     ------
@@ -163,9 +171,9 @@ def deposit_of_laid(ink: Laid, voxel_mm: float) -> Deposit:
         When none does, or the grid would be too large.
     """
     check_positive(voxel_mm=voxel_mm)
-    if not len(ink.strands):
+    if not len(ink.strands) and box_mm is None:
         raise DepositError("no ink is laid along any way, so nothing was deposited")
-    return _of_laid(ink, voxel_mm, _box(ink))
+    return _of_laid(ink, voxel_mm, _box(ink) if box_mm is None else box_mm)
 
 
 def deposit_of_heads(

@@ -41,7 +41,11 @@ class Timeline:
 
     @staticmethod
     def of(
-        time_s: FloatArray, line: IntArray, way_mm: FloatArray, push_ul: FloatArray, writes: BoolArray
+        time_s: FloatArray,
+        line: IntArray,
+        way_mm: FloatArray,
+        push_ul: FloatArray,
+        writes: BoolArray,
     ) -> Timeline:
         """Sum up blocks: their way, what the plunger pushes (below 0: goes back), which write."""
         foremost = np.maximum.accumulate(np.concatenate([[0.0], np.cumsum(push_ul)]))

@@ -102,7 +102,8 @@ def test_lost_strokes_are_the_same_in_a_longer_record(tmp_path):
     assert 0 < len(short.strands) < 8
     np.testing.assert_array_equal(short.strands.line, long.strands.line[: len(short.strands)])
     one = ink_of(tmp_path, "{fault: lost, time_s: 3.5}")
-    assert 3 not in one.strands.line and len(one.strands) == 7
+    assert 3 not in one.strands.line
+    assert len(one.strands) == 7
 
 
 def test_sag_widens_layers_and_sinks_filaments(tmp_path):
@@ -114,7 +115,9 @@ def test_sag_widens_layers_and_sinks_filaments(tmp_path):
 
 
 def test_debris_lies_beside_the_line_in_the_scan_too(tmp_path):
-    wrong = faults(tmp_path, "{fault: debris, written_mm: 2.5, diameter_mm: 0.8, offset_mm: [0, -0.6]}")
+    wrong = faults(
+        tmp_path, "{fault: debris, written_mm: 2.5, diameter_mm: 0.8, offset_mm: [0, -0.6]}"
+    )
     voxels = deposit(rows(), AREA, 0.05, faults=wrong, plunger_step_mm=1e-6)
     x, y, z = np.round((np.array([2.5, 0.4, 0.05]) - voxels.origin_mm) / 0.05).astype(int)
     assert voxels.volume[z, y, x] == 255
@@ -131,7 +134,8 @@ def test_begun_print_needs_its_layers_height(tmp_path):
     motion = rows(layers=1)
     assert laid(motion, InkFaults(), AREA).style == "embedded"
     found = laid(motion, InkFaults(), AREA, layer_mm=HEIGHT, plunger_step_mm=1e-6)
-    assert found.style == "layered" and found.height_mm[0] == HEIGHT
+    assert found.style == "layered"
+    assert found.height_mm[0] == HEIGHT
 
 
 @pytest.mark.parametrize(
