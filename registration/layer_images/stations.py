@@ -80,6 +80,8 @@ class Grouping:
         hide = np.where(seen, 1.0, np.nan)
         return Stations(
             at_mm=ways.point[self.first, :2],
+            z_mm=ways.point[self.first, 2],
+            normal=ways.normal[self.first],
             piece=ways.piece[self.first],
             stroke=ways.stroke[self.first],
             along_mm=self.mean(ways.along, np.ones(len(ways), dtype=np.bool_)),
@@ -111,7 +113,7 @@ def station_widths(
 ) -> Widths:
     """Widths where a line is seen over bath with free sides."""
     nothing = np.full(len(group.count), np.nan)
-    if bath is None or bath.noise is None:
+    if bath is None or bath.noise is None or not bath.template.even:
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
     px_width = ways.width * work.px_per_mm
     room = 0.5 + _ROOM + 1.5 / px_width
