@@ -127,7 +127,7 @@ def station_widths(
     left, right = group.mean(left, use & np.isfinite(left)), group.mean(right, use & np.isfinite(right))
     tell &= np.isfinite(left) & np.isfinite(right)
     tilt = 0.5 * (left + right)[:, None] + 0.5 * (left - right)[:, None] * np.clip(ACROSS, -1, 1)
-    level = np.where(tell[:, None], mean - tilt, 0.0).astype(np.float32)
+    level = _linear(np.where(tell[:, None], mean - tilt, 0.0), bath.log_step).astype(np.float32)
     return measure_widths(
         level,
         ways.width[group.first],
@@ -137,6 +137,13 @@ def station_widths(
         1.0 / work.px_per_mm,
         _noise(level, tell, sides, group),
     )
+
+
+def _linear(values: FloatArray, log_step: float) -> FloatArray:
+    """Levels from logarithms to brightness, bath 0 and ink 1: a picture's blur is one of light."""
+    if abs(log_step) < 0.02:
+        return values
+    return np.asarray(np.expm1(log_step * np.clip(values, -1.0, 3.0)) / np.expm1(log_step))
 
 
 def _noise(level: FloatImage, tell: BoolArray, sides: Sides, group: Grouping) -> float:

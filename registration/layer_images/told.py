@@ -63,6 +63,8 @@ class Told:
     appearance : Appearance
     bath_spread : float
         Of a place's level in the image, at a single place across.
+    log_step : float
+        Logarithm of ink's brightness over the bath's; 0 where the picture isn't in logarithms.
     """
 
     image: FloatImage
@@ -76,6 +78,7 @@ class Told:
     strange: BoolArray
     appearance: Appearance
     bath_spread: float
+    log_step: float
 
 
 @dataclass(frozen=True)
@@ -115,9 +118,10 @@ def tell_ink(
         return None
     known = ground.known if _fits(ground.known, ground.flat.shape[2]) else None
     mixes = [known.mix] if known else mixes_of(ground.smooth, bath, seen, ways.width, use)
+    ink = _ink_levels(ground.smooth, bath, seen, use)
     best: Told | None = None
     for mix in mixes:
-        told = _by_mix(mix, bath, known, ground, ways, seen, sides, use, rng)
+        told = _by_mix(mix, ink, bath, known, ground, ways, seen, sides, use, rng)
         if told is not None and (best is None or told.contrast > 1.2 * best.contrast):
             best = told
         if best is not None and best.contrast > _PLENTY:
@@ -127,6 +131,7 @@ def tell_ink(
 
 def _by_mix(
     mix: FloatArray,
+    ink: FloatArray,
     bath: BathNoise,
     known: Appearance | None,
     ground: Ground,
@@ -138,7 +143,7 @@ def _by_mix(
 ) -> Told | None:
     mixed = np.asarray(ground.flat @ mix.astype(np.float32) - np.float32(bath.mean @ mix))
     width_px = float(np.median(ways.width)) * ground.work.px_per_mm
-    strange = _strange(ground, bath, seen, ways, use, width_px)
+    strange = _strange(ground, bath, ink, width_px)
     profiles = seen.profiles(mixed, ways.width[:, None] * ACROSS)
     why, angle = _reasons(ground.work, seen, ways, strange), angle_of(seen)
     learn = use & (why == Unseen.SEEN)
@@ -171,7 +176,8 @@ def _by_mix(
             noise = None
     look = Appearance(mix, template.terms * template.scale, template.filled)
     return Told(
-        image, profiles, present, plain, why, template, noise, contrast, strange, look, bath_spread
+        image, profiles, present, plain, why, template, noise, contrast, strange, look, bath_spread,
+        _log_step(mix, ink, ground.work.is_log),
     )  # fmt: skip
 
 
@@ -185,15 +191,27 @@ def _known_template(known: Appearance) -> Template:
     return Template(known.terms / scale, scale, known.filled)
 
 
-def _strange(
-    ground: Ground, bath: BathNoise, seen: Seen, ways: Ways, use: BoolArray, width_px: float
-) -> BoolArray:
-    ink = np.zeros(ground.smooth.shape[2])
-    for c in range(len(ink)):
-        level = seen.profiles(
-            np.ascontiguousarray(ground.smooth[:, :, c]), ways.width[:, None] * np.zeros((1, 1))
-        )[use, 0]
-        ink[c] = _ink_level(level - bath.mean[c], float(np.sqrt(bath.covariance[c, c])))
+def _ink_levels(
+    smooth: FloatImage, bath: BathNoise, seen: Seen, use: BoolArray
+) -> FloatArray:
+    """Ink less bath of each channel in the middle of lines, (c,)."""
+    middle = np.zeros((1, 1))
+    out = np.zeros(smooth.shape[2])
+    for c in range(len(out)):
+        level = seen.profiles(np.ascontiguousarray(smooth[:, :, c]), middle)[use, 0]
+        out[c] = _ink_level(level - bath.mean[c], float(np.sqrt(bath.covariance[c, c])))
+    return out
+
+
+def _log_step(mix: FloatArray, ink: FloatArray, is_log: bool) -> float:
+    """Logarithm of ink's brightness over the bath's, as the mixed image weighs channels; 0: none."""
+    weight = np.abs(mix * ink)
+    if not is_log or weight.sum() <= 0:
+        return 0.0
+    return float(np.clip(weight @ ink / weight.sum(), -3.0, 3.0))
+
+
+def _strange(ground: Ground, bath: BathNoise, ink: FloatArray, width_px: float) -> BoolArray:
     found = strange_places(ground.smooth, bath, ink, ground.free, ground.fresh, width_px)
     saturated = ground.work.bad
     lines = ground.fresh > 0
