@@ -20,6 +20,10 @@ ACROSS = np.linspace(-1.5, 1.5, 61)
 """Places across a line, in expected widths."""
 WITHIN = np.abs(ACROSS) <= 0.5 + 1e-9
 _SMOOTH = 0.15
+_RIDGE = 0.3
+"""Of the bath's mean variance across: noise that its covariance doesn't know of."""
+_LEAST_ODD = 0.1
+"""Of the even part's power; a smaller odd part is left out."""
 _MOST = 20_000
 _FEWEST = 60
 
@@ -54,7 +58,7 @@ def channel_mix(
     count = smooth.shape[2]
     if count == 1 or use.sum() < _FEWEST:
         return np.ones(count) / np.sqrt(np.maximum(np.diag(bath.covariance), 1e-12))
-    u = width[use, None] * np.array([[-0.2, 0.0, 0.2]])
+    u = width[use, None] * np.array([[-0.4, -0.2, 0.0, 0.2, 0.4]])
     picked = Seen(seen.at[use], seen.across[use], seen.along[use])
     ink = np.stack(
         [picked.profiles(np.ascontiguousarray(smooth[:, :, c]), u).mean(axis=1) for c in range(count)],
@@ -74,6 +78,16 @@ def channel_mix(
     return np.asarray(mix)
 
 
+def mixes_of(
+    smooth: FloatImage, bath: BathNoise, seen: Seen, width: FloatArray, use: BoolArray
+) -> list[FloatArray]:
+    """Weights of the channels worth trying: Fisher's, and plain brightness."""
+    first = channel_mix(smooth, bath, seen, width, use)
+    if len(first) == 1:
+        return [first]
+    return [first, 1.0 / np.sqrt(np.maximum(np.diag(bath.covariance), 1e-12)) / len(first)]
+
+
 def _spread(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Mean and covariance without the outermost values."""
     middle = np.median(values, axis=0)
@@ -85,11 +99,15 @@ def _spread(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True)
 class Template:
-    """What a sound line looks like across, over `ACROSS`; its strongest place is 1.
+    """What a sound line looks like across, by the direction in which the picture shows it.
+
+    A line that is lit from the side is brighter on one side: m(u) = m0(u) + m1(u) cos a + m2(u)
+    sin a, a the direction of "to the left" in the picture. m0 is even in u, m1 and m2 are odd.
 
     Attributes
     ----------
-    values : (61,) float64
+    terms : (3, 61) float64
+        m0, m1, m2 over `ACROSS`; the strongest place is 1.
     scale : float
         Of the mixed image: what was divided by.
     filled : bool
@@ -97,39 +115,88 @@ class Template:
         not by its edges alone.
     """
 
-    values: FloatArray
+    terms: FloatArray
     scale: float
     filled: bool
 
     @property
-    def weight(self) -> FloatArray:
-        """Of each place across for the presence, (61,); times a profile, summed: 1 for ink."""
-        inner = np.where(WITHIN, self.values, 0.0)
-        return np.asarray(inner / max(float(inner @ self.values), 1e-12))
+    def values(self) -> FloatArray:
+        """m0, (61,)."""
+        return np.asarray(self.terms[0])
+
+    @property
+    def even(self) -> bool:
+        """Whether edges look alike on both sides, so that widths can be told."""
+        inner = self.terms[:, WITHIN] ** 2
+        return bool(inner[0].sum() > 0.5 * inner.sum())
+
+    def rows(self, angle: FloatArray) -> FloatArray:
+        """Template of each direction, (n, 61); 0 outside the line."""
+        turned = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
+        return np.asarray(turned @ np.where(WITHIN, self.terms, 0.0))
+
+    def weights(self, angle: FloatArray, noise: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        """Weights for the presence (n, 61), and the strength of each direction's template, (n,).
+
+        A profile times its weights, summed, is 1 for ink and 0 for bath. Ink that is told by its
+        edges is weighted against the bath's own texture (``noise``, covariance (61, 61)): a matched
+        filter.
+        """
+        rows = self.rows(angle)
+        weights = rows
+        if not self.filled and noise is not None:
+            inner = np.where(WITHIN[:, None] & WITHIN, noise, 0.0)
+            ridge = _RIDGE * float(np.trace(inner)) / int(WITHIN.sum())
+            weights = np.linalg.solve(inner + ridge * np.eye(len(ACROSS)), rows.T).T
+        power = (rows * weights).sum(axis=1)
+        strength = np.sqrt((rows**2).sum(axis=1))
+        return weights / np.maximum(power, 1e-12)[:, None], strength
 
 
-def learn_template(profiles: FloatImage, usable: BoolArray) -> Template:
+def angle_of(seen: Seen) -> FloatArray:
+    """Direction of "to the left" in the picture, (n,)."""
+    return np.arctan2(seen.across[:, 1], seen.across[:, 0])
+
+
+def learn_template(profiles: FloatImage, usable: BoolArray, angle: FloatArray) -> Template:
     """Learn it from profiles (n, 61), where usable (n, 61); some may be of missing lines."""
     values = np.where(usable, profiles, 0.0)
-    known = usable.sum(axis=0)
     ink = np.ones(len(profiles), dtype=np.bool_)
-    shape = np.zeros(len(ACROSS))
+    terms = np.zeros((3, len(ACROSS)))
     for _ in range(5):
-        count = usable[ink].sum(axis=0)
-        shape = np.where(count > 0.02 * ink.sum(), values[ink].sum(axis=0) / np.maximum(count, 1), 0)
-        inner = np.where(WITHIN, shape, 0.0)
-        power = float(inner @ inner)
-        if power <= 0 or not known.any():
-            break
-        present = profiles @ inner / power
+        terms = _terms(values[ink], usable[ink], angle[ink])
+        weights, _ = Template(terms, 1.0, True).weights(angle, None)
+        present = (profiles * weights).sum(axis=1)
         keep = present > 0.5 * np.percentile(present, 80)
-        if keep.sum() < 10 or (keep == ink).all():
+        if keep.sum() < 20 or (keep == ink).all():
             break
         ink = keep
-    smooth = np.convolve(np.pad(shape, 2, mode="edge"), np.ones(5) / 5, mode="valid")
-    strongest = int(np.argmax(np.abs(np.where(np.abs(ACROSS) < 0.6, smooth, 0.0))))
-    scale = float(smooth[strongest])
+    return _scaled(terms)
+
+
+def _terms(values: FloatImage, usable: BoolArray, angle: FloatArray) -> FloatArray:
+    """Least squares of all three terms, each profile taken from both of its sides."""
+    turned = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
+    back = turned * (1.0, -1.0, -1.0)
+    both, mask = turned.T @ values + back.T @ values[:, ::-1], usable
+    number = np.maximum(mask.sum(axis=0) + mask[:, ::-1].sum(axis=0), 1)
+    even = both[0] / number
+    odd = np.zeros((2, len(ACROSS)))
+    power = turned[:, 1:].T @ turned[:, 1:] / len(turned)
+    inner = np.linalg.pinv(power + 1e-6 * np.eye(2), rcond=0.05)
+    odd = inner @ (both[1:] / number)
+    if (odd[:, WITHIN] ** 2).sum() < _LEAST_ODD * (even[WITHIN] ** 2).sum():
+        odd[:] = 0.0
+    return np.where(mask.mean(axis=0) > 0.02, np.vstack([even, odd]), 0.0)
+
+
+def _scaled(terms: FloatArray) -> Template:
+    smooth = np.convolve(np.pad(terms[0], 2, mode="edge"), np.ones(5) / 5, mode="valid")
+    near = np.abs(ACROSS) < 0.6
+    strongest = float(smooth[np.argmax(np.abs(np.where(near, smooth, 0.0)))])
+    odd = float(np.sqrt((terms[1:, near] ** 2).sum(axis=0)).max())
     core = float(smooth[np.abs(ACROSS) < 0.15].mean())
+    scale = strongest if abs(strongest) > odd else odd
     if abs(scale) < 1e-12:
-        return Template(np.where(WITHIN, 1.0, 0.0), 1.0, False)
-    return Template(shape / scale, scale, core / scale > 0.6)
+        return Template(np.vstack([np.where(WITHIN, 1.0, 0.0), np.zeros((2, len(ACROSS)))]), 1.0, False)
+    return Template(terms / scale, scale, abs(core) > 0.6 * max(abs(strongest), odd))

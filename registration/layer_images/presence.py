@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from scipy.stats import norm
 
-from registration.layer_images.ink_image import ACROSS, Template
+from registration.layer_images.ink_image import ACROSS
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage, IntArray
 from registration.layer_images.ways import Seen, Ways
 from registration.layer_images.working import Mask
@@ -69,14 +69,18 @@ class Sides:
 
 
 def presence(
-    profiles: FloatImage, template: Template, left: FloatArray, right: FloatArray
-) -> FloatArray:
-    """Presence of each profile (n, 61) given the bath beside it, (n,); NaN where none is seen."""
-    weight = template.weight
-    plain = profiles @ weight
+    profiles: FloatImage, weights: FloatArray, left: FloatArray, right: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Presence of each profile (n, 61) given the bath beside it, and without that, (n,) each.
+
+    ``weights`` are those of `Template.weights`; ``left`` and ``right`` are NaN where no bath is
+    seen.
+    """
+    plain = (profiles * weights).sum(axis=1)
     side = np.where(np.isnan(left), right, np.where(np.isnan(right), left, 0.5 * (left + right)))
-    beside = plain - side * float(weight.sum())
-    return np.asarray(np.where(np.isnan(side), plain, np.maximum(plain, beside)), dtype=np.float64)
+    beside = plain - side * weights.sum(axis=1)
+    both = np.where(np.isnan(side), plain, np.maximum(plain, beside))
+    return np.asarray(both, dtype=np.float64), np.asarray(plain, dtype=np.float64)
 
 
 def fake_places(free: Mask, width_px: float, step_px: float, rng: np.random.Generator) -> Seen | None:
@@ -118,6 +122,11 @@ class WindowNoise:
         """Chance of so low a mean over a stretch, by noise."""
         spread = float(np.interp(length_mm, self.length_mm, self.spread))
         return float(norm.sf((self.middle - mean) / max(spread, 1e-9)))
+
+    def contrast(self, length_mm: float) -> float:
+        """Ink over bath, in standard deviations of a stretch."""
+        spread = float(np.interp(length_mm, self.length_mm, self.spread))
+        return self.middle / max(float(np.hypot(spread, self.bath)), 1e-9)
 
     def can_tell(self, length_mm: float, p_needed: float) -> bool:
         """Whether a gap of that length would be found, nineteen times in twenty."""

@@ -281,17 +281,9 @@ def _findings(
         coverage=covered / seen_mm if seen_mm > 0 else np.nan,
         shift=shift,
         places=places,
-        contrast=_contrast(told, options),
+        contrast=told.contrast if told is not None else 0.0,
         appearance=told.appearance if told is not None and told.noise is not None else None,
     )
-
-
-def _contrast(told: Told | None, options: SeeingOptions) -> float:
-    if told is None or told.noise is None:
-        return 0.0
-    noise = told.noise
-    spread = float(np.interp(options.gap_mm, noise.length_mm, noise.spread))
-    return noise.middle / max(np.hypot(spread, noise.bath), 1e-9)
 
 
 def _gaps(

@@ -80,6 +80,8 @@ class Grouping:
         hide = np.where(seen, 1.0, np.nan)
         return Stations(
             at_mm=ways.point[self.first, :2],
+            z_mm=ways.point[self.first, 2],
+            normal=ways.normal[self.first],
             piece=ways.piece[self.first],
             stroke=ways.stroke[self.first],
             along_mm=self.mean(ways.along, np.ones(len(ways), dtype=np.bool_)),
@@ -111,7 +113,7 @@ def station_widths(
 ) -> Widths:
     """Widths where a line is seen over bath with free sides."""
     nothing = np.full(len(group.count), np.nan)
-    if bath is None or bath.noise is None:
+    if bath is None or bath.noise is None or not bath.template.even:
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
     px_width = ways.width * work.px_per_mm
     room = 0.5 + _ROOM + 1.5 / px_width
@@ -125,7 +127,7 @@ def station_widths(
     left, right = group.mean(left, use & np.isfinite(left)), group.mean(right, use & np.isfinite(right))
     tell &= np.isfinite(left) & np.isfinite(right)
     tilt = 0.5 * (left + right)[:, None] + 0.5 * (left - right)[:, None] * np.clip(ACROSS, -1, 1)
-    level = np.where(tell[:, None], mean - tilt, 0.0).astype(np.float32)
+    level = _linear(np.where(tell[:, None], mean - tilt, 0.0), bath.log_step).astype(np.float32)
     return measure_widths(
         level,
         ways.width[group.first],
@@ -135,6 +137,13 @@ def station_widths(
         1.0 / work.px_per_mm,
         _noise(level, tell, sides, group),
     )
+
+
+def _linear(values: FloatArray, log_step: float) -> FloatArray:
+    """Levels from logarithms to brightness, bath 0 and ink 1: a picture's blur is one of light."""
+    if abs(log_step) < 0.02:
+        return values
+    return np.asarray(np.expm1(log_step * np.clip(values, -1.0, 3.0)) / np.expm1(log_step))
 
 
 def _noise(level: FloatImage, tell: BoolArray, sides: Sides, group: Grouping) -> float:

@@ -11,8 +11,9 @@ from registration.layer_images.ink_image import (
     WITHIN,
     BathNoise,
     Template,
-    channel_mix,
+    angle_of,
     learn_template,
+    mixes_of,
 )
 from registration.layer_images.presence import (
     Sides,
@@ -28,6 +29,11 @@ from registration.layer_images.working import Mask, Working
 
 _MOST_SATURATED = 0.3
 """Of the lines: more, and it is the ink that is saturated."""
+_FEWEST = 20
+_PLENTY = 15.0
+"""A contrast from which on no other mix of the channels is tried."""
+_WEAK = 0.4
+"""Of the usual strength: lines along the light that ridges are told by aren't seen."""
 _HIT = 0.2
 """Of a place's width that must be strange for it not to be seen."""
 
@@ -51,10 +57,14 @@ class Told:
     template : Template
     noise : WindowNoise or None
         None where ink can't be told from this background.
+    contrast : float
+        Ink over background, in standard deviations of a place as long as a tolerated gap.
     strange : (h, w) bool
     appearance : Appearance
     bath_spread : float
         Of a place's level in the image, at a single place across.
+    log_step : float
+        Logarithm of ink's brightness over the bath's; 0 where the picture isn't in logarithms.
     """
 
     image: FloatImage
@@ -64,9 +74,11 @@ class Told:
     why: FloatArray
     template: Template
     noise: WindowNoise | None
+    contrast: float
     strange: BoolArray
     appearance: Appearance
     bath_spread: float
+    log_step: float
 
 
 @dataclass(frozen=True)
@@ -105,34 +117,67 @@ def tell_ink(
     if bath is None or not use.any():
         return None
     known = ground.known if _fits(ground.known, ground.flat.shape[2]) else None
-    mix = known.mix if known else channel_mix(ground.smooth, bath, seen, ways.width, use)
+    mixes = [known.mix] if known else mixes_of(ground.smooth, bath, seen, ways.width, use)
+    ink = _ink_levels(ground.smooth, bath, seen, use)
+    best: Told | None = None
+    for mix in mixes:
+        told = _by_mix(mix, ink, bath, known, ground, ways, seen, sides, use, rng)
+        if told is not None and (best is None or told.contrast > 1.2 * best.contrast):
+            best = told
+        if best is not None and best.contrast > _PLENTY:
+            break
+    return best
+
+
+def _by_mix(
+    mix: FloatArray,
+    ink: FloatArray,
+    bath: BathNoise,
+    known: Appearance | None,
+    ground: Ground,
+    ways: Ways,
+    seen: Seen,
+    sides: Sides,
+    use: BoolArray,
+    rng: np.random.Generator,
+) -> Told | None:
     mixed = np.asarray(ground.flat @ mix.astype(np.float32) - np.float32(bath.mean @ mix))
     width_px = float(np.median(ways.width)) * ground.work.px_per_mm
-    strange = _strange(ground, bath, seen, ways, use, width_px)
-    across = ways.width[:, None] * ACROSS
-    profiles = seen.profiles(mixed, across)
-    why = _reasons(ground.work, seen, ways, strange)
-    usable = sides.usable()
+    strange = _strange(ground, bath, ink, width_px)
+    profiles = seen.profiles(mixed, ways.width[:, None] * ACROSS)
+    why, angle = _reasons(ground.work, seen, ways, strange), angle_of(seen)
     learn = use & (why == Unseen.SEEN)
-    if learn.sum() < 20 and known is None:
+    if learn.sum() < _FEWEST and known is None:
         return None
-    template = _known_template(known) if known else learn_template(profiles[learn], usable[learn])
-    image, profiles = mixed / np.float32(template.scale), profiles / np.float32(template.scale)
-    px_width = ways.width * ground.work.px_per_mm
-    left, right = sides.levels(profiles, px_width)
-    plain = np.asarray(profiles @ template.weight, dtype=np.float64)
-    present = presence(profiles, template, left, right)
-    fakes, bath_spread = _fake_presence(image, ground, template, width_px, ways, rng)
+    if known:
+        template = _known_template(known)
+    else:
+        template = learn_template(profiles[learn], sides.usable()[learn], angle[learn])
+    scale = np.float32(template.scale)
+    image, profiles = mixed / scale, profiles / scale
+    fakes = _fake_profiles(image, ground, width_px, ways, rng)
+    noise_across = np.cov(fakes[0].T) if fakes is not None else None
+    weights, strength = template.weights(angle, noise_across)
+    why[(why == Unseen.SEEN) & (strength < _WEAK * np.percentile(strength, 90))] = int(Unseen.FAINT)
+    left, right = sides.levels(profiles, ways.width * ground.work.px_per_mm)
+    present, plain = presence(profiles, weights, left, right)
+    fake_present, bath_spread = None, 0.0
+    if fakes is not None:
+        own, _ = template.weights(fakes[1], noise_across)
+        fake_present = (fakes[0] * own).sum(axis=1).astype(np.float64)
+        inner = fakes[0][:, WITHIN]
+        bath_spread = 1.4826 * float(np.median(np.abs(inner - np.median(inner))))
     good = use & (why == Unseen.SEEN)
-    noise = window_noise(present, good, ways, fakes, ground.gap_mm)
+    noise, contrast = window_noise(present, good, ways, fake_present, ground.gap_mm), 0.0
     if noise is not None:
+        contrast = noise.contrast(ground.gap_mm)
         places = max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
         if not noise.can_tell(ground.gap_mm, ground.rate / places):
             noise = None
-    core = float(template.values[np.abs(ACROSS) < 0.15].mean())
-    look = Appearance(mix, template.values * template.scale, core * template.scale)
+    look = Appearance(mix, template.terms * template.scale, template.filled)
     return Told(
-        image, profiles, present, plain, why, template, noise, strange, look, bath_spread
+        image, profiles, present, plain, why, template, noise, contrast, strange, look, bath_spread,
+        _log_step(mix, ink, ground.work.is_log),
     )  # fmt: skip
 
 
@@ -141,19 +186,32 @@ def _fits(known: Appearance | None, channels: int) -> bool:
 
 
 def _known_template(known: Appearance) -> Template:
-    scale = float(known.template[np.argmax(np.abs(np.where(WITHIN, known.template, 0.0)))])
-    return Template(known.template / scale, scale, known.core / scale > 0.6)
+    flat = known.terms[:, WITHIN].ravel()
+    scale = float(flat[np.argmax(np.abs(flat))])
+    return Template(known.terms / scale, scale, known.filled)
 
 
-def _strange(
-    ground: Ground, bath: BathNoise, seen: Seen, ways: Ways, use: BoolArray, width_px: float
-) -> BoolArray:
-    ink = np.zeros(ground.smooth.shape[2])
-    for c in range(len(ink)):
-        level = seen.profiles(
-            np.ascontiguousarray(ground.smooth[:, :, c]), ways.width[:, None] * np.zeros((1, 1))
-        )[use, 0]
-        ink[c] = _ink_level(level - bath.mean[c], float(np.sqrt(bath.covariance[c, c])))
+def _ink_levels(
+    smooth: FloatImage, bath: BathNoise, seen: Seen, use: BoolArray
+) -> FloatArray:
+    """Ink less bath of each channel in the middle of lines, (c,)."""
+    middle = np.zeros((1, 1))
+    out = np.zeros(smooth.shape[2])
+    for c in range(len(out)):
+        level = seen.profiles(np.ascontiguousarray(smooth[:, :, c]), middle)[use, 0]
+        out[c] = _ink_level(level - bath.mean[c], float(np.sqrt(bath.covariance[c, c])))
+    return out
+
+
+def _log_step(mix: FloatArray, ink: FloatArray, is_log: bool) -> float:
+    """Logarithm of ink's brightness over the bath's, as the mixed image weighs channels; 0: none."""
+    weight = np.abs(mix * ink)
+    if not is_log or weight.sum() <= 0:
+        return 0.0
+    return float(np.clip(weight @ ink / weight.sum(), -3.0, 3.0))
+
+
+def _strange(ground: Ground, bath: BathNoise, ink: FloatArray, width_px: float) -> BoolArray:
     found = strange_places(ground.smooth, bath, ink, ground.free, ground.fresh, width_px)
     saturated = ground.work.bad
     lines = ground.fresh > 0
@@ -181,23 +239,12 @@ def _reasons(work: Working, seen: Seen, ways: Ways, strange: BoolArray) -> Float
     return np.asarray(why)
 
 
-def _fake_presence(
-    image: FloatImage,
-    ground: Ground,
-    template: Template,
-    width_px: float,
-    ways: Ways,
-    rng: np.random.Generator,
-) -> tuple[FloatArray | None, float]:
-    """Presence where there is bath alone (8 places a line), and the scatter of single values."""
+def _fake_profiles(
+    image: FloatImage, ground: Ground, width_px: float, ways: Ways, rng: np.random.Generator
+) -> tuple[FloatImage, FloatArray] | None:
+    """Profiles where there is bath alone (8 places a line), and their directions."""
     step_px = float(np.median(ways.step)) * ground.work.px_per_mm
     fakes = fake_places(ground.free, width_px, step_px, rng)
     if fakes is None:
-        return None, 0.0
-    profiles = fakes.profiles(image, width_px * ACROSS[None, :])
-    inner = profiles[:, WITHIN]
-    middle = float(np.median(inner))
-    return (
-        np.asarray(profiles @ template.weight, dtype=np.float64),
-        1.4826 * float(np.median(np.abs(inner - middle))),
-    )
+        return None
+    return fakes.profiles(image, width_px * ACROSS[None, :]), angle_of(fakes)

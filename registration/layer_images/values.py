@@ -111,6 +111,9 @@ class Stations:
     ----------
     at_mm : (m, 2) float64, mm
         On the expected line (without the layer's shift).
+    z_mm : (m,) float64, mm
+    normal : (m, 2) float64
+        To the left of the way.
     piece : (m,) int64
         Row of `ExpectedLines`.
     stroke : (m,) int64
@@ -133,6 +136,8 @@ class Stations:
     """
 
     at_mm: FloatArray
+    z_mm: FloatArray
+    normal: FloatArray
     piece: IntArray
     stroke: IntArray
     along_mm: FloatArray
@@ -284,15 +289,15 @@ class Appearance:
     ----------
     mix : (c,) float64
         Weights of the picture's channels.
-    template : (u,) float64
-        Across a line, over ±1.5 widths, bath 0.
-    core : float
-        Of the template in its middle.
+    terms : (3, u) float64
+        Across a line, over ±1.5 widths, bath 0, by direction (`ink_image.Template`).
+    filled : bool
+        Whether ink is told by its level, and not by its edges alone.
     """
 
     mix: FloatArray
-    template: FloatArray
-    core: float
+    terms: FloatArray
+    filled: bool
 
 
 @dataclass(frozen=True)

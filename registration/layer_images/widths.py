@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from registration.layer_images.ink_image import ACROSS, Template
+from registration.layer_images.ink_image import ACROSS, WITHIN, Template
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage, IntArray
 from registration.microscope.shade import Shade, fit_shade
 
@@ -128,7 +128,8 @@ def _edges(profiles: FloatImage, template: Template) -> tuple[FloatArray, ...]:
 def _height(profiles: FloatImage, template: Template) -> FloatArray:
     """Strength of each profile over the template's: in the middle, or of its edges, (m,)."""
     if not template.filled:
-        return np.asarray(profiles @ template.weight)
+        shape = np.where(WITHIN, template.values, 0.0)
+        return np.asarray(profiles @ shape / float(shape @ shape))
     inner = np.abs(ACROSS) <= 0.25
     shape = template.values[inner]
     return np.asarray(profiles[:, inner] @ (shape / float(shape @ shape)))

@@ -53,6 +53,8 @@ class Working:
         Pixels of the picture in one.
     px_per_mm : float
         Working pixels.
+    is_log : bool
+        Whether channels are logarithms of brightness.
     """
 
     channels: FloatImage
@@ -61,6 +63,7 @@ class Working:
     origin: tuple[int, int]
     scale: int
     px_per_mm: float
+    is_log: bool
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -123,7 +126,8 @@ def prepare(
         cv2.fillPoly(cover, [np.rint(np.asarray(outline) - (x0, y0)).astype(np.int32)], 255)
     size = channels.shape[1::-1]
     lost = cv2.resize(cover, size, interpolation=cv2.INTER_AREA) > 0 if hidden else bad & False
-    work = Working(channels, bad, lost, (x0, y0), scale, seen.px_per_mm / scale)
+    is_float = np.issubdtype(picture.dtype, np.floating)
+    work = Working(channels, bad, lost, (x0, y0), scale, seen.px_per_mm / scale, not is_float)
     return work, WorkingFrame(frame, (x0, y0), scale)
 
 
