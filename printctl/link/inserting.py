@@ -7,7 +7,7 @@ from functools import cached_property
 
 from printctl.link.channel import Channel
 from printctl.link.errors import LinkError, Refused
-from printctl.link.insert_check import InsertPlace, judged_lines
+from printctl.link.insert_check import InsertPlace, check_flow, judged_lines
 from printctl.link.inserts import Insert
 from printctl.link.job import Job
 from printctl.link.job_frame import frame_at
@@ -84,8 +84,12 @@ class Inserting:
         """
         channel, progress = self.channel, self.channel.logbook.progress
         done, name = progress.done, f"the insert of look {word.look}"
-        lines = judged_lines(word.lines, self._place(at, name), name)
-        insert = Insert(word.look, done, lines, word.why)
+        flow = progress.job.flow if word.flow is None else word.flow
+        place = self._place(at, name)
+        check_flow(flow, place, name)
+        only_flow = not word.lines and word.flow is not None
+        lines = () if only_flow else judged_lines(word.lines, place, name)
+        insert = Insert(word.look, done, lines, word.why, flow)
         plan = self.changer.replanned(progress.job, insert)
         if channel.logbook.fault:
             raise Refused(f"{name} isn't taken: {channel.logbook.fault}")

@@ -17,7 +17,7 @@ Position: TypeAlias = tuple[int, int]
 
 @dataclass(frozen=True)
 class Insert:
-    """Lines that were put into a job in a look.
+    """Lines that were put into a job in a look, and what its rest pushes from there on.
 
     Attributes
     ----------
@@ -28,29 +28,34 @@ class Insert:
     lines : tuple of bytes
         As they are sent.
     why : str
+    flow : float
+        Ink of the job's writing moves behind them, over what its file says.
     """
 
     look: int
     after: int
     lines: tuple[bytes, ...]
     why: str = ""
+    flow: float = 1.0
 
     @property
     def sha256(self) -> str:
-        """Hash of the lines."""
-        return hashlib.sha256(b"\n".join(self.lines)).hexdigest()
+        """Hash of the lines and the flow."""
+        said = (*self.lines, b"flow %.4f" % self.flow)
+        return hashlib.sha256(b"\n".join(said)).hexdigest()
 
     def to_record(self) -> dict[str, Any]:
         """As the journal has it."""
         lines = [line.decode("ascii") for line in self.lines]
-        told = {"look": self.look, "after": self.after, "why": self.why}
+        told = {"look": self.look, "after": self.after, "why": self.why, "flow": self.flow}
         return {**told, "sha256": self.sha256, "lines": lines}
 
     @staticmethod
     def from_record(record: Mapping[str, Any]) -> Insert:
         """Read `to_record`."""
         lines = tuple(str(line).encode("ascii") for line in record["lines"])
-        return Insert(int(record["look"]), int(record["after"]), lines, str(record.get("why", "")))
+        why, flow = str(record.get("why", "")), float(record.get("flow", 1.0))
+        return Insert(int(record["look"]), int(record["after"]), lines, why, flow)
 
 
 def file_count(done: int, positions: Sequence[Position]) -> int:

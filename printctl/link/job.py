@@ -16,8 +16,10 @@ from typing import Final
 from firmware_profiles import Printer
 from printctl.gate import refused_lines
 from printctl.link.errors import JobError
+from printctl.link.flow_change import scaled_lines
 from printctl.link.inserts import Insert, Position
 from printctl.link.marks import MarkReader, Marks
+from printctl.link.modal import modal_state
 from sim.errors import GcodeError
 from sim.reading.file import GcodeFile, kinds_of, read_file
 from sim.reading.other_lines import Others, other_lines
@@ -76,6 +78,11 @@ class Job:
         """Where its inserts stand, and how many lines each has."""
         return tuple((one.after, len(one.lines)) for one in self.inserts)
 
+    @property
+    def flow(self) -> float:
+        """Ink that the lines behind the last insert push, over what the file says."""
+        return self.inserts[-1].flow if self.inserts else 1.0
+
     def grown_by(self, inserts: Sequence[Insert]) -> Job:
         """Return the job with several inserts, in their order; see `grown`."""
         job = self
@@ -86,7 +93,8 @@ class Job:
     def grown(self, insert: Insert) -> Job:
         """Return the job with an insert's lines behind its first ``insert.after`` lines.
 
-        Marks at that place stay before them.
+        Marks at that place stay before them. The lines behind push ``insert.flow`` of what the
+        file says (`printctl.link.flow_change`).
 
         Raises
         ------
@@ -100,10 +108,13 @@ class Job:
                 f"an insert behind line {after} doesn't fit {self.name}, {len(self)} lines with "
                 f"inserts up to line {begun}; the journal isn't of this job"
             )
-        line = self.file_line(after)
+        line, rest = self.file_line(after), self.lines[after:]
+        if insert.flow != self.flow:
+            e_mm = modal_state(self.lines, after).e or 0.0
+            rest = scaled_lines(rest, e_mm, insert.flow / self.flow)
         return replace(
             self,
-            lines=[*self.lines[:after], *insert.lines, *self.lines[after:]],
+            lines=[*self.lines[:after], *insert.lines, *rest],
             file_lines=[*self.file_lines[:after], *[line] * count, *self.file_lines[after:]],
             marks=self.marks.shifted(after, count),
             inserts=(*self.inserts, insert),

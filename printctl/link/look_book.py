@@ -61,6 +61,8 @@ class LookWord:
         To be inserted; empty for a decision.
     decision : LookDecision or None
     why : str
+    flow : float or None
+        Ink of the rest over what the job's file says, from an insert on; None for as before.
     done : callable
         Given the answer.
     refused : callable
@@ -73,6 +75,7 @@ class LookWord:
     why: str
     done: Callable[[Answer], None]
     refused: Callable[[str], None]
+    flow: float | None = None
 
 
 class LookBook:
@@ -136,7 +139,8 @@ class LookBook:
         before = self._inserts.get(word.look)
         if before is not None:
             insert, texts = before
-            if word.lines == texts or _bare(word.lines) == _bare(_texts(insert)):
+            same = word.lines == texts or _bare(word.lines) == _bare(_texts(insert))
+            if same and word.flow in (None, insert.flow):
                 return insert_answer(insert)
             raise Refused(
                 f"look {word.look} has an insert of {len(insert.lines)} lines already, other ones: "
@@ -195,6 +199,7 @@ def insert_answer(insert: Insert) -> Answer:
         "look": insert.look,
         "after": insert.after,
         "count": len(insert.lines),
+        "flow": insert.flow,
         "sha256": insert.sha256,
     }
 

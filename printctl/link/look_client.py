@@ -25,8 +25,10 @@ class LookClient:
 
     connection: Connection
 
-    def insert(self, look: int, lines: Sequence[str], why: str = "") -> dict[str, Any]:
-        """Put lines into the job where the print is held for a look.
+    def insert(
+        self, look: int, lines: Sequence[str], why: str = "", flow: float | None = None
+    ) -> dict[str, Any]:
+        """Put lines into the job where the print is held for a look, or correct its flow.
 
         Parameters
         ----------
@@ -36,6 +38,8 @@ class LookClient:
             One command each; they must end where the print is held.
         why : str
             For the journal.
+        flow : float, optional
+            Ink that the job's rest pushes, over what its file says; as before where not said.
 
         Returns
         -------
@@ -50,7 +54,7 @@ class LookClient:
         LinkError
             When the print ends first.
         """
-        self.connection.send("insert", look=look, lines=list(lines), why=why)
+        self.connection.send("insert", look=look, lines=list(lines), why=why, flow=flow)
         return self._answer("inserted", look)
 
     def decide(self, look: int, decision: LookDecision, why: str = "") -> dict[str, Any]:

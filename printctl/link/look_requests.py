@@ -30,8 +30,9 @@ class LookRequests:
         why: str,
         done: Callable[[Answer], None],
         refused: Callable[[str], None],
+        flow: float | None = None,
     ) -> None:
-        """Ask for lines to be put into the job where the print is held.
+        """Ask for lines to be put into the job where the print is held, or its flow corrected.
 
         Parameters
         ----------
@@ -43,13 +44,15 @@ class LookRequests:
             For the journal.
         done, refused : callable
             Told the answer once the lines are in the journal, or why they aren't.
+        flow : float, optional
+            Ink of the job's rest over what its file says; as before where nobody says it.
 
         Raises
         ------
         Refused
             For another look than the one that is going on, or for a second, different insert.
         """
-        self._say(LookWord(look, tuple(lines), None, why, done, refused))
+        self._say(LookWord(look, tuple(lines), None, why, done, refused, flow))
 
     def decide(
         self,

@@ -100,7 +100,9 @@ class Server(SocketServer):
     def _do_insert(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
         lines = [str(line) for line in wish["lines"]]
         done, refused = partial(self.post, guest), partial(self._refuse, guest)
-        self.streamer.insert(int(wish["look"]), lines, str(wish.get("why", "")), done, refused)
+        flow, why = wish.get("flow"), str(wish.get("why", ""))
+        wanted = None if flow is None else float(flow)
+        self.streamer.insert(int(wish["look"]), lines, why, done, refused, wanted)
 
     def _do_look_done(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
         done, refused = partial(self.post, guest), partial(self._refuse, guest)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from printctl.link.job import Job
 from printctl.observe.mending import HeldPrint, WrittenPath, written_paths
 from printctl.observe.mending.held_print import Style
-from sim.reading import code_of, read_sent
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -43,7 +43,7 @@ class ExpectedInk:
     time_s : (n,) float64, s
         Of its middle, by the speeds that the job asks for, writing alone.
     factor : (n,) float64
-        Flow factor in force (M221).
+        Ink that the grown job pushes there over what its file says.
     style : "layered" or "embedded"
     """
 
@@ -67,15 +67,23 @@ class ExpectedInk:
         return (self.command >= first) & (self.command < last)
 
 
-def expected_ink(held: HeldPrint) -> ExpectedInk:
-    """Return all ink of a job up to the place where it is held."""
+def expected_ink(held: HeldPrint, job: Job) -> ExpectedInk:
+    """Return all ink of a job up to the place where it is held.
+
+    Parameters
+    ----------
+    held : HeldPrint
+    job : Job
+        The same job with its inserts, which tell where the flow was corrected.
+    """
     paths = written_paths(held)
     if not paths:
-        return _of_pieces((), *np.zeros((3, 0)), held)
-    area = np.concatenate([one.e_per_mm for one in paths]) * _ul_per_e(held)
+        return _of_pieces((), *np.zeros((4, 0)), held)
+    factor = flow_factors(job)[np.concatenate([one.command for one in paths])]
+    area = np.concatenate([one.e_per_mm for one in paths]) * _ul_per_e(held) / factor
     feed = np.concatenate([one.feed_mm_s for one in paths])
     height = np.concatenate([one.height_mm for one in paths])
-    return _of_pieces(paths, area, feed, height, held)
+    return _of_pieces(paths, area, feed, height, factor, held)
 
 
 def _of_pieces(
@@ -83,6 +91,7 @@ def _of_pieces(
     area: FloatArray,
     feed: FloatArray,
     height: FloatArray,
+    factor: FloatArray,
     held: HeldPrint,
 ) -> ExpectedInk:
     none = np.zeros((0, 3))
@@ -105,7 +114,7 @@ def _of_pieces(
         command,
         np.repeat(np.arange(len(paths)), count),
         np.cumsum(seconds) - seconds / 2,
-        _factors(held)[command],
+        factor,
         held.style,
     )
 
@@ -115,12 +124,11 @@ def _ul_per_e(held: HeldPrint) -> float:
     return held.syringe.area_mm2 * held.ink.flow_factor
 
 
-def _factors(held: HeldPrint) -> FloatArray:
-    """Flow factor in force at each line of the job."""
-    factor = np.ones(len(held.lines))
-    for k, line in enumerate(held.lines):
-        if code_of(line) == b"M221":
-            percent = read_sent(line).number("S")
-            if percent is not None:
-                factor[k:] = percent / 100.0
+def flow_factors(job: Job) -> FloatArray:
+    """Ink that each line of a grown job pushes over what the file says, (n,); 1 in inserts."""
+    factor = np.ones(len(job))
+    for one in job.inserts:
+        factor[one.after + len(one.lines) :] = one.flow
+    for after, count in job.positions:
+        factor[after : after + count] = 1.0
     return factor

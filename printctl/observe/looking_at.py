@@ -53,7 +53,7 @@ class ObservedJob:
     folder: Path
     order: ObserverOrder
     _appearance: Appearance | None = None
-    _held: dict[int, HeldPrint] = field(default_factory=dict)
+    _held: dict[int, tuple[HeldPrint, Job]] = field(default_factory=dict)
 
     @cached_property
     def frame(self) -> CameraFrame:
@@ -75,22 +75,21 @@ class ObservedJob:
     def _job(self) -> Job:
         return load_job(Path(self.order.job), self._printer)
 
-    def held(self, look: Look) -> HeldPrint:
-        """The print as it is held at a look, with all that was put into the job so far."""
+    def held(self, look: Look) -> tuple[HeldPrint, Job]:
+        """The print as it is held at a look, and its job with all that was put in so far."""
         if look.number not in self._held:
             inserts = read_journal(self.folder / JOURNAL).inserts
             grown = self._job.grown_by([one for one in inserts if one.after < look.done])
-            self._held = {
-                look.number: HeldPrint(
-                    grown.lines,
-                    look.done,
-                    self._printer,
-                    load(Syringe, self.order.syringe),
-                    load(Ink, self.order.ink),
-                    load(Needle, self.order.needle),
-                    "embedded" if self.order.embedded else "layered",
-                )
-            }
+            held = HeldPrint(
+                grown.lines,
+                look.done,
+                self._printer,
+                load(Syringe, self.order.syringe),
+                load(Ink, self.order.ink),
+                load(Needle, self.order.needle),
+                "embedded" if self.order.embedded else "layered",
+            )
+            self._held = {look.number: (held, grown)}
         return self._held[look.number]
 
     # --- judging ---------------------------------------------------------------------------------
@@ -103,8 +102,8 @@ class ObservedJob:
         DeviceError
             When a picture can't be read.
         """
-        held = self.held(look)
-        ink = expected_ink(held)
+        held, job = self.held(look)
+        ink = expected_ink(held, job)
         layer = ink_to_judge(ink, look.before, look.done)
         lumens = self._lumens(ink, look)
         options = self._options()
@@ -165,8 +164,8 @@ class ObservedJob:
 
     def mend_lines(self, look: Look, gaps: tuple[Gap, ...]) -> list[str]:
         """Lines that mend gaps; none where nothing can be mended from here."""
-        held = self.held(look)
-        paths = expected_ink(held).paths
+        held, job = self.held(look)
+        paths = expected_ink(held, job).paths
         place = np.array(self.order.place_mm)
         voids = None
         if self.order.network:

@@ -73,11 +73,10 @@ class Judged:
 class PrintLink(Protocol):
     """What the observer asks of a print's link."""
 
-    def insert(self, look: int, lines: Sequence[str], why: str) -> None:
-        """Put lines into the job where it is held, for a look or for the pause after it."""
-
-    def scale_flow(self, look: int, factor: float, why: str) -> None:
-        """Have the rest of the job pushed by a factor of what its file says."""
+    def insert(
+        self, look: int, lines: Sequence[str], why: str, flow: float | None = None
+    ) -> object:
+        """Put lines into the job where it is held, and correct the flow of its rest."""
 
     def look_done(self, look: int, decision: str, why: str) -> None:
         """End a look: ``go_on``, ``pause`` or ``stop``."""
@@ -225,14 +224,12 @@ class Observer:
         if not lines and decision.factor is None:
             return False
         try:
-            if lines:
-                self.link.insert(look.number, lines, decision.why)
-            if decision.factor is not None:
-                self.link.scale_flow(look.number, decision.factor, decision.why)
-                self.decider.control.put_in_force(decision.factor)
+            self.link.insert(look.number, lines, decision.why, decision.factor)
         except Refused as exc:
             log.warning("look %d: %s", look.number, exc)
             return False
+        if decision.factor is not None:
+            self.decider.control.put_in_force(decision.factor)
         return True
 
 

@@ -39,13 +39,11 @@ class LinkWords:
 
     client: PrintClient
 
-    def insert(self, look: int, lines: Sequence[str], why: str) -> None:
-        """Put lines into the job."""
-        self.client.looks.insert(look, lines, why)
-
-    def scale_flow(self, look: int, factor: float, why: str) -> None:
-        """Have the rest of the job pushed by a factor."""
-        self.client.looks.scale_flow(look, factor, why)
+    def insert(
+        self, look: int, lines: Sequence[str], why: str, flow: float | None = None
+    ) -> object:
+        """Put lines into the job, and correct the flow of its rest."""
+        return self.client.looks.insert(look, lines, why, flow)
 
     def look_done(self, look: int, decision: str, why: str) -> None:
         """End a look."""

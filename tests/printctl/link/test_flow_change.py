@@ -2,7 +2,6 @@
 
 import pytest
 
-from printctl.link.errors import JobError
 from printctl.link.flow_change import scaled_lines
 
 LINES = [
@@ -20,9 +19,7 @@ LINES = [
 
 
 def test_writing_moves_behind_a_line_are_scaled_and_nothing_else():
-    assert scaled_lines(LINES, 2, 1.0, 1.5, 96) == [
-        b"G92 E0",
-        b"G1 X1 E1 F600",
+    assert scaled_lines(LINES[2:], 1.0, 1.5) == [
         b"G1 E0.50000",
         b"G1 X2 Y3",
         b"G1 E1.00000",
@@ -35,7 +32,7 @@ def test_writing_moves_behind_a_line_are_scaled_and_nothing_else():
 
 
 def test_two_changes_are_one_after_the_other():
-    twice = scaled_lines(scaled_lines(LINES, 2, 1.0, 2.0, 96), 2, 1.0, 0.5, 96)
+    twice = scaled_lines(scaled_lines(LINES, 0.0, 2.0), 0.0, 0.5)
     assert [float(line.partition(b" E")[2].split()[0]) for line in twice if b" E" in line] == [
         float(line.partition(b" E")[2].split()[0]) for line in LINES if b" E" in line
     ]
@@ -43,10 +40,5 @@ def test_two_changes_are_one_after_the_other():
 
 def test_many_lines_sum_up_without_drift():
     lines = [b"G1 X%d E%.5f" % (k, 0.00333 * (k + 1)) for k in range(10_000)]
-    last = scaled_lines(lines, 0, 0.0, 1.1, 96)[-1]
+    last = scaled_lines(lines, 0.0, 1.1)[-1]
     assert float(last.partition(b" E")[2]) == pytest.approx(0.00333 * 10_000 * 1.1, abs=1e-5)
-
-
-def test_a_line_that_gets_too_long_is_refused():
-    with pytest.raises(JobError, match="longer than the 12 bytes"):
-        scaled_lines([b"G1 X1 E1"], 0, 0.0, 1.1, 12)
