@@ -17,6 +17,7 @@ from printctl.recipe.making import (
     ToolpathPart,
 )
 from printctl.recipe.network import NetworkPart
+from printctl.recipe.observe import ObservePart
 from printctl.recipe.oxygen import OxygenPart
 from printctl.recipe.parts import FlowPart, Part, Seed
 from printctl.recipe.plate import PlatePart, check_plate
@@ -44,6 +45,9 @@ class Recipe(Part):
     solid: SolidPart = SolidPart()
     toolpath: ToolpathPart = Fresh(method="fresh")
     printer: PrinterPart = PrinterPart()
+    observe: ObservePart | None = Field(
+        default=None, description="Without it, nobody looks at the print while it is made."
+    )
     plate: PlatePart | None = None
     scan: ScanPart | None = None
     registration: RegistrationPart = RegistrationPart()
