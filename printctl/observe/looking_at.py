@@ -25,9 +25,10 @@ from printctl.observe.mending import HeldPrint, MendOptions, Voids, plan_mend
 from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.observer import Judged, Look
 from printctl.observe.order import ObserverOrder
-from registration.camera_frame import CameraFrame, read_frame
+from registration.camera_frame.frame import read_frame
 from registration.layer_images import (
     Appearance,
+    Frame,
     Gap,
     LayerFindings,
     Lumen,
@@ -35,8 +36,26 @@ from registration.layer_images import (
     annotated,
     see_layer,
 )
+from sim.camera.camera_file import load_camera
+from sim.camera.optics import Camera
 
 Image = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class SimulatedFrame:
+    """Frame of a simulated camera, exact.
+
+    Attributes
+    ----------
+    camera : Camera
+    """
+
+    camera: Camera
+
+    def to_pixels(self, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Pixels (n, 2) of places (n, 3), mm."""
+        return self.camera.pixels(points_mm)
 
 
 @dataclass
@@ -56,8 +75,10 @@ class ObservedJob:
     _held: dict[int, tuple[HeldPrint, Job]] = field(default_factory=dict)
 
     @cached_property
-    def frame(self) -> CameraFrame:
-        """The camera's."""
+    def frame(self) -> Frame:
+        """The camera's; a simulated camera's own geometry where nobody calibrated it."""
+        if not self.order.frame:
+            return SimulatedFrame(load_camera(Path(self.order.device.extra["camera"])).camera)
         return read_frame(Path(self.order.frame))
 
     @cached_property
@@ -122,7 +143,7 @@ class ObservedJob:
         image, first = seen(picture)
         second = None if again is None else seen(again)[1]
         self._appearance = first.appearance or self._appearance
-        drawn = annotated(image, self.frame, layer.lines, first)
+        drawn = annotated(image, self.frame, first)
         cv2.imwrite(str(picture.with_name("seen.png")), drawn)
         limits = self.order.limits
         evidence = evidence_of(

@@ -34,7 +34,7 @@ class ObserverOrder:
         Path of the network's file, in the printer's frame after ``place_mm``; empty for none.
     place_mm : tuple, mm
     frame : str
-        Path of the camera's frame.
+        Path of the camera's frame; empty for the simulated camera's own geometry.
     device : DeviceSettings
     limits : Limits
     """

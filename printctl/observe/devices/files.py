@@ -75,7 +75,8 @@ def simulated_picture(settings: DeviceSettings, out: Path) -> Path:
         When nothing was recorded yet.
     """
     path = out.with_suffix(".png")
-    command = [sys.executable, "-m", "sim", "camera", "--out", str(path)]
+    look = 2 * int(out.parent.name) + (out.name != "picture")  # another noise in each picture
+    command = [sys.executable, "-m", "sim", "camera", "--out", str(path), "--look", str(look)]
     for name, value in settings.extra.items():
         command += [f"--{name}", str(value)]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)

@@ -13,6 +13,7 @@ from printctl.link.families import refuse_unsent
 from printctl.link.port_detection import named_port
 from printctl.link.retreat import Retreat
 from printctl.pipeline.context import RunContext
+from printctl.pipeline.observing import look_care, start_observer
 from printctl.pipeline.stage import Stage
 from printctl.printing import (
     SIMULATED,
@@ -43,6 +44,7 @@ def depends(context: RunContext) -> Any:
         context.start_mm.tolist(),
         context.recipe.printer.care.model_dump(mode="json"),
         planned_reloads(context),
+        None if context.recipe.observe is None else context.recipe.observe.model_dump(mode="json"),
         *context.digests(context.recipe.printer.files()).values(),
     ]
 
@@ -78,6 +80,7 @@ def care_of(context: RunContext) -> Care:
         capacity_mm=usable_mm(context.syringe, context.printer.of_head(0)),
         reload_at=tuple(planned_reloads(context)),
         accepted=accepted_checks(context),
+        **look_care(context.recipe.observe),
         **heads_care(context),
     )
 
@@ -131,6 +134,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     order = Order(gcode, part.profile, part.port, folder, retreat, once=True, care=care)
     try:
         client = find_or_start(order, port)
+        start_observer(context, folder)
         outcome = follow(client, report, context.bars)
     except KeyboardInterrupt:
         context.bars.remark(
