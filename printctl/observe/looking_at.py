@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -19,7 +19,7 @@ from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL
 from printctl.observe.devices import DeviceError
 from printctl.observe.expected import ExpectedInk, expected_ink
-from printctl.observe.judging import evidence_of, figures, ink_to_judge
+from printctl.observe.judging import LayerInk, evidence_of, figures, ink_to_judge
 from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, MendOptions, Voids, plan_mend
 from printctl.observe.mending.gap import Gap as MendGap
@@ -40,6 +40,7 @@ from sim.camera.camera_file import load_camera
 from sim.camera.optics import Camera
 
 Image = NDArray[Any]
+DRAWN: Final = "seen.png"
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,30 @@ class SimulatedFrame:
 
 
 @dataclass
+class _Held:
+    """Print as it is held at a look: what is worked out once for its pictures and its mend.
+
+    Attributes
+    ----------
+    look : int
+    held : HeldPrint
+    ink : ExpectedInk
+    layer : LayerInk
+        Ink that the look is about.
+    lumens : tuple of Lumen
+    found : dict
+        Findings of the pictures judged so far.
+    """
+
+    look: int
+    held: HeldPrint
+    ink: ExpectedInk
+    layer: LayerInk
+    lumens: tuple[Lumen, ...]
+    found: dict[Path, LayerFindings] = field(default_factory=dict)
+
+
+@dataclass
 class ObservedJob:
     """A job as it stands at a look, and how its layers are seen.
 
@@ -72,7 +97,7 @@ class ObservedJob:
     folder: Path
     order: ObserverOrder
     _appearance: Appearance | None = None
-    _held: dict[int, tuple[HeldPrint, Job]] = field(default_factory=dict)
+    _last: _Held | None = None
 
     @cached_property
     def frame(self) -> Frame:
@@ -86,7 +111,7 @@ class ObservedJob:
         """Designed lumens, printer's frame; None where nobody said."""
         if not self.order.network:
             return None
-        return read_network_csv(Path(self.order.network)).moved(np.array(self.order.place_mm))
+        return read_network_csv(Path(self.order.network), "mm").moved(np.array(self.order.place_mm))
 
     @cached_property
     def _printer(self) -> Printer:
@@ -96,13 +121,13 @@ class ObservedJob:
     def _job(self) -> Job:
         return load_job(Path(self.order.job), self._printer)
 
-    def held(self, look: Look) -> tuple[HeldPrint, Job]:
-        """The print as it is held at a look, and its job with all that was put in so far."""
-        if look.number not in self._held:
+    def _held(self, look: Look) -> _Held:
+        """The print as it is held, with all that was put into its job so far."""
+        if self._last is None or self._last.look != look.number:
             inserts = read_journal(self.folder / JOURNAL).inserts
-            grown = self._job.grown_by([one for one in inserts if one.after < look.done])
+            job = self._job.grown_by([one for one in inserts if one.after < look.done])
             held = HeldPrint(
-                grown.lines,
+                job.lines,
                 look.done,
                 self._printer,
                 load(Syringe, self.order.syringe),
@@ -110,8 +135,10 @@ class ObservedJob:
                 load(Needle, self.order.needle),
                 "embedded" if self.order.embedded else "layered",
             )
-            self._held = {look.number: (held, grown)}
-        return self._held[look.number]
+            ink = expected_ink(held, job)
+            layer = ink_to_judge(ink, look.before, look.done)
+            self._last = _Held(look.number, held, ink, layer, self._lumens(ink, look))
+        return self._last
 
     # --- judging ---------------------------------------------------------------------------------
 
@@ -123,39 +150,39 @@ class ObservedJob:
         DeviceError
             When a picture can't be read.
         """
-        held, job = self.held(look)
-        ink = expected_ink(held, job)
-        layer = ink_to_judge(ink, look.before, look.done)
-        lumens = self._lumens(ink, look)
-        options = self._options()
-
-        def seen(path: Path) -> tuple[Image, LayerFindings]:
-            image = read_picture(path)
-            return image, see_layer(
-                image,
-                self.frame,
-                layer.lines,
-                lumens=lumens,
-                known=self._appearance,
-                options=options,
-            )
-
-        image, first = seen(picture)
-        second = None if again is None else seen(again)[1]
-        self._appearance = first.appearance or self._appearance
-        drawn = annotated(image, self.frame, first)
-        cv2.imwrite(str(picture.with_name("seen.png")), drawn)
+        at = self._held(look)
+        first = self._findings(at, picture)
+        second = None if again is None else self._findings(at, again)
         limits = self.order.limits
         evidence = evidence_of(
-            layer,
-            ink,
+            at.layer,
+            at.ink,
             first,
             second,
-            section=held.ink.bead_section,
+            section=at.held.ink.bead_section,
             least_gap_mm=limits.gap.least_mm,
-            left_ul=self._left_ul(ink),
+            left_ul=self._left_ul(at.ink),
         )
         return Judged(evidence, figures(first, evidence))
+
+    def _findings(self, at: _Held, path: Path) -> LayerFindings:
+        """Findings of a picture; of the first one a drawing is left beside it."""
+        if path not in at.found:
+            image = read_picture(path)
+            found = see_layer(
+                image,
+                self.frame,
+                at.layer.lines,
+                lumens=at.lumens,
+                known=self._appearance,
+                options=self._options(),
+            )
+            if not at.found:
+                self._appearance = found.appearance or self._appearance
+                drawn = annotated(image, self.frame, found)
+                cv2.imwrite(str(path.with_name(DRAWN)), drawn)
+            at.found[path] = found
+        return at.found[path]
 
     def _options(self) -> SeeingOptions:
         limits = self.order.limits
@@ -185,17 +212,19 @@ class ObservedJob:
 
     def mend_lines(self, look: Look, gaps: tuple[Gap, ...]) -> list[str]:
         """Lines that mend gaps; none where nothing can be mended from here."""
-        held, job = self.held(look)
-        paths = expected_ink(held, job).paths
-        place = np.array(self.order.place_mm)
+        at = self._held(look)
         voids = None
-        if self.order.network:
-            voids = Voids.of_network(read_network_csv(Path(self.order.network)), place)
+        if self.network is not None:
+            voids = Voids.of_network(self.network, np.zeros(3))
         wanted = [
-            MendGap(gap.stroke, max(gap.from_mm, 0.0), min(gap.to_mm, paths[gap.stroke].length_mm))
+            MendGap(
+                gap.stroke,
+                max(gap.from_mm, 0.0),
+                min(gap.to_mm, at.ink.paths[gap.stroke].length_mm),
+            )
             for gap in gaps
         ]
-        mend = plan_mend(held, wanted, voids, MendOptions())
+        mend = plan_mend(at.held, wanted, voids, MendOptions())
         return [line.decode("ascii") for line in mend.lines]
 
 

@@ -73,7 +73,7 @@ class ObservePart(Part):
         "by default.",
     )
     limit_s: Annotated[float, Field(ge=5, le=3600)] = Field(
-        default=60.0, description="A look that takes longer pauses the print for the operator."
+        default=120.0, description="A look that takes longer pauses the print for the operator."
     )
 
     @model_validator(mode="after")
