@@ -25,6 +25,7 @@ from printctl.observe.mending import HeldPrint, MendOptions, Voids, plan_mend
 from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.observer import Judged, Look
 from printctl.observe.order import ObserverOrder
+from printctl.observe.records import LOOKS
 from registration.camera_frame.frame import read_frame
 from registration.layer_images import (
     Appearance,
@@ -174,6 +175,7 @@ class ObservedJob:
                 self.frame,
                 at.layer.lines,
                 lumens=at.lumens,
+                before=self._before(at.look),
                 known=self._appearance,
                 options=self._options(),
             )
@@ -183,6 +185,11 @@ class ObservedJob:
                 cv2.imwrite(str(path.with_name(DRAWN)), drawn)
             at.found[path] = found
         return at.found[path]
+
+    def _before(self, look: int) -> Image | None:
+        """Picture of the look before, in which the layers below are seen."""
+        earlier = sorted((self.folder / LOOKS / f"{look - 1:04d}").glob("picture.*"))
+        return read_picture(earlier[0]) if earlier else None
 
     def _options(self) -> SeeingOptions:
         limits = self.order.limits

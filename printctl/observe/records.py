@@ -17,7 +17,7 @@ from design.files import write_text
 
 Answer = Literal["approve", "go_on", "stop"]
 ANSWERS: Final[tuple[Answer, ...]] = ("approve", "go_on", "stop")
-FOLDER: Final = "looks"
+LOOKS: Final = "looks"
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class LookRecord:
 
 def look_folder(print_folder: Path, number: int) -> Path:
     """Folder of a look, made if it is missing."""
-    path = print_folder / FOLDER / f"{number:04d}"
+    path = print_folder / LOOKS / f"{number:04d}"
     path.mkdir(parents=True, exist_ok=True)
     return path
 
@@ -84,7 +84,7 @@ def save_look(print_folder: Path, record: LookRecord) -> None:
 def read_looks(print_folder: Path) -> list[LookRecord]:
     """Return the looks that were judged, in their order; what can't be read is left out."""
     found = []
-    for path in sorted((print_folder / FOLDER).glob("*/look.json")):
+    for path in sorted((print_folder / LOOKS).glob("*/look.json")):
         try:
             found.append(LookRecord(**json.loads(path.read_text(encoding="utf-8"))))
         except (OSError, ValueError, TypeError):
@@ -113,7 +113,7 @@ def answer_look(print_folder: Path, number: int, answer: Answer) -> None:
 
 def answer_of(print_folder: Path, number: int) -> Answer | None:
     """Return the operator's word on a look; None while there is none."""
-    path = print_folder / FOLDER / f"{number:04d}" / "answer.json"
+    path = print_folder / LOOKS / f"{number:04d}" / "answer.json"
     try:
         answer = json.loads(path.read_text(encoding="utf-8"))["answer"]
     except (OSError, ValueError, KeyError):

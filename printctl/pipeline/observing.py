@@ -142,7 +142,7 @@ def _twin(context: RunContext, folder: Path) -> dict[str, str]:
             "tilt_deg": 8.0,
             "distortion": [-0.08, 0.02, 0.0005, -0.0003, 0.0],
         },
-        "scene": {"ink": {"colour": [70, 90, 150], "density_per_mm": 20.0}},  # ink with a dye
+        "scene": {"ink": {"colour": [70, 90, 150], "density_per_mm": 4.0}},  # ink with a dye
         "laid": {
             "printer": recipe.printer.profile,
             "syringe": recipe.printer.syringe,
