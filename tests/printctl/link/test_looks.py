@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from printctl.link.care import Care, NewSyringe
+from printctl.link.clock import VirtualClock
 from printctl.link.journal import Journal
 from printctl.link.journalled_print import read_journal
 from printctl.link.look_book import LookDecision
@@ -27,8 +28,10 @@ from tests.printctl.link.looking import (
     own_strokes,
     patch,
 )
+from tests.printctl.link.scripted_transport import ScriptedTransport
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.simulated_transport import HostDiedError
+from tests.printctl.link.test_families import FAKES, facts
 
 
 def test_print_is_held_after_each_layer_until_somebody_has_decided(tmp_path):
@@ -247,3 +250,23 @@ def test_a_syringe_that_the_insert_empties_is_changed_earlier_or_the_insert_refu
     assert status.state is LinkState.DONE, (status, observer.refusals)
     paused = [one.lines_done for one in observer.seen if one.state is LinkState.PAUSED]
     assert paused == [job.marks.of(MarkKind.RELOAD)[1].index + len(thirsty)]
+
+
+@pytest.mark.parametrize("firmware", FAKES)
+def test_other_families_look_and_insert_as_well(tmp_path, firmware):
+    data = layered(2, 8).replace(b"M302 P1\n", b"").replace(b"M85 S600\n", b"")
+    fake, observer = FAKES[firmware](), Observer({1: patch(data, 0)})
+    status = observed(
+        data,
+        tmp_path,
+        ScriptedTransport(fake.receive, VirtualClock()),
+        observer,
+        firmware=firmware,
+        printer=facts(firmware),
+    )
+    assert status.state is LinkState.DONE, (status, observer.refusals)
+    job = parse_job(data, "test.gcode", facts(firmware)).grown_by(
+        read_journal(tmp_path / "journal.log").inserts
+    )
+    across = [line.decode() for line in job.lines if b" X" in line or b" Y" in line]
+    assert [line for line in fake.executed if " X" in line or " Y" in line] == across
