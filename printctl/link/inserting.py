@@ -7,6 +7,7 @@ from functools import cached_property
 
 from printctl.link.channel import Channel
 from printctl.link.errors import LinkError, Refused
+from printctl.link.flow_check import check_flow
 from printctl.link.insert_check import InsertPlace, judged_lines
 from printctl.link.inserts import Insert
 from printctl.link.job import Job
@@ -84,8 +85,13 @@ class Inserting:
         """
         channel, progress = self.channel, self.channel.logbook.progress
         done, name = progress.done, f"the insert of look {word.look}"
-        lines = judged_lines(word.lines, self._place(at, name), name)
-        insert = Insert(word.look, done, lines, word.why)
+        place = self._place(at, name)
+        lines: tuple[bytes, ...] = ()
+        if word.lines or word.flow is None:
+            lines = judged_lines(word.lines, place, name)
+        insert = Insert(word.look, done, lines, word.why, word.flow)
+        if word.flow is not None:
+            check_flow(progress.job, insert, place, name)
         plan = self.changer.replanned(progress.job, insert)
         if channel.logbook.fault:
             raise Refused(f"{name} isn't taken: {channel.logbook.fault}")

@@ -72,6 +72,7 @@ class Observer:
     streamer: Streamer | None = None
     resumes: bool = True
     seen_by: Callable[[Status], None] = lambda status: None
+    flows: dict[int, float] = field(default_factory=dict)
 
     def status(self, status: Status) -> None:
         self.seen.append(status)
@@ -81,8 +82,8 @@ class Observer:
         self.seen_by(status)
         if status.state is LinkState.LOOKING and status.look is not None:
             number = status.look["number"]
-            if number in self.says:
-                self.insert(number, self.says[number])
+            if number in self.says or number in self.flows:
+                self.insert(number, self.says.get(number, []))
             decision = self.decides(number)
             if decision is not None:
                 self.decide(number, decision)
@@ -92,7 +93,7 @@ class Observer:
     def insert(self, number: int, lines: list[str]) -> None:
         assert self.streamer is not None
         told = self.answers.append, self.refusals.append
-        self.streamer.insert(number, lines, "a gap", *told)
+        self.streamer.insert(number, lines, "a gap", *told, self.flows.get(number))
 
     def decide(self, number: int, decision: LookDecision) -> None:
         assert self.streamer is not None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from printctl.link.journalled_print import JournalledPrint
 from printctl.link.marks import MarkKind
 from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.recovering import plan_recovery
+from printctl.link.reloading import plunger_travel
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
 from printctl.printing.inserted_ink import filling_in_file, inserted_ink
@@ -66,6 +69,23 @@ def test_rest_from_any_line_of_a_grown_job_is_the_grown_jobs(begin):
     plan = plan_recovery(GROWN, DATA, JournalledPrint(stood=stood), PRINTER, Retreat())
     rest = parse_job(plan.gcode, "rest").lines
     assert rest[len(rest) - (len(GROWN) - begin) :] == GROWN.lines[begin:]
+
+
+@pytest.mark.parametrize("begin", range(12, len(GROWN) - 1, 4))
+def test_rest_of_a_job_whose_flow_was_corrected_has_its_doses(begin):
+    data = DATA.replace(b"F1800\n", b"F1800 ; here\n")
+    job = parse_job(data, "test.gcode")
+    grown = job.grown(replace(FIRST, flow=1.3)).grown(Insert(2, SECOND.after, (), "", 0.9))
+    stood = {"line": begin, "begin_at": None, "certain": True, "dropped": False, "done": begin}
+    plan = plan_recovery(grown, data, JournalledPrint(stood=stood), PRINTER, Retreat())
+    rest = parse_job(plan.gcode, "rest").lines
+    assert rest[len(rest) - (len(grown) - begin) :] == grown.lines[begin:]
+    travel = plunger_travel(grown.lines)
+    own = plunger_travel(job.lines)
+    third = ENDS[1] + 11, ENDS[2] + 11
+    writes = [k for k in range(*third) if b" X" in grown.lines[k] and b" E" in grown.lines[k]]
+    ratios = [(travel[k + 1] - travel[k]) / (own[k - 10] - own[k - 11]) for k in writes]
+    assert ratios == pytest.approx([0.9] * len(writes), abs=5e-3)
 
 
 def test_marks_stay_before_what_was_put_in_and_comments_are_kept():

@@ -270,3 +270,30 @@ def test_other_families_look_and_insert_as_well(tmp_path, firmware):
     )
     across = [line.decode() for line in job.lines if b" X" in line or b" Y" in line]
     assert [line for line in fake.executed if " X" in line or " Y" in line] == across
+
+
+@pytest.mark.parametrize("last", [0, 30])
+def test_a_flow_corrected_in_a_look_changes_what_writes_behind_it(tmp_path, last):
+    data, transport = layered(4, 12), fresh()
+    observer = Dying({1: patch(data, 0)}, transport=transport, last=last)
+    observer.flows = {1: 1.25, 2: 0.8}
+    if last:
+        with pytest.raises(HostDiedError):
+            observed(data, tmp_path, transport, observer)
+    again = Observer(observer.says, flows=observer.flows)
+    wire = SimTransport(transport.printer, transport.clock)
+    status = observed(data, tmp_path, wire, again, resume=last > 0)
+    assert status.state is LinkState.DONE, (status, again.refusals)
+    made = transport.printer.executed()
+    of_layers = np.array_split(pushes_of(made), 4)
+    assert [round(float(np.mean(one)) / 0.0035, 2) for one in of_layers] == [1, 1.25, 0.8, 0.8]
+
+
+def own_moves(motion):
+    return (motion.start[:, :2] != motion.end[:, :2]).any(axis=1)
+
+
+def pushes_of(motion):
+    """Pushes of the layers' own strokes: the insert's is another, of 0.01 mm."""
+    pushed = (motion.plunger_end - motion.plunger_start)[own_moves(motion)]
+    return pushed[(pushed > 1e-6) & (pushed < 0.006)]
