@@ -71,7 +71,7 @@ def test_rest_from_any_line_of_a_grown_job_is_the_grown_jobs(begin):
     assert rest[len(rest) - (len(GROWN) - begin) :] == GROWN.lines[begin:]
 
 
-@pytest.mark.parametrize("begin", range(12, len(GROWN) - 1, 4))
+@pytest.mark.parametrize("begin", range(12, len(GROWN) - 13, 4))
 def test_rest_of_a_job_whose_flow_was_corrected_has_its_doses(begin):
     data = DATA.replace(b"F1800\n", b"F1800 ; here\n")
     job = parse_job(data, "test.gcode")
