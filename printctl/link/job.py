@@ -66,12 +66,13 @@ class Job:
         return self.file_lines[min(done, len(self.lines)) - 1] if done > 0 and self.lines else 0
 
     @property
-    def own_lines(self) -> list[bytes]:
-        """The file's own commands, without what was put in."""
-        lines = list(self.lines)
+    def own(self) -> Job:
+        """The file's own commands, without what was put in; its marks aren't shifted back."""
+        lines, file_lines = list(self.lines), list(self.file_lines)
         for after, count in reversed(self.positions):
             del lines[after : after + count]
-        return lines
+            del file_lines[after : after + count]
+        return replace(self, lines=lines, file_lines=file_lines, inserts=())
 
     @property
     def positions(self) -> tuple[Position, ...]:

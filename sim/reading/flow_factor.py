@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from sim.reading.sent_line import code_of, is_motion, read_sent
+from sim.reading.sent_line import is_motion, plunger_word
 
 LEAST: Final = 0.5
 MOST: Final = 2.0
 """Of the file's own doses."""
+_ACROSS: Final = (b" X", b" Y", b" Z")
 
 
 def with_flow(lines: Sequence[bytes], e_mm: float, factor: float) -> list[bytes]:
@@ -31,19 +32,13 @@ def with_flow(lines: Sequence[bytes], e_mm: float, factor: float) -> list[bytes]
     was = now = e_mm
     found = list(lines)
     for index, line in enumerate(lines):
-        if b" E" not in line:
-            continue
-        moves = is_motion(line)
-        if not moves and code_of(line) != b"G92":
-            continue
-        read = read_sent(line)
-        to = read.number("E")
+        to = plunger_word(line)
         if to is None:
             continue
-        if not moves:
+        if not is_motion(line):  # G92
             was = now = to
             continue
-        writes = to > was and not read.words.keys().isdisjoint("XYZ")
+        writes = to > was and any(axis in line for axis in _ACROSS)
         now += (to - was) * (factor if writes else 1.0)
         was = to
         found[index] = _with_e(line, now)
@@ -53,13 +48,13 @@ def with_flow(lines: Sequence[bytes], e_mm: float, factor: float) -> list[bytes]
 def plunger_count(lines: Sequence[bytes]) -> float:
     """Return the plunger's count after some lines of a job, mm; 0 where none tells it."""
     for line in reversed(lines):
-        if b" E" in line and (is_motion(line) or code_of(line) == b"G92"):
-            e_mm = read_sent(line).number("E")
-            if e_mm is not None:
-                return e_mm
+        e_mm = plunger_word(line)
+        if e_mm is not None:
+            return e_mm
     return 0.0
 
 
 def _with_e(line: bytes, e_mm: float) -> bytes:
-    words = line.split(b" ")
-    return b" ".join(b"E%.5f" % e_mm if word[:1] == b"E" else word for word in words)
+    before, _, behind = line.partition(b" E")
+    _, space, rest = behind.partition(b" ")
+    return b"%b E%.5f%b%b" % (before, e_mm, space, rest)

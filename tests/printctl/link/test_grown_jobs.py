@@ -41,7 +41,7 @@ GROWN = OWN.grown(FIRST).grown(SECOND)
 
 
 def test_lines_files_lines_and_marks_shift_behind_an_insert():
-    assert GROWN.own_lines == OWN.lines
+    assert GROWN.own.lines == OWN.lines
     assert GROWN.lines[FIRST.after : FIRST.after + 11] == list(FIRST.lines)
     assert len(GROWN.file_lines) == len(GROWN) == len(OWN) + 22
     assert set(GROWN.file_lines[FIRST.after : FIRST.after + 11]) == {OWN.file_line(FIRST.after)}
