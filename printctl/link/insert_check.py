@@ -192,11 +192,12 @@ def _check_speeds(at: Modal, to: Modal, place: InsertPlace) -> None:
     length = math.hypot(*steps.values())
     share = length or push
     limits = {axis: getattr(printer.max_speed_mm_s, axis) for axis in _AXES}
-    limits["e"] = min(printer.max_speed_mm_s.e, place.plunger_mm_s)
+    own = max(place.plunger_mm_s, place.reach.push_mm_s)  # the job's checks took its own pushes
+    limits["e"] = min(printer.max_speed_mm_s.e, own)
     for axis, mm in {**steps, "e": push}.items():
         speed = feed * mm / share if share else 0.0
         if speed > limits[axis] * (1 + 1e-6):
-            source = "max_speed_mm_s of the printer, plunger_ul_s of the ink"
+            source = "max_speed_mm_s of the printer, plunger_ul_s of the ink, the job's own"
             raise Refused(
                 f"{speed:g} mm/s of {axis.upper()} exceeds {limits[axis]:g} ({source}); lower F"
             )

@@ -1,9 +1,9 @@
-"""Space that a job's own moves keep to: hull across, heights, feeds; what its checks judged."""
+"""What a job's own moves keep to, as its checks judged: hull across, heights, plunger's speed."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -28,14 +28,17 @@ class JobReach:
     hull_mm : tuple of (x, y), mm
         Corners, against the clock, of what its moves below ``top_mm`` stand on; of all its moves
         where every one is as high.
+    push_mm_s : float, mm/s
+        Fastest that its moves push the plunger.
     high_hull_mm : tuple of (x, y), mm
-        The same of all its moves.
+        Corners of what all its moves stand on; empty where that is ``hull_mm``.
     """
 
     low_mm: float
     top_mm: float
     hull_mm: tuple[Point, ...]
-    high_hull_mm: tuple[Point, ...]
+    push_mm_s: float = 0.0
+    high_hull_mm: tuple[Point, ...] = ()
 
     @staticmethod
     def of(
@@ -55,24 +58,29 @@ class JobReach:
             (`JobFrame.shift_at`), mm.
         """
         at = dict(zip("XYZ", start_mm or (math.nan,) * 3, strict=True))
-        places = set[Place]()
+        at |= {"E": math.nan, "F": math.nan}
+        places, fastest = set[Place](), 0.0
         for index, line in enumerate(lines):
             if is_motion(line):
+                before = dict(at)
                 at |= _words(line)
+                fastest = max(fastest, _push_mm_s(before, at))
                 dx, dy, dz = shift_at(index)
                 places.add((at["X"] - dx, at["Y"] - dy, at["Z"] - dz))
             else:
                 at |= declared_axes(line)
+                at |= {"E": math.nan} if line.startswith(b"G92") else {}
         heights = [z for _, _, z in places if z == z]
         low, top = min(heights, default=math.inf), max(heights, default=-math.inf)
         known = [place for place in places if place[0] == place[0] and place[1] == place[1]]
         below = {(x, y) for x, y, z in known if z < top - _HEIGHTS_MM}
         high = _hull({(x, y) for x, y, _ in known})
-        return JobReach(low, top, _hull(below) if below else high, high)
+        return JobReach(low, top, _hull(below) if below else high, fastest, high)
 
     def is_inside(self, x: float, y: float, z: float) -> bool:
         """Whether a place is within the hull of its height, or at most `ASIDE_MM` beside it."""
-        corners = self.hull_mm if z < self.top_mm - _HEIGHTS_MM else self.high_hull_mm
+        high = z >= self.top_mm - _HEIGHTS_MM and self.high_hull_mm
+        corners = high or self.hull_mm
         if len(corners) < 3:
             pairs = list(zip(corners, corners[1:] or corners, strict=False))
             return any(_apart_mm(one, other, (x, y)) <= ASIDE_MM for one, other in pairs)
@@ -87,8 +95,17 @@ def _words(line: bytes) -> dict[str, float]:
     return {
         word[:1].decode(): float(word[1:])
         for word in words
-        if word[:1] in (b"X", b"Y", b"Z") and len(word) > 1
+        if word[:1] in (b"X", b"Y", b"Z", b"E", b"F") and len(word) > 1
     }
+
+
+def _push_mm_s(before: Mapping[str, float], after: Mapping[str, float]) -> float:
+    """Speed of the plunger in a straight move, mm/s; 0 where it draws back or isn't known."""
+    push = after["E"] - before["E"]
+    length = math.dist(*([place[axis] for axis in "XYZ"] for place in (before, after)))
+    if not (push > 0 and after["F"] > 0):
+        return 0.0
+    return after["F"] / 60 * (push / length if length > 0 else 1.0)
 
 
 def _hull(points: set[Point]) -> tuple[Point, ...]:

@@ -21,7 +21,7 @@ from tests.printctl.link.looking import Observer, fresh, layered, observed, patc
 AT = Modal(x=10.0, y=10.0, z=2.0, e=1.0, f=600.0)
 LOW = ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0))
 HIGH = ((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0))
-REACH = JobReach(0.5, 8.0, LOW, HIGH)
+REACH = JobReach(0.5, 8.0, LOW, high_hull_mm=HIGH)
 PLACE = InsertPlace(AT, REACH, PRINTER)
 
 
