@@ -29,7 +29,7 @@ class Insert:
         As they are sent.
     why : str
     flow : float
-        Ink of the job's writing moves behind them, over what its file says.
+        Behind them the job's moves that write push so many times what its file says.
     """
 
     look: int
@@ -54,8 +54,13 @@ class Insert:
     def from_record(record: Mapping[str, Any]) -> Insert:
         """Read `to_record`."""
         lines = tuple(str(line).encode("ascii") for line in record["lines"])
-        why, flow = str(record.get("why", "")), float(record.get("flow", 1.0))
-        return Insert(int(record["look"]), int(record["after"]), lines, why, flow)
+        return Insert(
+            look=int(record["look"]),
+            after=int(record["after"]),
+            lines=lines,
+            why=str(record.get("why", "")),
+            flow=float(record.get("flow", 1.0)),
+        )
 
 
 def file_count(done: int, positions: Sequence[Position]) -> int:

@@ -22,6 +22,7 @@ from printctl.link.marks import MarkReader, Marks
 from printctl.link.modal import modal_state
 from sim.errors import GcodeError
 from sim.reading.file import GcodeFile, kinds_of, read_file
+from sim.reading.flow_factor import with_flow
 from sim.reading.other_lines import Others, other_lines
 from sim.reading.user_file import read_gcode_path
 
@@ -66,12 +67,13 @@ class Job:
         return self.file_lines[min(done, len(self.lines)) - 1] if done > 0 and self.lines else 0
 
     @property
-    def own_lines(self) -> list[bytes]:
-        """The file's own commands, without what was put in."""
-        lines = list(self.lines)
+    def own(self) -> Job:
+        """The file's own commands, without what was put in; its marks aren't shifted back."""
+        lines, file_lines = list(self.lines), list(self.file_lines)
         for after, count in reversed(self.positions):
             del lines[after : after + count]
-        return lines
+            del file_lines[after : after + count]
+        return replace(self, lines=lines, file_lines=file_lines, inserts=())
 
     @property
     def positions(self) -> tuple[Position, ...]:
@@ -80,7 +82,7 @@ class Job:
 
     @property
     def flow(self) -> float:
-        """Ink that the lines behind the last insert push, over what the file says."""
+        """What moves that write push behind its last insert, over what the file says."""
         return self.inserts[-1].flow if self.inserts else 1.0
 
     def grown_by(self, inserts: Sequence[Insert]) -> Job:
@@ -93,13 +95,14 @@ class Job:
     def grown(self, insert: Insert) -> Job:
         """Return the job with an insert's lines behind its first ``insert.after`` lines.
 
-        Marks at that place stay before them. The lines behind push ``insert.flow`` of what the
-        file says (`printctl.link.flow_change`).
+        Marks at that place stay before them. What writes behind them pushes ``insert.flow`` of what
+        the file says (`sim.reading.flow_factor`).
 
         Raises
         ------
         JobError
-            When the job has fewer lines, or was given a later insert before.
+            When the job has fewer lines, was given a later insert before, or doesn't tell the
+            plunger's count where its flow is to change.
         """
         after, count = insert.after, len(insert.lines)
         begun = max((one.after + len(one.lines) for one in self.inserts), default=0)
@@ -110,8 +113,10 @@ class Job:
             )
         line, rest = self.file_line(after), self.lines[after:]
         if insert.flow != self.flow:
-            e_mm = modal_state(self.lines, after).e or 0.0
-            rest = scaled_lines(rest, e_mm, insert.flow / self.flow)
+            e_mm = modal_state(self.lines, after).e
+            if e_mm is None:
+                raise JobError(f"{self.name} doesn't tell the plunger's count after line {after}")
+            rest = with_flow(rest, e_mm, insert.flow / self.flow)
         return replace(
             self,
             lines=[*self.lines[:after], *insert.lines, *rest],

@@ -67,6 +67,9 @@ class LookWord:
         Given the answer.
     refused : callable
         Told why not.
+    flow : float or None
+        With an insert: what moves that write push from there on, over what the file says; None
+        for as before.
     """
 
     look: int
@@ -201,6 +204,7 @@ def insert_answer(insert: Insert) -> Answer:
         "count": len(insert.lines),
         "flow": insert.flow,
         "sha256": insert.sha256,
+        "flow": insert.flow,
     }
 
 

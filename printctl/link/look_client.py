@@ -28,7 +28,7 @@ class LookClient:
     def insert(
         self, look: int, lines: Sequence[str], why: str = "", flow: float | None = None
     ) -> dict[str, Any]:
-        """Put lines into the job where the print is held for a look, or correct its flow.
+        """Put lines into the job where the print is held for a look.
 
         Parameters
         ----------
@@ -39,13 +39,14 @@ class LookClient:
         why : str
             For the journal.
         flow : float, optional
-            Ink that the job's rest pushes, over what its file says; as before where not said.
+            What the job's moves that write push from there on, by what the file says: 1.1 for a
+            tenth more. ``lines`` may be empty with it.
 
         Returns
         -------
         dict
-            ``look``, ``after`` (lines of the job before them), ``count``, ``sha256``. The same
-            insert again gives the same answer.
+            ``look``, ``after`` (lines of the job before them), ``count``, ``sha256``, ``flow``. The
+            same insert again gives the same answer.
 
         Raises
         ------

@@ -45,7 +45,7 @@ class LookRequests:
         done, refused : callable
             Told the answer once the lines are in the journal, or why they aren't.
         flow : float, optional
-            Ink of the job's rest over what its file says; as before where nobody says it.
+            What the job's moves that write push from there on, by what the file says.
 
         Raises
         ------

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from printctl.cli.status import waiting_lines
 from printctl.link.errors import JobError
 from printctl.link.find_link import read_outcome
 from printctl.link.grown_text import grown_text
@@ -14,8 +17,10 @@ from printctl.link.journalled_print import JournalledPrint
 from printctl.link.marks import MarkKind
 from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.recovering import plan_recovery
+from printctl.link.reloading import plunger_travel
 from printctl.link.retreat import Retreat
-from printctl.link.states import LinkState
+from printctl.link.states import LinkState, Status
+from printctl.print_state.actions import possible_actions
 from printctl.printing.inserted_ink import filling_in_file, inserted_ink
 from printctl.printing.map_of_rest import OF_LINES, write_map
 from printctl.printing.progress import Filling
@@ -38,7 +43,7 @@ GROWN = OWN.grown(FIRST).grown(SECOND)
 
 
 def test_lines_files_lines_and_marks_shift_behind_an_insert():
-    assert GROWN.own_lines == OWN.lines
+    assert GROWN.own.lines == OWN.lines
     assert GROWN.lines[FIRST.after : FIRST.after + 11] == list(FIRST.lines)
     assert len(GROWN.file_lines) == len(GROWN) == len(OWN) + 22
     assert set(GROWN.file_lines[FIRST.after : FIRST.after + 11]) == {OWN.file_line(FIRST.after)}
@@ -66,6 +71,23 @@ def test_rest_from_any_line_of_a_grown_job_is_the_grown_jobs(begin):
     plan = plan_recovery(GROWN, DATA, JournalledPrint(stood=stood), PRINTER, Retreat())
     rest = parse_job(plan.gcode, "rest").lines
     assert rest[len(rest) - (len(GROWN) - begin) :] == GROWN.lines[begin:]
+
+
+@pytest.mark.parametrize("begin", range(12, len(GROWN) - 13, 4))
+def test_rest_of_a_job_whose_flow_was_corrected_has_its_doses(begin):
+    data = DATA.replace(b"F1800\n", b"F1800 ; here\n")
+    job = parse_job(data, "test.gcode")
+    grown = job.grown(replace(FIRST, flow=1.3)).grown(Insert(2, SECOND.after, (), "", 0.9))
+    stood = {"line": begin, "begin_at": None, "certain": True, "dropped": False, "done": begin}
+    plan = plan_recovery(grown, data, JournalledPrint(stood=stood), PRINTER, Retreat())
+    rest = parse_job(plan.gcode, "rest").lines
+    assert rest[len(rest) - (len(grown) - begin) :] == grown.lines[begin:]
+    travel = plunger_travel(grown.lines)
+    own = plunger_travel(job.lines)
+    third = ENDS[1] + 11, ENDS[2] + 11
+    writes = [k for k in range(*third) if b" X" in grown.lines[k] and b" E" in grown.lines[k]]
+    ratios = [(travel[k + 1] - travel[k]) / (own[k - 10] - own[k - 11]) for k in writes]
+    assert ratios == pytest.approx([0.9] * len(writes), abs=5e-3)
 
 
 def test_marks_stay_before_what_was_put_in_and_comments_are_kept():
@@ -126,3 +148,11 @@ def test_ink_of_an_insert_is_taken_from_the_syringe():
     assert filling_in_file(filling, (told,), FIRST.after + 1).left_mm == pytest.approx(4.99)
     later = Filling(FIRST.after + 20, 5.0, 2.0)
     assert filling_in_file(later, (told,), FIRST.after + 30) == Filling(FIRST.after + 9, 5.0, 2.0)
+
+
+def test_a_print_that_is_held_for_a_look_may_be_gone_on_with_by_the_operator(tmp_path):
+    status = Status(LinkState.LOOKING, waits_for="a decision on look 3")
+    can = {one.action: one.possible for one in possible_actions(tmp_path, status)}
+    assert [can[one] for one in ("resume", "pause", "stop", "kill")] == [True] * 4
+    assert not can["go_on"]
+    assert waiting_lines(status) == ["waits for: a decision on look 3"]

@@ -5,17 +5,23 @@ from __future__ import annotations
 import pytest
 
 from printctl.link.errors import Refused
+from printctl.link.flow_check import check_factor, check_flow
 from printctl.link.insert_check import InsertPlace, judged_lines
+from printctl.link.inserts import Insert
+from printctl.link.job_frame import frame_at
 from printctl.link.job_reach import JobReach
 from printctl.link.journalled_print import read_journal
 from printctl.link.look_book import LookDecision
 from printctl.link.modal import Modal
 from printctl.link.states import LinkState
+from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.layered import PRINTER
 from tests.printctl.link.looking import Observer, fresh, layered, observed, patch
 
 AT = Modal(x=10.0, y=10.0, z=2.0, e=1.0, f=600.0)
-REACH = JobReach(0.5, 8.0, ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0)))
+LOW = ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0))
+HIGH = ((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0))
+REACH = JobReach(0.5, 8.0, LOW, high_hull_mm=HIGH)
 PLACE = InsertPlace(AT, REACH, PRINTER)
 
 
@@ -38,7 +44,11 @@ PLACE = InsertPlace(AT, REACH, PRINTER)
         (["G1 X12 F600000", "G1 X10 F600"], "mm/s of X exceeds"),
         (["G1 E3 F6000", "G1 E1", "G1 F600"], "mm/s of E exceeds"),
         (["G1 Z0.2", "G1 Z2"], "Z 0.2 mm is below 0.5 mm"),
-        (["G1 X30", "G1 X10"], "more than 1 mm beside all of the job's own moves"),
+        (["G1 Z9 F300", "G1 X60 Y10 F600", "G1 X10", "G1 Z2"], "X 60 Y 10 is more than"),
+        (
+            ["G1 X30", "G1 X10"],
+            "below Z 8 mm and the needle|more than 1 mm beside all of the job's own moves",
+        ),
         (["G1 Z8 F300", "G1 X900", "G1 X10", "G1 Z2"], "X 900.000 mm is outside"),
         (["G1 Z9 F300", "G1 X30 Y30", "G1 Z7"], "more than 1 mm beside|goes on from"),
         (["G4 S100"], "a wait of 100 s"),
@@ -99,3 +109,45 @@ def test_only_the_look_that_goes_on_takes_one_insert(tmp_path):
     streamer = observer.streamer
     with pytest.raises(Refused, match="has ended"):
         streamer.insert(1, good, "", print, print)
+
+
+@pytest.mark.parametrize(
+    ("flow", "why"),
+    [(0.1, "outside 0.3 to 3"), (4.0, "outside 0.3 to 3"), (1.9, "the plunger would go 7.6 mm/s")],
+)
+def test_flow_out_of_bounds_is_refused(flow, why):
+    text = "G92 X10 Y10 Z2 E1\nG1 F600 X10\nG1 X11 E1.4\nG1 E9\nG1 X12 E9.1 F60\n"
+    job = parse_job(text.encode(), "a")
+    with pytest.raises(Refused, match=why):
+        check_factor(flow, PLACE, "it")
+        check_flow(job, job.grown(Insert(1, 2, (), "", flow)), PLACE, "it")
+
+
+@pytest.mark.parametrize("by", [(0.0, 0.0, 0.0), (5.0, -3.0, 1.5)])
+def test_places_are_counted_from_the_touch_off_where_the_job_renames_them(by):
+    """The same job, whose second half calls places otherwise: the same is taken and refused."""
+    x, y, z = by
+    file = f"""G92 X10 Y10 Z2 E1
+G1 X0 Y0 Z0.5 F600
+G1 X20 Y20 E2
+G1 X0 Y20
+G1 X10 Y10 Z3
+G1 Z2
+G92 X{10 + x} Y{10 + y} Z{2 + z}
+G1 X{5 + x} Y{5 + y}
+G1 X{10 + x} Y{10 + y}
+"""
+    job = parse_job(file.encode(), "a")
+    frame = frame_at(job, len(job), PRINTER)
+    reach = JobReach.of(job.lines, None, frame.shift_at)
+    assert (reach.low_mm, reach.top_mm) == (0.5, 3.0)
+    assert reach.is_inside(1, 19, 1)
+    assert not reach.is_inside(19, 1, 1)
+    at = Modal(x=10.0 + x, y=10.0 + y, z=2.0 + z, e=2.0, f=600.0)
+    place = InsertPlace(at, reach, PRINTER, shift_mm=frame.shift_at(len(job) - 1))
+    back = [f"G1 X{10 + x} Y{10 + y} Z{2 + z} F300", "G1 F600"]
+    assert len(judged_lines([f"G1 X{1 + x} Y{19 + y}", *back], place, "it")) == 3
+    with pytest.raises(Refused, match="X 19 Y 1 is more than 1 mm beside"):
+        judged_lines([f"G1 X{19 + x} Y{1 + y}", *back], place, "it")
+    with pytest.raises(Refused, match=r"Z 0\.4 mm is below 0\.5 mm"):
+        judged_lines([f"G1 Z{0.4 + z:.3f} F300", *back], place, "it")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from printctl.link.care import Care, NewSyringe
+from printctl.link.clock import VirtualClock
 from printctl.link.journal import Journal
 from printctl.link.journalled_print import read_journal
 from printctl.link.look_book import LookDecision
@@ -27,8 +28,11 @@ from tests.printctl.link.looking import (
     own_strokes,
     patch,
 )
+from tests.printctl.link.scripted_transport import ScriptedTransport
 from tests.printctl.link.sim_transport import SimTransport
 from tests.printctl.link.simulated_transport import HostDiedError
+from tests.printctl.link.test_families import FAKES, facts
+from tests.slower import first_of
 
 
 def test_print_is_held_after_each_layer_until_somebody_has_decided(tmp_path):
@@ -61,8 +65,8 @@ def test_inserts_are_streamed_as_lines_of_the_job(tmp_path):
     assert made.plunger_end[-1] == pytest.approx(foreseen.plunger_end[-1])
 
 
-@pytest.mark.parametrize("part", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize("last", range(1, 60, 7))
+@pytest.mark.parametrize("part", first_of([0.5, 0.0, 1.0], 1))
+@pytest.mark.parametrize("last", first_of([*range(1, 60, 6), *range(2, 60, 6)], 10))
 def test_host_killed_about_a_look_streams_the_insert_once(tmp_path, last, part):
     data, transport = layered(2, 12), fresh()
     observer = Dying({1: patch(data, 0)}, transport=transport, last=last, part=part)
@@ -91,7 +95,7 @@ def test_host_killed_about_a_record_streams_the_insert_once(tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize("park", [(20.0, 30.0, 40.0), (20.0, 30.0, 5.0)])
-@pytest.mark.parametrize("last", [0, *range(1, 40, 6)])
+@pytest.mark.parametrize("last", first_of([0, *range(2, 40, 9), *range(1, 40, 3)], 6))
 def test_parked_needle_is_led_back_after_a_kill_as_well(tmp_path, last, park):
     data, transport = layered(2, 12), fresh()
     care = replace(EVERY_LAYER, look_park_mm=park)
@@ -247,3 +251,50 @@ def test_a_syringe_that_the_insert_empties_is_changed_earlier_or_the_insert_refu
     assert status.state is LinkState.DONE, (status, observer.refusals)
     paused = [one.lines_done for one in observer.seen if one.state is LinkState.PAUSED]
     assert paused == [job.marks.of(MarkKind.RELOAD)[1].index + len(thirsty)]
+
+
+@pytest.mark.parametrize("firmware", FAKES)
+def test_other_families_look_and_insert_as_well(tmp_path, firmware):
+    data = layered(2, 8).replace(b"M302 P1\n", b"").replace(b"M85 S600\n", b"")
+    fake, observer = FAKES[firmware](), Observer({1: patch(data, 0)})
+    status = observed(
+        data,
+        tmp_path,
+        ScriptedTransport(fake.receive, VirtualClock()),
+        observer,
+        firmware=firmware,
+        printer=facts(firmware),
+    )
+    assert status.state is LinkState.DONE, (status, observer.refusals)
+    job = parse_job(data, "test.gcode", facts(firmware)).grown_by(
+        read_journal(tmp_path / "journal.log").inserts
+    )
+    across = [line.decode() for line in job.lines if b" X" in line or b" Y" in line]
+    assert [line for line in fake.executed if " X" in line or " Y" in line] == across
+
+
+@pytest.mark.parametrize("last", [0, 30])
+def test_a_flow_corrected_in_a_look_changes_what_writes_behind_it(tmp_path, last):
+    data, transport = layered(4, 12), fresh()
+    observer = Dying({1: patch(data, 0)}, transport=transport, last=last)
+    observer.flows = {1: 1.25, 2: 0.8}
+    if last:
+        with pytest.raises(HostDiedError):
+            observed(data, tmp_path, transport, observer)
+    again = Observer(observer.says, flows=observer.flows)
+    wire = SimTransport(transport.printer, transport.clock)
+    status = observed(data, tmp_path, wire, again, resume=last > 0)
+    assert status.state is LinkState.DONE, (status, again.refusals)
+    made = transport.printer.executed()
+    of_layers = np.array_split(pushes_of(made), 4)
+    assert [round(float(np.mean(one)) / 0.0035, 2) for one in of_layers] == [1, 1.25, 0.8, 0.8]
+
+
+def own_moves(motion):
+    return (motion.start[:, :2] != motion.end[:, :2]).any(axis=1)
+
+
+def pushes_of(motion):
+    """Pushes of the layers' own strokes: the insert's is another, of 0.01 mm."""
+    pushed = (motion.plunger_end - motion.plunger_start)[own_moves(motion)]
+    return pushed[(pushed > 1e-6) & (pushed < 0.006)]

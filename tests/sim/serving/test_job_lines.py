@@ -107,3 +107,14 @@ def test_lines_that_the_journal_says_were_inserted_are_the_jobs_from_then_on(tmp
     (tmp_path / "journal.log").unlink()
     assert [job.take(one) for one in own] == [0, 1, 2]
     journal.close()
+
+
+def test_lines_whose_doses_an_observer_has_corrected_are_told_as_well(tmp_path):
+    own = [b"G92 E0", b"G1 X1 E1 F600", b"G1 E0.5", b"G1 E1", b"G1 X2 E2", b"G92 E0", b"G1 X3 E1"]
+    sent = [b"G1 E0.50000", b"G1 E1.00000", b"G1 X2 E2.50000", b"G92 E0", b"G1 X3 E1.50000"]
+    journal = Journal(tmp_path / "journal.log")
+    job = JobLines(b"\n".join(own) + b"\n", PRINTER, tmp_path / "journal.log")
+    assert [job.take(one) for one in own[:2]] == [0, 1]
+    journal.add("insert", look=1, after=2, lines=[], flow=1.5)
+    assert [job.take(one) for one in sent] == [2, 3, 4, 5, 6]
+    journal.close()
