@@ -44,7 +44,6 @@ def grown_text(job: Job, data: bytes) -> GrownText:
     inserts = _by_row(job, len(own))
     lines, file_row, row_of_file = list[bytes](), list[int](), list[int]()
     first_of: dict[int, int] = {}
-    scaled = _scaled_rows(job)
     for row in range(len(own) + 1):
         for index in inserts.get(row, ()):
             first_of[index] = len(lines)
@@ -54,7 +53,7 @@ def grown_text(job: Job, data: bytes) -> GrownText:
             file_row.append(INSERTED)
         if row < len(own):
             row_of_file.append(len(lines))
-            lines.append(scaled.get(row, own[row]))
+            lines.append(own[row])
             file_row.append(row)
     flows = [one.after for one in job.inserts if one.flow != 1.0]
     for index in range(min(flows, default=len(job)), len(job)):
@@ -67,16 +66,6 @@ def grown_text(job: Job, data: bytes) -> GrownText:
         for index, line in enumerate(job.file_lines)
     ]
     return GrownText(lines, row_of, file_row)
-
-
-def _scaled_rows(job: Job) -> Mapping[int, bytes]:
-    """Commands behind a correction of the flow, by the file's row."""
-    behind = [one.after + len(one.lines) for one in job.inserts if one.flow != 1.0]
-    if not behind:
-        return {}
-    inside = {k for after, count in job.positions for k in range(after, after + count)}
-    own = (k for k in range(min(behind), len(job)) if k not in inside)
-    return {job.file_lines[k] - 1: job.lines[k] + b"\n" for k in own}
 
 
 def _by_row(job: Job, rows: int) -> Mapping[int, list[int]]:

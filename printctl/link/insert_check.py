@@ -23,8 +23,6 @@ from printctl.link.valve import is_about_valve, is_open
 from sim.reading import GcodeLine, read_sent
 
 MOST_LINES: Final = 20_000
-FLOWS: Final = (0.3, 3.0)
-"""Least and greatest correction of the ink that the rest of a job pushes."""
 LONGEST_WAIT_S: Final = 60.0
 _MOVES: Final = ("G0", "G1")
 _ALLOWED: Final = frozenset({*_MOVES, "G4", "G92", "G90", "G21", "M82", "M117", "M400"})
@@ -97,26 +95,6 @@ def judged_lines(texts: Sequence[str], place: InsertPlace, name: str) -> tuple[b
         raise Refused(f"{name} ends with the valve open; shut it at its end")
     _check_end(at, place.at, name)
     return tuple(job.lines)
-
-
-def check_flow(flow: float, place: InsertPlace, name: str) -> None:
-    """Refuse a flow of the job's rest that is no correction, or that the plunger can't push.
-
-    Raises
-    ------
-    Refused
-    """
-    low, high = FLOWS
-    if not low <= flow <= high:
-        raise Refused(
-            f"{name} isn't taken: a flow of {flow:g}; a correction is {low:g} to {high:g}"
-        )
-    fastest, limit = flow * place.reach.push_mm_s, place.printer.max_speed_mm_s.e
-    if flow > 1 and fastest > limit:
-        raise Refused(
-            f"{name} isn't taken: at a flow of {flow:g} the plunger would go {fastest:.3g} mm/s, "
-            f"and {limit:g} is its most (max_speed_mm_s of {place.printer.name})"
-        )
 
 
 def _judged(line: bytes, at: Modal, place: InsertPlace) -> Modal:

@@ -16,7 +16,6 @@ from typing import Final
 from firmware_profiles import Printer
 from printctl.gate import refused_lines
 from printctl.link.errors import JobError
-from printctl.link.flow_change import scaled_lines
 from printctl.link.inserts import Insert, Position
 from printctl.link.marks import MarkReader, Marks
 from printctl.link.modal import modal_state

@@ -61,8 +61,6 @@ class LookWord:
         To be inserted; empty for a decision.
     decision : LookDecision or None
     why : str
-    flow : float or None
-        Ink of the rest over what the job's file says, from an insert on; None for as before.
     done : callable
         Given the answer.
     refused : callable
@@ -202,7 +200,6 @@ def insert_answer(insert: Insert) -> Answer:
         "look": insert.look,
         "after": insert.after,
         "count": len(insert.lines),
-        "flow": insert.flow,
         "sha256": insert.sha256,
         "flow": insert.flow,
     }

@@ -32,7 +32,7 @@ class LookRequests:
         refused: Callable[[str], None],
         flow: float | None = None,
     ) -> None:
-        """Ask for lines to be put into the job where the print is held, or its flow corrected.
+        """Ask for lines to be put into the job where the print is held.
 
         Parameters
         ----------
