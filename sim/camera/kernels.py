@@ -63,6 +63,8 @@ def draw_lines(
                 thick = np.float32(weight[s] * height[s] * share)
                 if thick > thick_map[row, col]:
                     thick_map[row, col] = thick
-                top = np.float32(crest[s, 0] + t * (crest[s, 1] - crest[s, 0]) - height[s] * (1.0 - share))
+                top = np.float32(
+                    crest[s, 0] + t * (crest[s, 1] - crest[s, 0]) - height[s] * (1.0 - share)
+                )
                 if top > crest_map[row, col]:
                     crest_map[row, col] = top

@@ -1,4 +1,4 @@
-"""What a simulated picture shows besides the ink: bath, light, glare, bubbles, marks, sensor.
+"""Settings of a simulated picture besides the ink: bath, light, glare, bubbles, marks, sensor.
 
 Grey levels are 0 to 255, of linear light before the sensor's gamma; colours are red, green, blue.
 """
