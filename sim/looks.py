@@ -16,6 +16,7 @@ from pathlib import Path
 import cv2
 
 from firmware_profiles import ProfileError
+from kernels import keep_freed_memory
 from sim.camera.camera_file import load_camera
 from sim.camera.paint import paint
 from sim.deposit.of_record import ink_of_record, read_record
@@ -84,7 +85,8 @@ def take_picture(record: Path, faults: Path | None, camera: Path, out: Path, loo
     file, motion = load_camera(camera), read_record(record)
     ink = ink_of_record(motion, faults, file.laid)
     tip = motion.end[-1] if len(motion) else None
-    picture = paint(ink, file.camera, file.scene, look, tip_mm=tip, folder=camera.parent)
+    with keep_freed_memory():
+        picture = paint(ink, file.camera, file.scene, look, tip_mm=tip, folder=camera.parent)
 
     def write(path: Path) -> None:
         if not cv2.imwrite(str(path), picture):

@@ -21,7 +21,8 @@ SingleArray = NDArray[np.float32]
 
 _FAINT: Final = 0.02
 """Share of its light by which a deep layer isn't drawn any more."""
-_FLAT: Final = {"layered": 0.25, "embedded": 0.5}
+_ROOTS: Final = {"layered": 2, "embedded": 1}
+"""Lines in a layer are flat with steep sides, filaments round."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,9 @@ def ink_map(ink: Laid, plan: Plan, look: InkLook, bath: Bath) -> InkMap:
         number = ink.layering.number(lines.end[:, 2])
     for layer in np.unique(number[shown]):
         rows = np.flatnonzero(shown & (number == layer))
-        _draw(lines, rows, radius, top, ink.height_mm, weight, plan, _FLAT[ink.style], thick, crest)
+        _draw(
+            lines, rows, radius, top, ink.height_mm, weight, plan, _ROOTS[ink.style], thick, crest
+        )
     return InkMap(thick, np.where(np.isfinite(crest), crest, np.float32(np.nan)))
 
 
@@ -86,7 +89,7 @@ def _draw(
     height: FloatArray,
     weight: FloatArray,
     plan: Plan,
-    flatness: float,
+    roots: int,
     thick: SingleArray,
     crest: SingleArray,
 ) -> None:
@@ -108,7 +111,7 @@ def _draw(
         top[rows],
         height[rows],
         weight[rows],
-        flatness,
+        roots,
         own,
         own_crest,
     )

@@ -59,19 +59,22 @@ def _moved(light: SingleArray, way_px: tuple[float, float]) -> SingleArray:
 
 def _vignette(shape: tuple[int, ...], fall: float, dimensions: int) -> SingleArray:
     rows, columns = shape
-    y = ((np.arange(rows) - (rows - 1) / 2) ** 2)[:, None]
-    x = ((np.arange(columns) - (columns - 1) / 2) ** 2)[None, :]
-    share = (x + y) / ((rows / 2) ** 2 + (columns / 2) ** 2)
-    factor = (1 - fall * share).astype(np.float32)
+    most = ((rows / 2) ** 2 + (columns / 2) ** 2) / fall if fall else np.inf
+    y = ((np.arange(rows) - (rows - 1) / 2) ** 2 / most).astype(np.float32)
+    x = ((np.arange(columns) - (columns - 1) / 2) ** 2 / most).astype(np.float32)
+    factor = (1 - y)[:, None] - x[None, :]
     return factor if dimensions == 2 else factor[..., None]
 
 
 def _counted(light: SingleArray, sensor: Sensor, generator: np.random.Generator) -> ByteArray:
     """Shot and read noise, the sensor's limit, gamma, 8 bits."""
-    light = np.clip(light, 0, 4 * _WHITE)
-    deviation = np.sqrt(light * np.float32(_WHITE / sensor.full_well) + sensor.read_noise**2)
-    light = light + deviation * generator.standard_normal(light.shape, dtype=np.float32)
-    light = np.clip(light, 0, _WHITE)
+    np.clip(light, 0, 4 * _WHITE, out=light)
+    noise = light * np.float32(_WHITE / sensor.full_well)
+    noise += np.float32(sensor.read_noise**2)
+    np.sqrt(noise, out=noise)
+    noise *= generator.standard_normal(light.shape, dtype=np.float32)
+    light += noise
+    np.clip(light, 0, _WHITE, out=light)
     if sensor.gamma != 1:
         light = _WHITE * (light / _WHITE) ** np.float32(1 / sensor.gamma)
-    return np.ascontiguousarray(np.round(light).astype(np.uint8))
+    return np.ascontiguousarray(np.round(light, out=light).astype(np.uint8))
