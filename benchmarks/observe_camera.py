@@ -147,7 +147,8 @@ def _seen(camera: Camera, places: np.ndarray, surface: float | None) -> np.ndarr
     matrix = np.array([[focal, 0, u], [0, focal, v], [0, 0, 1]])
     turn = cv2.Rodrigues(camera.axes)[0]
     shift = -camera.axes @ camera.eye_mm
-    return cv2.projectPoints(aims, turn, shift, matrix, np.array(camera.distortion))[0][:, 0]
+    seen = cv2.projectPoints(aims, turn, shift, matrix, np.array(camera.distortion))[0]
+    return np.asarray(seen[:, 0])
 
 
 def _off(picture: np.ndarray, pixels: np.ndarray) -> np.ndarray:
@@ -157,7 +158,7 @@ def _off(picture: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     at = pixels[:, None] + step[:, None] * np.array([-way[1], way[0]]) / np.hypot(*way)
     u, v = (np.ascontiguousarray(at[..., k], np.float32) for k in range(2))
     ink = np.maximum(cv2.remap(picture.astype(np.float32), u, v, cv2.INTER_LINEAR) - 93, 0)
-    return (ink * step).sum(axis=1) / ink.sum(axis=1)
+    return np.asarray((ink * step).sum(axis=1) / ink.sum(axis=1))
 
 
 def fault_rows(quick: bool) -> Iterator[Row]:

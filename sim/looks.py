@@ -95,7 +95,8 @@ def take_picture(
         picture = paint(ink, file.camera, file.scene, seed, tip_mm=tip, folder=camera.parent)
 
     def write(path: Path) -> None:
-        if not cv2.imwrite(str(path), picture):
+        # Less packed, in a third of the time.
+        if not cv2.imwrite(str(path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
             raise CameraError(f"{out} can't be written; check the folder and its space")
 
     _whole(out, write)

@@ -20,7 +20,9 @@ def draw_lines(
     crest: FloatArray,
     height: FloatArray,
     weight: FloatArray,
-    roots: int,
+    profile: FloatArray,
+    above_map: SingleArray,
+    enough: float,
     thick_map: SingleArray,
     crest_map: SingleArray,
 ) -> None:
@@ -28,9 +30,9 @@ def draw_lines(
 
     ``segments`` (n, 4) are x0, y0, x1, y1 and ``radius`` (n,) in pixels of the maps; ``crest``
     (n, 2) and ``height`` (n,) are mm: where a line's top is at its ends, and how thick it is.
-    ``weight`` fades what lies deep. At the share q of the radius a line is as thick as 1 - q², of
-    which so many square ``roots`` are taken: one makes an ellipse, more are flatter with steeper
-    sides. The outermost pixel counts by the share that is covered.
+    ``weight`` fades what lies deep. ``profile`` (m,) is a line's thickness over that in its middle,
+    evenly over the square of the share of the radius. The outermost pixel counts by the share that
+    is covered. Nothing is drawn where more than ``enough`` ink lies in ``above_map`` already.
     """
     ny, nx = thick_map.shape
     for s in range(len(radius)):
@@ -40,7 +42,8 @@ def draw_lines(
         dx, dy = x1 - x0, y1 - y0
         squared = dx * dx + dy * dy
         per_squared = 1.0 / squared if squared > 0.0 else 0.0
-        per_radius = 1.0 / (r * r)
+        per_radius = (len(profile) - 1) / (r * r)
+        thickest = weight[s] * height[s]
         outer, inner = (r + 0.5) ** 2, max(r - 0.5, 0.0) ** 2
         first = max(0, math.ceil(min(y0, y1) - reach))
         last = min(ny - 1, math.floor(max(y0, y1) + reach))
@@ -54,6 +57,8 @@ def draw_lines(
             right = min(nx - 1, math.floor(max(xa, xb) + reach))
             py = row - y0
             for col in range(left, right + 1):
+                if above_map[row, col] > enough:
+                    continue
                 px = col - x0
                 t = min(1.0, max(0.0, (px * dx + py * dy) * per_squared))
                 ox, oy = px - t * dx, py - t * dy
@@ -63,11 +68,8 @@ def draw_lines(
                 cover = 1.0
                 if square > inner:
                     cover = r - math.sqrt(square) + 0.5
-                share = max(0.0, 1.0 - square * per_radius)
-                for _ in range(roots):
-                    share = math.sqrt(share)
-                share = max(share, 0.15) * cover
-                thick = np.float32(weight[s] * height[s] * share)
+                share = profile[min(int(square * per_radius), len(profile) - 1)] * cover
+                thick = np.float32(thickest * share)
                 if thick > thick_map[row, col]:
                     thick_map[row, col] = thick
                 upper = crest[s, 0] + t * (crest[s, 1] - crest[s, 0])

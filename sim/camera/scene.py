@@ -207,6 +207,13 @@ class Scene(SceneFacts):
     sensor: Sensor = Sensor()
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
 
+    def shades(self, colour: Colour) -> tuple[float, ...]:
+        """A colour as the sensor tells it: red, green, blue, or grey (BT.601) alone."""
+        if not self.sensor.mono:
+            return colour
+        red, green, blue = colour
+        return (0.299 * red + 0.587 * green + 0.114 * blue,)
+
     @model_validator(mode="after")
     def _ink_shows(self) -> Scene:
         if self.ink.colour == self.bath.colour:

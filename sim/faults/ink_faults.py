@@ -17,8 +17,8 @@
 
 Each begins at one moment: ``line`` (of the job's commands, from 1; the first that is executed from
 there on), ``time_s`` (printer's clock), ``written_mm`` (way of written lines, mends included) or
-``pushed_ul`` (pushed by the plunger beyond its foremost place, of all syringes). The motors know nothing of them:
-the simulated scanner and camera do (`sim.deposit.laid`).
+``pushed_ul`` (pushed by the plunger beyond its foremost place, all syringes together). The motors
+know nothing of them: the simulated scanner and camera do (`sim.deposit.laid`).
 
 A purge is what the plunger pushes beyond its foremost place while the tip stands, or along a way
 with at least `PURGE_RATIO` times the job's median dose per mm.
