@@ -22,7 +22,7 @@ SingleArray = NDArray[np.float32]
 _FAINT: Final = 0.02
 """Share of its light by which a deep layer isn't drawn any more."""
 _FLAT: Final = {"layered": 0.25, "embedded": 0.5}
-"""Power of 1 - q² at the share q of the radius: an ellipse has 1/2, a line in a layer is flatter."""
+"""Power of 1 - q² at the share q of the radius: 1/2 is an ellipse, less is flatter."""
 _RIM: Final = 0.15
 """A line isn't thinner at its rim, where it is seen on edge."""
 _ENOUGH: Final = 6.0
