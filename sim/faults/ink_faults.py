@@ -32,6 +32,8 @@ from typing import Annotated, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 PURGE_RATIO: Final = 2.0
+LEAST_PURGE_UL: Final = 0.02
+"""Less in a move that stands is the rounding of a prime to motor steps."""
 RELOAD_UL: Final = 30.0
 """No retraction is so long: a plunger that goes back farther is put to a full syringe."""
 

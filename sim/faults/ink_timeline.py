@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.faults.ink_faults import PURGE_RATIO, RELOAD_UL, Moment
+from sim.faults.ink_faults import LEAST_PURGE_UL, PURGE_RATIO, RELOAD_UL, Moment
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -51,7 +51,7 @@ class Timeline:
         new = _pushed_anew(push_ul)
         dense = np.divide(new, way_mm, out=np.full(len(new), np.inf), where=way_mm > 0)
         usual = np.median(dense[writes & (new > 0)]) if (writes & (new > 0)).any() else np.inf
-        purge = np.where((new > 0) & (dense >= PURGE_RATIO * usual), new, 0.0)
+        purge = np.where((new >= LEAST_PURGE_UL) & (dense >= PURGE_RATIO * usual), new, 0.0)
         return Timeline(
             time_s,
             line,
