@@ -22,6 +22,11 @@ SingleArray = NDArray[np.float32]
 _FAINT: Final = 0.02
 """Share of its light by which a deep layer isn't drawn any more."""
 _FLAT: Final = {"layered": 0.25, "embedded": 0.5}
+"""Power of 1 - q² at the share q of the radius: 1/2 is an ellipse, less is flatter."""
+_RIM: Final = 0.15
+"""A line isn't thinner at its rim, where it is seen on edge."""
+_ENOUGH: Final = 6.0
+"""Optical thickness of ink below which nothing shows."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +63,10 @@ def ink_map(ink: Laid, plan: Plan, look: InkLook, bath: Bath) -> InkMap:
     number = np.zeros(len(lines), np.int64)
     if ink.layering is not None:
         number = ink.layering.number(lines.end[:, 2])
-    for layer in np.unique(number[shown]):
-        rows = np.flatnonzero(shown & (number == layer))
-        _draw(lines, rows, radius, top, ink.height_mm, weight, plan, _FLAT[ink.style], thick, crest)
+    profile = np.maximum(np.linspace(1, 0, 1025) ** _FLAT[ink.style], _RIM)
+    pens = _Pens(radius, top, ink.height_mm, weight, profile, _ENOUGH / look.density_per_mm)
+    for layer in np.unique(number[shown])[::-1]:
+        _draw(lines, np.flatnonzero(shown & (number == layer)), pens, plan, thick, crest)
     return InkMap(thick, np.where(np.isfinite(crest), crest, np.float32(np.nan)))
 
 
@@ -78,37 +84,48 @@ def _radii(ink: Laid, look: InkLook) -> FloatArray:
     return np.asarray(width / 2)
 
 
+@dataclass(frozen=True)
+class _Pens:
+    """How each line is drawn; names as of `draw_lines`, radius in mm."""
+
+    radius: FloatArray
+    crest: FloatArray
+    height: FloatArray
+    weight: FloatArray
+    profile: FloatArray
+    enough: float
+
+
 def _draw(
     lines: Strands,
     rows: IntArray,
-    radius: FloatArray,
-    top: FloatArray,
-    height: FloatArray,
-    weight: FloatArray,
+    pens: _Pens,
     plan: Plan,
-    flatness: float,
     thick: SingleArray,
     crest: SingleArray,
 ) -> None:
+    """Add some of the lines to the maps."""
     start, end = plan.seen_at(lines.start[rows]), plan.seen_at(lines.end[rows])
-    wide = radius[rows] * plan.scale((lines.start[rows, 2] + lines.end[rows, 2]) / 2)
+    wide = pens.radius[rows] * plan.scale((lines.start[rows, 2] + lines.end[rows, 2]) / 2)
     limit = np.array(plan.shape[::-1]) - 1.0
     low = np.minimum(start, end).min(axis=0) - wide.max() - 2
     high = np.maximum(start, end).max(axis=0) + wide.max() + 2
-    first = np.clip(np.floor(low), 0, limit).astype(int)
-    last = np.clip(np.ceil(high), 0, limit).astype(int)
     if (high < 0).any() or (low > limit).any():
         return
-    box = (slice(first[1], last[1] + 1), slice(first[0], last[0] + 1))
-    own = np.zeros((last[1] + 1 - first[1], last[0] + 1 - first[0]), np.float32)
-    own_crest = np.ascontiguousarray(crest[box])
+    first = np.clip(np.floor(low), 0, limit).astype(int)
+    last = np.clip(np.ceil(high), 0, limit).astype(int) + 1
+    box = (slice(first[1], last[1]), slice(first[0], last[0]))
+    above, own_crest = np.ascontiguousarray(thick[box]), np.ascontiguousarray(crest[box])
+    own = np.zeros_like(above)
     draw_lines(
         np.column_stack([start - first, end - first]),
         wide,
-        top[rows],
-        height[rows],
-        weight[rows],
-        flatness,
+        pens.crest[rows],
+        pens.height[rows],
+        pens.weight[rows],
+        pens.profile,
+        above,
+        pens.enough,
         own,
         own_crest,
     )

@@ -20,17 +20,19 @@ def draw_lines(
     crest: FloatArray,
     height: FloatArray,
     weight: FloatArray,
-    flatness: float,
+    profile: FloatArray,
+    above_map: SingleArray,
+    enough: float,
     thick_map: SingleArray,
     crest_map: SingleArray,
 ) -> None:
     """Draw capsules, each thickest in its middle; where they overlap the thickest counts.
 
     ``segments`` (n, 4) are x0, y0, x1, y1 and ``radius`` (n,) in pixels of the maps; ``crest``
-    (n, 2) and ``height`` (n,) are mm: where a line's top is at its ends, and how thick it is. ``weight`` fades what
-    lies deep. At the share q of the radius a line is (1 - q²) ** ``flatness`` as thick as in its
-    middle: 1/2 is an ellipse, less is flatter with steeper sides. The outermost pixel counts by the
-    share that is covered.
+    (n, 2) and ``height`` (n,) are mm: where a line's top is at its ends, and how thick it is.
+    ``weight`` fades what lies deep. ``profile`` (m,) is a line's thickness over that in its middle,
+    evenly over the square of the share of the radius. The outermost pixel counts by the share that
+    is covered. Nothing is drawn where more than ``enough`` ink lies in ``above_map`` already.
     """
     ny, nx = thick_map.shape
     for s in range(len(radius)):
@@ -39,6 +41,10 @@ def draw_lines(
         reach = r + 1.0
         dx, dy = x1 - x0, y1 - y0
         squared = dx * dx + dy * dy
+        per_squared = 1.0 / squared if squared > 0.0 else 0.0
+        per_radius = (len(profile) - 1) / (r * r)
+        thickest = weight[s] * height[s]
+        outer, inner = (r + 0.5) ** 2, max(r - 0.5, 0.0) ** 2
         first = max(0, math.ceil(min(y0, y1) - reach))
         last = min(ny - 1, math.floor(max(y0, y1) + reach))
         for row in range(first, last + 1):
@@ -49,20 +55,24 @@ def draw_lines(
             xa, xb = x0 + t0 * dx, x0 + t1 * dx
             left = max(0, math.ceil(min(xa, xb) - reach))
             right = min(nx - 1, math.floor(max(xa, xb) + reach))
+            py = row - y0
             for col in range(left, right + 1):
-                px, py = col - x0, row - y0
-                t = (px * dx + py * dy) / squared if squared > 0.0 else 0.0
-                t = min(1.0, max(0.0, t))
-                away = math.sqrt((px - t * dx) ** 2 + (py - t * dy) ** 2)
-                cover = min(1.0, r - away + 0.5)
-                if cover <= 0.0:
+                if above_map[row, col] > enough:
                     continue
-                q = away / r
-                share = max(0.0, 1.0 - q * q) ** flatness
-                share = max(share, 0.15) * cover
-                thick = np.float32(weight[s] * height[s] * share)
+                px = col - x0
+                t = min(1.0, max(0.0, (px * dx + py * dy) * per_squared))
+                ox, oy = px - t * dx, py - t * dy
+                square = ox * ox + oy * oy
+                if square >= outer:
+                    continue
+                cover = 1.0
+                if square > inner:
+                    cover = r - math.sqrt(square) + 0.5
+                share = profile[min(int(square * per_radius), len(profile) - 1)] * cover
+                thick = np.float32(thickest * share)
                 if thick > thick_map[row, col]:
                     thick_map[row, col] = thick
-                top = np.float32(crest[s, 0] + t * (crest[s, 1] - crest[s, 0]) - height[s] * (1.0 - share))
+                upper = crest[s, 0] + t * (crest[s, 1] - crest[s, 0])
+                top = np.float32(upper - height[s] * (1.0 - share))
                 if top > crest_map[row, col]:
                     crest_map[row, col] = top

@@ -25,7 +25,7 @@ _SMOOTH_PX: Final = 1.2
 
 
 def lit(ink: InkMap, plan: Plan, scene: Scene) -> SingleArray:
-    """Light that comes from the plane, without glints, grey levels, (rows, columns, 3)."""
+    """Light that comes from the plane, without glints, grey levels, (rows, columns, 3 or 1)."""
     bath = scene.bath
     grain = _grain(plan, bath, scene.seed)
     through = np.exp(-np.float32(scene.ink.density_per_mm) * ink.thick_mm)
@@ -33,10 +33,11 @@ def lit(ink: InkMap, plan: Plan, scene: Scene) -> SingleArray:
     clear = _clearness(ink, bath)
     shade = _shade(ink, plan, scene.ink, scene.light)
     share = (1 - through) * clear
-    out = np.empty((*plan.shape, 3), np.float32)
-    for k in range(3):
-        own = np.float32(scene.ink.colour[k]) * shade
-        out[..., k] = np.float32(bath.colour[k]) * (1 - share) + own * share
+    lit_ink = share * shade
+    colours = list(zip(scene.shades(bath.colour), scene.shades(scene.ink.colour), strict=True))
+    out = np.empty((*plan.shape, len(colours)), np.float32)
+    for k, (under, over) in enumerate(colours):
+        out[..., k] = np.float32(under) * (1 - share) + np.float32(over) * lit_ink
     # Granules show on the bath, and less through the ink.
     out *= (1 + grain * (1 - 0.5 * share))[..., None]
     out *= _unevenness(plan, scene.light)[..., None]

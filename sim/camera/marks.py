@@ -33,14 +33,14 @@ def add_marks(drawn: SingleArray, plan: Plan, scene: Scene, folder: Path) -> Non
         When a picture can't be read, or there is no such set of markers.
     """
     if scene.dish is not None:
-        _add_dish(drawn, plan, scene.dish)
+        _add_dish(drawn, plan, scene.dish, scene.shades(scene.dish.table_colour))
     for marker in scene.markers:
         _lay(drawn, plan, *_marker(marker))
     for picture in scene.pictures:
         _lay(drawn, plan, _read(folder / picture.file), np.array(picture.corners_mm))
 
 
-def _add_dish(drawn: SingleArray, plan: Plan, dish: Dish) -> None:
+def _add_dish(drawn: SingleArray, plan: Plan, dish: Dish, table_colour: tuple[float, ...]) -> None:
     """Table outside of the dish's wall, the wall brighter where it is seen on edge."""
     centre = np.array([dish.centre_mm])
     at = plan.seen_at(centre)[0]
@@ -55,7 +55,7 @@ def _add_dish(drawn: SingleArray, plan: Plan, dish: Dish) -> None:
     table = np.clip(away - outer + 0.5, 0, 1)
     rim = 1 - 0.45 * np.cos(2 * np.pi * np.clip((away - inner) / (outer - inner), 0, 1))
     there = drawn[outside] * (1 - wall * (1 - 0.85 * rim))[:, None]
-    drawn[outside] = there + table[:, None] * (np.array(dish.table_colour, np.float32) - there)
+    drawn[outside] = there + table[:, None] * (np.array(table_colour, np.float32) - there)
 
 
 def _marker(marker: Marker) -> tuple[SingleArray, FloatArray]:

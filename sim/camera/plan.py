@@ -84,7 +84,7 @@ class Plan:
         return np.asarray(high / (high + apparent) / self.pitch_mm)
 
     def photograph(self, drawn: SingleArray) -> SingleArray:
-        """The drawn plane (rows, columns[, colours]) as the camera's lens throws it."""
+        """The drawn plane (rows, columns, colours) as the camera's lens throws it."""
         width, height = self.camera.size_px
         coarse_u = np.arange(0, width + _COARSE, _COARSE, dtype=np.float64)
         coarse_v = np.arange(0, height + _COARSE, _COARSE, dtype=np.float64)
@@ -98,9 +98,10 @@ class Plan:
             cv2.warpAffine(np.ascontiguousarray(places[..., k]), fine, (width, height), flags=flags)
             for k in range(2)
         ]
-        return np.asarray(
-            cv2.remap(drawn, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        found = cv2.remap(
+            drawn, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
+        return np.asarray(found).reshape(height, width, -1)
 
 
 def _border(camera: Camera) -> FloatArray:

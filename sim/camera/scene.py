@@ -1,4 +1,4 @@
-"""What a simulated picture shows besides the ink: bath, light, glare, bubbles, marks, sensor.
+"""Settings of a simulated picture besides the ink: bath, light, glare, bubbles, marks, sensor.
 
 Grey levels are 0 to 255, of linear light before the sensor's gamma; colours are red, green, blue.
 """
@@ -206,6 +206,13 @@ class Scene(SceneFacts):
     dish: Dish | None = None
     sensor: Sensor = Sensor()
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+
+    def shades(self, colour: Colour) -> tuple[float, ...]:
+        """A colour as the sensor tells it: red, green, blue, or grey (BT.601) alone."""
+        if not self.sensor.mono:
+            return colour
+        red, green, blue = colour
+        return (0.299 * red + 0.587 * green + 0.114 * blue,)
 
     @model_validator(mode="after")
     def _ink_shows(self) -> Scene:

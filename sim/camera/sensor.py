@@ -14,7 +14,6 @@ SingleArray = NDArray[np.float32]
 ByteArray = NDArray[np.uint8]
 
 _WHITE: Final = 255.0
-_GREY: Final = np.array([0.299, 0.587, 0.114], np.float32)
 
 
 def exposed(light: SingleArray, sensor: Sensor, generator: np.random.Generator) -> ByteArray:
@@ -22,15 +21,17 @@ def exposed(light: SingleArray, sensor: Sensor, generator: np.random.Generator) 
 
     Parameters
     ----------
-    light : (h, w, 3) float32
-        Red, green, blue, grey levels.
+    light : (h, w, 3 or 1) float32
+        Red, green, blue, or grey alone; grey levels.
     """
     blurred = _moved(light, sensor.motion_px)
     if sensor.blur_px > 0:
         blurred = cv2.GaussianBlur(blurred, (0, 0), sensor.blur_px)
-    blurred = blurred @ _GREY if sensor.mono else blurred[..., ::-1]
-    blurred = blurred * _vignette(light.shape[:2], sensor.vignetting, blurred.ndim)
+    blurred = blurred.reshape(light.shape)[..., ::-1]
+    blurred = blurred * _vignette(light.shape[:2], sensor.vignetting)
     picture = _counted(blurred, sensor, generator)
+    if sensor.mono:
+        picture = picture[..., 0]
     if sensor.jpeg_quality is not None:
         quality = [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg_quality]
         packed = cv2.imencode(".jpg", picture, quality)[1]
@@ -57,21 +58,24 @@ def _moved(light: SingleArray, way_px: tuple[float, float]) -> SingleArray:
     return np.asarray(cv2.filter2D(light, -1, kernel / kernel.sum()))
 
 
-def _vignette(shape: tuple[int, ...], fall: float, dimensions: int) -> SingleArray:
+def _vignette(shape: tuple[int, ...], fall: float) -> SingleArray:
     rows, columns = shape
-    y = ((np.arange(rows) - (rows - 1) / 2) ** 2)[:, None]
-    x = ((np.arange(columns) - (columns - 1) / 2) ** 2)[None, :]
-    share = (x + y) / ((rows / 2) ** 2 + (columns / 2) ** 2)
-    factor = (1 - fall * share).astype(np.float32)
-    return factor if dimensions == 2 else factor[..., None]
+    most = ((rows / 2) ** 2 + (columns / 2) ** 2) / fall if fall else np.inf
+    y = ((np.arange(rows) - (rows - 1) / 2) ** 2 / most).astype(np.float32)
+    x = ((np.arange(columns) - (columns - 1) / 2) ** 2 / most).astype(np.float32)
+    factor = (1 - y)[:, None] - x[None, :]
+    return factor[..., None]
 
 
 def _counted(light: SingleArray, sensor: Sensor, generator: np.random.Generator) -> ByteArray:
     """Shot and read noise, the sensor's limit, gamma, 8 bits."""
-    light = np.clip(light, 0, 4 * _WHITE)
-    deviation = np.sqrt(light * np.float32(_WHITE / sensor.full_well) + sensor.read_noise**2)
-    light = light + deviation * generator.standard_normal(light.shape, dtype=np.float32)
-    light = np.clip(light, 0, _WHITE)
+    np.clip(light, 0, 4 * _WHITE, out=light)
+    noise = light * np.float32(_WHITE / sensor.full_well)
+    noise += np.float32(sensor.read_noise**2)
+    np.sqrt(noise, out=noise)
+    noise *= generator.standard_normal(light.shape, dtype=np.float32)
+    light += noise
+    np.clip(light, 0, _WHITE, out=light)
     if sensor.gamma != 1:
         light = _WHITE * (light / _WHITE) ** np.float32(1 / sensor.gamma)
-    return np.ascontiguousarray(np.round(light).astype(np.uint8))
+    return np.ascontiguousarray(np.round(light, out=light).astype(np.uint8))

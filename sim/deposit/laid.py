@@ -125,7 +125,8 @@ def with_faults(ink: Laid, block: NDArray[np.int64], line: Timeline, faults: Ink
     """Return what faults leave of ink, whose strands are whole blocks of a timeline."""
     if not faults.each:
         return ink
-    placed = Placed(ink.strands, block.astype(np.float64), block + 1.0)
+    first = block.astype(np.float64)
+    placed = Placed(ink.strands, first, np.asarray(first + 1.0, np.float64))
     found = faulty_lines(placed, line, faults, ink.layering)
     return Laid(found, ink.layering, ink.standing_ul)
 

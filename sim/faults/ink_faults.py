@@ -17,8 +17,8 @@
 
 Each begins at one moment: ``line`` (of the job's commands, from 1; the first that is executed from
 there on), ``time_s`` (printer's clock), ``written_mm`` (way of written lines, mends included) or
-``pushed_ul`` (pushed by the plunger beyond its foremost place). The motors know nothing of them:
-the simulated scanner and camera do (`sim.deposit.laid`).
+``pushed_ul`` (pushed by the plunger beyond its foremost place, all syringes together). The motors
+know nothing of them: the simulated scanner and camera do (`sim.deposit.laid`).
 
 A purge is what the plunger pushes beyond its foremost place while the tip stands, or along a way
 with at least `PURGE_RATIO` times the job's median dose per mm.
@@ -32,6 +32,10 @@ from typing import Annotated, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 PURGE_RATIO: Final = 2.0
+LEAST_PURGE_UL: Final = 0.02
+"""Less in a move that stands is the rounding of a prime to motor steps."""
+RELOAD_UL: Final = 30.0
+"""No retraction is so long: a plunger that goes back farther is put to a full syringe."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Amount = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.faults.ink_faults import PURGE_RATIO, Moment
+from sim.faults.ink_faults import LEAST_PURGE_UL, PURGE_RATIO, RELOAD_UL, Moment
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -48,16 +48,15 @@ class Timeline:
         writes: BoolArray,
     ) -> Timeline:
         """Sum up blocks: their way, what the plunger pushes (below 0: goes back), which write."""
-        foremost = np.maximum.accumulate(np.concatenate([[0.0], np.cumsum(push_ul)]))
-        new = np.diff(foremost)
+        new = _pushed_anew(push_ul)
         dense = np.divide(new, way_mm, out=np.full(len(new), np.inf), where=way_mm > 0)
         usual = np.median(dense[writes & (new > 0)]) if (writes & (new > 0)).any() else np.inf
-        purge = np.where((new > 0) & (dense >= PURGE_RATIO * usual), new, 0.0)
+        purge = np.where((new >= LEAST_PURGE_UL) & (dense >= PURGE_RATIO * usual), new, 0.0)
         return Timeline(
             time_s,
             line,
             np.concatenate([[0.0], np.cumsum(np.where(writes, way_mm, 0.0))]),
-            foremost,
+            np.concatenate([[0.0], np.cumsum(new)]),
             np.concatenate([[0.0], np.cumsum(purge)]),
         )
 
@@ -90,6 +89,26 @@ class Timeline:
     @staticmethod
     def _first(holds: BoolArray) -> float:
         return float(holds.argmax()) if holds.any() else math.inf
+
+
+def _pushed_anew(push_ul: FloatArray) -> FloatArray:
+    """What each block pushes beyond the plunger's foremost place, (n,), µL.
+
+    A plunger that goes back by more than `RELOAD_UL` comes to a full syringe.
+    """
+    total = np.concatenate([[0.0], np.cumsum(push_ul)])
+    new, begin = np.zeros(len(push_ul)), 0
+    while begin < len(push_ul):
+        foremost = np.maximum.accumulate(total[begin:])
+        back = np.flatnonzero(foremost - total[begin:] > RELOAD_UL)
+        if not len(back):
+            new[begin:] = np.diff(foremost)
+            break
+        turn = begin + int(back[0])
+        new[begin:turn] = np.diff(foremost[: turn - begin + 1])
+        forward = np.flatnonzero(push_ul[turn:] > 0)
+        begin = turn + int(forward[0]) if len(forward) else len(push_ul)
+    return new
 
 
 def at(total: FloatArray, place: FloatArray | float) -> FloatArray:

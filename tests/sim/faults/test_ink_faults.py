@@ -10,6 +10,7 @@ from sim.deposit.lay import deposit
 from sim.errors import ServeError
 from sim.faults.fault_file import load_faults
 from sim.faults.ink_faults import InkFaults
+from sim.faults.ink_timeline import Timeline
 from sim.motion.executed import ExecutedMotion
 
 AREA, WIDTH, HEIGHT, LENGTH = 10.0, 0.2, 0.1, 5.0
@@ -150,3 +151,15 @@ def test_begun_print_needs_its_layers_height(tmp_path):
 def test_what_means_nothing_is_refused(tmp_path, text, message):
     with pytest.raises(ServeError, match=message):
         faults(tmp_path, text)
+
+
+def test_ink_of_a_second_syringe_counts_on():
+    push = np.array([40.0, -1.0, 1.0, 10.0, -20.0, -30.0, 2.0, 5.0, -1.0, 1.5])
+    line = Timeline.of(
+        np.column_stack([np.arange(10.0), np.arange(1.0, 11)]),
+        np.arange(10),
+        np.ones(10),
+        push,
+        push > 0,
+    )
+    np.testing.assert_allclose(line.pushed_ul, [0, 40, 40, 40, 50, 50, 50, 52, 57, 57, 57.5])
