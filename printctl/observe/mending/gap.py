@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from printctl.observe.mending.errors import MendError
-from printctl.observe.mending.written_paths import WrittenPath, path_at
+from printctl.observe.mending.written_paths import WrittenPath, path_between
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def gap_between(
     if not paths:
         raise MendError("the job has written nothing yet; there is no gap to mend")
     start, end = (np.asarray(each, dtype=np.float64) for each in (start_mm, end_mm))
-    path, _, _ = path_at(paths, (start + end) / 2, command)
+    path = path_between(paths, start, end, command)
     ways, off = zip(path.nearest_mm(start), path.nearest_mm(end), strict=True)
     if max(off) > within_mm:
         raise MendError(
