@@ -42,6 +42,12 @@ class Ink:
         """Pieces of a mask."""
         return Ink(self.start[rows], self.end[rows], self.area[rows], self.move[rows])
 
+    def near(self, low: FloatArray, high: FloatArray) -> Ink:
+        """Pieces whose axes reach into a box."""
+        inside = np.minimum(self.start, self.end) <= high
+        inside &= np.maximum(self.start, self.end) >= low
+        return self.where(inside.all(axis=1))
+
 
 @dataclass(frozen=True)
 class Stroke:
@@ -151,6 +157,8 @@ class Grid:
     def paint(self, ink: Ink, layer_mm: float | None) -> BoolArray:
         """Voxels in which ink lies; lines of so high a layer, or filaments (None)."""
         out = np.zeros(tuple(self.count), dtype=bool)
+        wide = 1.0 + math.sqrt(float(ink.area.max(initial=0.0)))
+        ink = ink.near(self.low - wide, self.low + self.count * self.edge + wide)
         for a, b, area in zip(ink.start, ink.end, ink.area, strict=True):
             self._piece(out, a, b, float(area), layer_mm)
         return out
@@ -319,17 +327,30 @@ def _beside(grid: Grid, odd: BoolArray, sound: BoolArray) -> float:
 
 def _crossed(moves: Moves, first: int, there: Ink, mend: Ink, case: Case) -> int:
     """Moves of the insert on which the needle's cylinder meets ink beyond its joint."""
-    ink = joined(there, mend)
+    ways = np.concatenate([moves.start[first:], moves.end[first:]])
+    low, high = ways.min(axis=0), ways.max(axis=0)
+    low[:2] -= case.needle_mm + 2.0
+    high[:2] += case.needle_mm + 2.0
+    high[2] = np.inf  # the shaft stands above the tip
+    low[2] -= 2.0
+    ink = joined(there, mend).near(low, high)
+    if not len(ink.move):
+        return 0
     ball, radius, which = _balls(ink, case.layer_mm)
     shaft, crossed = case.needle_mm / 2, 0
     held = moves.start[first] if first < len(moves.end) else np.zeros(3)
     for k in range(first, len(moves.end)):
         a, b = moves.start[k], moves.end[k]
-        own = (which < k) if k >= first else which >= 0
         if np.abs(np.stack([a, b])[:, :2] - held[:2]).max() < 1e-6:
             continue  # up from, or down to, where the job itself stands
+        wide = shaft + radius
+        own = (which < k) & (ball[:, 2] + radius > min(a[2], b[2]))
+        for axis in (0, 1):
+            own &= ball[:, axis] > min(a[axis], b[axis]) - wide
+            own &= ball[:, axis] < max(a[axis], b[axis]) + wide
+        near, thick = ball[own], radius[own]
         for share in np.linspace(0, 1, max(2, int(np.linalg.norm(b - a) / 0.05))):
-            if _meets(a + share * (b - a), ball[own], radius[own], shaft, case.layer_mm):
+            if _meets(a + share * (b - a), near, thick, shaft, case.layer_mm):
                 crossed += 1
                 break
     return crossed
