@@ -132,9 +132,8 @@ def _one(
     moves = read_moves("\n".join(lines), held.start_mm)
     stroke, low, high = _gap(planned, moves, rng)
     began = time.process_time()
-    gap = gap_between(
-        written_paths(held), place_on(stroke, moves, low), place_on(stroke, moves, high)
-    )
+    places = [place_on(stroke, moves, at) for at in np.linspace(low, high, 5)]
+    gap = gap_between(written_paths(held), places)
     mend = plan_mend(held, [gap], _voids(planned, folder))
     spent = time.process_time() - began
     if not mend.lines:

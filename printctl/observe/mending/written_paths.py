@@ -166,17 +166,17 @@ def layer_heights(held: HeldPrint, rows: IntArray, area_mm2: FloatArray) -> Floa
 
 
 def path_between(
-    paths: Sequence[WrittenPath], start: FloatArray, end: FloatArray, command: int | None = None
+    paths: Sequence[WrittenPath], places: FloatArray, command: int | None = None
 ) -> WrittenPath:
-    """Return the path nearest to two places (3,), mm; of equal ones the last.
+    """Return the path nearest to all of several places (k, 3), mm; of equal ones the last.
 
     Parameters
     ----------
     paths : sequence of WrittenPath
-    start, end : (3,) float64, mm
+    places : (k, 3) float64, mm
     command : int or None
         Of the job, from 0: only paths that it wrote, if there are any.
     """
     own = [one for one in paths if command is None or command in one.command] or list(paths)
-    off = [max(one.nearest_mm(start)[1], one.nearest_mm(end)[1]) for one in reversed(own)]
+    off = [max(one.nearest_mm(place)[1] for place in places) for one in reversed(own)]
     return own[len(own) - 1 - int(np.argmin(off))]
