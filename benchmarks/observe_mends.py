@@ -114,8 +114,18 @@ def _job_rows(planned: Planned, count: int, seed: int) -> Iterator[dict[str, Any
 
 
 def _plan(name: str, folder: Path) -> None:
-    words = [sys.executable, "-m", "printctl", "run", f"examples/{name}.yaml", "--until", "toolpath"]
-    done = subprocess.run([*words, "--out", str(folder)], cwd=ROOT, capture_output=True, check=False)
+    words = [
+        sys.executable,
+        "-m",
+        "printctl",
+        "run",
+        f"examples/{name}.yaml",
+        "--until",
+        "toolpath",
+    ]
+    done = subprocess.run(
+        [*words, "--out", str(folder)], cwd=ROOT, capture_output=True, check=False
+    )
     if done.returncode:
         raise RuntimeError(f"{name} can't be planned: {done.stderr.decode()[-500:]}")
 
@@ -155,9 +165,7 @@ def _mark(planned: Planned, job: Job, rng: np.random.Generator) -> int:
     return marks[int(rng.integers(2 if planned.layer_mm else 0, len(marks)))].index
 
 
-def _gap(
-    planned: Planned, moves: Moves, rng: np.random.Generator
-) -> tuple[Stroke, float, float]:
+def _gap(planned: Planned, moves: Moves, rng: np.random.Generator) -> tuple[Stroke, float, float]:
     """A stroke and a stretch of it: 0.2 to 3 mm, or in one of ten the whole stroke."""
     strokes = strokes_of(moves)
     if planned.layer_mm is not None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,7 +116,7 @@ def parted(ink: Ink, stroke: Stroke, low: float, high: float) -> tuple[Ink, Ink]
         piece = int(np.flatnonzero(ink.move == row)[0])
         step = ink.end[piece] - ink.start[piece]
         cuts = sorted({a, b, min(max(low, a), b), min(max(high, a), b)})
-        for one, other in zip(cuts[:-1], cuts[1:], strict=True):
+        for one, other in pairwise(cuts):
             ends = [ink.start[piece] + step * (at - a) / (b - a) for at in (one, other)]
             into = lost if low <= (one + other) / 2 <= high else kept
             into.append((ends[0], ends[1], float(ink.area[piece]), int(row)))
@@ -262,7 +263,7 @@ def judge(
     gap: tuple[float, float],
     lumens: tuple[FloatArray, FloatArray, FloatArray],
 ) -> Judged:
-    """Judge an insert. ``lumens``: starts, ends (n, 3) and radii (n, 2) of tubes to be kept open."""
+    """Judge an insert; ``lumens`` are starts, ends (n, 3) and radii (n, 2) of open tubes."""
     before = read_moves("\n".join(case.lines), case.begin_mm)
     whole = read_moves("\n".join([*case.lines, *case.insert]), case.begin_mm)
     count = len(before.end)

@@ -112,8 +112,7 @@ def gap_between(
         raise MendError("a gap has two places at least, (k, 3) mm, on what the job has written")
     path = path_between(paths, places, command)
     ways, off = (
-        np.array(each)
-        for each in zip(*(path.nearest_mm(place) for place in places), strict=True)
+        np.array(each) for each in zip(*(path.nearest_mm(place) for place in places), strict=True)
     )
     if off.max() > within_mm:
         raise MendError(

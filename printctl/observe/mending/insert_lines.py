@@ -133,7 +133,9 @@ class InsertWriter:
         digits = (self._digits.x, self._digits.y, self._digits.z)
         words = [
             axis + self._number(float(to), places)
-            for axis, to, now, places in zip((b"X", b"Y", b"Z"), place, self._at, digits, strict=True)
+            for axis, to, now, places in zip(
+                (b"X", b"Y", b"Z"), place, self._at, digits, strict=True
+            )
             if abs(to - now) > WAY_MM
         ]
         if not words and e is None:
@@ -160,7 +162,7 @@ class InsertWriter:
         text = f"{value:.{places}f}"
         if places:
             text = text.rstrip("0").rstrip(".")
-        return (b"0" if text in ("-0", "") else text.encode())
+        return b"0" if text in ("-0", "") else text.encode()
 
 
 def wipe_way(patch: Patch, wipe_mm: float, blocked_mm: Sequence[float] = ()) -> FloatArray:

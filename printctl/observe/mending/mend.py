@@ -65,8 +65,7 @@ class Mend:
         if self.patches:
             said.append(f"{self.volume_ul:.3f} µL of ink, {self.duration_s:.0f} s")
         return said + [
-            f"path {one.path}: {one.length_mm:.2f} mm not mended: {one.reason}"
-            for one in self.left
+            f"path {one.path}: {one.length_mm:.2f} mm not mended: {one.reason}" for one in self.left
         ]
 
 

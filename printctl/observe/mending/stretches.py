@@ -132,9 +132,7 @@ def _in_voids(along: FloatArray, gap: Gap, path: WrittenPath, site: Site) -> Boo
     return np.asarray(depth + shift > site.options.void_tolerance_mm)
 
 
-def _out_of_reach(
-    along: FloatArray, path: WrittenPath, site: Site
-) -> tuple[BoolArray, bool, str]:
+def _out_of_reach(along: FloatArray, path: WrittenPath, site: Site) -> tuple[BoolArray, bool, str]:
     """Stations out of the needle's reach, (m,), whether it goes backwards, and what is in its way.
 
     In a bath the shaft stands above the tip, so that one direction may be free where the other

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -43,7 +44,7 @@ class JobText:
             self.e += RELIEF_E
             self.lines.append(f"G1 E{self.e:.7f} F1.4")
         self.first = False
-        for begin, end in zip(at[:-1], at[1:], strict=True):
+        for begin, end in pairwise(at):
             self.e += float(np.linalg.norm(end - begin)) * self.area_mm2 / SYRINGE.area_mm2
             x, y, z = end
             self.lines.append(f"G1 X{x:.3f} Y{y:.3f} Z{z:.4f} E{self.e:.7f} F{feed}")
