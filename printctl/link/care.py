@@ -58,7 +58,8 @@ class Care:
     look_limit_s : float, s
         A look that nobody has decided by then becomes a pause for the operator, with an alarm.
     look_park_mm : (x, y, z) or None, mm
-        Where the needle waits in a look, as the job counts places; None for straight above.
+        Where the needle waits in a look, counted from the touch-off as the job's checks count;
+        None for straight above.
 
     Raises
     ------

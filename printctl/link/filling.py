@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from printctl.link.errors import LinkError, Refused
-from printctl.link.inserts import Insert, behind
+from printctl.link.inserts import behind
 from printctl.link.job import Job
 from printctl.link.reloading import plan_reloads, plunger_travel
 
@@ -33,16 +33,13 @@ class Filling:
     capacity_mm: float = 0.0
 
 
-def grown_plan(
-    job: Job, insert: Insert, plan: Plan, filling: Filling, head: int | None = None
-) -> Plan:
+def grown_plan(job: Job, grown: Job, plan: Plan, filling: Filling, head: int | None = None) -> Plan:
     """Plan the changes of syringe anew for a job with an insert.
 
     Parameters
     ----------
-    job : Job
-        Without the insert.
-    insert : Insert
+    job, grown : Job
+        Without the insert, and with it as the last one.
     plan : Plan
         As it stands, for the job without the insert.
     filling : Filling
@@ -55,7 +52,7 @@ def grown_plan(
     Refused
         Where the syringe doesn't last for the insert, as it did without.
     """
-    grown, after, count = job.grown(insert), insert.after, len(insert.lines)
+    after, count = grown.positions[-1]
     shifted = tuple(behind(index, after, count) for index in plan[0])
     if not filling.capacity_mm:
         return shifted, plan[1]

@@ -55,6 +55,12 @@ def grown_text(job: Job, data: bytes) -> GrownText:
             row_of_file.append(len(lines))
             lines.append(own[row])
             file_row.append(row)
+    flows = [one.after for one in job.inserts if one.flow is not None]
+    for index in range(min(flows, default=len(job)), len(job)):
+        if index not in first_of:  # its dose may be another than the file's
+            row = row_of_file[job.file_lines[index] - 1]
+            _, semicolon, comment = lines[row].rstrip(b"\r\n").partition(b";")
+            lines[row] = job.lines[index] + semicolon + comment + b"\n"
     row_of = [
         first_of[index] if index in first_of else row_of_file[line - 1]
         for index, line in enumerate(job.file_lines)

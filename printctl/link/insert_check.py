@@ -154,25 +154,31 @@ def _moved(read: GcodeLine, at: Modal, place: InsertPlace) -> Modal:
 def _check_room(at: Modal, to: Modal, place: InsertPlace) -> None:
     """Refuse a move beyond the machine or the space that the job keeps to."""
     printer, reach = place.printer, place.reach
-    for axis, shift in zip(_AXES, place.shift_mm, strict=True):
-        span, mm = getattr(printer, f"{axis}_mm"), _of(to, axis) - shift
-        if _of(to, axis) != _of(at, axis) and not span.low - _TINY <= mm <= span.high + _TINY:
+    begin, end = _counted_from_touch_off(at, place), _counted_from_touch_off(to, place)
+    for axis, was, mm in zip(_AXES, begin, end, strict=True):
+        span = getattr(printer, f"{axis}_mm")
+        if mm != was and not span.low - _TINY <= mm <= span.high + _TINY:
             raise Refused(
                 f"{axis.upper()} {mm:.3f} mm is outside {span.low:g} to {span.high:g} mm "
                 f"({axis}_mm of {printer.name})"
             )
-    if _of(to, "z") < min(reach.low_mm, _of(place.at, "z")) - _SAME_MM:
+    held = _counted_from_touch_off(place.at, place)
+    if end[2] < min(reach.low_mm, held[2]) - _SAME_MM:
         raise Refused(
-            f"Z {to.z:g} mm is below {reach.low_mm:g} mm, the least height of the job's own moves"
+            f"Z {end[2]:g} mm is below {reach.low_mm:g} mm, the least height of the job's own moves"
         )
-    low = min(_of(at, "z"), _of(to, "z"))
-    aside = (to.x, to.y) != (at.x, at.y)
-    if aside and low < reach.top_mm - _SAME_MM and not reach.is_inside(_of(to, "x"), _of(to, "y")):
+    low = min(begin[2], end[2]) + _SAME_MM
+    if begin[:2] != end[:2] and not reach.is_inside(end[0], end[1], low):
+        where = f"below Z {reach.top_mm:g} mm " if low < reach.top_mm else ""
         raise Refused(
-            f"X {to.x:g} Y {to.y:g} is more than {ASIDE_MM:g} mm beside all of the job's own "
-            f"moves, below its greatest height of {reach.top_mm:g} mm: the needle's shaft isn't "
-            "known to be clear there"
+            f"X {end[0]:g} Y {end[1]:g} is more than {ASIDE_MM:g} mm beside all of the job's own "
+            f"moves {where}and the needle's shaft isn't known to be clear there"
         )
+
+
+def _counted_from_touch_off(at: Modal, place: InsertPlace) -> tuple[float, float, float]:
+    x, y, z = (_of(at, axis) - shift for axis, shift in zip(_AXES, place.shift_mm, strict=True))
+    return x, y, z
 
 
 def _check_speeds(at: Modal, to: Modal, place: InsertPlace) -> None:

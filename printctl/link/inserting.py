@@ -7,6 +7,7 @@ from functools import cached_property
 
 from printctl.link.channel import Channel
 from printctl.link.errors import LinkError, Refused
+from printctl.link.flow_check import check_factor, check_flow
 from printctl.link.insert_check import InsertPlace, judged_lines
 from printctl.link.inserts import Insert
 from printctl.link.job import Job
@@ -44,8 +45,28 @@ class Inserting:
 
     @cached_property
     def reach(self) -> JobReach:
-        """Space that the job's own moves keep to."""
-        return JobReach.of(self.job.own_lines, self.watch.care.start_mm)
+        """Space that the job's own moves keep to, counted from the touch-off.
+
+        Raises
+        ------
+        LinkError
+            Where the job calls places otherwise in a way that nobody can follow.
+        """
+        own, start = self.job.own, self.watch.care.start_mm
+        frame = frame_at(own, len(own), self.channel.wiring.printer, start)
+        return JobReach.of(own.lines, start, frame.shift_at)
+
+    def shift_mm(self) -> tuple[float, float, float]:
+        """Return what the job calls places here beyond the count from the touch-off, mm.
+
+        Raises
+        ------
+        LinkError
+            As `reach`.
+        """
+        progress, start = self.channel.logbook.progress, self.watch.care.start_mm
+        frame = frame_at(progress.job, progress.done, self.channel.wiring.printer, start)
+        return frame.shift_at(progress.done - 1)
 
     def answer_all(self, at: Modal) -> LookWord | None:
         """Answer what clients have said; return a decision of theirs, which is still to be made.
@@ -84,9 +105,17 @@ class Inserting:
         """
         channel, progress = self.channel, self.channel.logbook.progress
         done, name = progress.done, f"the insert of look {word.look}"
-        lines = judged_lines(word.lines, self._place(at, name), name)
-        insert = Insert(word.look, done, lines, word.why)
-        plan = self.changer.replanned(progress.job, insert)
+        place = self._place(at, name)
+        lines: tuple[bytes, ...] = ()
+        if word.lines or word.flow is None:
+            lines = judged_lines(word.lines, place, name)
+        if word.flow is not None:
+            check_factor(word.flow, place, name)
+        insert = Insert(word.look, done, lines, word.why, word.flow)
+        grown = progress.job.grown(insert)
+        if word.flow is not None:
+            check_flow(progress.job, grown, place, name)
+        plan = self.changer.replanned(grown)
         if channel.logbook.fault:
             raise Refused(f"{name} isn't taken: {channel.logbook.fault}")
         written = channel.logbook.record(
@@ -94,7 +123,7 @@ class Inserting:
         )
         if not written:
             raise Refused(f"{name} isn't taken: the journal can't be written")
-        progress.grow(insert)
+        progress.grow(grown)
         self.watch.grow(progress.job.marks, done, len(lines))
         self.watch.plan(*plan)
         channel.wiring.protocol.grow(progress.job.lines)
@@ -105,10 +134,5 @@ class Inserting:
         wiring, progress = self.channel.wiring, self.channel.logbook.progress
         if is_open(progress.job.lines, progress.done, wiring.printer):
             raise Refused(f"{name} isn't taken: the job has the valve open there")
-        limits, shift = wiring.limits(), (0.0, 0.0, 0.0)
-        try:
-            frame = frame_at(progress.job, progress.done, wiring.printer, self.watch.care.start_mm)
-            shift = frame.shift_at(progress.done - 1)
-        except LinkError:  # nobody can tell what the job adds; its own places count then
-            pass
-        return InsertPlace(at, self.reach, wiring.printer, limits.plunger_mm_s, shift)
+        bears = wiring.limits().plunger_mm_s
+        return InsertPlace(at, self.reach, wiring.printer, bears, self.shift_mm())

@@ -28,12 +28,16 @@ class Insert:
     lines : tuple of bytes
         As they are sent.
     why : str
+    flow : float or None
+        From there on the job's moves that write push so many times what the file says; None for
+        as before.
     """
 
     look: int
     after: int
     lines: tuple[bytes, ...]
     why: str = ""
+    flow: float | None = None
 
     @property
     def sha256(self) -> str:
@@ -44,13 +48,21 @@ class Insert:
         """As the journal has it."""
         lines = [line.decode("ascii") for line in self.lines]
         told = {"look": self.look, "after": self.after, "why": self.why}
-        return {**told, "sha256": self.sha256, "lines": lines}
+        flow = {} if self.flow is None else {"flow": self.flow}
+        return {**told, **flow, "sha256": self.sha256, "lines": lines}
 
     @staticmethod
     def from_record(record: Mapping[str, Any]) -> Insert:
         """Read `to_record`."""
         lines = tuple(str(line).encode("ascii") for line in record["lines"])
-        return Insert(int(record["look"]), int(record["after"]), lines, str(record.get("why", "")))
+        flow = record.get("flow")
+        return Insert(
+            look=int(record["look"]),
+            after=int(record["after"]),
+            lines=lines,
+            why=str(record.get("why", "")),
+            flow=None if flow is None else float(flow),
+        )
 
 
 def file_count(done: int, positions: Sequence[Position]) -> int:

@@ -18,8 +18,10 @@ from printctl.gate import refused_lines
 from printctl.link.errors import JobError
 from printctl.link.inserts import Insert, Position
 from printctl.link.marks import MarkReader, Marks
+from printctl.link.modal import modal_state
 from sim.errors import GcodeError
 from sim.reading.file import GcodeFile, kinds_of, read_file
+from sim.reading.flow_factor import with_flow
 from sim.reading.other_lines import Others, other_lines
 from sim.reading.user_file import read_gcode_path
 
@@ -64,17 +66,23 @@ class Job:
         return self.file_lines[min(done, len(self.lines)) - 1] if done > 0 and self.lines else 0
 
     @property
-    def own_lines(self) -> list[bytes]:
-        """The file's own commands, without what was put in."""
-        lines = list(self.lines)
+    def own(self) -> Job:
+        """The file's own commands, without what was put in; its marks aren't shifted back."""
+        lines, file_lines = list(self.lines), list(self.file_lines)
         for after, count in reversed(self.positions):
             del lines[after : after + count]
-        return lines
+            del file_lines[after : after + count]
+        return replace(self, lines=lines, file_lines=file_lines, inserts=())
 
     @property
     def positions(self) -> tuple[Position, ...]:
         """Where its inserts stand, and how many lines each has."""
         return tuple((one.after, len(one.lines)) for one in self.inserts)
+
+    @property
+    def flow(self) -> float:
+        """What moves that write push behind its last insert, by what the file says."""
+        return next((one.flow for one in reversed(self.inserts) if one.flow is not None), 1.0)
 
     def grown_by(self, inserts: Sequence[Insert]) -> Job:
         """Return the job with several inserts, in their order; see `grown`."""
@@ -86,12 +94,14 @@ class Job:
     def grown(self, insert: Insert) -> Job:
         """Return the job with an insert's lines behind its first ``insert.after`` lines.
 
-        Marks at that place stay before them.
+        Marks at that place stay before them. Where the insert says a flow, what writes behind it
+        pushes by that.
 
         Raises
         ------
         JobError
-            When the job has fewer lines, or was given a later insert before.
+            When the job has fewer lines, was given a later insert before, or doesn't tell the
+            plunger's count where its flow is to change.
         """
         after, count = insert.after, len(insert.lines)
         begun = max((one.after + len(one.lines) for one in self.inserts), default=0)
@@ -100,10 +110,15 @@ class Job:
                 f"an insert behind line {after} doesn't fit {self.name}, {len(self)} lines with "
                 f"inserts up to line {begun}; the journal isn't of this job"
             )
-        line = self.file_line(after)
+        line, rest = self.file_line(after), self.lines[after:]
+        if insert.flow is not None and insert.flow != self.flow:
+            e_mm = modal_state(self.lines, after).e
+            if e_mm is None:
+                raise JobError(f"{self.name} doesn't tell the plunger's count after line {after}")
+            rest = with_flow(rest, e_mm, insert.flow / self.flow)
         return replace(
             self,
-            lines=[*self.lines[:after], *insert.lines, *self.lines[after:]],
+            lines=[*self.lines[:after], *insert.lines, *rest],
             file_lines=[*self.file_lines[:after], *[line] * count, *self.file_lines[after:]],
             marks=self.marks.shifted(after, count),
             inserts=(*self.inserts, insert),

@@ -1,9 +1,9 @@
-"""What a job's own moves keep to, as its checks judged: hull across, heights, plunger's speed."""
+"""Space that a job's own moves keep to: hull across, heights, feeds; what its checks judged."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,6 +11,7 @@ from printctl.link.modal import declared_axes
 from sim.reading import is_motion
 
 Point = tuple[float, float]
+Place = tuple[float, float, float]
 ASIDE_MM: Final = 1.0
 """So far beside the hull of the job's moves a needle may still go below the job's top."""
 _HEIGHTS_MM: Final = 1e-6
@@ -18,7 +19,7 @@ _HEIGHTS_MM: Final = 1e-6
 
 @dataclass(frozen=True)
 class JobReach:
-    """What a job's moves keep to, as it counts places.
+    """What a job's moves keep to, counted from where the tip was touched off.
 
     Attributes
     ----------
@@ -27,6 +28,8 @@ class JobReach:
     hull_mm : tuple of (x, y), mm
         Corners, against the clock, of what its moves below ``top_mm`` stand on; of all its moves
         where every one is as high.
+    high_hull_mm : tuple of (x, y), mm
+        The same of all its moves.
     push_mm_s : float, mm/s
         Fastest that its moves push the plunger.
     """
@@ -34,21 +37,36 @@ class JobReach:
     low_mm: float
     top_mm: float
     hull_mm: tuple[Point, ...]
+    high_hull_mm: tuple[Point, ...]
     push_mm_s: float = 0.0
 
     @staticmethod
-    def of(lines: Sequence[bytes], start_mm: tuple[float, float, float] | None = None) -> JobReach:
-        """Read it from a job's lines; ``start_mm``: where the tip stands before the first, mm."""
+    def of(
+        lines: Sequence[bytes],
+        start_mm: Place | None = None,
+        shift_at: Callable[[int], Place] = lambda index: (0.0, 0.0, 0.0),
+    ) -> JobReach:
+        """Read it from a job's lines.
+
+        Parameters
+        ----------
+        lines : sequence of bytes
+        start_mm : (x, y, z), mm, optional
+            Where the tip stands before the first.
+        shift_at : callable
+            What places are called at a line beyond the count from the touch-off
+            (`JobFrame.shift_at`), mm.
+        """
         at = dict(zip("XYZ", start_mm or (math.nan,) * 3, strict=True))
         at |= {"E": math.nan, "F": math.nan}
-        places = set[tuple[float, float, float]]()
-        fastest = 0.0
-        for line in lines:
+        places, fastest = set[Place](), 0.0
+        for index, line in enumerate(lines):
             if is_motion(line):
                 before = dict(at)
                 at |= _words(line)
                 fastest = max(fastest, _push_mm_s(before, at))
-                places.add((at["X"], at["Y"], at["Z"]))
+                dx, dy, dz = shift_at(index)
+                places.add((at["X"] - dx, at["Y"] - dy, at["Z"] - dz))
             else:
                 at |= declared_axes(line)
                 at |= {"E": math.nan} if line.startswith(b"G92") else {}
@@ -56,11 +74,12 @@ class JobReach:
         low, top = min(heights, default=math.inf), max(heights, default=-math.inf)
         known = [place for place in places if place[0] == place[0] and place[1] == place[1]]
         below = {(x, y) for x, y, z in known if z < top - _HEIGHTS_MM}
-        return JobReach(low, top, _hull(below or {(x, y) for x, y, _ in known}), fastest)
+        high = _hull({(x, y) for x, y, _ in known})
+        return JobReach(low, top, _hull(below) if below else high, high, fastest)
 
-    def is_inside(self, x: float, y: float) -> bool:
-        """Whether a place is within the hull, or at most `ASIDE_MM` beside it."""
-        corners = self.hull_mm
+    def is_inside(self, x: float, y: float, z: float) -> bool:
+        """Whether a place is within the hull of its height, or at most `ASIDE_MM` beside it."""
+        corners = self.hull_mm if z < self.top_mm - _HEIGHTS_MM else self.high_hull_mm
         if len(corners) < 3:
             pairs = list(zip(corners, corners[1:] or corners, strict=False))
             return any(_apart_mm(one, other, (x, y)) <= ASIDE_MM for one, other in pairs)

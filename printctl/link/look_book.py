@@ -65,6 +65,8 @@ class LookWord:
         Given the answer.
     refused : callable
         Told why not.
+    flow : float or None
+        With an insert: what moves that write push from there on, by what the file says.
     """
 
     look: int
@@ -73,6 +75,7 @@ class LookWord:
     why: str
     done: Callable[[Answer], None]
     refused: Callable[[str], None]
+    flow: float | None = None
 
 
 class LookBook:
@@ -136,7 +139,8 @@ class LookBook:
         before = self._inserts.get(word.look)
         if before is not None:
             insert, texts = before
-            if word.lines == texts or _bare(word.lines) == _bare(_texts(insert)):
+            same = word.lines == texts or _bare(word.lines) == _bare(_texts(insert))
+            if same and word.flow == insert.flow:
                 return insert_answer(insert)
             raise Refused(
                 f"look {word.look} has an insert of {len(insert.lines)} lines already, other ones: "
@@ -196,6 +200,7 @@ def insert_answer(insert: Insert) -> Answer:
         "after": insert.after,
         "count": len(insert.lines),
         "sha256": insert.sha256,
+        "flow": insert.flow,
     }
 
 

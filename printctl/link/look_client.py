@@ -25,7 +25,9 @@ class LookClient:
 
     connection: Connection
 
-    def insert(self, look: int, lines: Sequence[str], why: str = "") -> dict[str, Any]:
+    def insert(
+        self, look: int, lines: Sequence[str], why: str = "", flow: float | None = None
+    ) -> dict[str, Any]:
         """Put lines into the job where the print is held for a look.
 
         Parameters
@@ -36,12 +38,15 @@ class LookClient:
             One command each; they must end where the print is held.
         why : str
             For the journal.
+        flow : float, optional
+            What the job's moves that write push from there on, by what the file says: 1.1 for a
+            tenth more. ``lines`` may be empty with it.
 
         Returns
         -------
         dict
-            ``look``, ``after`` (lines of the job before them), ``count``, ``sha256``. The same
-            insert again gives the same answer.
+            ``look``, ``after`` (lines of the job before them), ``count``, ``sha256``, ``flow``. The
+            same insert again gives the same answer.
 
         Raises
         ------
@@ -50,7 +55,7 @@ class LookClient:
         LinkError
             When the print ends first.
         """
-        self.connection.send("insert", look=look, lines=list(lines), why=why)
+        self.connection.send("insert", look=look, lines=list(lines), why=why, flow=flow)
         return self._answer("inserted", look)
 
     def decide(self, look: int, decision: LookDecision, why: str = "") -> dict[str, Any]:

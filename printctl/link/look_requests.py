@@ -30,6 +30,7 @@ class LookRequests:
         why: str,
         done: Callable[[Answer], None],
         refused: Callable[[str], None],
+        flow: float | None = None,
     ) -> None:
         """Ask for lines to be put into the job where the print is held.
 
@@ -43,13 +44,15 @@ class LookRequests:
             For the journal.
         done, refused : callable
             Told the answer once the lines are in the journal, or why they aren't.
+        flow : float, optional
+            What the job's moves that write push from there on, by what the file says.
 
         Raises
         ------
         Refused
             For another look than the one that is going on, or for a second, different insert.
         """
-        self._say(LookWord(look, tuple(lines), None, why, done, refused))
+        self._say(LookWord(look, tuple(lines), None, why, done, refused, flow))
 
     def decide(
         self,

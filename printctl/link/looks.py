@@ -16,7 +16,7 @@ from printctl.link.journalled_print import JournalledPrint
 from printctl.link.look_book import Look, LookDecision, decided_answer
 from printctl.link.marks import MarkKind
 from printctl.link.modal import Modal
-from printctl.link.parking import Parking
+from printctl.link.parking import Park, Parking
 from printctl.link.pauses import PAUSE_SIGN_S, Pauses
 from printctl.link.requests import Request
 from printctl.link.states import LinkState
@@ -81,10 +81,11 @@ class Looks:
         clock, care, done = self.channel.wiring.clock, pauses.watch.care, logbook.progress.done
         look = book.begin(done, *self._place(done), care.look_limit_s)
         logbook.record("look", look=look.number, done=done, mark=look.mark, layer=look.layer)
-        at = pauses.leave("look", park=care.look_park_mm)
+        park = self.parking.place(care.look_park_mm)
+        at = pauses.leave("look", park=park)
         pauses.watch.checked(clock.now(), done)
-        if care.look_park_mm is not None:
-            self.parking.go(at, care.look_park_mm)
+        if park is not None:
+            self.parking.go(at, park)
         logbook.enter(LinkState.LOOKING, f"held for {_name(look)}: waiting for a decision")
         pauses.excursion.rest()
         ending = self._ended(at, clock.now() + look.limit_s)
@@ -92,11 +93,11 @@ class Looks:
         if ending.decision is LookDecision.STOP:
             pauses.queue.add(Request.STOP, by=ending.by)
             raise StopRequested
-        self._leave_look(at, look, ending)
+        self._leave_look(at, park, look, ending)
 
-    def _leave_look(self, at: Modal, look: Look, ending: _Ending) -> None:
+    def _leave_look(self, at: Modal, park: Park | None, look: Look, ending: _Ending) -> None:
         """Come back above the job's place; go on, or stay for the operator."""
-        pauses, park = self.pauses, self.pauses.watch.care.look_park_mm
+        pauses = self.pauses
         goes_on = ending.decision is LookDecision.GO_ON
         words = "returning to where the print was left" if goes_on else _paused_words(look, ending)
         if goes_on or park is not None:

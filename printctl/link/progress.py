@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from printctl.link.completed_moves import CompletedMoves
-from printctl.link.errors import JobError
 from printctl.link.heads import head_at
-from printctl.link.inserts import Insert
 from printctl.link.job import Job
 from printctl.link.modal import Modal, ModalTrail, modal_state, relieved_mm
 from printctl.link.motor_run_on import Answers, MotorRunOn, longest_run_on
@@ -133,20 +131,9 @@ class JobProgress:
         """How far the job itself has drawn the plunger back just here, mm."""
         return relieved_mm(self.job.lines, self.done)
 
-    def grow(self, insert: Insert) -> None:
-        """Put an insert's lines behind those that were taken; the printer stands still.
-
-        Raises
-        ------
-        JobError
-            When other lines were taken than the insert follows.
-        """
-        if insert.after != self.done:
-            raise JobError(
-                f"the insert of look {insert.look} follows line {insert.after} and {self.done} "
-                "were taken"
-            )
-        self.job = job = self.job.grown(insert)
+    def grow(self, job: Job) -> None:
+        """Take the job with lines put in behind those that were taken; the printer stands still."""
+        self.job = job
         self._trail.grow(job.lines)
         self._made.grow(job.lines)
 

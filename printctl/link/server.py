@@ -7,10 +7,10 @@ Besides what every command socket knows (`printctl.link.command_socket`) a clien
 ``{"event": "reply", "command": ..., "lines": [...]}``.
 
 While the state is ``looking`` (``look`` of the status says which): ``insert`` (with ``look``,
-``lines``, ``why``), answered by ``{"event": "inserted", "look", "after", "count", "sha256"}`` once
-the lines are in the journal; and ``look_done`` (with ``look``, ``decision``: go_on, pause, stop;
-``why``), answered by ``{"event": "looked", "look", "decision", "why"}``. Saying one of them again
-gives the same answer.
+``lines``, ``why``, perhaps ``flow``), answered by ``{"event": "inserted", "look", "after", "count",
+"sha256", "flow"}`` once it is in the journal; and ``look_done`` (with ``look``, ``decision``:
+go_on, pause, stop; ``why``), answered by ``{"event": "looked", "look", "decision", "why"}``. Saying
+one of them again gives the same answer.
 """
 
 from __future__ import annotations
@@ -98,9 +98,15 @@ class Server(SocketServer):
         self.streamer.typed(text, done, partial(self._refuse, guest))
 
     def _do_insert(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
-        lines = [str(line) for line in wish["lines"]]
-        done, refused = partial(self.post, guest), partial(self._refuse, guest)
-        self.streamer.insert(int(wish["look"]), lines, str(wish.get("why", "")), done, refused)
+        lines, why, flow = wish.get("lines", ()), str(wish.get("why", "")), wish.get("flow")
+        self.streamer.insert(
+            int(wish["look"]),
+            [str(line) for line in lines],
+            why,
+            partial(self.post, guest),
+            partial(self._refuse, guest),
+            None if flow is None else float(flow),
+        )
 
     def _do_look_done(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
         done, refused = partial(self.post, guest), partial(self._refuse, guest)

@@ -117,9 +117,10 @@ class Streamer:
         why: str,
         done: Callable[[Answer], None],
         refused: Callable[[str], None],
+        flow: float | None = None,
     ) -> None:
         """Ask for lines to be put into the job; see `LookRequests.insert`."""
-        self.parts.look_requests.insert(look, lines, why, done, refused)
+        self.parts.look_requests.insert(look, lines, why, done, refused, flow)
 
     def look_done(
         self,

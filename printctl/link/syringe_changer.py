@@ -10,7 +10,6 @@ from printctl.link.care import NewSyringe
 from printctl.link.channel import Channel
 from printctl.link.filling import Filling, Plan, grown_plan
 from printctl.link.head_choice import HeadChoice
-from printctl.link.inserts import Insert
 from printctl.link.job import Job
 from printctl.link.modal import Modal
 from printctl.link.position_check import PositionCheck
@@ -105,8 +104,8 @@ class SyringeChanger:
         order = sorted(all_of_them)
         watch.plan(tuple(order), tuple(all_of_them[index] for index in order))
 
-    def replanned(self, job: Job, insert: Insert) -> Plan:
-        """Return where a syringe must be changed once ``job`` has got an insert.
+    def replanned(self, grown: Job) -> Plan:
+        """Return where a syringe must be changed once the job is ``grown`` by one more insert.
 
         Raises
         ------
@@ -118,7 +117,8 @@ class SyringeChanger:
         filling = self._change.filled.get(head, Filling(capacity_mm=full))
         if self._wiring.printer.pneumatic is not None:
             filling = Filling()
-        return grown_plan(job, insert, (watch.reload_at, watch.reload_heads), filling, head)
+        plan = watch.reload_at, watch.reload_heads
+        return grown_plan(self._progress.job, grown, plan, filling, head)
 
     def count(self, at: Modal, new: NewSyringe) -> None:
         """Call the new plunger's place what the job goes on from, relieved like the old one.

@@ -2,7 +2,8 @@
 
 The format is `printctl.link.journal`'s, written down here once more, because a simulated printer
 imports nothing of its host: ``<crc32 of the JSON, 8 hex digits> <JSON>`` a line, records with
-``t: insert``, ``after`` (commands of the job before, earlier inserts counted) and ``lines``.
+``t: insert``, ``after`` (commands of the job before, earlier inserts counted), ``lines`` and
+perhaps ``flow``: what writes behind it pushes so many times what the file says.
 """
 
 from __future__ import annotations
@@ -10,13 +11,19 @@ from __future__ import annotations
 import json
 import zlib
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple
 
-Inserted: TypeAlias = tuple[int, list[bytes]]
+
+class Inserted(NamedTuple):
+    """Commands before an insert, its lines, and the flow behind it; None for as before."""
+
+    after: int
+    lines: list[bytes]
+    flow: float | None
 
 
 def inserted_lines(journal: Path) -> list[Inserted]:
-    """Return the commands before each insert, and its lines; in order.
+    """Return what was inserted, in order.
 
     Records of a print before the last one that began anew aren't told apart: the host keeps one
     print in a journal. A line that is torn or damaged is passed over.
@@ -32,5 +39,6 @@ def inserted_lines(journal: Path) -> list[Inserted]:
             continue
         told = json.loads(record)
         if told.get("t") == "insert":
-            found.append((int(told["after"]), [str(one).encode() for one in told["lines"]]))
+            lines = [str(one).encode() for one in told["lines"]]
+            found.append(Inserted(int(told["after"]), lines, told.get("flow")))
     return found

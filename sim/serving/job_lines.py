@@ -19,6 +19,7 @@ from firmware_profiles import Printer
 from sim.errors import LineError
 from sim.reading import read_line
 from sim.reading.file import read_file
+from sim.reading.flow_factor import plunger_count, with_flow
 from sim.serving.inserted_lines import inserted_lines
 
 _NUMBERED: Final = re.compile(rb"(?:N\d+ *)?(.*?) *(?:\*\d*)?$", re.DOTALL)
@@ -46,7 +47,7 @@ class JobLines:
 
     def _begin(self) -> None:
         self._commands, self._next = list(self._own), 0
-        self._inserts, self._journal_bytes = 0, 0
+        self._inserts, self._journal_bytes, self._flow = 0, 0, 1.0
 
     def find(self, line: bytes) -> int:
         """Command of the job, from 0, that a line is, with number and checksum or without.
@@ -86,8 +87,12 @@ class JobLines:
             return False
         self._journal_bytes = size
         new = inserted_lines(self._journal)[self._inserts :]
-        for after, lines in new:
-            self._commands[after:after] = lines
+        for one in new:
+            before, rest = self._commands[: one.after], self._commands[one.after :]
+            if one.flow is not None:
+                rest = with_flow(rest, plunger_count(before), one.flow / self._flow)
+                self._flow = one.flow
+            self._commands = [*before, *one.lines, *rest]
         self._inserts += len(new)
         return bool(new)
 

@@ -13,11 +13,10 @@ import numpy as np
 from design.files import write_text
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.head_contents import Filled
-from printctl.pipeline.printed_text import printed_text
 from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
-from printctl.pipeline.stages.printing import EXECUTED
+from printctl.pipeline.stages.printing import EXECUTED, printed_text
 from printctl.progress import Report
 from printctl.recipe.making import FileScan, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK

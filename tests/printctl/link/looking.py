@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from firmware_profiles import Printer
 from printctl.link.care import Care
 from printctl.link.clock import VirtualClock
 from printctl.link.inserts import Insert
@@ -23,6 +24,7 @@ from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.journals import journal_in
 from tests.printctl.link.layered import PRINTER, START, layered
 from tests.printctl.link.protocols import made_protocol
+from tests.printctl.link.scripted_transport import ScriptedTransport
 from tests.printctl.link.sim_transport import SimTransport
 
 EVERY_LAYER = Care(checkpoint_s=None, look_after=MarkKind.LAYER)
@@ -69,16 +71,19 @@ class Observer:
     seen: list[Status] = field(default_factory=list)
     streamer: Streamer | None = None
     resumes: bool = True
+    seen_by: Callable[[Status], None] = lambda status: None
+    flows: dict[int, float] = field(default_factory=dict)
 
     def status(self, status: Status) -> None:
         self.seen.append(status)
         streamer = self.streamer
         if streamer is None:
             return
+        self.seen_by(status)
         if status.state is LinkState.LOOKING and status.look is not None:
             number = status.look["number"]
-            if number in self.says:
-                self.insert(number, self.says[number])
+            if number in self.says or number in self.flows:
+                self.insert(number, self.says.get(number, []))
             decision = self.decides(number)
             if decision is not None:
                 self.decide(number, decision)
@@ -88,7 +93,7 @@ class Observer:
     def insert(self, number: int, lines: list[str]) -> None:
         assert self.streamer is not None
         told = self.answers.append, self.refusals.append
-        self.streamer.insert(number, lines, "a gap", *told)
+        self.streamer.insert(number, lines, "a gap", *told, self.flows.get(number))
 
     def decide(self, number: int, decision: LookDecision) -> None:
         assert self.streamer is not None
@@ -120,15 +125,16 @@ class Dying(Observer):
 def observed(
     data: bytes,
     folder: Path,
-    transport: SimTransport,
+    transport: SimTransport | ScriptedTransport,
     observer: Observer,
     care: Care = EVERY_LAYER,
     resume: bool = False,
     firmware: str = "marlin",
+    printer: Printer = PRINTER,
 ) -> Status:
     """Print with looks; with ``resume`` as a host does whose forerunner died."""
     history = read_journal(folder / "journal.log") if resume else None
-    job = parse_job(data, "test.gcode", PRINTER)
+    job = parse_job(data, "test.gcode", printer)
     if history is not None:
         job = job.grown_by(history.inserts)
     wiring = Wiring(
@@ -136,7 +142,7 @@ def observed(
         protocol=made_protocol(firmware),
         clock=transport.clock,
         journal=journal_in(folder),
-        printer=PRINTER,
+        printer=printer,
         retreat=Retreat(),
         on_status=observer.status,
     )
