@@ -1,5 +1,7 @@
 """Mends of layered prints."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -160,6 +162,18 @@ def test_a_purge_place_primes_and_wipes_outside_the_part(held):
     mend = plan_mend(held, [gap], options=MendOptions(purge=purge))
     assert any(b"Y90" in line for line in mend.lines)
     assert mend.volume_ul == pytest.approx(1.0, abs=0.5)
+    assert check_mend(held, mend.lines, [gap]).passed
+
+
+def test_a_print_held_within_a_stroke_goes_on_with_its_plunger_as_it_was():
+    whole = layered_job().held()
+    path = written_paths(whole)[-1]
+    held = replace(whole, done=int(path.command[6]) + 1)
+    assert held.relieved_e == 0.0
+    gap = Gap(path.number, 1.0, 2.0)
+    mend = plan_mend(held, [gap])
+    assert mend.lines[0].startswith(b"G1 E")  # relieved before it leaves
+    assert mend.lines[-3].startswith(b"G1 E")  # and primed where it goes on
     assert check_mend(held, mend.lines, [gap]).passed
 
 
