@@ -210,7 +210,7 @@ class Judged:
     Attributes
     ----------
     covered : float
-        Share of the missing voxels that ink fills after it.
+        Share of the missing voxels that ink fills after it; 1 where other ink lies there anyway.
     in_lumen_mm : float
         Deepest ink of the mend within a lumen.
     beside_mm : float
@@ -276,7 +276,7 @@ def judge(
     sound, left, new = (grid.paint(one, case.layer_mm) for one in (job, there, mend))
     missing = sound & ~left
     return Judged(
-        float((new & missing).sum() / max(int(missing.sum()), 1)),
+        float((new & missing).sum() / missing.sum()) if missing.any() else 1.0,
         _depth(grid.places(new), lumens),
         _beside(grid, new & ~sound, sound),
         _crossed(whole, count, there, mend, case),

@@ -73,4 +73,4 @@ def test_breaks_of_a_trees_newest_vessel_are_mended(tmp_path):
         checked = check_mend(held, mend.lines, [gap])
         assert checked.passed
         mended.append(checked.covered)
-    assert np.mean(mended) > 0.9
+    assert np.mean(mended) > 0.85
