@@ -19,6 +19,7 @@ from printctl.observe.mending.held_print import HeldPrint
 from printctl.observe.mending.insert_run import InsertRun, needle_rows, run_insert, sections
 from printctl.observe.mending.laid_ink import LaidInk, laid_ink, nearest_pieces
 from printctl.observe.mending.needle_way import shaft_contacts, under_higher_ink
+from printctl.observe.mending.open_voids import open_voids
 from printctl.observe.mending.options import MendOptions
 from printctl.observe.mending.voids import Voids, ink_in_voids_mm
 from printctl.observe.mending.written_paths import WrittenPath, written_paths
@@ -136,6 +137,8 @@ def _depths(inserted: InsertRun, voids: Voids, sound: LaidInk, held: HeldPrint) 
     start, end = inserted.written()
     if not len(start) or not len(voids):
         return np.full(len(start), -np.inf)
+    wide = float(sound.width_mm.max(initial=0.0))
+    voids = open_voids(voids, held, np.concatenate([start, end]), wide)
     height = np.ones(len(inserted.block))
     height[inserted.writes] = sound.height_mm[nearest_pieces((start + end) / 2, sound)[0]]
     width, high = (each[inserted.writes] for each in sections(inserted, held, height))

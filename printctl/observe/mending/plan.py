@@ -14,6 +14,7 @@ from printctl.observe.mending.insert_run import run_insert
 from printctl.observe.mending.laid_ink import laid_ink
 from printctl.observe.mending.mend import Mend
 from printctl.observe.mending.needle_way import NeedleRows, shaft_contacts
+from printctl.observe.mending.open_voids import open_voids
 from printctl.observe.mending.options import MendOptions
 from printctl.observe.mending.patch import Patch
 from printctl.observe.mending.stretches import Site, patches_of
@@ -56,7 +57,11 @@ def plan_mend(
     paths = written_paths(held)
     check_gaps(gaps, paths)
     joined = merged(gaps, paths, options.merge_widths)
-    site = Site(held, paths, laid_ink(paths, joined), voids or Voids.none(), options)
+    ink = laid_ink(paths, joined)
+    around = np.vstack([np.zeros((0, 3)), *(paths[gap.path].points for gap in joined)])
+    wide = float(ink.width_mm.max(initial=0.0))
+    kept_open = open_voids(voids or Voids.none(), held, around, wide)
+    site = Site(held, paths, ink, kept_open, options)
     patches: list[Patch] = []
     left: list[NotMended] = []
     for gap in joined:

@@ -1,8 +1,9 @@
 """Mends of filaments in a bath."""
 
+import numpy as np
 import pytest
 
-from printctl.observe.mending import Gap, check_mend, plan_mend, written_paths
+from printctl.observe.mending import Gap, Voids, check_mend, plan_mend, written_paths
 from tests.printctl.observe.mending.small_jobs import bath_job
 
 DEEP = [(100, 100, 5), (106, 100, 5.5), (112, 102, 5)]
@@ -66,3 +67,15 @@ def test_thin_filaments_are_left_to_the_flow():
     mend = plan_mend(bath_job(DEEP).held(), [Gap(0, 3.0, 4.0, missing=0.3)])
     assert not mend.lines
     assert "correct the flow" in mend.left[0].reason
+
+
+def test_vessels_that_the_job_writes_are_no_voids_and_others_are():
+    held, gap = bath_job(DEEP).held(), Gap(0, 4.0, 6.5)
+    own = np.array(DEEP, dtype=float)
+    across = np.array([[105.0, 90, 5.4], [105, 110, 5.4]])
+    start, end = (np.vstack([own[k : k + 2], across[k]]) for k in (0, 1))
+    voids = Voids(start, end, np.full((3, 2), 0.2))
+    mend = plan_mend(held, [gap], voids)
+    assert len(mend.patches) == 2
+    assert ["lumen" in one.reason for one in mend.left] == [True]
+    assert check_mend(held, mend.lines, [gap], voids).passed
