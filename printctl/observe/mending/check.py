@@ -15,21 +15,23 @@ from numpy.typing import NDArray
 from printctl.gate import refused_lines
 from printctl.link.modal import modal_state
 from printctl.observe.mending.gap import Gap
-from printctl.observe.mending.held_print import WAY_MM, HeldPrint
+from printctl.observe.mending.held_print import HeldPrint
+from printctl.observe.mending.insert_run import InsertRun, needle_rows, run_insert, sections
 from printctl.observe.mending.laid_ink import LaidInk, laid_ink, nearest_pieces
-from printctl.observe.mending.needle_way import NeedleRows, shaft_contacts, under_higher_ink
+from printctl.observe.mending.needle_way import shaft_contacts, under_higher_ink
+from printctl.observe.mending.open_voids import open_voids
 from printctl.observe.mending.options import MendOptions
 from printctl.observe.mending.voids import Voids, ink_in_voids_mm
 from printctl.observe.mending.written_paths import WrittenPath, written_paths
 from sim.dry_run.run import DryRun, dry_run
-from sim.program.modal import MOVE
 from sim.reading.other_lines import other_lines
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _SAME_MM = 1e-4
 """Places that the text gives alike."""
+_SHARES = 5
+"""Places of a block that are looked at."""
 
 
 @dataclass(frozen=True)
@@ -88,29 +90,6 @@ class MendCheck:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class _Run:
-    """Executed blocks of the inserted lines."""
-
-    run: DryRun
-    block: IntArray
-    row: IntArray
-    area_mm2: FloatArray
-
-    @property
-    def writes(self) -> NDArray[np.bool_]:
-        return self.area_mm2 > 0
-
-    @property
-    def volume_ul(self) -> float:
-        start, end = self.tips()
-        return float((np.linalg.norm(end - start, axis=1) * self.area_mm2).sum())
-
-    def tips(self) -> tuple[FloatArray, FloatArray]:
-        executed = self.run.executed
-        return executed.start[self.block], executed.end[self.block]
-
-
 def check_mend(
     held: HeldPrint,
     lines: Sequence[bytes],
@@ -134,62 +113,36 @@ def check_mend(
     """
     options, voids = options or MendOptions(), voids or Voids.none()
     paths = written_paths(held)
-    text = _text([*held.lines[: held.done], *lines, *held.lines[held.done :]])
-    run = dry_run(text, held.printer, held.start_mm, cold_extrusion=True)
-    inserted = _inserted(run, held, len(lines))
-    sound = laid_ink(paths)
+    inserted, sound = run_insert(held, lines), laid_ink(paths)
     depth = _depths(inserted, voids, sound, held)
     feed = modal_state([*held.lines[: held.done], *lines], held.done + len(lines)).f
-    row = int(np.searchsorted(run.program.command, held.done + len(lines))) - 1
-    reached = run.program.target[row] - np.append(held.at_mm, held.e_mm)
-    written = [each[inserted.writes] for each in inserted.tips()]
-    middles = (written[0] + written[1]) / 2
+    start, end = inserted.written()
     return MendCheck(
         int((depth > options.void_tolerance_mm).sum()),
         float(depth.max(initial=-np.inf)),
-        _crossed(inserted, held, paths, gaps, options),
-        float(np.abs(reached).max()),
-        float(nearest_pieces(middles, sound)[1].max(initial=0.0)),
+        _crossed(inserted, held, paths, gaps),
+        float(np.abs(inserted.reached() - np.append(held.at_mm, held.e_mm)).max()),
+        float(nearest_pieces((start + end) / 2, sound)[1].max(initial=0.0)),
         _covered(inserted, gaps, paths),
         _refused(lines, held),
-        _beyond(run, held),
+        _beyond(inserted.run, held),
         feed == held.place.f,
         inserted.volume_ul,
-        _lasts(run, held.done, len(lines)),
+        inserted.duration_s,
     )
 
 
-def _text(lines: Sequence[bytes]) -> bytes:
-    return b"\n".join(lines) + b"\n"
-
-
-def _inserted(run: DryRun, held: HeldPrint, count: int) -> _Run:
-    executed, program = run.executed, run.program
-    block = np.flatnonzero((executed.line >= held.done) & (executed.line < held.done + count))
-    row = np.searchsorted(program.command, executed.line[block])
-    way = np.linalg.norm(program.target[:, :3] - program.before[:, :3], axis=1)
-    writes = (program.kind == MOVE) & (program.pushed > 0) & (way > WAY_MM)
-    area = np.where(writes, program.pushed * held.ul_per_e / np.maximum(way, WAY_MM), 0.0)
-    return _Run(run, block, row, area[row])
-
-
-def _sections(inserted: _Run, held: HeldPrint, height: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Width and height of what each block lays, mm; a filament's diameter twice."""
-    if held.style == "embedded":
-        wide = np.sqrt(4 / np.pi * inserted.area_mm2) * (held.ink.swell_factor or 1.0)
-        return wide, wide
-    return held.ink.bead_section.width(inserted.area_mm2, height), height
-
-
-def _depths(inserted: _Run, voids: Voids, sound: LaidInk, held: HeldPrint) -> FloatArray:
+def _depths(inserted: InsertRun, voids: Voids, sound: LaidInk, held: HeldPrint) -> FloatArray:
     """How deep each written block reaches into a void, (k,), mm."""
-    start, end = (each[inserted.writes] for each in inserted.tips())
+    start, end = inserted.written()
     if not len(start) or not len(voids):
         return np.full(len(start), -np.inf)
+    wide = float(sound.width_mm.max(initial=0.0))
+    voids = open_voids(voids, held, np.concatenate([start, end]), wide)
     height = np.ones(len(inserted.block))
     height[inserted.writes] = sound.height_mm[nearest_pieces((start + end) / 2, sound)[0]]
-    width, high = (each[inserted.writes] for each in _sections(inserted, held, height))
-    shares = np.linspace(0.0, 1.0, 5)
+    width, high = (each[inserted.writes] for each in sections(inserted, held, height))
+    shares = np.linspace(0.0, 1.0, _SHARES)
     places = [start + share * (end - start) for share in shares]
     layered = held.style == "layered"
     found = [ink_in_voids_mm(voids, each, width, high, layered=layered) for each in places]
@@ -197,22 +150,17 @@ def _depths(inserted: _Run, voids: Voids, sound: LaidInk, held: HeldPrint) -> Fl
 
 
 def _crossed(
-    inserted: _Run,
-    held: HeldPrint,
-    paths: Sequence[WrittenPath],
-    gaps: Sequence[Gap],
-    options: MendOptions,
+    inserted: InsertRun, held: HeldPrint, paths: Sequence[WrittenPath], gaps: Sequence[Gap]
 ) -> int:
+    """Moves of the needle through ink that was written, or that the insert has written before."""
     ink = laid_ink(paths, gaps)
     if held.style == "embedded":
-        return len(
-            shaft_contacts(_needle_rows(inserted, held, paths), ink, paths, held.needle, 0.0)
-        )
+        rows = needle_rows(inserted, held, paths)
+        return len(shaft_contacts(rows, ink, paths, held.needle, 0.0))
     start, end = inserted.tips()
-    crossed = np.zeros(len(start), dtype=bool)
-    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-        places = start + share * (end - start)
-        crossed |= under_higher_ink(places, _but_held(ink, held), held.needle, 0.0)
+    ink, crossed = _but_held(ink, held), np.zeros(len(start), dtype=bool)
+    for share in np.linspace(0.0, 1.0, _SHARES):
+        crossed |= under_higher_ink(start + share * (end - start), ink, held.needle, 0.0)
     return int(crossed.sum())
 
 
@@ -225,26 +173,9 @@ def _but_held(ink: LaidInk, held: HeldPrint) -> LaidInk:
     return ink.where(away > ink.length_mm / 2 + ink.width_mm + held.needle.outer_mm)
 
 
-def _needle_rows(inserted: _Run, held: HeldPrint, paths: Sequence[WrittenPath]) -> NeedleRows:
-    """Rows of the program's inserted lines, each written one on the path nearest to it."""
-    program = inserted.run.program
-    last = held.done + int(inserted.run.executed.line[inserted.block].max(initial=held.done))
-    rows = np.unique(inserted.row)
-    rows = np.arange(rows[0], rows[-1] + 1) if len(rows) else np.zeros(0, np.int64)
-    rows = rows[program.command[rows] <= last]
-    tips = np.vstack([held.at_mm, program.target[rows, :3]])
-    way = np.linalg.norm(np.diff(tips, axis=0), axis=1)
-    volume = np.where(way > WAY_MM, np.maximum(program.pushed[rows], 0.0) * held.ul_per_e, 0.0)
-    path = np.full(len(volume), -1, dtype=np.int64)
-    rows = np.flatnonzero(volume > 0)
-    sound = laid_ink(paths)
-    path[rows] = sound.path[nearest_pieces(((tips[1:] + tips[:-1]) / 2)[rows], sound)[0]]
-    return NeedleRows(tips, volume, path)
-
-
-def _covered(inserted: _Run, gaps: Sequence[Gap], paths: Sequence[WrittenPath]) -> float:
+def _covered(inserted: InsertRun, gaps: Sequence[Gap], paths: Sequence[WrittenPath]) -> float:
     """Share of the gaps' length over which a written block goes."""
-    start, end = (each[inserted.writes] for each in inserted.tips())
+    start, end = inserted.written()
     none = np.zeros(len(start))
     laid = LaidInk(start, end, none, none, none.astype(np.int64))
     found = [np.ones(1, dtype=bool)] if not gaps else []
@@ -257,19 +188,12 @@ def _covered(inserted: _Run, gaps: Sequence[Gap], paths: Sequence[WrittenPath]) 
 
 def _refused(lines: Sequence[bytes], held: HeldPrint) -> tuple[str, ...]:
     """What the gate refuses of the insert, each with its line."""
-    read = other_lines(_text(lines), held.printer)
+    read = other_lines(b"\n".join(lines) + b"\n", held.printer)
     return tuple(f"line {number}: {why}" for number, _, why in refused_lines(read, held.printer))
 
 
 def _beyond(run: DryRun, held: HeldPrint) -> tuple[str, ...]:
     """What is wrong with the grown job and not with the job."""
     alone = dry_run(held.text, held.printer, held.start_mm, cold_extrusion=True)
-    known = {finding.code for finding in alone.findings}
-    return tuple(one.message for one in run.findings if one.code not in known)
-
-
-def _lasts(run: DryRun, done: int, count: int) -> float:
-    executed = run.executed
-    before = executed.time_end[executed.line < done].max(initial=0.0)
-    own = (executed.line >= done) & (executed.line < done + count)
-    return float(executed.time_end[own].max(initial=before) - before)
+    known = {finding.code: finding.count for finding in alone.findings}
+    return tuple(one.message for one in run.findings if one.count > known.get(one.code, 0))

@@ -6,10 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from printctl.observe.mending.errors import MendError
-from printctl.observe.mending.written_paths import WrittenPath, path_at
+from printctl.observe.mending.written_paths import WrittenPath, path_between
+
+FloatArray = NDArray[np.float64]
+
+_SEAM_MM = 0.02
 
 
 @dataclass(frozen=True)
@@ -77,20 +81,20 @@ class NotMended:
 
 def gap_between(
     paths: Sequence[WrittenPath],
-    start_mm: ArrayLike,
-    end_mm: ArrayLike,
+    places_mm: ArrayLike,
     command: int | None = None,
     *,
     missing: float = 1.0,
     flow: float = 1.0,
     within_mm: float = 0.5,
 ) -> Gap:
-    """Return the gap between two places of the printer's frame, as a look finds it.
+    """Return the gap that begins, passes and ends at places of the printer's frame.
 
     Parameters
     ----------
     paths : sequence of WrittenPath
-    start_mm, end_mm : (3,) array, mm
+    places_mm : (k, 3) array, mm
+        Two at least; with a third between them a closed path's gap goes the right way round.
     command : int or None
         Command of the job that wrote there, from 0; it tells paths apart that lie side by side.
     missing, flow : float
@@ -101,19 +105,38 @@ def gap_between(
     Raises
     ------
     MendError
-        When no written path is so near to both places.
+        When no written path is so near to all places.
     """
-    if not paths:
-        raise MendError("the job has written nothing yet; there is no gap to mend")
-    start, end = (np.asarray(each, dtype=np.float64) for each in (start_mm, end_mm))
-    path, _, _ = path_at(paths, (start + end) / 2, command)
-    ways, off = zip(path.nearest_mm(start), path.nearest_mm(end), strict=True)
-    if max(off) > within_mm:
+    places = np.asarray(places_mm, dtype=np.float64)
+    if not paths or places.ndim != 2 or places.shape[1:] != (3,) or len(places) < 2:
+        raise MendError("a gap has two places at least, (k, 3) mm, on what the job has written")
+    path = path_between(paths, places, command)
+    ways, off = (
+        np.array(each) for each in zip(*(path.nearest_mm(place) for place in places), strict=True)
+    )
+    if off.max() > within_mm:
         raise MendError(
-            f"the gap's end lies {max(off):.2f} mm beside the nearest written path, more than "
+            f"the gap's end lies {off.max():.2f} mm beside the nearest written path, more than "
             f"{within_mm:g} mm: look again, or calibrate the frame (printctl observe frame)"
         )
-    return Gap(path.number, min(ways), max(ways), missing, flow=flow)
+    low, high = _span(path, ways)
+    return Gap(path.number, low, high, missing, flow=flow)
+
+
+def _span(path: WrittenPath, ways: FloatArray) -> tuple[float, float]:
+    """From and to; where a closed path begins and ends, the side on which the others lie."""
+    low, high = float(min(ways[0], ways[-1])), float(max(ways[0], ways[-1]))
+    length = path.length_mm
+    closed = np.linalg.norm(path.points[0] - path.points[-1]) < _SEAM_MM
+    if not closed or min(low, length - high) > _SEAM_MM:
+        return low, high
+    seam_low, seam_high = low <= _SEAM_MM, high >= length - _SEAM_MM
+    inner = ways[1:-1]
+    if seam_low and (high <= _SEAM_MM or (len(inner) and float(np.median(inner)) > high)):
+        return (0.0 if high <= _SEAM_MM else high), length
+    if seam_high and len(inner) and float(np.median(inner)) < low:
+        return 0.0, low
+    return low, high
 
 
 def check_gaps(gaps: Sequence[Gap], paths: Sequence[WrittenPath]) -> None:

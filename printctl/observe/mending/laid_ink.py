@@ -88,13 +88,22 @@ def stretch_of(path: WrittenPath, from_mm: float, to_mm: float) -> LaidInk:
 
 def laid_ink(paths: Sequence[WrittenPath], gaps: Sequence[Gap] = ()) -> LaidInk:
     """Return all ink of paths, but for what is missing in gaps (thin stretches count as ink)."""
-    parts = [
-        stretch_of(path, *span) for path in paths for span in sound_spans(path, gaps) if span[1] > 0
-    ]
+    broken = {gap.path for gap in gaps if gap.whole}
+    parts = []
+    for path in paths:
+        spans = sound_spans(path, gaps) if path.number in broken else []
+        parts += [stretch_of(path, *span) for span in spans]
+        if path.number not in broken:
+            parts.append(_whole(path))
     if not parts:
         nothing = np.zeros((0, 3))
         return LaidInk(nothing, nothing, np.zeros(0), np.zeros(0), np.zeros(0, np.int64))
     return joined_ink(parts)
+
+
+def _whole(path: WrittenPath) -> LaidInk:
+    number = np.full(len(path.command), path.number, dtype=np.int64)
+    return LaidInk(path.points[:-1], path.points[1:], path.width_mm, path.height_mm, number)
 
 
 def joined_ink(parts: Sequence[LaidInk]) -> LaidInk:

@@ -10,15 +10,16 @@ import numpy as np
 from printctl.observe.mending.gap import Gap, NotMended, check_gaps, merged
 from printctl.observe.mending.held_print import WAY_MM, HeldPrint
 from printctl.observe.mending.insert_lines import InsertWriter, wipe_way
+from printctl.observe.mending.insert_run import run_insert
 from printctl.observe.mending.laid_ink import laid_ink
 from printctl.observe.mending.mend import Mend
 from printctl.observe.mending.needle_way import NeedleRows, shaft_contacts
+from printctl.observe.mending.open_voids import open_voids
 from printctl.observe.mending.options import MendOptions
 from printctl.observe.mending.patch import Patch
 from printctl.observe.mending.stretches import Site, patches_of
 from printctl.observe.mending.voids import Voids
 from printctl.observe.mending.written_paths import written_paths
-from sim.dry_run.run import dry_run
 from sim.program.written import read_written
 
 Spans = list[tuple[int, int]]
@@ -56,7 +57,11 @@ def plan_mend(
     paths = written_paths(held)
     check_gaps(gaps, paths)
     joined = merged(gaps, paths, options.merge_widths)
-    site = Site(held, paths, laid_ink(paths, joined), voids or Voids.none(), options)
+    ink = laid_ink(paths, joined)
+    around = np.vstack([np.zeros((0, 3)), *(paths[gap.path].points for gap in joined)])
+    wide = float(ink.width_mm.max(initial=0.0))
+    kept_open = open_voids(voids or Voids.none(), held, around, wide)
+    site = Site(held, paths, ink, kept_open, options)
     patches: list[Patch] = []
     left: list[NotMended] = []
     for gap in joined:
@@ -119,10 +124,7 @@ def _lines(patches: Sequence[Patch], site: Site) -> tuple[list[bytes], Spans]:
 
 
 def insert_rows(
-    held: HeldPrint,
-    lines: Sequence[bytes],
-    patches: Sequence[Patch],
-    spans: Sequence[tuple[int, int]],
+    held: HeldPrint, lines: Sequence[bytes], patches: Sequence[Patch], spans: Spans
 ) -> NeedleRows:
     """Return an insert's lines as the needle's moves, read back from their text: a row each."""
     text = b"\n".join([*held.lines[: held.done], *lines]) + b"\n"
@@ -165,14 +167,5 @@ def _mend(
     held, purge = site.held, site.options.purge
     volume = sum(float(one.moves()[1].sum()) for one in patches) * held.ul_per_e
     volume += 0.0 if purge is None else purge.volume_ul
-    return Mend(
-        tuple(lines), tuple(patches), tuple(spans), tuple(left), volume, duration_s(held, lines)
-    )
-
-
-def duration_s(held: HeldPrint, lines: Sequence[bytes]) -> float:
-    """Return how long an insert takes where the print is held, by the dry run, s."""
-    text = b"\n".join([*held.lines[: held.done], *lines]) + b"\n"
-    executed = dry_run(text, held.printer, held.start_mm, cold_extrusion=True).executed
-    before = executed.time_end[executed.line < held.done]
-    return float(executed.time_end.max(initial=0.0) - before.max(initial=0.0))
+    lasts = run_insert(held, lines).duration_s
+    return Mend(tuple(lines), tuple(patches), tuple(spans), tuple(left), volume, lasts)

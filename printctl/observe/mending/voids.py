@@ -66,8 +66,11 @@ class Voids:
         wide = self.radius.max(axis=1, initial=0.0)[:, None]
         below = np.minimum(self.start, self.end) - wide <= high
         above = np.maximum(self.start, self.end) + wide >= low
-        kept = (below & above).all(axis=1)
-        return Voids(self.start[kept], self.end[kept], self.radius[kept])
+        return self.where((below & above).all(axis=1))
+
+    def where(self, rows: NDArray[np.bool_]) -> Voids:
+        """Those of a mask."""
+        return Voids(self.start[rows], self.end[rows], self.radius[rows])
 
     def depth_mm(self, places: FloatArray) -> FloatArray:
         """How deep places (m, 3) lie in the nearest void, (m,), mm; below 0 outside.

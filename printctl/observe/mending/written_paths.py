@@ -165,18 +165,18 @@ def layer_heights(held: HeldPrint, rows: IntArray, area_mm2: FloatArray) -> Floa
     return height[np.clip(at, 0, None)]
 
 
-def path_at(
-    paths: Sequence[WrittenPath], place: FloatArray, command: int | None = None
-) -> tuple[WrittenPath, float, float]:
-    """Return the path nearest to a place, the way along it and the distance, mm.
+def path_between(
+    paths: Sequence[WrittenPath], places: FloatArray, command: int | None = None
+) -> WrittenPath:
+    """Return the path nearest to all of several places (k, 3), mm; of equal ones the last.
 
     Parameters
     ----------
     paths : sequence of WrittenPath
-    place : (3,) float64, mm
+    places : (k, 3) float64, mm
     command : int or None
-        Of the job, from 0: only paths that it wrote.
+        Of the job, from 0: only paths that it wrote, if there are any.
     """
-    own = [one for one in paths if command is None or command in one.command]
-    nearest = [(one, *one.nearest_mm(place)) for one in own or paths]
-    return min(nearest, key=lambda each: each[2])
+    own = [one for one in paths if command is None or command in one.command] or list(paths)
+    off = [max(one.nearest_mm(place)[1] for place in places) for one in reversed(own)]
+    return own[len(own) - 1 - int(np.argmin(off))]

@@ -1,0 +1,81 @@
+"""Mends of filaments in a bath."""
+
+import numpy as np
+import pytest
+
+from printctl.observe.mending import Gap, Voids, check_mend, plan_mend, written_paths
+from tests.printctl.observe.mending.small_jobs import bath_job
+
+DEEP = [(100, 100, 5), (106, 100, 5.5), (112, 102, 5)]
+ABOVE = [(103, 97, 8), (103, 103, 8)]
+STEEP = [(100, 110, 5), (101, 110, 12), (106, 110, 14)]
+
+
+def test_a_break_is_written_again_from_above():
+    held = bath_job(DEEP).held()
+    gap = Gap(0, 4.0, 6.5)
+    mend = plan_mend(held, [gap])
+    checked = check_mend(held, mend.lines, [gap])
+    assert (len(mend.patches), mend.left) == (1, ())
+    assert checked.passed
+    assert checked.covered == 1.0
+
+
+def test_an_unfinished_vessel_is_written_to_its_end():
+    held = bath_job(DEEP).held()
+    mend = plan_mend(held, [Gap(0, 7.0, written_paths(held)[0].length_mm)])
+    (patch,) = mend.patches
+    assert patch.beyond_mm == 0.0
+    assert check_mend(held, mend.lines, [patch.gap]).passed
+
+
+def test_what_lies_under_another_filament_stays_and_the_rest_is_mended():
+    held = bath_job(DEEP, ABOVE).held()
+    gap = Gap(0, 1.0, 5.0)
+    mend = plan_mend(held, [gap])
+    assert "another filament" in mend.left[0].reason
+    assert len(mend.patches) == 2
+    assert check_mend(held, mend.lines, [gap]).passed
+    assert mend.left[0].length_mm == pytest.approx(2 * (0.155 + 0.2), abs=0.35)
+
+
+def test_a_check_sees_a_shaft_through_ink():
+    gap = Gap(0, 1.0, 5.0)
+    lower = bath_job(DEEP).held()
+    insert = plan_mend(lower, [gap]).lines
+    later = bath_job(DEEP, ABOVE).held()
+    moved = [line for line in insert if not line.startswith(b"G92")]
+    assert check_mend(later, moved, [gap]).ink_crossed > 0
+
+
+def test_ink_of_the_same_path_above_is_in_the_way_too():
+    held = bath_job(STEEP).held()
+    mend = plan_mend(held, [Gap(0, 2.0, 4.0)])
+    assert "same path" in mend.left[0].reason
+    assert check_mend(held, mend.lines, [Gap(0, 2.0, 4.0)]).ink_crossed == 0
+
+
+def test_the_deepest_comes_first():
+    held = bath_job(DEEP, [(100, 108, 9), (110, 108, 9)], [(100, 115, 7), (110, 115, 7)]).held()
+    gaps = [Gap(1, 3, 4), Gap(2, 3, 4), Gap(0, 3, 4)]
+    mend = plan_mend(held, gaps)
+    assert [patch.path.number for patch in mend.patches] == [0, 2, 1]
+    assert check_mend(held, mend.lines, gaps).passed
+
+
+def test_thin_filaments_are_left_to_the_flow():
+    mend = plan_mend(bath_job(DEEP).held(), [Gap(0, 3.0, 4.0, missing=0.3)])
+    assert not mend.lines
+    assert "correct the flow" in mend.left[0].reason
+
+
+def test_vessels_that_the_job_writes_are_no_voids_and_others_are():
+    held, gap = bath_job(DEEP).held(), Gap(0, 4.0, 6.5)
+    own = np.array(DEEP, dtype=float)
+    across = np.array([[105.0, 90, 5.4], [105, 110, 5.4]])
+    start, end = (np.vstack([own[k : k + 2], across[k]]) for k in (0, 1))
+    voids = Voids(start, end, np.full((3, 2), 0.2))
+    mend = plan_mend(held, [gap], voids)
+    assert len(mend.patches) == 2
+    assert ["lumen" in one.reason for one in mend.left] == [True]
+    assert check_mend(held, mend.lines, [gap], voids).passed

@@ -1,0 +1,204 @@
+"""Mends of layered prints."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from design.toolpath.priming import Purge
+from printctl.link.insert_check import InsertPlace, judged_lines
+from printctl.link.job_reach import JobReach
+from printctl.observe.mending import (
+    Gap,
+    MendError,
+    MendOptions,
+    Voids,
+    check_mend,
+    gap_between,
+    plan_mend,
+    written_paths,
+)
+from tests.printctl.observe.mending.small_jobs import LAYER_MM, WIDTH_MM, layered_job
+
+
+@pytest.fixture(scope="module")
+def held():
+    return layered_job().held()
+
+
+def last(held):
+    return len(written_paths(held)) - 1
+
+
+def tube(a, b, radius):
+    return Voids(np.array([a], float), np.array([b], float), np.full((1, 2), radius))
+
+
+def test_a_gap_is_written_again_as_the_job_wrote_it_and_ends_where_the_print_is_held(held):
+    path = written_paths(held)[-1]
+    gap = Gap(path.number, 7.0, 9.5)  # round a corner
+    mend = plan_mend(held, [gap])
+    (patch,) = mend.patches
+    points, _, feed = patch.moves()
+    assert np.allclose(points[1:3], path.points[1:3], atol=1e-9)  # both corners are kept
+    assert set(feed) == {10.0}
+    assert patch.before_mm == pytest.approx(WIDTH_MM, abs=0.15)
+    assert patch.beyond_mm == pytest.approx(WIDTH_MM, abs=0.15)
+    checked = check_mend(held, mend.lines, [gap])
+    assert checked.passed
+    assert checked.covered == 1.0
+    assert checked.outside_mm < 0.01
+    assert checked.duration_s == pytest.approx(mend.duration_s)
+    length = patch.to_mm - patch.from_mm
+    assert mend.volume_ul == pytest.approx(length * path.e_per_mm[0] * held.ul_per_e, rel=0.2)
+
+
+def test_the_link_takes_the_insert(held):
+    mend = plan_mend(held, [Gap(last(held), 1.0, 2.0)])
+    place = InsertPlace(held.place, JobReach.of(held.lines, held.start_mm), held.printer)
+    assert judged_lines([line.decode() for line in mend.lines], place, "insert") == mend.lines
+
+
+def test_the_needle_travels_above_the_layer_and_comes_down_straight(held):
+    mend = plan_mend(held, [Gap(last(held), 1.0, 2.0), Gap(last(held), 20.0, 21.0)])
+    top, z = 5.0 + 3 * LAYER_MM, None
+    for line in mend.lines:
+        words = {word[:1]: float(word[1:]) for word in line.decode().split()[1:]}
+        aside = {"X", "Y"} & words.keys()
+        if line.startswith(b"G0") and aside:
+            assert z is not None
+            assert z >= top + 2 * LAYER_MM - 1e-9
+            assert "Z" not in words
+        z = words.get("Z", z)
+
+
+def test_near_gaps_are_one_patch_and_far_ones_two(held):
+    near = plan_mend(held, [Gap(last(held), 1.0, 1.4), Gap(last(held), 1.9, 2.4)])
+    far = plan_mend(held, [Gap(last(held), 1.0, 1.4), Gap(last(held), 3.0, 3.4)])
+    assert (len(near.patches), len(far.patches)) == (1, 2)
+
+
+def test_a_whole_stroke_has_no_overlap(held):
+    path = written_paths(held)[-1]
+    (patch,) = plan_mend(held, [Gap(path.number, 0.0, path.length_mm)]).patches
+    assert (patch.before_mm, patch.beyond_mm) == (0.0, 0.0)
+
+
+def test_ink_of_a_later_layer_is_never_gone_through(held):
+    under = [one.number for one in written_paths(held) if one.points[0, 2] < 5.5]
+    mend = plan_mend(held, [Gap(number, 1.0, 2.0) for number in under])
+    assert not mend.lines
+    assert all("later layer" in one.reason for one in mend.left)
+    assert sum(one.length_mm for one in mend.left) == pytest.approx(len(under))
+
+
+def test_a_lumen_is_never_entered_and_the_rest_of_the_gap_is_mended(held):
+    path = written_paths(held)[-1]
+    x, y, z = path.at(np.array([3.0]))[0]
+    voids = tube((x, y, z - LAYER_MM / 2 - 1), (x, y, z - LAYER_MM / 2 + 1), 0.4)
+    gap = Gap(path.number, 1.0, 5.0)
+    mend = plan_mend(held, [gap], voids)
+    assert len(mend.patches) == 2
+    (left,) = mend.left
+    assert "reach into a lumen" in left.reason
+    checked = check_mend(held, mend.lines, [gap], voids)
+    assert checked.passed
+    assert checked.deepest_mm <= MendOptions().void_tolerance_mm
+    assert left.length_mm == pytest.approx(2 * (0.4 + WIDTH_MM / 2 - 0.05), abs=0.3)
+
+
+def test_a_check_sees_an_insert_through_a_lumen(held):
+    gap = Gap(last(held), 1.0, 5.0)
+    mend = plan_mend(held, [gap])
+    x, y, z = written_paths(held)[-1].at(np.array([3.0]))[0]
+    assert check_mend(held, mend.lines, [gap], tube((x, y, z - 1), (x, y, z), 0.4)).lumens_entered
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        (lambda lines: [*lines, b"G0 X101"], "off_mm"),
+        (lambda lines: [line for line in lines if not line.startswith(b"G92")], "off_mm"),
+        (lambda lines: [*lines, b"M221 S110"], "refused"),
+        (lambda lines: [*lines[:-1], b"G1 F77"], "same_modes"),
+        (lambda lines: [b"G0 Z5.1", *lines], "ink_crossed"),
+        (lambda lines: [*lines, b"G0 X900", b"G0 X100"], "beyond_limits"),
+    ],
+)
+def test_a_check_sees_what_is_wrong(held, change, field):
+    gap = Gap(last(held), 1.0, 2.0)
+    mend = plan_mend(held, [gap])
+    found = check_mend(held, change(list(mend.lines)), [gap])
+    assert not found.passed
+    assert bool(getattr(found, field)) is (field != "same_modes")
+
+
+def test_a_thin_stretch_is_written_over_only_where_height_allows(held):
+    thin = {"missing": 0.4}
+    unknown = plan_mend(held, [Gap(last(held), 1.0, 3.0, **thin)])
+    full = plan_mend(held, [Gap(last(held), 1.0, 3.0, seen_height_mm=LAYER_MM, **thin)])
+    low = plan_mend(held, [Gap(last(held), 1.0, 3.0, seen_height_mm=0.6 * LAYER_MM, **thin)])
+    assert "its height isn't known" in unknown.left[0].reason
+    assert "correct the flow" in full.left[0].reason
+    assert low.patches[0].flow == pytest.approx(0.4, rel=0.1)
+
+
+def test_a_short_patch_is_whole_steps_of_the_plunger(held):
+    (patch,) = plan_mend(held, [Gap(last(held), 1.0, 1.2)]).patches
+    steps = patch.moves()[1].sum() * held.printer.steps_per_mm.e
+    assert steps == pytest.approx(round(steps), abs=1e-6)
+
+
+def test_a_flow_corrected_since_is_the_patches_too(held):
+    plain, more = (
+        plan_mend(held, [Gap(last(held), 1.0, 6.0, flow=flow)]).volume_ul for flow in (1.0, 1.25)
+    )
+    assert more == pytest.approx(1.25 * plain, rel=0.05)
+
+
+def test_a_purge_place_primes_and_wipes_outside_the_part(held):
+    purge = Purge(np.array([102.0, 90.0, 30.0]), 1.0, np.array([103.0, 90.0, 30.0]))
+    gap = Gap(last(held), 1.0, 2.0)
+    mend = plan_mend(held, [gap], options=MendOptions(purge=purge))
+    assert any(b"Y90" in line for line in mend.lines)
+    assert mend.volume_ul == pytest.approx(1.0, abs=0.5)
+    assert check_mend(held, mend.lines, [gap]).passed
+
+
+def test_a_print_held_within_a_stroke_goes_on_with_its_plunger_as_it_was():
+    whole = layered_job().held()
+    path = written_paths(whole)[-1]
+    held = replace(whole, done=int(path.command[6]) + 1)
+    assert held.relieved_e == 0.0
+    gap = Gap(path.number, 1.0, 2.0)
+    mend = plan_mend(held, [gap])
+    assert mend.lines[0].startswith(b"G1 E")  # relieved before it leaves
+    assert mend.lines[-3].startswith(b"G1 E")  # and primed where it goes on
+    assert check_mend(held, mend.lines, [gap]).passed
+
+
+def test_a_gap_between_two_places_is_found_on_its_path(held):
+    paths = written_paths(held)
+    places = paths[-1].at(np.array([9.0, 11.0])) + 0.02
+    gap = gap_between(paths, places)
+    assert gap.path == paths[-1].number
+    assert (gap.from_mm, gap.to_mm) == pytest.approx((9.0, 11.0), abs=0.05)
+    with pytest.raises(MendError, match="beside the nearest written path"):
+        gap_between(paths, [(50, 50, 5), (51, 50, 5)])
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 8.0), (5.0, 8.0), (0.0, 3.0), (1.0, 3.0)])
+def test_a_closed_path_has_gaps_on_either_side_of_its_begin(low, high):
+    job = layered_job(2)
+    z = 5 + 3 * LAYER_MM
+    square = [(100, 100, z), (102, 100, z), (102, 102, z), (100, 102, z), (100, 100, z)]
+    job.stroke(square, "LAYER_END:2")
+    path = written_paths(job.held())[-1]
+    gap = gap_between([path], path.at(np.linspace(low, high, 5)))
+    assert (gap.from_mm, gap.to_mm) == pytest.approx((low, high), abs=1e-6)
+
+
+@pytest.mark.parametrize("gap", [Gap(99, 0, 1), Gap(0, 1, 1), Gap(0, 0, 1e3), Gap(0, 0, 1, -1.0)])
+def test_gaps_that_cannot_be_are_refused(held, gap):
+    with pytest.raises(MendError):
+        plan_mend(held, [gap])
