@@ -6,7 +6,7 @@ worn tip); its light is that of a round steel rod: diffuse from one side, a brig
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -24,7 +24,7 @@ class Needle:
     outer: float
     axis: np.ndarray
     slope: float = 0.0
-    length: float = 25.0
+    length: float = 12.7
     bright: float = 150.0
     dark: float = 40.0
     thread: float = 0.8
@@ -32,7 +32,13 @@ class Needle:
 
 
 def with_needle(optics: Optics, ground: np.ndarray, needle: Needle) -> np.ndarray:
-    """Ground (h, w) in brightness 0 to 255, the needle before it; no blur, no noise."""
+    """Ground (h, w) in brightness 0 to 255, needle and hub before it; no blur, no noise."""
+    hub = replace(needle, tip=needle.tip + needle.length * needle.axis, outer=4.0, slope=0.0,
+                  thread=0.1, bright=170.0)  # fmt: skip
+    return _with_rod(optics, _with_rod(optics, ground, needle), hub)
+
+
+def _with_rod(optics: Optics, ground: np.ndarray, needle: Needle) -> np.ndarray:
     ends = optics.pixels(np.stack([needle.tip, needle.tip + needle.length * needle.axis]))
     room = 3 * needle.outer * optics.focal / np.linalg.norm(optics.centre - needle.tip)
     low = np.maximum(np.floor(ends.min(axis=0) - room), 0).astype(int)
@@ -43,7 +49,12 @@ def with_needle(optics: Optics, ground: np.ndarray, needle: Needle) -> np.ndarra
         u = low[0] + (np.arange((high[0] - low[0]) * FINE) + 0.5) / FINE - 0.5
         v = top + (np.arange((bottom - top) * FINE) + 0.5) / FINE - 0.5
         uu, vv = np.meshgrid(u, v)
-        hit, light = _cast(optics, needle, np.column_stack([uu.ravel(), vv.ravel()]))
+        flat = np.column_stack([uu.ravel(), vv.ravel()])
+        along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+        near = np.abs((flat - ends[0]) @ np.array([-along[1], along[0]])) < room / 3 + 4
+        hit, light = np.zeros(len(flat), np.float32), np.zeros(len(flat), np.float32)
+        if near.any():
+            hit[near], light[near] = _cast(optics, needle, flat[near])
         shape = (bottom - top, FINE, high[0] - low[0], FINE)
         share = hit.reshape(shape).mean(axis=(1, 3))
         value = (hit * light).reshape(shape).mean(axis=(1, 3))
