@@ -49,7 +49,7 @@ class Optics:
         """World directions (n, 3) of pixels (n, 2), by a fixed point."""
         want = (pixels - np.array(self.axis)) / self.focal
         a, b = want[:, 0].copy(), want[:, 1].copy()
-        for _ in range(60):
+        for _ in range(25):
             r2 = a**2 + b**2
             gain = 1 + self.k[0] * r2 + self.k[1] * r2**2
             shift_a = 2 * self.p[0] * a * b + self.p[1] * (r2 + 2 * a**2)

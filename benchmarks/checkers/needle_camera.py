@@ -6,14 +6,14 @@ worn tip); its light is that of a round steel rod: diffuse from one side, a brig
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from benchmarks.checkers.dish_camera import Optics
 
-FINE = 4
+FINE = 3
 
 
 @dataclass
@@ -33,9 +33,14 @@ class Needle:
 
 def with_needle(optics: Optics, ground: np.ndarray, needle: Needle) -> np.ndarray:
     """Ground (h, w) in brightness 0 to 255, needle and hub before it; no blur, no noise."""
-    hub = replace(needle, tip=needle.tip + needle.length * needle.axis, outer=4.0, slope=0.0,
-                  thread=0.1, bright=170.0)  # fmt: skip
-    return _with_rod(optics, _with_rod(optics, ground, needle), hub)
+    out = _with_rod(optics, ground, needle)
+    foot = needle.tip + needle.length * needle.axis
+    side = np.cross(needle.axis, optics.centre - needle.tip)
+    side *= 2.0 / np.linalg.norm(side)
+    ends = np.stack([foot - side, foot + side, foot + side + 12 * needle.axis,
+                     foot - side + 12 * needle.axis])  # fmt: skip
+    cv2.fillConvexPoly(out, np.round(optics.pixels(ends)).astype(np.int32), 170.0)
+    return out
 
 
 def _with_rod(optics: Optics, ground: np.ndarray, needle: Needle) -> np.ndarray:
@@ -86,6 +91,11 @@ def _cast(optics: Optics, needle: Needle, pixels: np.ndarray) -> tuple[np.ndarra
         1 + needle.light * across
     ) / (1 + abs(needle.light))
     lit += needle.thread * 255 * np.exp(-(((across - 0.25) / 0.08) ** 2))
+    if start @ axis < 0:  # seen from below: the end's face
+        reach = -(start @ axis) / (way @ axis)
+        face = np.linalg.norm(start + reach[:, None] * way, axis=1) < needle.outer / 2
+        lit = np.where(face & ~hit, needle.dark, lit)
+        hit |= face
     return hit.astype(np.float32), np.clip(lit, 0, 255).astype(np.float32)
 
 

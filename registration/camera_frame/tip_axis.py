@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from registration.camera_frame.tip_patch import TipPatch
+from registration.camera_frame.tip_profile import profile_middle
 from registration.errors import PictureError
 
 FloatArray = NDArray[np.float64]
@@ -29,6 +30,9 @@ _BESIDE: Final = 0.6
 """Weight of what is clear just outside the needle."""
 _OTHER: Final = 13.0
 """Most that a width of another needle costs, in clearness."""
+_GRID: Final = 0.25
+_SAME: Final = 0.3
+"""Of the width, up to which it is the needle of the profile."""
 _UNSEEN: Final = 0.03
 """Uncertainty of an edge that only the other one tells, of the width."""
 _LEAST_CLEAR: Final = 5.0
@@ -75,9 +79,6 @@ def needle_axis(patch: TipPatch, lowest: float) -> NeedleAxis:
         )
     part = np.nan_to_num(seen[rows], nan=float(np.nanmean(seen)))
     gradient = gaussian_filter1d(part, max(0.7, 0.06 * patch.wide_px), axis=1, order=1)
-    # One bright thread (glare on the steel) may not outvote the edges.
-    limit = 3 * np.median(np.abs(gradient), axis=None) + np.percentile(np.abs(gradient), 90)
-    gradient = np.clip(gradient, -limit, limit)
     heights = patch.above[rows]
     # Rims and threads of glare are parallel: upright, their gradients add up to most.
     upright = [_sheared(gradient, heights, lean).mean(axis=0) for lean in _LEANS]
@@ -93,7 +94,7 @@ def needle_axis(patch: TipPatch, lowest: float) -> NeedleAxis:
             "focus, of this diameter (--needle)? A plain ground behind it helps, or several "
             "pictures with the needle at places 5 mm apart"
         )
-    return _refined(gradient, heights, patch, best, lean)
+    return _refined(part, gradient, heights, patch, best, lean)
 
 
 def _sheared(gradient: FloatArray, heights: FloatArray, lean: float) -> FloatArray:
@@ -123,42 +124,46 @@ def _pair(mean: FloatArray, patch: TipPatch) -> _Pair:
     """
     size = np.abs(mean)
     noise = 1.4826 * float(np.median(size)) + 1e-9
-    worth = np.minimum(size / noise, _ENOUGH)
-    columns = np.arange(len(mean), dtype=float)
-    middle = np.arange(patch.wide_px, len(mean) - patch.wide_px, 0.25)
-    beyond = np.concatenate([[0.0], np.cumsum(np.maximum(worth - _FAINT, 0.0))])
+    peaks = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:])) + 1
+    peaks = peaks[size[peaks] > _FAINT * noise]
+    at = np.array([_peak(size, int(peak)) for peak in peaks])
+    value = np.minimum(size[peaks] / noise, _ENOUGH)
+    play = max(1.5, 0.08 * patch.wide_px)
+    grid = np.arange(0, len(mean), _GRID)
+    near = 1 - np.abs(grid[:, None] - at) / play
+    worth = (np.maximum(near, 0.0) * value).max(axis=1, initial=0.0)
+    beyond = np.array([0.0, *np.cumsum(value)])  # of peaks up to a place
+    middle = np.arange(patch.wide_px, len(mean) - patch.wide_px, _GRID)
     best, most = (0.0, 0.0), -np.inf
     for ratio in np.arange(_WIDTHS[0], _WIDTHS[1], 0.01):
         half = ratio * patch.wide_px / 2
-        score = np.interp(middle - half, columns, worth) + np.interp(middle + half, columns, worth)
+        score = np.interp(middle - half, grid, worth) + np.interp(middle + half, grid, worth)
         for sign in (-1.0, 1.0):
-            near, far = middle + sign * (half + 2.5), middle + sign * (half + 0.7 * patch.wide_px)
-            ends = np.interp([near, far], columns, beyond[:-1])
-            score = score - np.abs(ends[1] - ends[0]) * _BESIDE
+            ends = [middle + sign * (half + play), middle + sign * (half + 0.7 * patch.wide_px)]
+            low, high = (beyond[np.searchsorted(at, end)] for end in ends)
+            score = score - np.abs(high - low) * _BESIDE
         score -= min(((ratio - 1) / _PLAY) ** 2 / 2, _OTHER)
-        at = int(score.argmax())
-        if score[at] > most:
-            most, best = float(score[at]), (float(middle[at]), half)
-    left, seen_left = _snapped(size, noise, best[0] - best[1], patch)
-    right, seen_right = _snapped(size, noise, best[0] + best[1], patch)
+        top = int(score.argmax())
+        if score[top] > most:
+            most, best = float(score[top]), (float(middle[top]), half)
+    left, seen_left = _snapped(at, best[0] - best[1], play)
+    right, seen_right = _snapped(at, best[0] + best[1], play)
     if seen_left != seen_right:
         if seen_left:
             right = left + patch.wide_px
         else:
             left = right - patch.wide_px
-    clear = max(float(np.interp(at, columns, size)) for at in (left, right)) / noise
+    columns = np.arange(len(mean))
+    clear = max(float(np.interp(edge, columns, size)) for edge in (left, right)) / noise
     return _Pair(clear, left, right, (seen_left, seen_right))
 
 
-def _snapped(size: FloatArray, noise: float, at: float, patch: TipPatch) -> tuple[float, bool]:
-    """Nearest clear maximum to a column, and whether there is one."""
-    reach = max(1.5, 0.1 * patch.wide_px)
-    near = np.arange(max(1, int(np.ceil(at - reach))), min(len(size) - 1, int(at + reach) + 1))
-    peaks = near[(size[near] >= size[near - 1]) & (size[near] >= size[near + 1])]
-    peaks = peaks[size[peaks] > _FAINT * noise]
-    if not len(peaks):
+def _snapped(peaks: FloatArray, at: float, play: float) -> tuple[float, bool]:
+    """Nearest peak to a column, and whether there is one within the play."""
+    off = np.abs(peaks - at)
+    if not len(peaks) or off.min() > play:
         return at, False
-    return _peak(size, int(peaks[size[peaks].argmax()])), True
+    return float(peaks[off.argmin()]), True
 
 
 def _peak(size: FloatArray, at: int) -> float:
@@ -169,6 +174,7 @@ def _peak(size: FloatArray, at: int) -> float:
 
 
 def _refined(
+    seen: FloatArray,
     gradient: FloatArray,
     heights: FloatArray,
     patch: TipPatch,
@@ -196,9 +202,15 @@ def _refined(
         a, slope_a, u_a = b - patch.wide_px, slope_b, _UNSEEN * patch.wide_px
     if not pair.seen[1]:
         b, slope_b, u_b = a + patch.wide_px, slope_a, _UNSEEN * patch.wide_px
+    lean += (slope_a + slope_b) / 2
+    if abs(b - a - patch.wide_px) < _SAME * patch.wide_px:
+        straight = _sheared(seen, heights, lean).mean(axis=0)
+        middle = profile_middle(straight, (a + b) / 2, patch.wide_px)
+        shift = middle - (a + b) / 2
+        a, b = a + shift, b + shift
     return NeedleAxis(
         (a + b) / 2 + patch.beside[0],
-        lean + (slope_a + slope_b) / 2,
+        lean,
         b - a,
         float(np.hypot(u_a, u_b) / np.sqrt(2)),
         pair.clear,
