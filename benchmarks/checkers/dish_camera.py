@@ -60,9 +60,7 @@ class Optics:
 
 def aimed(target: np.ndarray, away: float, tilt: float, azimuth: float, roll: float) -> Any:
     """Rotation and centre of a camera that looks at a target from a distance, tilted; rad."""
-    back = np.array(
-        [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)]
-    )
+    back = np.array([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)])
     ahead = -back
     side = np.cross(ahead, [np.cos(roll), np.sin(roll), 0.0])
     right = np.cross(side, ahead)

@@ -99,7 +99,9 @@ def _cast(optics: Optics, needle: Needle, pixels: np.ndarray) -> tuple[np.ndarra
     return hit.astype(np.float32), np.clip(lit, 0, 255).astype(np.float32)
 
 
-def rough_ground(size: tuple[int, int], rng: np.random.Generator, level: float, deep: float) -> np.ndarray:
+def rough_ground(
+    size: tuple[int, int], rng: np.random.Generator, level: float, deep: float
+) -> np.ndarray:
     """Ground of blotches at several scales, (h, w)."""
     wide, high = size
     out = np.full((high, wide), level, np.float32)

@@ -16,7 +16,7 @@ from registration.camera_frame.tip_patch import tip_patch
 
 FloatArray = NDArray[np.float64]
 
-_FLOOR_PX: Final = 0.1
+_FLOOR_PX: Final = 0.15
 """No tip is known better across: light on round steel shifts edges."""
 
 
@@ -91,7 +91,9 @@ def find_tip(
     if ground is not None:
         check_size(ground, frame.lens, f"the ground of {source}")
     view = frame.under(None).view
-    patch = tip_patch(image, view, np.asarray(tip_mm, np.float64), outer_mm, reach_mm, ground, length_mm)
+    patch = tip_patch(
+        image, view, np.asarray(tip_mm, np.float64), outer_mm, reach_mm, ground, length_mm
+    )
     far = reach_mm * patch.px_per_mm
     axis = needle_axis(patch, far)
     end = needle_end(patch, axis, -far, far)

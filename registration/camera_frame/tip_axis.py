@@ -188,7 +188,9 @@ def _refined(
     for edge in (pair.left, pair.right):
         sign = np.sign(np.interp(edge, np.arange(upright.shape[1]), upright.mean(axis=0)))
         reach = max(2.0, 0.22 * patch.wide_px)
-        columns = np.arange(int(max(edge - reach, 1)), int(min(edge + reach, upright.shape[1] - 2)) + 1)
+        columns = np.arange(
+            int(max(edge - reach, 1)), int(min(edge + reach, upright.shape[1] - 2)) + 1
+        )
         places, tops = [], []
         for rows in stretches:
             mean = sign * upright[rows].mean(axis=0)
@@ -205,9 +207,9 @@ def _refined(
     lean += (slope_a + slope_b) / 2
     if abs(b - a - patch.wide_px) < _SAME * patch.wide_px:
         straight = _sheared(seen, heights, lean).mean(axis=0)
-        middle = profile_middle(straight, (a + b) / 2, patch.wide_px)
-        shift = middle - (a + b) / 2
-        a, b = a + shift, b + shift
+        middle, wide = profile_middle(straight, (a + b) / 2, patch.wide_px)
+        half = (b - a if wide is None else wide) / 2
+        a, b = middle - half, middle + half
     return NeedleAxis(
         (a + b) / 2 + patch.beside[0],
         lean,

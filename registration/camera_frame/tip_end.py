@@ -23,6 +23,8 @@ _STEP: Final = 0.5
 _SAME: Final = 0.12
 """Of the width, up to which it is the needle of the profile."""
 _ROUNDS: Final = 3
+_FLOOR_PX: Final = 0.2
+"""No end is known better: its rim is lit otherwise than the rod."""
 _NEAR_PX: Final = 3.5
 _LEAST_GOOD: Final = 7
 """Columns whose end must be found."""
@@ -83,7 +85,7 @@ def needle_end(patch: TipPatch, axis: NeedleAxis, lowest: float, highest: float)
     u_slope = usual / np.sqrt(count) / 0.5
     return NeedleEnd(
         float(at),
-        float(np.hypot(usual / np.sqrt(count), 0.05)),
+        float(np.hypot(usual / np.sqrt(count), _FLOOR_PX)),
         float(2 * slope / axis.wide_px + axis.lean),
         float(2 * u_slope / axis.wide_px),
         float(np.sqrt((off[good] ** 2).mean()) / axis.wide_px),
@@ -140,7 +142,9 @@ class _Strip:
     def _sample(
         self, piece: FloatArray, patch: TipPatch, axis: NeedleAxis, beside: FloatArray
     ) -> FloatArray:
-        rows = np.broadcast_to((self.heights - patch.above[0])[:, None], (len(self.heights), len(beside)))
+        rows = np.broadcast_to(
+            (self.heights - patch.above[0])[:, None], (len(self.heights), len(beside))
+        )
         columns = axis.beside + axis.lean * self.heights[:, None] + beside - patch.beside[0]
         return np.asarray(map_coordinates(piece, [rows, columns], order=1, cval=np.nan))
 
@@ -192,7 +196,11 @@ class _Strip:
             below = (self.heights < first - 0.6 * self.wide) & (
                 self.heights > first - 1.8 * self.wide
             )
-            level = np.nanmean(self.inner[below], axis=0) if below.any() else np.full(columns.shape[1], np.nan)
+            level = (
+                np.nanmean(self.inner[below], axis=0)
+                if below.any()
+                else np.full(columns.shape[1], np.nan)
+            )
             ground = np.broadcast_to(level, part.shape)
         contrast = needle - ground
         with np.errstate(divide="ignore", invalid="ignore"):

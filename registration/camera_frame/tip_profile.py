@@ -20,8 +20,8 @@ _SMOOTH: Final = 0.02
 """Weight of the second differences of brightness across, against a jump of the same size."""
 
 
-def profile_middle(profile: FloatArray, first: float, wide_px: float) -> float:
-    """Column of the needle's axis.
+def profile_middle(profile: FloatArray, first: float, wide_px: float) -> tuple[float, float | None]:
+    """Column of the needle's axis, and its width; None where the profile doesn't tell it.
 
     The profile is taken as ground to the left and right, and between them a rod of the known width
     whose brightness is any smooth curve, all blurred: gradients alone move with the shade of its
@@ -45,10 +45,23 @@ def profile_middle(profile: FloatArray, first: float, wide_px: float) -> float:
     own = rest[int(rest.min(axis=1).argmin())]
     best = int(own.argmin())
     if not 0 < best < len(own) - 1:
-        return first
-    a, b, c = own[best - 1 : best + 2]
+        return first, None
+    middle = _least(tried, own)
+    blur = _BLURS[int(rest.min(axis=1).argmin())]
+    widths = wide_px * np.arange(0.85, 1.16, 0.015)
+    by_width = np.array([_rest(part, columns, middle, wide, blur) for wide in widths])
+    if not 0 < int(by_width.argmin()) < len(widths) - 1:
+        return middle, None
+    return middle, _least(widths, by_width)
+
+
+def _least(tried: FloatArray, rest: FloatArray) -> float:
+    """Where a parabola through the least and its neighbours is least."""
+    best = int(rest.argmin())
+    a, b, c = rest[best - 1 : best + 2]
     bend = a - 2 * b + c
-    return float(tried[best] + (0.05 * (a - c) / bend if bend > 0 else 0.0))
+    step = float(tried[1] - tried[0])
+    return float(tried[best] + (step / 2 * (a - c) / bend if bend > 0 else 0.0))
 
 
 def _rest(
