@@ -1,7 +1,7 @@
 """Pictures of a needle in front of any ground; shares no code with the product.
 
 Each fine pixel's ray is intersected with a cylinder that a plane cuts off (flat, or aslant for a
-worn tip); its light is that of a round steel rod: diffuse from one side, a bright thread, dark rims.
+worn tip); its light is a round steel rod's: diffuse from one side, a bright thread, dark rims.
 """
 
 from __future__ import annotations

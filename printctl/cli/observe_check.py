@@ -41,8 +41,9 @@ def check(
             else f": moved {answer.moved_um:.0f} µm at the dish (± {2 * answer.u_um:.0f} µm), "
             f"{answer.marks} marks"
         )  # fmt: skip
+        verdict = "holds" if answer.holds else "does not hold"
         print_lines(
-            f"the frame of {age:.1f} days ago {'holds' if answer.holds else 'does not hold'}{moved}",
+            f"the frame of {age:.1f} days ago {verdict}{moved}",
             *answer.why,
             *answer.notes,
         )

@@ -70,8 +70,10 @@ def insert(
         write_stl(out / "insert_black.stl", solids[1])
     left, right = (c for c in drawn.crosses if c.name in ("left", "right"))
     if as_json:
-        print_json({"folder": str(out), "marks": len(drawn.marks), "plate_mm": drawn.plate_mm,
-                    "hole_mm": drawn.hole_mm, "left_to_right_mm": right.x_mm - left.x_mm})  # fmt: skip
+        print_json({
+            "folder": str(out), "marks": len(drawn.marks), "plate_mm": drawn.plate_mm,
+            "hole_mm": drawn.hole_mm, "left_to_right_mm": right.x_mm - left.x_mm,
+        })  # fmt: skip
         return
     messages().print(
         f"wrote {out}: {len(drawn.marks)} marks of {mark_mm:g} mm on {drawn.plate_mm[0]:.4g} x "
