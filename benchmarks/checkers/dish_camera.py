@@ -49,7 +49,7 @@ class Optics:
         """World directions (n, 3) of pixels (n, 2), by a fixed point."""
         want = (pixels - np.array(self.axis)) / self.focal
         a, b = want[:, 0].copy(), want[:, 1].copy()
-        for _ in range(60):
+        for _ in range(25):
             r2 = a**2 + b**2
             gain = 1 + self.k[0] * r2 + self.k[1] * r2**2
             shift_a = 2 * self.p[0] * a * b + self.p[1] * (r2 + 2 * a**2)
@@ -60,9 +60,7 @@ class Optics:
 
 def aimed(target: np.ndarray, away: float, tilt: float, azimuth: float, roll: float) -> Any:
     """Rotation and centre of a camera that looks at a target from a distance, tilted; rad."""
-    back = np.array(
-        [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)]
-    )
+    back = np.array([np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)])
     ahead = -back
     side = np.cross(ahead, [np.cos(roll), np.sin(roll), 0.0])
     right = np.cross(side, ahead)

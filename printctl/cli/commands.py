@@ -52,6 +52,7 @@ COMMANDS: dict[str, str] = {
     "profiles": "profiles:profiles",
     "history": "history:history",
     "calibrate": "calibrate:calibrate",
+    "observe": "observe:observe",
     "serve": "serve:serve",
     "doctor": "doctor:doctor",
     "init": "init:init",

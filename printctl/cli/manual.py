@@ -172,6 +172,28 @@ MANUAL: Final[Mapping[str, Manual]] = {
         ("printctl calibrate oct --grid low.oct --grid high.oct --pitch-um 500",)
     ),
     "calibrate walls": Manual(("printctl calibrate walls p1 p2 p3 --write walls.yaml",)),
+    "observe": Manual(("printctl observe insert --dish petri_60mm --out insert",)),
+    "observe insert": Manual(
+        (
+            "printctl observe insert --dish petri_60mm --out insert",
+            "printctl observe insert --dish mine.yaml --hole-mm 55 --made paper --out insert",
+        )
+    ),
+    "observe frame": Manual(
+        (
+            "printctl observe frame seen.png --lens camera.yaml --insert insert/insert.yaml "
+            "--touched left=66.7,100.1,4.2 --touched right=133.3,99.9,4.2 -o frame.yaml",
+            "printctl observe frame seen.png --lens camera.yaml --insert insert/insert.yaml "
+            "--printed lines.json --printed-at 88,88,5 --at 100,100,4.2 -o frame.yaml",
+        )
+    ),
+    "observe check": Manual(("printctl observe check now.png --frame frame.yaml",), REFUSED),
+    "observe tip": Manual(
+        (
+            "printctl observe tip a.png b.png --at 85,95,12 --at 115,105,12 --needle 25g "
+            "--frame frame.yaml",
+        )
+    ),
     "doctor": Manual(
         ("printctl doctor", "printctl doctor --json", "printctl doctor --warm"),
         {1: "something keeps printctl from working here"},

@@ -143,9 +143,7 @@ def fit_bundle(bundle: Bundle, start: Start) -> Fitted:
     )
 
 
-def _solved(
-    bundle: Bundle, start: Start, unknown: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _solved(bundle: Bundle, start: Start, unknown: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Least squares: unknowns, and the products of all slopes there."""
 
     def residuals(tried: FloatArray) -> FloatArray:

@@ -201,9 +201,7 @@ def _moved(pose: Start, placement: Placement) -> Start:
     return Start(pose.turn @ turn.T, np.array(placement.origin_mm) + turn @ pose.eye_mm)
 
 
-def _placed(
-    ties: Ties, insert: Insert, lens: Lens, marks: SeenMarks, pose: Start
-) -> Placement:
+def _placed(ties: Ties, insert: Insert, lens: Lens, marks: SeenMarks, pose: Start) -> Placement:
     """First guess of where the insert lies, and how little that is taken as known."""
     if ties.touches:
         names = {cross.name: (cross.x_mm, cross.y_mm) for cross in insert.crosses}

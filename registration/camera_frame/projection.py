@@ -67,9 +67,10 @@ def unbend(seen: FloatArray, lens: FloatArray) -> FloatArray:
         yy = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
         off = bend(flat, lens) - seen
         area = xx * yy - xy * xy
-        step = np.column_stack(
-            [yy * off[:, 0] - xy * off[:, 1], xx * off[:, 1] - xy * off[:, 0]]
-        ) / np.where(np.abs(area) > _SMALL, area, 1.0)[:, None]
+        step = (
+            np.column_stack([yy * off[:, 0] - xy * off[:, 1], xx * off[:, 1] - xy * off[:, 0]])
+            / np.where(np.abs(area) > _SMALL, area, 1.0)[:, None]
+        )
         flat = flat - np.clip(step, -0.1, 0.1)
         if not len(step) or np.abs(step).max() < _SMALL:
             break

@@ -16,7 +16,7 @@ from registration.camera_frame.tip_patch import tip_patch
 
 FloatArray = NDArray[np.float64]
 
-_FLOOR_PX: Final = 0.1
+_FLOOR_PX: Final = 0.15
 """No tip is known better across: light on round steel shifts edges."""
 
 
@@ -59,6 +59,7 @@ def find_tip(
     outer_mm: float,
     *,
     reach_mm: float = 2.0,
+    length_mm: float = 12.0,
     ground: NDArray[Any] | None = None,
     source: str = "the picture",
 ) -> SeenTip:
@@ -74,6 +75,8 @@ def find_tip(
         The needle's outer diameter, by its profile.
     reach_mm : float, mm
         How far off the tip may be.
+    length_mm : float, mm
+        Of the needle below its hub.
     ground : (h, w) or (h, w, 3), optional
         The same scene without the needle, or with it elsewhere.
     source : str
@@ -88,7 +91,9 @@ def find_tip(
     if ground is not None:
         check_size(ground, frame.lens, f"the ground of {source}")
     view = frame.under(None).view
-    patch = tip_patch(image, view, np.asarray(tip_mm, np.float64), outer_mm, reach_mm, ground)
+    patch = tip_patch(
+        image, view, np.asarray(tip_mm, np.float64), outer_mm, reach_mm, ground, length_mm
+    )
     far = reach_mm * patch.px_per_mm
     axis = needle_axis(patch, far)
     end = needle_end(patch, axis, -far, far)

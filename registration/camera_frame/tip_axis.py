@@ -3,21 +3,38 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from registration.camera_frame.tip_patch import TipPatch
+from registration.camera_frame.tip_profile import profile_middle
 from registration.errors import PictureError
 
 FloatArray = NDArray[np.float64]
 
 _LEANS: Final = np.linspace(-0.08, 0.08, 65)
 """Tangents of the needle's angle against where it should point."""
+_USUAL_LEAN: Final = 0.05
 _WIDTHS: Final = (0.7, 1.35)
 """Of the expected width."""
+_PLAY: Final = 0.04
+"""Of the width, by which a needle's diameter and its look in a picture differ usually."""
+_ENOUGH: Final = 15.0
+"""Clearness beyond which an edge is no better."""
+_FAINT: Final = 3.0
+"""Clearness below which an edge isn't one."""
+_BESIDE: Final = 0.6
+"""Weight of what is clear just outside the needle."""
+_OTHER: Final = 13.0
+"""Most that a width of another needle costs, in clearness."""
+_GRID: Final = 0.25
+_SAME: Final = 0.3
+"""Of the width, up to which it is the needle of the profile."""
+_UNSEEN: Final = 0.03
+"""Uncertainty of an edge that only the other one tells, of the width."""
 _LEAST_CLEAR: Final = 5.0
 """Of an edge's gradient over the deviation of the others."""
 
@@ -62,26 +79,22 @@ def needle_axis(patch: TipPatch, lowest: float) -> NeedleAxis:
         )
     part = np.nan_to_num(seen[rows], nan=float(np.nanmean(seen)))
     gradient = gaussian_filter1d(part, max(0.7, 0.06 * patch.wide_px), axis=1, order=1)
-    # One bright thread (glare on the steel) may not outvote the edges.
-    limit = 3 * np.median(np.abs(gradient), axis=None) + np.percentile(np.abs(gradient), 90)
-    gradient = np.clip(gradient, -limit, limit)
     heights = patch.above[rows]
-    best: tuple[float, float, float, float, FloatArray] | None = None
-    for lean in _LEANS:
-        mean = _sheared(gradient, heights, lean).mean(axis=0)
-        found = _pair(mean, patch)
-        if found is not None and (best is None or found[0] > best[0]):
-            best = (*found, lean, mean)
-    if best is None or best[0] < _LEAST_CLEAR:
-        clear = 0.0 if best is None else best[0]
+    # Rims and threads of glare are parallel: upright, their gradients add up to most.
+    upright = [_sheared(gradient, heights, lean).mean(axis=0) for lean in _LEANS]
+    energy = [float((mean**2).sum()) for mean in upright]
+    worth = np.array(energy) * np.exp(-((_LEANS / _USUAL_LEAN) ** 2) / 2)
+    lean = float(_LEANS[worth.argmax()])
+    best = _pair(upright[int(worth.argmax())], patch)
+    if best.clear < _LEAST_CLEAR or not any(best.seen):
+        clear = best.clear
         raise PictureError(
             f"the needle isn't found: no two edges {patch.wide_px:.0f} pixels apart stand out "
             f"({clear:.1f} of the ground's deviation, {_LEAST_CLEAR:g} wanted). Is it in view, in "
             "focus, of this diameter (--needle)? A plain ground behind it helps, or several "
             "pictures with the needle at places 5 mm apart"
         )
-    clear, left, right, lean, _ = best
-    return _refined(gradient, heights, patch, left, right, lean, clear)
+    return _refined(part, gradient, heights, patch, best, lean)
 
 
 def _sheared(gradient: FloatArray, heights: FloatArray, lean: float) -> FloatArray:
@@ -95,25 +108,62 @@ def _sheared(gradient: FloatArray, heights: FloatArray, lean: float) -> FloatArr
     return np.asarray((1 - part) * gradient[rows, index] + part * gradient[rows, index + 1])
 
 
-def _pair(mean: FloatArray, patch: TipPatch) -> tuple[float, float, float] | None:
-    """Clearness and columns (sub-pixel) of the best two edges of about the right distance."""
+class _Pair(NamedTuple):
+    """Two edges: clearness of the clearer one, columns, and whether each is seen."""
+
+    clear: float
+    left: float
+    right: float
+    seen: tuple[bool, bool]
+
+
+def _pair(mean: FloatArray, patch: TipPatch) -> _Pair:
+    """Best place of two edges: clear, of about the right distance, nothing as clear beside them.
+
+    A rim that is as bright as the ground shows no edge: then the other one and the width tell.
+    """
     size = np.abs(mean)
     noise = 1.4826 * float(np.median(size)) + 1e-9
     peaks = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:])) + 1
-    peaks = peaks[size[peaks] > 2 * noise]
-    best: tuple[float, float, float] | None = None
-    worth = 0.0
-    for n, left in enumerate(peaks):
-        for right in peaks[n + 1 :]:
-            ratio = (right - left) / patch.wide_px
-            if not _WIDTHS[0] <= ratio <= _WIDTHS[1]:
-                continue
-            weaker = float(min(size[left], size[right])) / noise
-            value = weaker * float(np.exp(-(((ratio - 1) / 0.25) ** 2) / 2))
-            if value > worth:
-                worth = value
-                best = (weaker, _peak(size, int(left)), _peak(size, int(right)))
-    return best
+    peaks = peaks[size[peaks] > _FAINT * noise]
+    at = np.array([_peak(size, int(peak)) for peak in peaks])
+    value = np.minimum(size[peaks] / noise, _ENOUGH)
+    play = max(1.5, 0.08 * patch.wide_px)
+    grid = np.arange(0, len(mean), _GRID)
+    near = 1 - np.abs(grid[:, None] - at) / play
+    worth = (np.maximum(near, 0.0) * value).max(axis=1, initial=0.0)
+    beyond = np.array([0.0, *np.cumsum(value)])  # of peaks up to a place
+    middle = np.arange(patch.wide_px, len(mean) - patch.wide_px, _GRID)
+    best, most = (0.0, 0.0), -np.inf
+    for ratio in np.arange(_WIDTHS[0], _WIDTHS[1], 0.01):
+        half = ratio * patch.wide_px / 2
+        score = np.interp(middle - half, grid, worth) + np.interp(middle + half, grid, worth)
+        for sign in (-1.0, 1.0):
+            ends = [middle + sign * (half + play), middle + sign * (half + 0.7 * patch.wide_px)]
+            low, high = (beyond[np.searchsorted(at, end)] for end in ends)
+            score = score - np.abs(high - low) * _BESIDE
+        score -= min(((ratio - 1) / _PLAY) ** 2 / 2, _OTHER)
+        top = int(score.argmax())
+        if score[top] > most:
+            most, best = float(score[top]), (float(middle[top]), half)
+    left, seen_left = _snapped(at, best[0] - best[1], play)
+    right, seen_right = _snapped(at, best[0] + best[1], play)
+    if seen_left != seen_right:
+        if seen_left:
+            right = left + patch.wide_px
+        else:
+            left = right - patch.wide_px
+    columns = np.arange(len(mean))
+    clear = max(float(np.interp(edge, columns, size)) for edge in (left, right)) / noise
+    return _Pair(clear, left, right, (seen_left, seen_right))
+
+
+def _snapped(peaks: FloatArray, at: float, play: float) -> tuple[float, bool]:
+    """Nearest peak to a column, and whether there is one within the play."""
+    off = np.abs(peaks - at)
+    if not len(peaks) or off.min() > play:
+        return at, False
+    return float(peaks[off.argmin()]), True
 
 
 def _peak(size: FloatArray, at: int) -> float:
@@ -124,22 +174,23 @@ def _peak(size: FloatArray, at: int) -> float:
 
 
 def _refined(
+    seen: FloatArray,
     gradient: FloatArray,
     heights: FloatArray,
     patch: TipPatch,
-    left: float,
-    right: float,
+    pair: _Pair,
     lean: float,
-    clear: float,
 ) -> NeedleAxis:
     """Both edges by straight lines through stretches of rows."""
     stretches = np.array_split(np.arange(len(heights)), max(6, int(len(heights) // patch.wide_px)))
     upright = _sheared(gradient, heights, lean)
     edges = []
-    for edge in (left, right):
+    for edge in (pair.left, pair.right):
         sign = np.sign(np.interp(edge, np.arange(upright.shape[1]), upright.mean(axis=0)))
         reach = max(2.0, 0.22 * patch.wide_px)
-        columns = np.arange(int(max(edge - reach, 1)), int(min(edge + reach, upright.shape[1] - 2)) + 1)
+        columns = np.arange(
+            int(max(edge - reach, 1)), int(min(edge + reach, upright.shape[1] - 2)) + 1
+        )
         places, tops = [], []
         for rows in stretches:
             mean = sign * upright[rows].mean(axis=0)
@@ -149,12 +200,22 @@ def _refined(
                 tops.append(heights[rows].mean())
         edges.append(_line(np.array(tops), np.array(places), edge))
     (a, slope_a, u_a), (b, slope_b, u_b) = edges
+    if not pair.seen[0]:
+        a, slope_a, u_a = b - patch.wide_px, slope_b, _UNSEEN * patch.wide_px
+    if not pair.seen[1]:
+        b, slope_b, u_b = a + patch.wide_px, slope_a, _UNSEEN * patch.wide_px
+    lean += (slope_a + slope_b) / 2
+    if abs(b - a - patch.wide_px) < _SAME * patch.wide_px:
+        straight = _sheared(seen, heights, lean).mean(axis=0)
+        middle, wide = profile_middle(straight, (a + b) / 2, patch.wide_px)
+        half = (b - a if wide is None else wide) / 2
+        a, b = middle - half, middle + half
     return NeedleAxis(
         (a + b) / 2 + patch.beside[0],
-        lean + (slope_a + slope_b) / 2,
+        lean,
         b - a,
         float(np.hypot(u_a, u_b) / np.sqrt(2)),
-        clear,
+        pair.clear,
     )
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, map_coordinates
+from scipy.ndimage import map_coordinates
 
 from registration.camera_frame.tip_axis import NeedleAxis
 from registration.camera_frame.tip_patch import TipPatch
@@ -20,6 +20,12 @@ _COLUMNS: Final = 17
 _INNER: Final = 0.84
 """Of its width that is looked at."""
 _STEP: Final = 0.5
+_SAME: Final = 0.12
+"""Of the width, up to which it is the needle of the profile."""
+_ROUNDS: Final = 3
+_FLOOR_PX: Final = 0.2
+"""No end is known better: its rim is lit otherwise than the rod."""
+_NEAR_PX: Final = 3.5
 _LEAST_GOOD: Final = 7
 """Columns whose end must be found."""
 _LEAST_CONTRAST: Final = 3.0
@@ -61,40 +67,51 @@ def needle_end(patch: TipPatch, axis: NeedleAxis, lowest: float, highest: float)
     PictureError
         When needle and ground are alike, or no clear end is there.
     """
+    if abs(axis.wide_px / patch.wide_px - 1) < _SAME:
+        axis = replace(axis, wide_px=patch.wide_px)  # the profile knows it better
     strip = _Strip(patch, axis)
     first = strip.change(lowest, highest)
     # What the needle looks like beside its end says more than above.
     first = strip.change(lowest, highest, first)
     share = np.linspace(-_INNER, _INNER, _COLUMNS)
-    ends = strip.edges(first)
-    good = np.isfinite(ends)
-    if good.sum() < _LEAST_GOOD:
-        raise PictureError(
-            f"the needle's end isn't clear: {int(good.sum())} of {_COLUMNS} columns show an edge "
-            f"({_LEAST_GOOD} wanted); put a plain ground of another brightness behind the tip, or "
-            "give pictures with the needle at other places"
-        )
-    middle = ends + patch.end_px * axis.wide_px / patch.wide_px * np.sqrt(1 - share**2)
-    for _ in range(5):
-        at = float(np.median(middle[good]))
-        slope = 0.0
-        terms = np.column_stack([np.ones(good.sum()), share[good]])
-        at, slope = np.linalg.lstsq(terms, middle[good], rcond=None)[0]
-        off = middle - at - slope * share
-        usual = max(1.4826 * float(np.nanmedian(np.abs(off[good]))), 0.05)
-        again = np.isfinite(ends) & (np.abs(off) < 3.5 * usual)
-        if again.sum() < _LEAST_GOOD or (again == good).all():
-            break
-        good = again
+    bow = patch.end_px * axis.wide_px / patch.wide_px * np.sqrt(1 - share**2)
+    at, slope, reach = first + float(bow.mean()), 0.0, max(0.8 * axis.wide_px, 4.0)
+    for _ in range(_ROUNDS):
+        ends = strip.edges(at + slope * share - bow, reach)
+        at, slope, off, good = _flat_end(ends + bow, share)
+        reach = max(0.25 * axis.wide_px, _NEAR_PX)
+    usual = max(1.4826 * float(np.median(np.abs(off[good]))), 0.05)
     count = good.sum() / 2  # columns beside each other share blur and ground
     u_slope = usual / np.sqrt(count) / 0.5
     return NeedleEnd(
         float(at),
-        float(np.hypot(usual / np.sqrt(count), 0.05)),
+        float(np.hypot(usual / np.sqrt(count), _FLOOR_PX)),
         float(2 * slope / axis.wide_px + axis.lean),
         float(2 * u_slope / axis.wide_px),
         float(np.sqrt((off[good] ** 2).mean()) / axis.wide_px),
     )
+
+
+def _flat_end(
+    middle: FloatArray, share: FloatArray
+) -> tuple[float, float, FloatArray, NDArray[np.bool_]]:
+    """Height and slope of a straight line through the columns, deviations, and which are good."""
+    good = np.isfinite(middle)
+    while True:
+        if good.sum() < _LEAST_GOOD:
+            raise PictureError(
+                f"the needle's end isn't clear: {int(good.sum())} of {_COLUMNS} columns show an "
+                f"edge ({_LEAST_GOOD} wanted); put a plain ground of another brightness behind the "
+                "tip, or give pictures with the needle at other places"
+            )
+        terms = np.column_stack([np.ones(good.sum()), share[good]])
+        at, slope = np.linalg.lstsq(terms, middle[good], rcond=None)[0]
+        off = middle - at - slope * share
+        usual = max(1.4826 * float(np.median(np.abs(off[good]))), 0.05)
+        kept = good & (np.abs(off) < 3.5 * usual)
+        if (kept == good).all():
+            return float(at), float(slope), off, good
+        good = kept
 
 
 class _Strip:
@@ -125,7 +142,9 @@ class _Strip:
     def _sample(
         self, piece: FloatArray, patch: TipPatch, axis: NeedleAxis, beside: FloatArray
     ) -> FloatArray:
-        rows = np.broadcast_to((self.heights - patch.above[0])[:, None], (len(self.heights), len(beside)))
+        rows = np.broadcast_to(
+            (self.heights - patch.above[0])[:, None], (len(self.heights), len(beside))
+        )
         columns = axis.beside + axis.lean * self.heights[:, None] + beside - patch.beside[0]
         return np.asarray(map_coordinates(piece, [rows, columns], order=1, cval=np.nan))
 
@@ -158,28 +177,37 @@ class _Strip:
             )
         return float(self.heights[best])
 
-    def edges(self, first: float) -> FloatArray:
-        """Heights (m,) of the end in each column; NaN where needle and ground are alike."""
-        reach = max(1.3 * self.wide, 4.0)
-        needle, _ = self.look(first + 0.6 * self.wide, first + 4 * self.wide)
-        rows = np.abs(self.heights - first) < reach
-        heights, part = self.heights[rows], self.inner[rows]
+    def edges(self, expected: FloatArray, reach: float) -> FloatArray:
+        """Heights (m,) of the end in each column; NaN where needle and ground are alike.
+
+        A profile that rises from 0 to 1 at e has the integral of what lies above e, whatever its
+        blur. It is taken within a reach of where the edge is expected: levels are never quite flat.
+        """
+        first = float(expected.mean())
+        needle, _ = self.look(first + 0.5 * self.wide, first + 3 * self.wide)
+        steps = np.arange(-reach, reach + _STEP / 2, _STEP)
+        heights = expected + steps[:, None]
+        rows = (heights - self.heights[0]) / _STEP
+        columns = np.broadcast_to(np.arange(len(expected)), rows.shape)
+        part = map_coordinates(self.inner, [rows, columns], order=1, cval=np.nan)
         if self.known:
-            ground = self.ground[rows]
+            ground = map_coordinates(self.ground, [rows, columns], order=1, cval=np.nan)
         else:
-            below = (self.heights < first - 0.7 * self.wide) & (
-                self.heights > first - 2.2 * self.wide
+            below = (self.heights < first - 0.6 * self.wide) & (
+                self.heights > first - 1.8 * self.wide
             )
-            level = np.nanmedian(self.inner[below], axis=0) if below.any() else np.nan
+            level = (
+                np.nanmean(self.inner[below], axis=0)
+                if below.any()
+                else np.full(columns.shape[1], np.nan)
+            )
             ground = np.broadcast_to(level, part.shape)
         contrast = needle - ground
         with np.errstate(divide="ignore", invalid="ignore"):
-            unit = (part - ground) / contrast
-        unit = gaussian_filter1d(np.clip(np.nan_to_num(unit, nan=0.5), -0.5, 1.5), 1.0, axis=0)
-        # Area above: from the end upwards the unit step is 1.
-        low, high = heights[0], heights[-1]
+            unit = np.clip((part - ground) / contrast, -1.0, 2.0)
         area = (unit[1:-1].sum(axis=0) + (unit[0] + unit[-1]) / 2) * _STEP
-        found = high - area
+        found = heights[-1] - area
         clear = np.median(np.abs(contrast), axis=0) > _LEAST_CONTRAST * self.noise
-        sound = (unit[:4].mean(axis=0) < 0.35) & (unit[-4:].mean(axis=0) > 0.65)
-        return np.where(clear & sound & (found > low) & (found < high), found, np.nan)
+        sound = (unit[:3].mean(axis=0) < 0.5) & (unit[-3:].mean(axis=0) > 0.5)
+        near = (found > heights[0]) & (found < heights[-1])
+        return np.where(clear & sound & near, found, np.nan)

@@ -21,6 +21,9 @@ _LEAST_PX: Final = 5.0
 """Width of the needle in the picture."""
 _ABOVE: Final = 14.0
 """Diameters of needle that are looked at above the highest place of the tip."""
+_BELOW_HUB: Final = 0.85
+_SHORTEST: Final = 3.0
+"""Diameters of needle that must be seen wherever the tip is."""
 _BESIDE: Final = 3.0
 
 
@@ -74,6 +77,7 @@ def tip_patch(
     outer_mm: float,
     reach_mm: float,
     ground: NDArray[Any] | None = None,
+    length_mm: float = 12.0,
 ) -> TipPatch:
     """Cut the piece in which the tip must lie.
 
@@ -88,6 +92,8 @@ def tip_patch(
         The needle's outer diameter.
     reach_mm : float, mm
         How far off it may be.
+    length_mm : float, mm
+        Of the needle below its hub.
 
     Raises
     ------
@@ -116,7 +122,14 @@ def tip_patch(
             f"({_LEAST_PX:g} wanted); come nearer, or use more pixels"
         )
     far = reach_mm * px_per_mm
-    above = np.arange(-far - 2 * wide, far + _ABOVE * wide)
+    highest = min(far + _ABOVE * wide, _BELOW_HUB * length_mm * sine * px_per_mm)
+    if highest < far + _SHORTEST * wide:
+        raise PictureError(
+            f"of a needle of {length_mm:g} mm too little is seen from so far above "
+            f"({np.degrees(np.arcsin(sine)):.0f} degrees from it) to look for its tip within "
+            f"{reach_mm:g} mm; lower --reach-mm, or tilt the camera more"
+        )
+    above = np.arange(-far - 2 * wide, highest)
     beside = np.arange(-far - _BESIDE * wide, far + _BESIDE * wide + 1)
     origin = middle + above[0] * up + beside[0] * aside
     at = middle + above[:, None, None] * up + beside[:, None] * aside

@@ -1,0 +1,292 @@
+"""Camera frames and needle tips by random cameras: `python -m benchmarks.observe_frames [COUNT]`.
+
+Each camera gets a lens by a board (corners by the checker's own projection, 0.06 px noise), an
+insert made with errors, a picture of it, ties to the printer (touched crosses in one half, printed
+lines that are found in the picture in the other), a bump of 100 µm with marks hidden, and a needle
+at four places. Truth is the checker's (`checkers/dish_camera.py`, `checkers/needle_camera.py`).
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from benchmarks.checkers.dish_camera import Made, Optics, Scene, aimed, developed, photograph
+from benchmarks.checkers.needle_camera import Needle, rough_ground, with_needle
+from benchmarks.machine import print_rows, row
+from firmware_profiles import load
+from firmware_profiles.dishes import Dish
+from registration.camera_frame import (
+    CameraFrame,
+    PrintedLine,
+    Ties,
+    TipView,
+    Touch,
+    check_frame,
+    design_insert,
+    find_crossings,
+    find_marks,
+    find_tip,
+    fit_frame,
+    grounds,
+    locate_tip,
+)
+from registration.errors import PictureError
+from registration.lens import BoardView, Lens, fit_lens
+
+SIZE = (2592, 1944)
+WIDE_MM = {"fdm": (2e-3, 0.04), "paper": (1.5e-3, 0.02), "engraved": (3e-4, 0.01)}
+CHI95 = 5.991
+"""Of two degrees of freedom."""
+
+
+@dataclass
+class Rig:
+    """One random camera over one insert."""
+
+    optics: Optics
+    made: Made
+    scene: Scene
+    insert: Any
+    target: np.ndarray
+
+
+def random_rig(rng: np.random.Generator, process: str) -> Rig:
+    """Tilt up to 35°, any turn, distortion, axis off the middle; light, blur, noise at random."""
+    insert = design_insert(load(Dish, "petri_60mm"), process=process)
+    focal = rng.uniform(2200, 5000)
+    target = np.array([rng.uniform(60, 140), rng.uniform(60, 140), rng.uniform(1, 6)])
+    away = focal * max(insert.plate_mm) * rng.uniform(1.55, 1.9) / SIZE[1] * 0.82
+    tilt = np.radians(rng.uniform(0, 35))
+    rotation, centre = aimed(target, away, tilt, rng.uniform(0, 6.28), rng.uniform(0, 6.28))
+    half = np.hypot(*SIZE) / 2 / focal
+    axis = (np.array(SIZE) - 1) / 2 + rng.normal(0, 0.01, 2) * SIZE[0]
+    k = (rng.uniform(-0.08, 0.03) / half**2, rng.uniform(-0.01, 0.01) / half**4)
+    p = tuple(rng.normal(0, 4e-4, 2) / half)
+    optics = Optics(SIZE, focal, (axis[0], axis[1]), k, (p[0], p[1]), rotation, centre)
+    count = len(insert.marks)
+    turn = Rotation.from_euler("xyz", [*rng.normal(0, 0.15, 2), rng.normal(0, 1.0)], degrees=True)
+    scale, off = WIDE_MM[process]
+    made = Made(
+        insert.model_dump(mode="json"), rng.normal(0, off, (count, 2)), 1 + rng.normal(0, scale),
+        rng.uniform(-0.01, 0.03), turn.as_matrix(), target,
+    )  # fmt: skip
+    scene = Scene(
+        blur=rng.uniform(0.6, 1.5), read=rng.uniform(0.5, 4), full_well=rng.uniform(2000, 12000),
+        quality=int(rng.integers(75, 99)), white=rng.uniform(130, 225), black=rng.uniform(15, 50),
+        lean=tuple(rng.uniform(-0.25, 0.25, 2)), vignette=rng.uniform(0, 0.4),
+        gamma=rng.uniform(0.8, 1.1),
+        glare=(*rng.uniform(-0.6, 0.6, 2), 0.12, 90) if rng.random() < 0.4 else None,
+    )  # fmt: skip
+    return Rig(optics, made, scene, insert, target)
+
+
+def lens_of(rig: Rig, rng: np.random.Generator, pictures: int = 9) -> Lens:
+    """Lens by the product's fit, from corners of a board seen by the checker's camera."""
+    x, y = np.meshgrid((np.arange(10) - 4.5) * 8.0, (np.arange(7) - 3.0) * 8.0)
+    board = np.column_stack([x.ravel(), y.ravel()])
+    views = []
+    away = float(np.linalg.norm(rig.optics.centre - rig.target))
+    for n in range(pictures):
+        tilt = np.radians(0 if n == 0 else rng.uniform(20, 40))
+        rotation, centre = aimed(
+            rng.uniform(-12, 12, 3) * [1, 1, 0], away * rng.uniform(0.85, 1.1), tilt,
+            n * 2.4, rng.uniform(0, 6.28),
+        )  # fmt: skip
+        camera = replace(rig.optics, rotation=rotation, centre=centre)
+        seen = camera.pixels(np.column_stack([board, 0 * board[:, 0]]))
+        inside = ((seen > 5) & (seen < np.array(SIZE) - 5)).all(axis=1)
+        pixels = seen[inside] + rng.normal(0, 0.06, (int(inside.sum()), 2))
+        views.append(BoardView(board[inside], pixels, SIZE))
+    return fit_lens(views)
+
+
+def framed(rig: Rig, lens: Lens, by: str, rng: np.random.Generator, seed: int) -> CameraFrame:
+    """Frame by touched crosses (20 µm) or by printed lines found in the picture."""
+    z = float(rig.target[2])
+    lines = []
+    if by == "printed":
+        low, high = rig.target[:2] - 15, rig.target[:2] + 15
+        corners = [(low[0], high[1]), (low[0], low[1]), (high[0], low[1]), (high[0], high[1])]
+        lines = [(np.array(a), np.array(b)) for a, b in zip(corners, corners[1:] + corners[:1])]
+        flat = [tuple(_on_plate(rig.made, np.array(end)) for end in line) for line in lines]
+        rig.scene = replace(rig.scene, lines=[(a, b, 0.4) for a, b in flat])
+    image = photograph(rig.optics, rig.made, rig.scene, seed)
+    marks = find_marks(image, rig.insert, lens, f"camera {seed}")
+    now = datetime(2026, 11, 25, tzinfo=UTC)
+    if by == "touched":
+        crosses = rig.insert.crosses
+        there = rig.made.world(np.array([[c.x_mm, c.y_mm] for c in crosses]))
+        there = there + rng.normal(0, 0.02, there.shape)
+        touches = [Touch(c.name, *place, u_mm=0.02) for c, place in zip(crosses, there)]
+        return fit_frame(marks, rig.insert, lens, Ties(touches=touches), now)
+    guess = rig.target[:2] + rng.uniform(-0.7, 0.7, 2)
+    first = fit_frame(marks, rig.insert, lens, Ties(z_mm=z, at_mm=tuple(guess)), now)
+    asked = [PrintedLine((*a, z), (*b, z), 0.4) for a, b in lines]
+    points = find_crossings(image, first.view, asked)
+    return fit_frame(marks, rig.insert, lens, Ties(printed=points, z_mm=z, u_z_mm=0.1), now)
+
+
+def _on_plate(made: Made, place: np.ndarray) -> np.ndarray:
+    """Drawn coordinates of a printer's place, straight above or below the tilted plate's own."""
+    axes = made.turn[:2, :2] * made.scale
+    return np.linalg.solve(axes, place - made.origin[:2])
+
+
+def field_errors(rig: Rig, frame: CameraFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (n, 2) mm over the 60 mm dish at the marks' height and 3 mm below; mahalanobis²."""
+    angle, radius = np.meshgrid(np.linspace(0, 6.28, 13)[:-1], [0.0, 10.0, 20.0, 28.0])
+    flat = np.column_stack([(radius * np.cos(angle)).ravel(), (radius * np.sin(angle)).ravel()])
+    errors, sizes = [], []
+    for down in (0.0, 3.0):
+        z = float(rig.target[2]) - down
+        world = np.column_stack([flat + rig.target[:2], np.full(len(flat), z)])
+        pixels = rig.optics.pixels(world)
+        off = frame.to_printer(pixels, z) - world[:, :2]
+        spread = frame.covariance_mm2(pixels, z)
+        errors.append(off)
+        sizes.append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(spread), off))
+    return np.concatenate(errors), np.concatenate(sizes)
+
+
+def bumped(rig: Rig, frame: CameraFrame, rng: np.random.Generator, seed: int) -> bool:
+    """Whether a shift of 100 µm is noticed, with a third of the view hidden."""
+    way = rng.normal(size=2)
+    shift = np.array([*(0.1 * way / np.linalg.norm(way)), 0.0])
+    moved = replace(rig.optics, centre=rig.optics.centre + shift)
+    scene = replace(rig.scene, hidden=[(*rng.uniform(-0.7, 0.7, 2), 0.35)], glare=None)
+    return not check_frame(photograph(moved, rig.made, scene, seed + 1000), frame).holds
+
+
+def steady(rig: Rig, frame: CameraFrame, rng: np.random.Generator, seed: int) -> bool:
+    """Whether another picture of the same scene passes, with a third of the view hidden."""
+    scene = replace(rig.scene, hidden=[(*rng.uniform(-0.7, 0.7, 2), 0.35)])
+    return check_frame(photograph(rig.optics, rig.made, scene, seed + 2000), frame).holds
+
+
+def tip_error(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, int] | None:
+    """Error of a tip by four pictures (3,) mm, its uncertainty, and views; None if not found."""
+    focal, tilt = rng.uniform(3400, 5200), np.radians(rng.uniform(25, 60))
+    outer = float(rng.choice([0.31, 0.41, 0.51]))
+    middle = np.array([100.0, 100.0, 10.0])
+    size = (2048, 1536)
+    away = focal * 66 / size[0]
+    rotation, centre = aimed(middle, away, tilt, rng.uniform(0, 6.28), rng.uniform(0, 6.28))
+    optics = Optics(size, focal, (1020.0, 770.0), (-0.1, 0.03), (5e-4, -4e-4), rotation, centre)
+    frame = _exact(optics)
+    offset = rng.uniform(-0.8, 0.8, 3)
+    axis = np.array([*rng.normal(0, 0.008, 2), 1.0])
+    axis /= np.linalg.norm(axis)
+    ground = rough_ground(size, rng, rng.uniform(50, 210), rng.uniform(2, 14))
+    scene = Scene(
+        blur=rng.uniform(0.6, 1.4), quality=int(rng.integers(78, 98)),
+        lean=tuple(rng.uniform(-0.2, 0.2, 2)),
+    )  # fmt: skip
+    look = {"thread": rng.uniform(0, 0.8), "bright": rng.uniform(90, 230),
+            "dark": rng.uniform(10, 60), "light": rng.uniform(-0.8, 0.8)}  # fmt: skip
+    places = middle + np.array([[-14, -8, 0], [14, 8, 0], [-8, 14, 0], [8, -14, 0.0]])
+    pictures = [
+        developed(with_needle(optics, ground, Needle(at + offset, outer, axis, **look)), scene, rng)
+        for at in places
+    ]
+    views = []
+    for picture, at, behind in zip(
+        pictures, places, grounds(pictures, frame, places, outer, 2.0), strict=True
+    ):
+        try:
+            seen = find_tip(picture, frame, at, outer, ground=behind, length_mm=12.7)
+        except PictureError:
+            continue
+        views.append(TipView(frame, seen, at))
+    if len(views) < 2:
+        return None
+    try:
+        found = locate_tip(views, outer)
+    except PictureError:
+        return None
+    return found.offset_mm - offset, found.u_mm, len(views)
+
+
+def _exact(optics: Optics) -> CameraFrame:
+    """The checker's own camera as a frame, known to 5 µm."""
+    from registration.camera_frame.frame import SeenAtFit
+    from registration.camera_frame.turning import turn_vector
+
+    lens = Lens(
+        size_px=optics.size, focal_px=optics.focal, centre_px=optics.axis,
+        distortion=(*optics.k, *optics.p, 0.0), um_per_px=30.0, um_per_px_95=(29.0, 31.0),
+        off_px=0.05,
+    )  # fmt: skip
+    spread = np.diag([1e-7] * 3 + [5e-3] * 3 + [1e-9] * 8) ** 2
+    return CameraFrame(
+        made=datetime(2026, 11, 25, tzinfo=UTC), tied="touched", lens=lens,
+        turn_vector=tuple(map(float, turn_vector(optics.rotation))),
+        eye_mm=tuple(map(float, optics.centre)),
+        covariance=tuple(tuple(map(float, one)) for one in spread),
+        middle_mm=(100.0, 100.0, 10.0), insert=design_insert(load(Dish, "petri_60mm")),
+        marks_z_slope=(0.0, 0.0), off_px=0.0, insert_scale=1.0,
+        seen=SeenAtFit(numbers=(), corners_px=(), u_px=0.0, blur_px=1.0, black=0.1, white=0.8),
+    )  # fmt: skip
+
+
+def main(count: int) -> list[dict[str, Any]]:
+    """All rows."""
+    rows, noticed, passed, failed = [], [], [], []
+    for by, process in (("touched", "engraved"), ("printed", "engraved"), ("printed", "fdm")):
+        errors, sizes, worst = [], [], []
+        for seed in range(count):
+            rng = np.random.default_rng([seed, len(rows)])
+            rig = random_rig(rng, process)
+            try:
+                frame = framed(rig, lens_of(rig, rng), by, rng, seed)
+            except PictureError as exc:
+                failed.append(f"{by} {process} {seed}: {exc}")
+                continue
+            off, size = field_errors(rig, frame)
+            errors.append(off)
+            sizes.append(size)
+            worst.append(float(np.linalg.norm(off, axis=1).max()))
+            if by == "touched":
+                noticed.append(bumped(rig, frame, rng, seed))
+                passed.append(steady(rig, frame, rng, seed))
+        far = 1e3 * np.linalg.norm(np.concatenate(errors), axis=1)
+        name = f"camera to printer, {process} insert, {by}, {len(errors)} cameras"
+        rms = float(np.sqrt((far**2).mean()))
+        rows += [
+            row(f"{name}: RMS", rms, "µm", "<= 30", rms <= 30),
+            row(f"{name}: 95 %", float(np.percentile(far, 95)), "µm"),
+            row(f"{name}: worst place of all", float(far.max()), "µm"),
+            row(f"{name}: truth within 95 %", float((np.concatenate(sizes) < CHI95).mean()), ""),
+        ]
+    rows.append(row("pictures in which no frame is found", len(failed), ""))
+    sys.stderr.write("".join(f"{line}\n" for line in failed))
+    rows.append(row("bumps of 100 µm noticed, view partly hidden", float(np.mean(noticed)), "",
+                    "1", all(noticed)))  # fmt: skip
+    rows.append(row("same scene, view partly hidden: holds", float(np.mean(passed)), ""))
+    return rows + tips(count)
+
+
+def tips(count: int) -> list[dict[str, Any]]:
+    """Rows of the needle's tip."""
+    found = [tip_error(np.random.default_rng([seed, 77])) for seed in range(count)]
+    good = [one for one in found if one is not None]
+    off = np.array([one[0] for one in good])
+    far = 1e3 * np.linalg.norm(off, axis=1)
+    within = np.abs(off) < 1.96 * np.array([one[1] for one in good])
+    rms = float(np.sqrt((far**2).mean()))
+    return [
+        row(f"needle's tip, four pictures, {count} cameras: RMS", rms, "µm", "<= 20", rms <= 20),
+        row("needle's tip: 95 %", float(np.percentile(far, 95)), "µm"),
+        row("needle's tip: worst", float(far.max()), "µm"),
+        row("needle's tip: axes within 95 %", float(within.mean()), ""),
+        row("needle's tip: not found", len(found) - len(good), ""),
+    ]
+
+
+if __name__ == "__main__":
+    print_rows(main(int(sys.argv[1]) if len(sys.argv) > 1 else 50))

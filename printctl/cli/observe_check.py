@@ -1,0 +1,51 @@
+"""`printctl observe check`: check by one picture whether a camera frame still holds."""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from printctl.cli.observe_options import FrameFile, LimitOption
+from printctl.cli.options import JsonFlag, print_json, print_lines
+from registration.camera_frame import check_frame, read_frame
+from registration.lens.decode import decoded
+
+
+def check(
+    picture: Annotated[Path, typer.Argument(help="Picture of the insert.", show_default=False)],
+    frame: FrameFile,
+    limit_um: LimitOption = 50.0,
+    as_json: JsonFlag = False,
+) -> None:
+    """Compare a picture's marks with the frame's: a bumped camera, a moved insert, another focus.
+
+    Marks may be hidden, as long as four around the dish are seen.
+    """
+    held = read_frame(frame)
+    answer = check_frame(decoded(picture), held, picture, limit_um)
+    age = held.age_days(datetime.now(UTC))
+    if as_json:
+        number = {"moved_um": answer.moved_um, "u_um": answer.u_um}
+        print_json({
+            "holds": answer.holds, "marks": answer.marks, "why": answer.why,
+            "notes": answer.notes, "age_days": age,
+            **{name: one if math.isfinite(one) else None for name, one in number.items()},
+        })  # fmt: skip
+    else:
+        moved = (
+            "" if math.isnan(answer.moved_um)
+            else f": moved {answer.moved_um:.0f} µm at the dish (± {2 * answer.u_um:.0f} µm), "
+            f"{answer.marks} marks"
+        )  # fmt: skip
+        verdict = "holds" if answer.holds else "does not hold"
+        print_lines(
+            f"the frame of {age:.1f} days ago {verdict}{moved}",
+            *answer.why,
+            *answer.notes,
+        )
+    if not answer.holds:
+        raise typer.Exit(3)

@@ -1,0 +1,182 @@
+"""`printctl observe frame`: fit where a camera stands over the printer."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from printctl.calibration.patterns import read_pattern
+from printctl.cli.options import JsonFlag, messages, print_json, print_lines, three_numbers
+from printctl.errors import UsageError
+from registration.camera_frame import (
+    Bath,
+    CameraFrame,
+    Insert,
+    PrintedLine,
+    SeenMarks,
+    Ties,
+    Touch,
+    find_crossings,
+    find_marks,
+    fit_frame,
+    merged,
+    read_insert,
+    write_frame,
+)
+from registration.lens import Lens, read_lens
+from registration.lens.decode import decoded
+
+_T95: Final = 1.96
+_MISFIT_PX: Final = 1.0
+
+
+def frame(
+    pictures: Annotated[
+        list[Path], typer.Argument(help="Pictures of the insert, nothing moved between them.")
+    ],
+    lens: Annotated[Path, typer.Option("--lens", help="File of `printctl calibrate camera`.")],
+    insert: Annotated[Path, typer.Option("--insert", help="File of `printctl observe insert`.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="YAML file to write.")],
+    touched: Annotated[
+        list[str] | None,
+        typer.Option("--touched", metavar="CROSS=X,Y[,Z]",
+                     help="Printer's position with the tip on a cross (left, right, front, back); "
+                     "two or more, with Z where the tip touches the plate."),
+    ] = None,
+    u_touch_mm: Annotated[
+        float, typer.Option("--u-touch-mm", help="Standard uncertainty of a touched place.", min=0)
+    ] = 0.05,
+    printed: Annotated[
+        Path | None,
+        typer.Option("--printed", help="A print in the dish instead: the .json of `calibrate "
+                     "pattern`; its frame's lines are looked for."),
+    ] = None,
+    printed_at: Annotated[
+        str | None, typer.Option("--printed-at", metavar="X,Y,Z", help="Its --at.")
+    ] = None,
+    at: Annotated[
+        str, typer.Option("--at", metavar="X,Y,Z", help="Insert's middle and its marks' height, "
+                          "printer's frame, about; touched crosses tell it better.")
+    ] = "0,0,0",
+    u_z_mm: Annotated[
+        float, typer.Option("--u-z-mm", help="Standard uncertainty of --at's Z.", min=0.001)
+    ] = 0.2,
+    measured: Annotated[
+        str | None,
+        typer.Option("--measured", metavar="MM[,U]", help="Measured from the left to the right "
+                     "cross, and its standard uncertainty (0.03 mm)."),
+    ] = None,
+    bath_surface_z_mm: Annotated[
+        float | None,
+        typer.Option("--bath-surface-z-mm", help="Surface of a clear bath above the ink, printer's "
+                     "frame: refraction is taken into account."),
+    ] = None,
+    index: Annotated[
+        float, typer.Option("--index", help="Refractive index of the bath.", min=1, max=2)
+    ] = 1.333,
+    as_json: JsonFlag = False,
+) -> None:  # fmt: skip
+    """Fit a camera's place over the printer to pictures of a dish insert.
+
+    Without touched crosses and without a print the frame is the insert's own, moved to --at.
+    """
+    if touched and printed is not None:
+        raise UsageError("give crosses (--touched) or a print (--printed), not both")
+    optics, drawn = read_lens(lens), _measured(read_insert(insert), measured)
+    images = [decoded(path) for path in pictures]
+    marks = merged(
+        [
+            find_marks(image, drawn, optics, path)
+            for image, path in zip(images, pictures, strict=True)
+        ]
+    )
+    x, y, z = three_numbers(at, "--at")
+    bath = None if bath_surface_z_mm is None else Bath(surface_z_mm=bath_surface_z_mm, index=index)
+    ties = Ties(
+        touches=[_touch(word, u_touch_mm) for word in touched or []],
+        z_mm=z, u_z_mm=u_z_mm, at_mm=(x, y), bath=bath,
+    )  # fmt: skip
+    now = datetime.now(UTC)
+    if printed is not None:
+        lines = _lines(printed, printed_at)
+        first = fit_frame(marks, drawn, optics, ties, now)
+        crossings = find_crossings(images[0], first.view, lines)
+        ties = Ties(printed=crossings, z_mm=z, u_z_mm=u_z_mm, at_mm=(x, y), bath=bath)
+    found = fit_frame(marks, drawn, optics, ties, now)
+    write_frame(out, found)
+    _tell(found, marks, optics, drawn, as_json)
+    messages().print(f"wrote {out}", markup=False)
+
+
+def _measured(drawn: Insert, said: str | None) -> Insert:
+    if said is None:
+        return drawn
+    try:
+        length, *more = (float(word) for word in said.split(","))
+    except ValueError as exc:
+        raise UsageError(f"--measured {said!r} isn't MM or MM,U; write it like 66.61,0.03") from exc
+    if len(more) > 1 or length <= 0 or any(u <= 0 for u in more):
+        raise UsageError(f"--measured {said!r} isn't MM or MM,U; write it like 66.61,0.03")
+    return drawn.measured("left", length, more[0] if more else 0.03)
+
+
+def _touch(word: str, u_mm: float) -> Touch:
+    name, _, numbers = word.partition("=")
+    try:
+        x, y, *z = (float(part) for part in numbers.split(","))
+    except ValueError as exc:
+        raise UsageError(
+            f"--touched {word!r} isn't CROSS=X,Y or CROSS=X,Y,Z; write it like left=66.7,100.1,4.2"
+        ) from exc
+    if len(z) > 1:
+        raise UsageError(f"--touched {word!r} has more than X, Y and Z")
+    return Touch(name, x, y, z[0] if z else None, max(u_mm, 1e-4))
+
+
+def _lines(path: Path, at: str | None) -> list[PrintedLine]:
+    """The four sides of a calibration pattern's frame, printer's frame."""
+    if at is None:
+        raise UsageError("--printed needs --printed-at X,Y,Z: the --at of `calibrate pattern`")
+    x, y, z = three_numbers(at, "--printed-at")
+    pattern = read_pattern(path).pattern
+    found = []
+    for stroke in pattern.of_role("frame"):
+        for a, b in zip(stroke.points[:-1], stroke.points[1:], strict=True):
+            ends = [(x + float(p[0]), y + float(p[1]), z + float(p[2])) for p in (a, b)]
+            found.append(PrintedLine(ends[0], ends[1], pattern.bead.width_mm))
+    return found
+
+
+def _tell(found: CameraFrame, marks: SeenMarks, lens: Lens, drawn: Insert, as_json: bool) -> None:
+    notes = []
+    if lens.covariance is None:
+        notes.append(
+            "the lens file doesn't say how well its numbers are known; fit it to five pictures of "
+            "a board, tilted by 20 to 40 degrees to different sides (printctl calibrate camera)"
+        )
+    if found.tied == "insert":
+        notes.append("places are the insert's, moved to --at: nothing ties them to the printer")
+    if found.off_px > _MISFIT_PX:
+        notes.append(f"marks are off by {found.off_px:.1f} pixels: is the insert flat?")
+    scale = found.insert_scale / drawn.scale - 1
+    if abs(scale) > 3 * drawn.u_scale:
+        notes.append(f"the insert is {100 * scale:+.2f} % larger than it should be; measure it")
+    if as_json:
+        print_json({
+            "um_per_px": found.um_per_px, "u_um": 1e3 * found.u_mm, "marks": len(marks.index),
+            "off_px": found.off_px, "insert_scale": found.insert_scale, "tied": found.tied,
+            "eye_mm": found.eye_mm, "notes": notes,
+        })  # fmt: skip
+        return
+    print_lines(
+        f"camera to printer   ± {1e3 * _T95 * found.u_mm:.0f} µm (95 %, along the worst axis, in "
+        "the dish)",
+        f"scale               {found.um_per_px:.1f} µm a pixel in the dish's middle",
+        f"marks               {len(marks.index)} of {len(drawn.marks)}, off by "
+        f"{found.off_px:.2f} pixels",
+        f"insert              {100 * (found.insert_scale - 1):+.2f} % against its drawing",
+        *notes,
+    )
