@@ -26,6 +26,8 @@ _SIDE = 0.15
 _TAILS: Final = (0.02, 0.005)
 _FEWEST = 40
 _FAKES = 400
+_UNLEARNED = 1.5
+"""Ink that isn't there may scatter by so much more than bath."""
 END: Final = 0.3
 """Of a width: so near to an end less ink is no sign."""
 
@@ -148,18 +150,24 @@ def window_means(
 
 
 def window_noise(
-    values: FloatArray, good: BoolArray, ways: Ways, bath_values: FloatArray | None, gap_mm: float
+    values: FloatArray,
+    good: BoolArray,
+    ways: Ways,
+    bath_values: FloatArray | None,
+    gap_mm: float,
+    known: bool,
 ) -> WindowNoise | None:
-    """Measure scatter; None where there is too little ink.
+    """Measure scatter; None where there is too little ink, unless ink's look is known.
 
     Missing ink lowers presence, so that the upper half of all values is that of ink; the lower half
     counts as far as it is ink at all. The tails are measured, not taken for normal.
     """
     step = float(np.median(ways.step))
     lengths, spreads = [], []
-    middle = float(np.median(values[good & (values > INK)])) if good.any() else np.nan
-    if not middle > 0:
-        return None
+    ink_values = values[good & (values > INK)]
+    if len(ink_values) < _FEWEST:
+        return _known_noise(bath_values, step, gap_mm) if known else None
+    middle = float(np.median(ink_values))
     for size in (0.5, 1.0, 2.0, 4.0, 8.0):
         count = max(1, round(size * gap_mm / step))
         means = window_means(values, good, ways.run, count)
@@ -169,14 +177,26 @@ def window_noise(
         lengths.append(count * step)
         spreads.append(_spread(ink))
     if not spreads:
-        return None
-    count = max(1, round(gap_mm / step))
-    bath = 0.0
-    if bath_values is not None:
-        fake = bath_values.reshape(-1, 8)
-        bath = _spread(fake[:, : min(8, count)].mean(axis=1))
+        return _known_noise(bath_values, step, gap_mm) if known else None
+    bath = 0.0 if bath_values is None else _bath_spread(bath_values, step, gap_mm)
     spread = np.minimum.accumulate(np.array(spreads))
     return WindowNoise(np.array(lengths), middle, spread, bath)
+
+
+def _known_noise(
+    bath_values: FloatArray | None, step: float, gap_mm: float
+) -> WindowNoise | None:
+    """Scatter by the bath alone, for ink whose look is known and of which there is none."""
+    if bath_values is None:
+        return None
+    bath = _bath_spread(bath_values, step, gap_mm)
+    return WindowNoise(np.array([gap_mm]), 1.0, np.array([_UNLEARNED * bath]), bath)
+
+
+def _bath_spread(values: FloatArray, step: float, gap_mm: float) -> float:
+    """Standard deviation of bath over a tolerated gap; eight places a line."""
+    count = min(8, max(1, round(gap_mm / step)))
+    return _spread(values.reshape(-1, 8)[:, :count].mean(axis=1))
 
 
 def _spread(values: FloatArray) -> float:

@@ -31,7 +31,7 @@ from registration.layer_images.plane_map import PlaneMap
 from registration.layer_images.presence import INK, Sides
 from registration.layer_images.stations import Grouping, station_widths
 from registration.layer_images.stretches import find_stretches, width_ratio
-from registration.layer_images.told import Ground, Told, tell_ink
+from registration.layer_images.told import Ground, Told, differs_enough, tell_ink
 from registration.layer_images.values import (
     Appearance,
     BoolArray,
@@ -55,7 +55,7 @@ from registration.layer_images.widths import Widths
 from registration.layer_images.working import Masks, Working, WorkingFrame, prepare
 
 _STEPS_IN_GAP: Final = 4
-_SAME_PX: Final = 0.15
+_SAME_PX: Final = 0.4
 """A shift that changes by less isn't followed further."""
 _ROUNDS: Final = 3
 _MOST_OLD: Final = 0.3
@@ -194,6 +194,7 @@ def _look(
         touching = Sides(np.full(len(ways), 0.5), np.full(len(ways), 0.5))
         on_old = replace(ground, free=alone, known=None)
         old = tell_ink(on_old, ways, seen, touching, over_old, rng)
+        old = old if old is not None and differs_enough(old, bath) else None
     joined = _joined(len(ways), over_old, bath, old)
     group = Grouping.of_ways(ways, joined[3] == Unseen.SEEN)
     widths = station_widths(

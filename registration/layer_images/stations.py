@@ -125,7 +125,8 @@ def station_widths(
     tell = whole & (ink > INK * bath.noise.middle) & np.isfinite(mean).all(axis=1)
     left, right = sides.levels(profiles, px_width)
     left, right = group.mean(left, use & np.isfinite(left)), group.mean(right, use & np.isfinite(right))
-    tell &= np.isfinite(left) & np.isfinite(right)
+    # Where neighbours leave too little bath for a level of its own, that of all bath counts.
+    left, right = np.nan_to_num(left), np.nan_to_num(right)
     tilt = 0.5 * (left + right)[:, None] + 0.5 * (left - right)[:, None] * np.clip(ACROSS, -1, 1)
     level = _linear(np.where(tell[:, None], mean - tilt, 0.0), bath.log_step).astype(np.float32)
     return measure_widths(

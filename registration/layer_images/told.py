@@ -32,6 +32,8 @@ _MOST_SATURATED = 0.3
 _FEWEST = 20
 _PLENTY = 15.0
 """A contrast from which on no other mix of the channels is tried."""
+_OWN_LOOK = 0.3
+"""Of the difference of ink and bath that fresh ink must show over older ink."""
 _WEAK = 0.4
 """Of the usual strength: lines along the light that ridges are told by aren't seen."""
 _HIT = 0.2
@@ -65,6 +67,8 @@ class Told:
         Of a place's level in the image, at a single place across.
     log_step : float
         Logarithm of ink's brightness over the bath's; 0 where the picture isn't in logarithms.
+    ink : (c,) float64
+        Level of ink over the background in each channel.
     """
 
     image: FloatImage
@@ -79,6 +83,7 @@ class Told:
     appearance: Appearance
     bath_spread: float
     log_step: float
+    ink: FloatArray
 
 
 @dataclass(frozen=True)
@@ -156,7 +161,8 @@ def _by_mix(
     scale = np.float32(template.scale)
     image, profiles = mixed / scale, profiles / scale
     fakes = _fake_profiles(image, ground, width_px, ways, rng)
-    noise_across = np.cov(fakes[0].T) if fakes is not None else None
+    texture = not template.filled and fakes is not None
+    noise_across = np.cov(fakes[0][::4].T) if texture and fakes is not None else None
     weights, strength = template.weights(angle, noise_across)
     why[(why == Unseen.SEEN) & (strength < _WEAK * np.percentile(strength, 90))] = int(Unseen.FAINT)
     left, right = sides.levels(profiles, ways.width * ground.work.px_per_mm)
@@ -168,7 +174,9 @@ def _by_mix(
         inner = fakes[0][:, WITHIN]
         bath_spread = 1.4826 * float(np.median(np.abs(inner - np.median(inner))))
     good = use & (why == Unseen.SEEN)
-    noise, contrast = window_noise(present, good, ways, fake_present, ground.gap_mm), 0.0
+    noise, contrast = window_noise(
+        present, good, ways, fake_present, ground.gap_mm, known is not None
+    ), 0.0
     if noise is not None:
         contrast = noise.contrast(ground.gap_mm)
         places = max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
@@ -177,8 +185,19 @@ def _by_mix(
     look = Appearance(mix, template.terms * template.scale, template.filled)
     return Told(
         image, profiles, present, plain, why, template, noise, contrast, strange, look, bath_spread,
-        _log_step(mix, ink, ground.work.is_log),
+        _log_step(mix, ink, ground.work.is_log), ink,
     )  # fmt: skip
+
+
+def differs_enough(told: Told, bath: Told | None) -> bool:
+    """Whether fresh ink differs from older ink by more than edges and focus do.
+
+    Older ink of the same kind looks as a line would that isn't there.
+    """
+    if bath is None:
+        return True
+    usual = abs(float(told.appearance.mix @ bath.ink))
+    return abs(told.template.scale) > _OWN_LOOK * usual
 
 
 def _fits(known: Appearance | None, channels: int) -> bool:
