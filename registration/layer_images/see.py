@@ -34,6 +34,7 @@ from registration.layer_images.stretches import find_stretches, width_ratio
 from registration.layer_images.told import Ground, Told, differs_enough, tell_ink
 from registration.layer_images.values import (
     Appearance,
+    Blob,
     BoolArray,
     ExpectedLines,
     FloatArray,
@@ -47,7 +48,6 @@ from registration.layer_images.values import (
     Outlines,
     SeeingOptions,
     Shift,
-    Stations,
     Unseen,
 )
 from registration.layer_images.ways import Seen, Ways, check_lines, lay_ways
@@ -219,7 +219,7 @@ def _joined(
         present[rows], plain[rows] = told.present[rows], told.plain[rows]
         profiles[rows] = told.profiles[rows]
         why[rows] = np.where(
-            (told.why[rows] == Unseen.SEEN) & (told.noise is None), int(faint), told.why[rows]
+            (told.why[rows] == Unseen.SEEN) & told.faint, int(faint), told.why[rows]
         )
     return present, plain, profiles, why
 
@@ -295,8 +295,9 @@ def _gaps(
     needed = options.false_rate / places
     for told, rows in ((look.bath, ~look.over_old), (look.old, look.over_old)):
         if told is not None and told.noise is not None:
+            clear = rows & (good if not told.faint else told.why == Unseen.SEEN)
             gaps, unclear = find_gaps(
-                look.present, good & rows, look.ways, told.noise, options.gap_mm, needed
+                look.present, clear, look.ways, told.noise, options.gap_mm, needed
             )
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)
@@ -307,7 +308,7 @@ def _gaps(
     return found
 
 
-def _blobs(look: _Look, options: SeeingOptions) -> tuple[tuple, BoolArray]:
+def _blobs(look: _Look, options: SeeingOptions) -> tuple[tuple[Blob, ...], BoolArray]:
     told = look.bath
     nothing = np.zeros(look.work.shape, dtype=np.bool_)
     if told is None or told.noise is None or not told.template.filled:

@@ -34,6 +34,8 @@ _PLENTY = 15.0
 """A contrast from which on no other mix of the channels is tried."""
 _OWN_LOOK = 0.3
 """Of the difference of ink and bath that fresh ink must show over older ink."""
+_LONG = 6.0
+"""Tolerated gaps: a length of which one must be told, for a look to be worth anything."""
 _WEAK = 0.4
 """Of the usual strength: lines along the light that ridges are told by aren't seen."""
 _HIT = 0.2
@@ -69,6 +71,8 @@ class Told:
         Logarithm of ink's brightness over the bath's; 0 where the picture isn't in logarithms.
     ink : (c,) float64
         Level of ink over the background in each channel.
+    faint : bool
+        Whether a gap that is just tolerated might be missed; longer ones may still be told.
     """
 
     image: FloatImage
@@ -84,6 +88,7 @@ class Told:
     bath_spread: float
     log_step: float
     ink: FloatArray
+    faint: bool
 
 
 @dataclass(frozen=True)
@@ -174,18 +179,21 @@ def _by_mix(
         inner = fakes[0][:, WITHIN]
         bath_spread = 1.4826 * float(np.median(np.abs(inner - np.median(inner))))
     good = use & (why == Unseen.SEEN)
-    noise, contrast = window_noise(
-        present, good, ways, fake_present, ground.gap_mm, known is not None
-    ), 0.0
+    noise, contrast = (
+        window_noise(present, good, ways, fake_present, ground.gap_mm, known is not None),
+        0.0,
+    )
+    faint = True
     if noise is not None:
         contrast = noise.contrast(ground.gap_mm)
         places = max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
-        if not noise.can_tell(ground.gap_mm, ground.rate / places):
+        faint = not noise.can_tell(ground.gap_mm, ground.rate / places)
+        if faint and not noise.can_tell(_LONG * ground.gap_mm, ground.rate / places):
             noise = None
     look = Appearance(mix, template.terms * template.scale, template.filled)
     return Told(
         image, profiles, present, plain, why, template, noise, contrast, strange, look, bath_spread,
-        _log_step(mix, ink, ground.work.is_log), ink,
+        _log_step(mix, ink, ground.work.is_log), ink, faint,
     )  # fmt: skip
 
 
@@ -210,9 +218,7 @@ def _known_template(known: Appearance) -> Template:
     return Template(known.terms / scale, scale, known.filled)
 
 
-def _ink_levels(
-    smooth: FloatImage, bath: BathNoise, seen: Seen, use: BoolArray
-) -> FloatArray:
+def _ink_levels(smooth: FloatImage, bath: BathNoise, seen: Seen, use: BoolArray) -> FloatArray:
     """Ink less bath of each channel in the middle of lines, (c,)."""
     middle = np.zeros((1, 1))
     out = np.zeros(smooth.shape[2])
@@ -223,7 +229,7 @@ def _ink_levels(
 
 
 def _log_step(mix: FloatArray, ink: FloatArray, is_log: bool) -> float:
-    """Logarithm of ink's brightness over the bath's, as the mixed image weighs channels; 0: none."""
+    """Logarithm of ink's brightness over the bath's, by the weights of the channels; 0: none."""
     weight = np.abs(mix * ink)
     if not is_log or weight.sum() <= 0:
         return 0.0

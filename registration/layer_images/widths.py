@@ -46,9 +46,7 @@ class Widths:
     @property
     def u_mm(self) -> FloatArray:
         """Standard uncertainty of each, (m,), mm."""
-        return np.sqrt(
-            self.random_mm**2 + (self.common * self.width_mm) ** 2 + self.common_mm**2
-        )
+        return np.sqrt(self.random_mm**2 + (self.common * self.width_mm) ** 2 + self.common_mm**2)
 
 
 def measure_widths(
