@@ -6,6 +6,7 @@ from typing import Final, Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import norm
 
 from registration.layer_images.plane_map import PlaneMap
@@ -74,6 +75,8 @@ def find_blobs(
         if kind == "object":
             big[box] |= own
         height = float(smooth[box][own].mean())
+        if kind != "object" and not _has_edge(smooth, area, labels, k, stats[k], width_px, height):
+            continue
         at = place.to_printer(middles[k][None])[0]
         blobs.append(
             Blob(
@@ -86,6 +89,27 @@ def find_blobs(
             )
         )
     return tuple(blobs), big
+
+
+def _has_edge(
+    smooth: FloatImage,
+    area: BoolArray,
+    labels: NDArray[np.int32],
+    number: int,
+    stats: NDArray[np.int32],
+    width_px: float,
+    height: float,
+) -> bool:
+    """Whether the bath around a find is much lower: shade that fades has no edge."""
+    near, far = (max(1, round(part * width_px)) for part in (0.3, 0.9))
+    x, y, wide, high = (int(v) for v in stats[:4])
+    box = np.s_[max(0, y - far) : y + high + far, max(0, x - far) : x + wide + far]
+    own = (labels[box] == number).astype(np.uint8)
+    inner, outer = (
+        cv2.dilate(own, np.ones((2 * k + 1, 2 * k + 1), np.uint8)) > 0 for k in (near, far)
+    )
+    ring = outer & ~inner & area[box]
+    return not ring.any() or float(smooth[box][ring].mean()) < 0.5 * height
 
 
 def _bath_level(values: FloatImage) -> tuple[float, float]:

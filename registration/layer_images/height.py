@@ -16,8 +16,8 @@ from registration.scan import Scan
 _SPECKLE: Final = 3
 """Voxels over which a surface is looked for, each way."""
 _LEAST_SLAB: Final = 2
-_EDGE: Final = 0.4
-"""Of the way from dark to bright at which a surface lies: deep gel is dimmer."""
+_EDGE: Final = 0.5
+"""Of the way from dark to bright at which a surface lies."""
 
 
 @dataclass(frozen=True)

@@ -128,6 +128,11 @@ class Template:
         return np.asarray(self.terms[0])
 
     @property
+    def one_sided(self) -> bool:
+        """Whether it hangs on the direction of a line."""
+        return bool(np.any(self.terms[1:]))
+
+    @property
     def even(self) -> bool:
         """Whether edges look alike on both sides, so that widths can be told."""
         inner = self.terms[:, WITHIN] ** 2

@@ -136,6 +136,8 @@ def _local(rest: FloatArray, share: FloatArray, is_bath: BoolArray) -> FloatArra
     if not len(known):
         return np.zeros_like(rest)
     spread = 1.4826 * float(np.median(np.abs(known - np.median(known)))) + 1e-9
-    weight = weight * (np.abs(rest) < 5.0 * spread)
+    filled = np.where(weight > 0, rest, 0.0).astype(np.float32)
+    around = cv2.medianBlur(filled, 5) if min(rest.shape) >= 5 else filled
+    weight = weight * (np.abs(rest - around) < 5.0 * spread)
     total = cv2.GaussianBlur(weight * np.where(weight > 0, rest, 0.0), (0, 0), _LOCAL_CELLS)
     return np.asarray(total / (cv2.GaussianBlur(weight, (0, 0), _LOCAL_CELLS) + _PRIOR))

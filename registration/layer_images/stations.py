@@ -144,6 +144,7 @@ def station_widths(
         bath.template,
         1.0 / work.px_per_mm,
         _noise(level, tell, sides, group),
+        work.is_log,
     )
 
 

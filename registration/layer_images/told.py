@@ -16,6 +16,7 @@ from registration.layer_images.ink_image import (
     mixes_of,
 )
 from registration.layer_images.presence import (
+    INK,
     Sides,
     WindowNoise,
     fake_places,
@@ -36,6 +37,8 @@ _OWN_LOOK = 0.3
 """Of the difference of ink and bath that fresh ink must show over older ink."""
 _LONG = 6.0
 """Tolerated gaps: a length of which one must be told, for a look to be worth anything."""
+_SECTORS = 12
+_LEAST_INK = 0.7
 _WEAK = 0.4
 """Of the usual strength: lines along the light that ridges are told by aren't seen."""
 _HIT = 0.2
@@ -178,6 +181,8 @@ def _by_mix(
         fake_present = (fakes[0] * own).sum(axis=1).astype(np.float64)
         inner = fakes[0][:, WITHIN]
         bath_spread = 1.4826 * float(np.median(np.abs(inner - np.median(inner))))
+    if template.one_sided:
+        why[(why == Unseen.SEEN) & _unlearned(angle, present)] = int(Unseen.FAINT)
     good = use & (why == Unseen.SEEN)
     noise, contrast = (
         window_noise(present, good, ways, fake_present, ground.gap_mm, known is not None),
@@ -188,13 +193,26 @@ def _by_mix(
         contrast = noise.contrast(ground.gap_mm)
         places = max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
         faint = not noise.can_tell(ground.gap_mm, ground.rate / places)
-        if faint and not noise.can_tell(_LONG * ground.gap_mm, ground.rate / places):
+        short_only = faint and template.one_sided
+        if short_only or faint and not noise.can_tell(_LONG * ground.gap_mm, ground.rate / places):
             noise = None
     look = Appearance(mix, template.terms * template.scale, template.filled)
     return Told(
         image, profiles, present, plain, why, template, noise, contrast, strange, look, bath_spread,
         _log_step(mix, ink, ground.work.is_log), ink, faint,
     )  # fmt: skip
+
+
+def _unlearned(angle: FloatArray, present: FloatArray) -> BoolArray:
+    """Places of directions in which hardly any line looks as it should, (n,).
+
+    Light from the side shows lines by their slopes; what a direction looks like is known only where
+    lines of it were seen.
+    """
+    sector = np.floor((angle + np.pi) / (2 * np.pi) * _SECTORS).astype(np.int64) % _SECTORS
+    number = np.bincount(sector, minlength=_SECTORS)
+    ink = np.bincount(sector, weights=present > INK, minlength=_SECTORS)
+    return np.asarray((ink < _LEAST_INK * np.maximum(number, _FEWEST))[sector])
 
 
 def differs_enough(told: Told, bath: Told | None) -> bool:

@@ -18,6 +18,8 @@ from registration.microscope.shade import Shade, fit_shade
 _FEWEST = 8
 _EDGE_PX = 0.15
 """Of a pixel: what the edge's place may be off by in the picture itself."""
+_EDGE_VOXEL = 0.6
+"""The same of a voxel, in a map of what an OCT sees first."""
 _MISFIT = 0.08
 
 
@@ -57,6 +59,7 @@ def measure_widths(
     template: Template,
     px_mm: float,
     noise: float,
+    is_light: bool,
 ) -> Widths:
     """Measure widths where they can be told.
 
@@ -73,6 +76,8 @@ def measure_widths(
         A working pixel.
     noise : float
         Scatter of a station's single value.
+    is_light : bool
+        Whether the picture is one of light, and not a map of heights.
     """
     count = len(profiles)
     nothing = np.full(count, np.nan)
@@ -83,7 +88,9 @@ def measure_widths(
     good = tell & np.isfinite(wide)
     if good.sum() < _FEWEST:
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
-    width, common, common_mm = _true_widths(profiles, expected_mm, wide, good, template, px_mm)
+    width, common, common_mm = _true_widths(
+        profiles, expected_mm, wide, good, template, px_mm, is_light
+    )
     by_noise = np.sqrt(2.0) * noise / np.maximum(slope, 0.3) * expected_mm
     random = np.hypot(by_noise, 0.1 * px_mm)
     seen = _scatter(width, stroke, good)
@@ -144,19 +151,23 @@ def _true_widths(
     good: BoolArray,
     template: Template,
     px_mm: float,
+    is_light: bool,
 ) -> tuple[FloatArray, float, float]:
     """Widths from widths at half level, relative and absolute uncertainty of all together."""
     typical = float(np.median(expected_mm[good]))
+    edge_px = _EDGE_PX if is_light else _EDGE_VOXEL
     if not template.filled:
-        return wide, 0.06, _EDGE_PX * px_mm
+        return wide, 0.08, edge_px * px_mm
+    if not is_light:
+        return wide, 0.03, edge_px * px_mm
     alike = good & (np.abs(expected_mm - typical) < 0.15 * typical)
     mean = np.median(profiles[alike], axis=0).astype(np.float64)
     near = np.abs(ACROSS) <= 1.2
     shade = fit_shade(ACROSS[near] * typical, [mean[near]], [float(np.median(wide[alike]))], px_mm)
     width = np.where(good, shade.diameter(np.where(good, wide, np.nan)), np.nan)
     bent = float(np.nanmedian(np.abs(width / wide - 1.0)))
-    common = float(np.hypot(min(shade.spread, 0.05), 0.3 * bent + 0.3 * max(0, _doubt(shade))))
-    return width, common, _EDGE_PX * px_mm
+    common = float(np.hypot(min(shade.spread, 0.05), 0.2 * bent + 0.3 * _doubt(shade)))
+    return width, common, edge_px * px_mm
 
 
 def _doubt(shade: Shade) -> float:
