@@ -20,6 +20,8 @@ _BIG: Final = 3.0
 """Widths from its edge to its inside: no line leaves so much."""
 _DRAWN_OUT: Final = 3.0
 _MOST: Final = 200
+_OUTSIDE: Final = 0.25
+"""Of a find's level, below which its surroundings lie."""
 
 
 def find_blobs(
@@ -75,7 +77,7 @@ def find_blobs(
         if kind == "object":
             big[box] |= own
         height = float(smooth[box][own].mean())
-        if kind != "object" and not _has_edge(smooth, area, labels, k, stats[k], width_px, height):
+        if not _has_edge(smooth, area, labels, k, stats[k], width_px, height):
             continue
         at = place.to_printer(middles[k][None])[0]
         blobs.append(
@@ -109,7 +111,7 @@ def _has_edge(
         cv2.dilate(own, np.ones((2 * k + 1, 2 * k + 1), np.uint8)) > 0 for k in (near, far)
     )
     ring = outer & ~inner & area[box]
-    return not ring.any() or float(smooth[box][ring].mean()) < 0.5 * height
+    return not ring.any() or float(smooth[box][ring].mean()) < _OUTSIDE * height
 
 
 def _bath_level(values: FloatImage) -> tuple[float, float]:

@@ -132,12 +132,6 @@ class Template:
         """Whether it hangs on the direction of a line."""
         return bool(np.any(self.terms[1:]))
 
-    @property
-    def even(self) -> bool:
-        """Whether edges look alike on both sides, so that widths can be told."""
-        inner = self.terms[:, WITHIN] ** 2
-        return bool(inner[0].sum() > 0.5 * inner.sum())
-
     def rows(self, angle: FloatArray) -> FloatArray:
         """Template of each direction, (n, 61); 0 outside the line."""
         turned = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])

@@ -117,7 +117,7 @@ def station_widths(
 ) -> Widths:
     """Widths where a line is seen over bath with free sides."""
     nothing = np.full(len(group.count), np.nan)
-    if bath is None or bath.noise is None or not bath.template.even:
+    if bath is None or bath.noise is None or bath.template.one_sided:
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
     px_width = ways.width * work.px_per_mm
     room = 0.5 + _ROOM + 1.5 / px_width

@@ -37,6 +37,8 @@ _OWN_LOOK = 0.3
 """Of the difference of ink and bath that fresh ink must show over older ink."""
 _LONG = 6.0
 """Tolerated gaps: a length of which one must be told, for a look to be worth anything."""
+_ALONE = 0.8
+"""Widths to the next ink: nearer, and edges by which ink is told may be missing."""
 _SECTORS = 12
 _LEAST_INK = 0.7
 _WEAK = 0.4
@@ -181,6 +183,9 @@ def _by_mix(
         fake_present = (fakes[0] * own).sum(axis=1).astype(np.float64)
         inner = fakes[0][:, WITHIN]
         bath_spread = 1.4826 * float(np.median(np.abs(inner - np.median(inner))))
+    if not template.filled:
+        near = np.minimum(sides.left, sides.right) < _ALONE
+        why[(why == Unseen.SEEN) & (near | ways.corners())] = int(Unseen.FAINT)
     if template.one_sided:
         why[(why == Unseen.SEEN) & _unlearned(angle, present)] = int(Unseen.FAINT)
     good = use & (why == Unseen.SEEN)
@@ -193,8 +198,8 @@ def _by_mix(
         contrast = noise.contrast(ground.gap_mm)
         places = max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
         faint = not noise.can_tell(ground.gap_mm, ground.rate / places)
-        short_only = faint and template.one_sided
-        if short_only or faint and not noise.can_tell(_LONG * ground.gap_mm, ground.rate / places):
+        odd = faint and not template.filled
+        if odd or (faint and not noise.can_tell(_LONG * ground.gap_mm, ground.rate / places)):
             noise = None
     look = Appearance(mix, template.terms * template.scale, template.filled)
     return Told(

@@ -20,7 +20,9 @@ _EDGE_PX = 0.15
 """Of a pixel: what the edge's place may be off by in the picture itself."""
 _EDGE_VOXEL = 0.6
 """The same of a voxel, in a map of what an OCT sees first."""
-_MISFIT = 0.08
+_MISFIT = 0.1
+_SPREAD = 0.3
+"""A mean profile that fits a line's worse isn't one: its widths aren't told."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,8 @@ def measure_widths(
     width, common, common_mm = _true_widths(
         profiles, expected_mm, wide, good, template, px_mm, is_light
     )
+    if not np.isfinite(width[good]).any():
+        return Widths(nothing, nothing, nothing, 0.0, 0.0)
     by_noise = np.sqrt(2.0) * noise / np.maximum(slope, 0.3) * expected_mm
     random = np.hypot(by_noise, 0.1 * px_mm)
     seen = _scatter(width, stroke, good)
@@ -164,6 +168,8 @@ def _true_widths(
     mean = np.median(profiles[alike], axis=0).astype(np.float64)
     near = np.abs(ACROSS) <= 1.2
     shade = fit_shade(ACROSS[near] * typical, [mean[near]], [float(np.median(wide[alike]))], px_mm)
+    if shade.misfit > _MISFIT or shade.spread > _SPREAD:
+        return np.full(len(wide), np.nan), 0.0, 0.0
     width = np.where(good, shade.diameter(np.where(good, wide, np.nan)), np.nan)
     bent = float(np.nanmedian(np.abs(width / wide - 1.0)))
     common = float(np.hypot(min(shade.spread, 0.05), 0.2 * bent + 0.3 * _doubt(shade)))
@@ -172,7 +178,7 @@ def _true_widths(
 
 def _doubt(shade: Shade) -> float:
     """What a profile that no filament has may put widths off by, relative."""
-    return min(shade.misfit, _MISFIT)
+    return shade.misfit
 
 
 def _scatter(width: FloatArray, stroke: IntArray, good: BoolArray) -> float:
