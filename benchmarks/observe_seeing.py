@@ -87,7 +87,7 @@ def gaps(quick: bool) -> Iterator[Row]:
 
 def false(quick: bool) -> Iterator[Row]:
     """Findings on sound layers of all painters."""
-    count = 80 if quick else 1000
+    count = 40 if quick else 1000
     found: dict[str, int] = defaultdict(int)
     bad, seen = [], []
     for k in range(count):

@@ -19,6 +19,8 @@ _LEAST: Final = 0.3
 _BIG: Final = 3.0
 """Widths from its edge to its inside: no line leaves so much."""
 _DRAWN_OUT: Final = 3.0
+_NEAR_MM: Final = 1.2
+"""From a line: what lies further off isn't this layer's."""
 _MOST: Final = 200
 _OUTSIDE: Final = 0.25
 """Of a find's level, below which its surroundings lie."""
@@ -52,7 +54,8 @@ def find_blobs(
         False blobs per sound layer.
     """
     nothing = np.zeros(image.shape, dtype=np.bool_)
-    area = np.asarray((free > 0) & ~unseen)
+    away = cv2.distanceTransform((lines == 0).astype(np.uint8), cv2.DIST_L2, 3)
+    area = np.asarray((free > 0) & ~unseen & (away < _NEAR_MM / place.px_mm))
     smooth = cv2.GaussianBlur(image, (0, 0), max(0.8, 0.25 * width_px))
     some = smooth[area]
     if len(some) < 100:

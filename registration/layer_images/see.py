@@ -58,6 +58,8 @@ _STEPS_IN_GAP: Final = 4
 _SAME_PX: Final = 0.4
 """A shift that changes by less isn't followed further."""
 _ROUNDS: Final = 3
+_LIT_ASIDE: Final = 0.35
+"""Of a width: uncertainty of where a line lies that light from the side shows."""
 _MOST_OLD: Final = 0.3
 """Of a line's width over older ink: more, and it is judged against that."""
 
@@ -117,7 +119,7 @@ def see_layer(
             break
     else:
         look = _look(work, own, lines, ways, shift, options, known, rng)
-    return _findings(look, lines, lumens, shift, options)
+    return _findings(look, lumens, _honest(shift, look), options)
 
 
 @dataclass(frozen=True)
@@ -235,12 +237,17 @@ def _finer(look: _Look, shift: Shift, options: SeeingOptions, work: Working) -> 
     return Shift(shift.dx_mm + rest.dx_mm, shift.dy_mm + rest.dy_mm, rest.covariance_mm2)
 
 
+def _honest(shift: Shift, look: _Look) -> Shift:
+    """Widen the shift of lines lit from the side: their middle isn't seen."""
+    told = look.bath
+    if told is None or not told.template.one_sided:
+        return shift
+    u = _LIT_ASIDE * float(np.median(look.ways.width))
+    return replace(shift, covariance_mm2=shift.covariance_mm2 + u**2 * np.eye(2))
+
+
 def _findings(
-    look: _Look,
-    lines: ExpectedLines,
-    lumens: Sequence[Lumen],
-    shift: Shift,
-    options: SeeingOptions,
+    look: _Look, lumens: Sequence[Lumen], shift: Shift, options: SeeingOptions
 ) -> LayerFindings:
     ways, why = look.ways, look.why.copy()
     good = why == Unseen.SEEN
