@@ -8,6 +8,7 @@ are planted where asked.
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
 
@@ -36,6 +37,7 @@ class Pinhole:
     off_mm: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
     def to_pixels(self, points: np.ndarray) -> np.ndarray:
+        """Project."""
         p = np.asarray(points, float)
         plane = np.column_stack([p[:, :2] + self.off_mm, np.ones(len(p))])
         seen = plane @ self.matrix.T
@@ -89,7 +91,9 @@ def plan_layer(layout: str, size: float, width: float, rng: np.random.Generator)
     else:
         for k in range(int(size / (width * 3.5)) - 1):
             x = np.linspace(0.06, 0.94, 60) * size
-            y = (k + 1) * 3.5 * width + 0.6 * width * np.sin(x * rng.uniform(1, 3) + rng.uniform(0, 6))
+            y = (k + 1) * 3.5 * width + 0.6 * width * np.sin(
+                x * rng.uniform(1, 3) + rng.uniform(0, 6)
+            )
             paths.append(np.column_stack([x, y]))
     start = np.concatenate([p[:-1] for p in paths]) + (10, 20)
     end = np.concatenate([p[1:] for p in paths]) + (10, 20)
@@ -158,7 +162,7 @@ def thickness(
     radius = np.zeros(shape, np.float32)
     for s in np.unique(stroke):
         rows = np.flatnonzero(stroke == s)
-        for a, b in zip(rows[:-1], rows[1:]):
+        for a, b in itertools.pairwise(rows):
             if width[a] <= 0 and width[b] <= 0:
                 continue
             wide = max(width[a], width[b])
@@ -198,7 +202,9 @@ def camera(
     high = round((size + 3.0) * px)
     far = 60.0  # mm
     f = far * px
-    a, b, spin = np.deg2rad([rng.uniform(-tilt, tilt), rng.uniform(-tilt, tilt), rng.uniform(-20, 20)])
+    a, b, spin = np.deg2rad(
+        [rng.uniform(-tilt, tilt), rng.uniform(-tilt, tilt), rng.uniform(-20, 20)]
+    )
     rx = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
     ry = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
     rz = np.array([[np.cos(spin), -np.sin(spin), 0], [np.sin(spin), np.cos(spin), 0], [0, 0, 1]])
@@ -209,7 +215,9 @@ def camera(
     return Pinhole(inner @ place @ middle), (high, wide)
 
 
-def _texture(shape: tuple[int, int], rng: np.random.Generator, scales: tuple[float, ...]) -> np.ndarray:
+def _texture(
+    shape: tuple[int, int], rng: np.random.Generator, scales: tuple[float, ...]
+) -> np.ndarray:
     """Noise of several scales (px), standard deviation 1."""
     out = np.zeros(shape, np.float32)
     for scale in scales:
@@ -242,8 +250,15 @@ def random_look(kind: str, rng: np.random.Generator, contrast: float = 0.3) -> L
     way = rng.choice([-1.0, 1.0]) * rng.uniform(0.6, 1.4, 3)
     ink = bath * np.exp(way / np.abs(way).mean() * contrast * rng.uniform(1.0, 1.6))
     return Look(
-        kind, bool(rng.random() < 0.6), tuple(bath), tuple(ink), rng.uniform(0.01, 0.04),
-        rng.uniform(0.04, 0.2), rng.uniform(0.0, 0.35), rng.uniform(0.5, 1.2), rng.uniform(1.0, 3.0),
+        kind,
+        bool(rng.random() < 0.6),
+        tuple(bath),
+        tuple(ink),
+        rng.uniform(0.01, 0.04),
+        rng.uniform(0.04, 0.2),
+        rng.uniform(0.0, 0.35),
+        rng.uniform(0.5, 1.2),
+        rng.uniform(1.0, 3.0),
     )
 
 
@@ -262,10 +277,11 @@ def paint(
     bubbles: list[tuple[float, float, float]] | None = None,
     glare: list[tuple[float, float, float]] | None = None,
     needle: bool = False,
+    fine: float = 1.6,
 ) -> Painted:
     """Paint it; blobs, bubbles and glare as (x, y, radius) in mm of the printer."""
     frame, (high, wide) = camera(size, um_per_px, tilt, rng)
-    cell = um_per_px * 1e-3 / 1.6
+    cell = um_per_px * 1e-3 / fine
     origin = np.array([10.0, 20.0]) - 2.0
     count = round((size + 4.0) / cell)
     at, stroke, along, width = ink
@@ -317,7 +333,9 @@ def paint(
     )
 
 
-def _light(x: np.ndarray, y: np.ndarray, size: float, most: float, rng: np.random.Generator) -> np.ndarray:
+def _light(
+    x: np.ndarray, y: np.ndarray, size: float, most: float, rng: np.random.Generator
+) -> np.ndarray:
     u, v = (x - 10 - size / 2) / size * 2, (y - 20 - size / 2) / size * 2
     a = rng.uniform(0, 2 * np.pi)
     slope = most * 0.5 * (u * np.cos(a) + v * np.sin(a))
@@ -336,7 +354,9 @@ def _shade(
     cover = np.clip(0.5 - edge, 0, 1)[..., None]
     chord = np.sqrt(np.clip(1 - rel**2, 0, 1))[..., None]
     if look.kind == "opaque":
-        own = ink * (1 + 0.4 * look.texture * _texture(rel.shape, rng, (grain, 4 * grain))[..., None])
+        own = ink * (
+            1 + 0.4 * look.texture * _texture(rel.shape, rng, (grain, 4 * grain))[..., None]
+        )
         return ground * (1 - cover) + own * cover
     if look.kind == "absorbing":
         return ground * np.exp(np.log(ink / bath) * 1.3 * chord)
@@ -347,3 +367,21 @@ def _shade(
     gy, gx = np.gradient(height[..., 0], cell)
     slope = np.clip(gx * 0.8 + gy * 0.5, -1.2, 1.2)
     return ground * (1 + 0.3 * slope[..., None]) * (1 - 0.06 * chord)
+
+
+def plant_gaps(
+    plan: Plan, lengths: tuple[float, ...], rng: np.random.Generator
+) -> list[tuple[int, float, float]]:
+    """Places (stroke, from, to) for gaps, away from ends and from each other."""
+    found: list[tuple[int, float, float]] = []
+    way = np.hypot(*(plan.end - plan.start).T)
+    total = {int(s): float(way[plan.stroke == s].sum()) for s in np.unique(plan.stroke)}
+    for length in lengths:
+        s = int(rng.choice(list(total)))
+        free = float(plan.width.max()) + 0.05
+        if total[s] < length + 2 * free + 0.2:
+            continue
+        begin = float(rng.uniform(free, total[s] - length - free))
+        if all(o[0] != s or begin > o[2] + 0.5 or begin + length < o[1] - 0.5 for o in found):
+            found.append((s, begin, begin + length))
+    return found

@@ -164,8 +164,10 @@ def _legend(out: NDArray[np.uint8], findings: LayerFindings) -> None:
     size = max(out.shape[:2]) / 2400
     row = round(42 * size)
     ratio = findings.width_ratio
-    told = "width not told" if np.isnan(ratio) else (
-        f"width {100 * ratio:.0f} +- {200 * findings.u_width_ratio:.0f} %"
+    told = (
+        "width not told"
+        if np.isnan(ratio)
+        else (f"width {100 * ratio:.0f} +- {200 * findings.u_width_ratio:.0f} %")
     )
     lines = [
         f"seen {100 * findings.seen_share:.0f} %, {told}, {len(findings.gaps)} gaps, shift "

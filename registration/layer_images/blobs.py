@@ -6,6 +6,7 @@ from typing import Final, Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import norm
 
 from registration.layer_images.plane_map import PlaneMap
@@ -18,7 +19,11 @@ _LEAST: Final = 0.3
 _BIG: Final = 3.0
 """Widths from its edge to its inside: no line leaves so much."""
 _DRAWN_OUT: Final = 3.0
+_NEAR_MM: Final = 1.2
+"""From a line: what lies further off isn't this layer's."""
 _MOST: Final = 200
+_OUTSIDE: Final = 0.25
+"""Of a find's level, below which its surroundings lie."""
 
 
 def find_blobs(
@@ -49,7 +54,8 @@ def find_blobs(
         False blobs per sound layer.
     """
     nothing = np.zeros(image.shape, dtype=np.bool_)
-    area = np.asarray((free > 0) & ~unseen)
+    away = cv2.distanceTransform((lines == 0).astype(np.uint8), cv2.DIST_L2, 3)
+    area = np.asarray((free > 0) & ~unseen & (away < _NEAR_MM / place.px_mm))
     smooth = cv2.GaussianBlur(image, (0, 0), max(0.8, 0.25 * width_px))
     some = smooth[area]
     if len(some) < 100:
@@ -74,6 +80,8 @@ def find_blobs(
         if kind == "object":
             big[box] |= own
         height = float(smooth[box][own].mean())
+        if not _has_edge(smooth, area, labels, k, stats[k], width_px, height):
+            continue
         at = place.to_printer(middles[k][None])[0]
         blobs.append(
             Blob(
@@ -86,6 +94,27 @@ def find_blobs(
             )
         )
     return tuple(blobs), big
+
+
+def _has_edge(
+    smooth: FloatImage,
+    area: BoolArray,
+    labels: NDArray[np.int32],
+    number: int,
+    stats: NDArray[np.int32],
+    width_px: float,
+    height: float,
+) -> bool:
+    """Whether the bath around a find is much lower: shade that fades has no edge."""
+    near, far = (max(1, round(part * width_px)) for part in (0.3, 0.9))
+    x, y, wide, high = (int(v) for v in stats[:4])
+    box = np.s_[max(0, y - far) : y + high + far, max(0, x - far) : x + wide + far]
+    own = (labels[box] == number).astype(np.uint8)
+    inner, outer = (
+        cv2.dilate(own, np.ones((2 * k + 1, 2 * k + 1), np.uint8)) > 0 for k in (near, far)
+    )
+    ring = outer & ~inner & area[box]
+    return not ring.any() or float(smooth[box][ring].mean()) < _OUTSIDE * height
 
 
 def _bath_level(values: FloatImage) -> tuple[float, float]:

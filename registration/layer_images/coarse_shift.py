@@ -33,7 +33,7 @@ def coarse_shift(flat: FloatImage, fresh: Mask, blocked: Mask, reach_px: int) ->
     reach_px : int
         Farthest.
     """
-    shrink = max(1, int(np.sqrt(fresh.size / 3e5)))
+    shrink = max(1, int(np.sqrt(fresh.size / 2e5)))
     size = (fresh.shape[1] // shrink, fresh.shape[0] // shrink)
     known = 1.0 - cv2.resize(blocked.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     lines = cv2.resize(fresh.astype(np.float32), size, interpolation=cv2.INTER_AREA)

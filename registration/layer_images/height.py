@@ -16,6 +16,8 @@ from registration.scan import Scan
 _SPECKLE: Final = 3
 """Voxels over which a surface is looked for, each way."""
 _LEAST_SLAB: Final = 2
+_EDGE: Final = 0.5
+"""Of the way from dark to bright at which a surface lies."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,8 @@ def height_map(
     volume = _speckle_less(scan.volume)
     slab = _slab_mean(volume, level, half)
     bright = slab if scan.scale == "db" else np.log(slab + _floor(volume))
-    height = (_surface(volume, depth_per_mm < 0) - level) / depth_per_mm
+    height = _surface(volume, depth_per_mm < 0, _gel_level(volume, level, half)) - level
+    height = height / depth_per_mm
     return np.stack([bright, height.astype(np.float32)], axis=2), frame
 
 
@@ -123,11 +126,16 @@ def _floor(volume: FloatImage) -> np.float32:
     return np.float32(0.1 * max(float(np.median(some)), 1e-6) + 1e-6)
 
 
-def _surface(volume: FloatImage, from_first: bool) -> FloatImage:
+def _gel_level(volume: FloatImage, level: FloatArray, half: float) -> np.float32:
+    """Between what the darkest and the brightest parts of the layer's slab send back."""
+    first = min(max(0, int(level.min() - half)), len(volume) - 1)
+    last = min(max(first + 1, int(np.ceil(level.max() + half))), len(volume))
+    low, high = np.percentile(volume[first:last, ::3, ::3], [10, 98])
+    return np.float32(low + _EDGE * (high - low))
+
+
+def _surface(volume: FloatImage, from_first: bool, level: np.float32) -> FloatImage:
     """Depth, voxels, at which light first comes back, looking from above; (rows, columns)."""
-    some = volume[:: max(1, len(volume) // 16), ::4, ::4]
-    low, high = (max(float(v), 1e-6) for v in np.percentile(some, [10, 99]))
-    level = np.float32(np.sqrt(low * high) if low < 0.5 * high else 0.5 * (low + high))
     order = volume if from_first else volume[::-1]
     above = order > level
     first = above.argmax(axis=0)

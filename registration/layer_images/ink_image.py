@@ -1,8 +1,8 @@
 """Learn how ink differs from bath in a picture, and make one image of it: bath 0, ink about 1.
 
-The weights of the channels are Fisher's (1936, Ann. Eugen. 7, 179): the difference of the means over
-the spread within, both of places as large as a part of a line, so that a bath's texture counts as
-it will. Some of the lines may be missing: only those that look like ink are learned from.
+The weights of the channels are Fisher's (1936, Ann. Eugen. 7, 179): the difference of the means
+over the spread within, both of places as large as a part of a line, so that a bath's texture counts
+as it will. Some of the lines may be missing: only those that look like ink are learned from.
 """
 
 from __future__ import annotations
@@ -61,7 +61,10 @@ def channel_mix(
     u = width[use, None] * np.array([[-0.4, -0.2, 0.0, 0.2, 0.4]])
     picked = Seen(seen.at[use], seen.across[use], seen.along[use])
     ink = np.stack(
-        [picked.profiles(np.ascontiguousarray(smooth[:, :, c]), u).mean(axis=1) for c in range(count)],
+        [
+            picked.profiles(np.ascontiguousarray(smooth[:, :, c]), u).mean(axis=1)
+            for c in range(count)
+        ],
         axis=1,
     ).astype(np.float64)
     keep = np.ones(len(ink), dtype=np.bool_)
@@ -125,10 +128,9 @@ class Template:
         return np.asarray(self.terms[0])
 
     @property
-    def even(self) -> bool:
-        """Whether edges look alike on both sides, so that widths can be told."""
-        inner = self.terms[:, WITHIN] ** 2
-        return bool(inner[0].sum() > 0.5 * inner.sum())
+    def one_sided(self) -> bool:
+        """Whether it hangs on the direction of a line."""
+        return bool(np.any(self.terms[1:]))
 
     def rows(self, angle: FloatArray) -> FloatArray:
         """Template of each direction, (n, 61); 0 outside the line."""
@@ -198,5 +200,7 @@ def _scaled(terms: FloatArray) -> Template:
     core = float(smooth[np.abs(ACROSS) < 0.15].mean())
     scale = strongest if abs(strongest) > odd else odd
     if abs(scale) < 1e-12:
-        return Template(np.vstack([np.where(WITHIN, 1.0, 0.0), np.zeros((2, len(ACROSS)))]), 1.0, False)
+        return Template(
+            np.vstack([np.where(WITHIN, 1.0, 0.0), np.zeros((2, len(ACROSS)))]), 1.0, False
+        )
     return Template(terms / scale, scale, abs(core) > 0.6 * max(abs(strongest), odd))

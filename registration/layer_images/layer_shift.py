@@ -42,7 +42,8 @@ def fit_shift(
         off = np.abs(b - a @ best)
         spread = 1.4826 * float(np.median(off)) + 1e-9
         weight = np.minimum(1.0, 1.5 * spread / np.maximum(off, 1e-12))
-    return Shift(float(best[0]), float(best[1]), _covariance(a, b - a @ best, weight, own, spread, reach_mm, px_mm))  # fmt: skip
+    spread_of = _covariance(a, b - a @ best, weight, own, spread, reach_mm, px_mm)
+    return Shift(float(best[0]), float(best[1]), spread_of)
 
 
 def _covariance(

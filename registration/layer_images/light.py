@@ -1,6 +1,6 @@
 """Take uneven light and the bath's own colour out of a working picture.
 
-In logarithms light adds. It is a polynomial of second order, fitted to the bath and, one step away
+In logarithms light adds. It is a polynomial of fourth order, fitted to the bath and, one step away
 from it, to the ink (so that a large filled area has light of its own), and what the bath shows of
 it beyond that over some millimetres.
 """
@@ -14,6 +14,11 @@ from registration.layer_images.values import BoolArray, FloatArray, FloatImage
 from registration.layer_images.working import Mask
 
 _CELL_MM = 0.5
+_ORDER = 4
+_SECOND = 6
+"""Terms up to the second order."""
+_ENOUGH = 80
+"""Cells of bath that bear the fourth order: corners darken with the fourth power."""
 _LOCAL_CELLS = 3.0
 _LEAST = 0.05
 """Of a cell that must show bath, or ink, to count."""
@@ -42,7 +47,10 @@ def flattened(
     ink, ink_share = _cells(channels, core, size)
     basis = _basis(size)
     out = np.empty_like(channels)
-    is_bath, is_ink = bath_share > _LEAST, _ink_cells(bath, ink, bath_share, ink_share, basis)
+    is_bath = bath_share > _LEAST
+    is_ink = _ink_cells(bath, ink, bath_share, ink_share, basis[:, :_SECOND])
+    if is_bath.sum() < _ENOUGH:
+        basis = basis[:, :_SECOND]
     for c in range(count):
         light = _fit(basis, bath[:, c], bath_share * is_bath, ink[:, c], ink_share * is_ink)
         light = light.reshape(size[1], size[0])
@@ -69,7 +77,8 @@ def _cells(
 def _basis(size: tuple[int, int]) -> FloatArray:
     x, y = np.meshgrid(np.linspace(-1, 1, size[0]), np.linspace(-1, 1, size[1]))
     x, y = x.ravel(), y.ravel()
-    return np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    powers = [(i, n - i) for n in range(_ORDER + 1) for i in range(n, -1, -1)]
+    return np.column_stack([x**i * y**j for i, j in powers])
 
 
 def _ink_cells(
@@ -136,6 +145,8 @@ def _local(rest: FloatArray, share: FloatArray, is_bath: BoolArray) -> FloatArra
     if not len(known):
         return np.zeros_like(rest)
     spread = 1.4826 * float(np.median(np.abs(known - np.median(known)))) + 1e-9
-    weight = weight * (np.abs(rest) < 5.0 * spread)
+    filled = np.where(weight > 0, rest, 0.0).astype(np.float32)
+    around = cv2.medianBlur(filled, 5) if min(rest.shape) >= 5 else filled
+    weight = weight * (np.abs(rest - around) < 5.0 * spread)
     total = cv2.GaussianBlur(weight * np.where(weight > 0, rest, 0.0), (0, 0), _LOCAL_CELLS)
     return np.asarray(total / (cv2.GaussianBlur(weight, (0, 0), _LOCAL_CELLS) + _PRIOR))

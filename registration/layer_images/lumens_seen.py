@@ -105,9 +105,11 @@ def _patch(
     points[:, :2] = v.reshape(-1, 1) * across + s.reshape(-1, 1) * axis + middle
     points[:, 2] = outline[:, 2].mean()
     seen = frame.to_pixels(points)
-    if not np.isfinite(seen).all() or (seen < 0).any() or (
-        seen > (image.shape[1] - 1, image.shape[0] - 1)
-    ).any():
+    if (
+        not np.isfinite(seen).all()
+        or (seen < 0).any()
+        or (seen > (image.shape[1] - 1, image.shape[0] - 1)).any()
+    ):
         return None
     x, y = (seen[:, k].reshape(v.shape).astype(np.float32) for k in range(2))
     soft = cv2.GaussianBlur(image, (0, 0), 0.7)

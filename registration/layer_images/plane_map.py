@@ -35,9 +35,7 @@ class PlaneMap:
     def of(frame: Frame, ways: Ways, px_mm: float) -> PlaneMap:
         """Fit it around the layer."""
         low, high = ways.point.min(axis=0), ways.point.max(axis=0)
-        x, y = (
-            np.linspace(low[k] - _MARGIN_MM, high[k] + _MARGIN_MM, _POINTS) for k in range(2)
-        )
+        x, y = (np.linspace(low[k] - _MARGIN_MM, high[k] + _MARGIN_MM, _POINTS) for k in range(2))
         u, v = (each.ravel() for each in np.meshgrid(x, y))
         points = np.column_stack([u, v, np.full(len(u), np.median(ways.point[:, 2]))])
         pixels = frame.to_pixels(points)

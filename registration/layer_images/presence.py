@@ -26,6 +26,10 @@ _SIDE = 0.15
 _TAILS: Final = (0.02, 0.005)
 _FEWEST = 40
 _FAKES = 400
+_UNLEARNED = 1.5
+"""Where there is no ink to learn from, it may scatter by so much more than its place does."""
+_WINDOWS: Final = (0.5, 1.0, 2.0, 4.0, 8.0)
+"""Tolerated gaps."""
 END: Final = 0.3
 """Of a width: so near to an end less ink is no sign."""
 
@@ -52,11 +56,11 @@ class Sides:
     def usable(self) -> BoolArray:
         """Places across at which nothing but the line itself is expected, (n, 61)."""
         inner = np.abs(ACROSS) <= 0.5
-        beyond = (ACROSS < self.left[:, None] - 0.1) & (-ACROSS < self.right[:, None] - 0.1)
+        beyond = (self.left[:, None] - 0.1 > ACROSS) & (self.right[:, None] - 0.1 > -ACROSS)
         return np.asarray(inner | beyond)
 
     def levels(self, profiles: FloatImage, px_width: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean of the bath seen on the left and on the right, (n,) each; NaN where there is none."""
+        """Mean of the bath seen on the left and on the right, (n,) each; NaN where none is."""
         margin = _SIDE + 1.0 / px_width
         found = []
         for way, clear in ((1.0, self.left), (-1.0, self.right)):
@@ -83,7 +87,9 @@ def presence(
     return np.asarray(both, dtype=np.float64), np.asarray(plain, dtype=np.float64)
 
 
-def fake_places(free: Mask, width_px: float, step_px: float, rng: np.random.Generator) -> Seen | None:
+def fake_places(
+    free: Mask, width_px: float, step_px: float, rng: np.random.Generator
+) -> Seen | None:
     """Lines of eight places each where there is bath alone; pixels stand for mm."""
     depth = cv2.distanceTransform(free, cv2.DIST_L2, 3)
     y, x = np.nonzero(depth > 0.6 * width_px)
@@ -134,9 +140,7 @@ class WindowNoise:
         return bool(norm.isf(p_needed) * spread + 1.64 * self.bath < 0.9 * self.middle)
 
 
-def window_means(
-    values: FloatArray, good: BoolArray, run: IntArray, count: int
-) -> FloatArray:
+def window_means(values: FloatArray, good: BoolArray, run: IntArray, count: int) -> FloatArray:
     """Means over ``count`` neighbours of one run that are all good."""
     n = len(values)
     if n < count:
@@ -148,35 +152,44 @@ def window_means(
 
 
 def window_noise(
-    values: FloatArray, good: BoolArray, ways: Ways, bath_values: FloatArray | None, gap_mm: float
+    values: FloatArray,
+    good: BoolArray,
+    ways: Ways,
+    bath_values: FloatArray | None,
+    gap_mm: float,
+    known: bool,
 ) -> WindowNoise | None:
-    """Measure scatter; None where there is too little ink.
+    """Measure scatter; None where there is too little ink, unless ink's look is known.
 
     Missing ink lowers presence, so that the upper half of all values is that of ink; the lower half
     counts as far as it is ink at all. The tails are measured, not taken for normal.
     """
     step = float(np.median(ways.step))
-    lengths, spreads = [], []
-    middle = float(np.median(values[good & (values > INK)])) if good.any() else np.nan
-    if not middle > 0:
+    ink_values = values[good & (values > INK)]
+    enough = len(ink_values) >= _FEWEST
+    if not enough and not known:
         return None
-    for size in (0.5, 1.0, 2.0, 4.0, 8.0):
+    middle = float(np.median(ink_values)) if enough else 1.0
+    least, times = (INK * middle, 1.0) if enough else (-np.inf, _UNLEARNED)
+    lengths, spreads = [], []
+    for size in _WINDOWS:
         count = max(1, round(size * gap_mm / step))
         means = window_means(values, good, ways.run, count)
-        ink = means[means > INK * middle]
+        ink = means[means > least]
         if len(ink) < _FEWEST:
             break
         lengths.append(count * step)
-        spreads.append(_spread(ink))
+        spreads.append(times * _spread(ink))
     if not spreads:
         return None
-    count = max(1, round(gap_mm / step))
-    bath = 0.0
-    if bath_values is not None:
-        fake = bath_values.reshape(-1, 8)
-        bath = _spread(fake[:, : min(8, count)].mean(axis=1))
-    spread = np.minimum.accumulate(np.array(spreads))
-    return WindowNoise(np.array(lengths), middle, spread, bath)
+    bath = 0.0 if bath_values is None else _bath_spread(bath_values, step, gap_mm)
+    return WindowNoise(np.array(lengths), middle, np.minimum.accumulate(np.array(spreads)), bath)
+
+
+def _bath_spread(values: FloatArray, step: float, gap_mm: float) -> float:
+    """Standard deviation of bath over a tolerated gap; eight places a line."""
+    count = min(8, max(1, round(gap_mm / step)))
+    return _spread(values.reshape(-1, 8)[:, :count].mean(axis=1))
 
 
 def _spread(values: FloatArray) -> float:

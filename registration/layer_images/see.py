@@ -31,9 +31,10 @@ from registration.layer_images.plane_map import PlaneMap
 from registration.layer_images.presence import INK, Sides
 from registration.layer_images.stations import Grouping, station_widths
 from registration.layer_images.stretches import find_stretches, width_ratio
-from registration.layer_images.told import Ground, Told, tell_ink
+from registration.layer_images.told import Ground, Told, differs_enough, tell_ink
 from registration.layer_images.values import (
     Appearance,
+    Blob,
     BoolArray,
     ExpectedLines,
     FloatArray,
@@ -47,7 +48,6 @@ from registration.layer_images.values import (
     Outlines,
     SeeingOptions,
     Shift,
-    Stations,
     Unseen,
 )
 from registration.layer_images.ways import Seen, Ways, check_lines, lay_ways
@@ -55,9 +55,11 @@ from registration.layer_images.widths import Widths
 from registration.layer_images.working import Masks, Working, WorkingFrame, prepare
 
 _STEPS_IN_GAP: Final = 4
-_SAME_PX: Final = 0.15
+_SAME_PX: Final = 0.4
 """A shift that changes by less isn't followed further."""
 _ROUNDS: Final = 3
+_LIT_ASIDE: Final = 0.35
+"""Of a width: uncertainty of where a line lies that light from the side shows."""
 _MOST_OLD: Final = 0.3
 """Of a line's width over older ink: more, and it is judged against that."""
 
@@ -117,7 +119,7 @@ def see_layer(
             break
     else:
         look = _look(work, own, lines, ways, shift, options, known, rng)
-    return _findings(look, lines, lumens, shift, options)
+    return _findings(look, lumens, _honest(shift, look), options)
 
 
 @dataclass(frozen=True)
@@ -194,6 +196,7 @@ def _look(
         touching = Sides(np.full(len(ways), 0.5), np.full(len(ways), 0.5))
         on_old = replace(ground, free=alone, known=None)
         old = tell_ink(on_old, ways, seen, touching, over_old, rng)
+        old = old if old is not None and differs_enough(old, bath) else None
     joined = _joined(len(ways), over_old, bath, old)
     group = Grouping.of_ways(ways, joined[3] == Unseen.SEEN)
     widths = station_widths(
@@ -218,7 +221,7 @@ def _joined(
         present[rows], plain[rows] = told.present[rows], told.plain[rows]
         profiles[rows] = told.profiles[rows]
         why[rows] = np.where(
-            (told.why[rows] == Unseen.SEEN) & (told.noise is None), int(faint), told.why[rows]
+            (told.why[rows] == Unseen.SEEN) & told.faint, int(faint), told.why[rows]
         )
     return present, plain, profiles, why
 
@@ -234,12 +237,17 @@ def _finer(look: _Look, shift: Shift, options: SeeingOptions, work: Working) -> 
     return Shift(shift.dx_mm + rest.dx_mm, shift.dy_mm + rest.dy_mm, rest.covariance_mm2)
 
 
+def _honest(shift: Shift, look: _Look) -> Shift:
+    """Widen the shift of lines lit from the side: their middle isn't seen."""
+    told = look.bath
+    if told is None or not told.template.one_sided:
+        return shift
+    u = _LIT_ASIDE * float(np.median(look.ways.width))
+    return replace(shift, covariance_mm2=shift.covariance_mm2 + u**2 * np.eye(2))
+
+
 def _findings(
-    look: _Look,
-    lines: ExpectedLines,
-    lumens: Sequence[Lumen],
-    shift: Shift,
-    options: SeeingOptions,
+    look: _Look, lumens: Sequence[Lumen], shift: Shift, options: SeeingOptions
 ) -> LayerFindings:
     ways, why = look.ways, look.why.copy()
     good = why == Unseen.SEEN
@@ -294,8 +302,9 @@ def _gaps(
     needed = options.false_rate / places
     for told, rows in ((look.bath, ~look.over_old), (look.old, look.over_old)):
         if told is not None and told.noise is not None:
+            clear = rows & (good if not told.faint else told.why == Unseen.SEEN)
             gaps, unclear = find_gaps(
-                look.present, good & rows, look.ways, told.noise, options.gap_mm, needed
+                look.present, clear, look.ways, told.noise, options.gap_mm, needed
             )
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)
@@ -306,7 +315,7 @@ def _gaps(
     return found
 
 
-def _blobs(look: _Look, options: SeeingOptions) -> tuple[tuple, BoolArray]:
+def _blobs(look: _Look, options: SeeingOptions) -> tuple[tuple[Blob, ...], BoolArray]:
     told = look.bath
     nothing = np.zeros(look.work.shape, dtype=np.bool_)
     if told is None or told.noise is None or not told.template.filled:

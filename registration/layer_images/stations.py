@@ -9,8 +9,14 @@ import numpy as np
 from registration.layer_images.ink_image import ACROSS
 from registration.layer_images.presence import INK, Sides
 from registration.layer_images.told import Told
-from registration.layer_images.values import BoolArray, FloatArray, FloatImage, IntArray, Stations
-from registration.layer_images.values import Unseen
+from registration.layer_images.values import (
+    BoolArray,
+    FloatArray,
+    FloatImage,
+    IntArray,
+    Stations,
+    Unseen,
+)
 from registration.layer_images.ways import Ways
 from registration.layer_images.widths import Widths, measure_widths
 from registration.layer_images.working import Working
@@ -68,9 +74,7 @@ class Grouping:
         mean = total / np.where(number > 0, number, np.nan)[:, None]
         return mean if values.ndim == 2 else mean[:, 0]
 
-    def stations(
-        self, ways: Ways, present: FloatArray, why: IntArray, widths: Widths
-    ) -> Stations:
+    def stations(self, ways: Ways, present: FloatArray, why: IntArray, widths: Widths) -> Stations:
         """What was seen at each."""
         seen_places = why == Unseen.SEEN
         share = np.bincount(self.of, weights=seen_places, minlength=len(self.count)) / self.count
@@ -113,7 +117,7 @@ def station_widths(
 ) -> Widths:
     """Widths where a line is seen over bath with free sides."""
     nothing = np.full(len(group.count), np.nan)
-    if bath is None or bath.noise is None or not bath.template.even:
+    if bath is None or bath.noise is None or bath.template.one_sided:
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
     px_width = ways.width * work.px_per_mm
     room = 0.5 + _ROOM + 1.5 / px_width
@@ -124,8 +128,12 @@ def station_widths(
     whole = group.mean(use.astype(np.float64), np.ones(len(ways), dtype=np.bool_)) > 0.7
     tell = whole & (ink > INK * bath.noise.middle) & np.isfinite(mean).all(axis=1)
     left, right = sides.levels(profiles, px_width)
-    left, right = group.mean(left, use & np.isfinite(left)), group.mean(right, use & np.isfinite(right))
-    tell &= np.isfinite(left) & np.isfinite(right)
+    left, right = (
+        group.mean(left, use & np.isfinite(left)),
+        group.mean(right, use & np.isfinite(right)),
+    )
+    # Where neighbours leave too little bath for a level of its own, that of all bath counts.
+    left, right = np.nan_to_num(left), np.nan_to_num(right)
     tilt = 0.5 * (left + right)[:, None] + 0.5 * (left - right)[:, None] * np.clip(ACROSS, -1, 1)
     level = _linear(np.where(tell[:, None], mean - tilt, 0.0), bath.log_step).astype(np.float32)
     return measure_widths(
@@ -136,6 +144,7 @@ def station_widths(
         bath.template,
         1.0 / work.px_per_mm,
         _noise(level, tell, sides, group),
+        work.is_log,
     )
 
 

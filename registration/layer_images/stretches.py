@@ -11,7 +11,7 @@ from scipy.stats import norm
 from registration.layer_images.values import BoolArray, Stations, Stretch
 from registration.layer_images.widths import Widths
 
-_WINDOW: Final = 5
+_WINDOW: Final = 3
 """Stations together."""
 _SURE: Final = 4.0
 """Standard uncertainties beyond the tolerance."""
@@ -35,9 +35,9 @@ def _of_stroke(
     ratio = stations.width_mm[rows] / stations.expected_mm[rows]
     random = widths.random_mm[rows] / stations.expected_mm[rows]
     ones = np.ones(_WINDOW) / _WINDOW
-    # Neighbours share noise: a window counts as two places, not five.
+    # Neighbours share noise: a window counts as one and a half places, not three.
     mean = np.convolve(ratio, ones, "valid")
-    u = np.sqrt(np.convolve(random**2, ones, "valid") / 2.0 + _common(stations, widths, rows) ** 2)
+    u = np.sqrt(np.convolve(random**2, ones, "valid") / 1.5 + _common(stations, widths, rows) ** 2)
     found = []
     kinds: tuple[tuple[Literal["thin", "thick"], float], ...] = (("thin", -1.0), ("thick", 1.0))
     for kind, way in kinds:

@@ -16,6 +16,7 @@ from registration.layer_images.ink_image import (
     mixes_of,
 )
 from registration.layer_images.presence import (
+    INK,
     Sides,
     WindowNoise,
     fake_places,
@@ -32,6 +33,14 @@ _MOST_SATURATED = 0.3
 _FEWEST = 20
 _PLENTY = 15.0
 """A contrast from which on no other mix of the channels is tried."""
+_OWN_LOOK = 0.3
+"""Of the difference of ink and bath that fresh ink must show over older ink."""
+_LONG = 6.0
+"""Tolerated gaps: a length of which one must be told, for a look to be worth anything."""
+_ALONE = 0.8
+"""Widths to the next ink: nearer, and edges by which ink is told may be missing."""
+_SECTORS = 12
+_LEAST_INK = 0.7
 _WEAK = 0.4
 """Of the usual strength: lines along the light that ridges are told by aren't seen."""
 _HIT = 0.2
@@ -65,6 +74,10 @@ class Told:
         Of a place's level in the image, at a single place across.
     log_step : float
         Logarithm of ink's brightness over the bath's; 0 where the picture isn't in logarithms.
+    ink : (c,) float64
+        Level of ink over the background in each channel.
+    faint : bool
+        Whether a gap that is just tolerated might be missed; longer ones may still be told.
     """
 
     image: FloatImage
@@ -79,6 +92,8 @@ class Told:
     appearance: Appearance
     bath_spread: float
     log_step: float
+    ink: FloatArray
+    faint: bool
 
 
 @dataclass(frozen=True)
@@ -156,7 +171,8 @@ def _by_mix(
     scale = np.float32(template.scale)
     image, profiles = mixed / scale, profiles / scale
     fakes = _fake_profiles(image, ground, width_px, ways, rng)
-    noise_across = np.cov(fakes[0].T) if fakes is not None else None
+    texture = not template.filled and fakes is not None
+    noise_across = np.cov(fakes[0][::4].T) if texture and fakes is not None else None
     weights, strength = template.weights(angle, noise_across)
     why[(why == Unseen.SEEN) & (strength < _WEAK * np.percentile(strength, 90))] = int(Unseen.FAINT)
     left, right = sides.levels(profiles, ways.width * ground.work.px_per_mm)
@@ -167,18 +183,52 @@ def _by_mix(
         fake_present = (fakes[0] * own).sum(axis=1).astype(np.float64)
         inner = fakes[0][:, WITHIN]
         bath_spread = 1.4826 * float(np.median(np.abs(inner - np.median(inner))))
+    if not template.filled:
+        near = np.minimum(sides.left, sides.right) < _ALONE
+        why[(why == Unseen.SEEN) & (near | ways.corners())] = int(Unseen.FAINT)
+    if template.one_sided:
+        why[(why == Unseen.SEEN) & _unlearned(angle, present)] = int(Unseen.FAINT)
     good = use & (why == Unseen.SEEN)
-    noise, contrast = window_noise(present, good, ways, fake_present, ground.gap_mm), 0.0
+    noise, contrast = (
+        window_noise(present, good, ways, fake_present, ground.gap_mm, known is not None),
+        0.0,
+    )
+    faint = True
     if noise is not None:
         contrast = noise.contrast(ground.gap_mm)
         places = max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
-        if not noise.can_tell(ground.gap_mm, ground.rate / places):
+        faint = not noise.can_tell(ground.gap_mm, ground.rate / places)
+        odd = faint and not template.filled
+        if odd or (faint and not noise.can_tell(_LONG * ground.gap_mm, ground.rate / places)):
             noise = None
     look = Appearance(mix, template.terms * template.scale, template.filled)
     return Told(
         image, profiles, present, plain, why, template, noise, contrast, strange, look, bath_spread,
-        _log_step(mix, ink, ground.work.is_log),
+        _log_step(mix, ink, ground.work.is_log), ink, faint,
     )  # fmt: skip
+
+
+def _unlearned(angle: FloatArray, present: FloatArray) -> BoolArray:
+    """Places of directions in which hardly any line looks as it should, (n,).
+
+    Light from the side shows lines by their slopes; what a direction looks like is known only where
+    lines of it were seen.
+    """
+    sector = np.floor((angle + np.pi) / (2 * np.pi) * _SECTORS).astype(np.int64) % _SECTORS
+    number = np.bincount(sector, minlength=_SECTORS)
+    ink = np.bincount(sector, weights=present > INK, minlength=_SECTORS)
+    return np.asarray((ink < _LEAST_INK * np.maximum(number, _FEWEST))[sector])
+
+
+def differs_enough(told: Told, bath: Told | None) -> bool:
+    """Whether fresh ink differs from older ink by more than edges and focus do.
+
+    Older ink of the same kind looks as a line would that isn't there.
+    """
+    if bath is None:
+        return True
+    usual = abs(float(told.appearance.mix @ bath.ink))
+    return abs(told.template.scale) > _OWN_LOOK * usual
 
 
 def _fits(known: Appearance | None, channels: int) -> bool:
@@ -191,9 +241,7 @@ def _known_template(known: Appearance) -> Template:
     return Template(known.terms / scale, scale, known.filled)
 
 
-def _ink_levels(
-    smooth: FloatImage, bath: BathNoise, seen: Seen, use: BoolArray
-) -> FloatArray:
+def _ink_levels(smooth: FloatImage, bath: BathNoise, seen: Seen, use: BoolArray) -> FloatArray:
     """Ink less bath of each channel in the middle of lines, (c,)."""
     middle = np.zeros((1, 1))
     out = np.zeros(smooth.shape[2])
@@ -204,7 +252,7 @@ def _ink_levels(
 
 
 def _log_step(mix: FloatArray, ink: FloatArray, is_log: bool) -> float:
-    """Logarithm of ink's brightness over the bath's, as the mixed image weighs channels; 0: none."""
+    """Logarithm of ink's brightness over the bath's, by the weights of the channels; 0: none."""
     weight = np.abs(mix * ink)
     if not is_log or weight.sum() <= 0:
         return 0.0

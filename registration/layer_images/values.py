@@ -79,8 +79,10 @@ class Lumen:
         half = np.linspace(-np.pi / 2, np.pi / 2, 17)
         angles = turn + np.concatenate([half, half + np.pi])
         middles = np.repeat([end, start], 17, axis=0)
-        round_mm = 0.5 * width_mm * np.column_stack(
-            [np.cos(angles), np.sin(angles), np.zeros(len(angles))]
+        round_mm = (
+            0.5
+            * width_mm
+            * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
         )
         return Lumen(name, middles + round_mm, width_mm)
 

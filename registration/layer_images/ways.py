@@ -19,6 +19,9 @@ from registration.layer_images.values import (
 
 _STEEP = 0.3
 """A piece whose way as seen from above is a smaller part of its length can't be judged."""
+_NEAR_TURN = 0.9
+_STRAIGHT = 0.9
+"""Cosine of the turn, above which a way goes on straight."""
 _CHUNK = 20_000
 """OpenCV takes pictures of at most 2^15 samples a side."""
 
@@ -55,6 +58,17 @@ class Ways:
 
     def __len__(self) -> int:
         return len(self.piece)
+
+    def corners(self) -> BoolArray:
+        """Places nearer than about a width to a turn of the way, (n,)."""
+        turned = np.zeros(len(self), dtype=np.bool_)
+        count = np.maximum(1, np.rint(_NEAR_TURN * self.width / self.step)).astype(np.int64)
+        index = np.arange(len(self))
+        back, ahead = np.maximum(index - count, 0), np.minimum(index + count, len(self) - 1)
+        back = np.where(self.run[back] == self.run, back, index)
+        ahead = np.where(self.run[ahead] == self.run, ahead, index)
+        turned |= (self.normal[back] * self.normal[ahead]).sum(axis=1) < _STRAIGHT
+        return turned
 
     def moved(self, by_mm: FloatArray) -> Ways:
         """Return the same, moved by (2,) mm."""
@@ -176,12 +190,12 @@ class Seen:
     @property
     def px_per_mm(self) -> float:
         """Root of the pixels in a square millimetre, median."""
-        area = np.abs(
-            self.across[:, 0] * self.along[:, 1] - self.across[:, 1] * self.along[:, 0]
-        )
+        area = np.abs(self.across[:, 0] * self.along[:, 1] - self.across[:, 1] * self.along[:, 0])
         return float(np.sqrt(np.median(area)))
 
-    def profiles(self, image: FloatImage, across_mm: FloatArray, nearest: bool = False) -> FloatImage:
+    def profiles(
+        self, image: FloatImage, across_mm: FloatArray, nearest: bool = False
+    ) -> FloatImage:
         """Sample an image (h, w) across at (n, u) or (u,) mm, (n, u); borders repeat."""
         u = np.broadcast_to(across_mm, (len(self.at), across_mm.shape[-1]))
         x = (self.at[:, :1] + u * self.across[:, :1]).astype(np.float32)

@@ -18,7 +18,11 @@ from registration.microscope.shade import Shade, fit_shade
 _FEWEST = 8
 _EDGE_PX = 0.15
 """Of a pixel: what the edge's place may be off by in the picture itself."""
-_MISFIT = 0.08
+_EDGE_VOXEL = 0.6
+"""The same of a voxel, in a map of what an OCT sees first."""
+_MISFIT = 0.1
+_SPREAD = 0.3
+"""A mean profile that fits a line's worse isn't one: its widths aren't told."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +50,7 @@ class Widths:
     @property
     def u_mm(self) -> FloatArray:
         """Standard uncertainty of each, (m,), mm."""
-        return np.sqrt(
-            self.random_mm**2 + (self.common * self.width_mm) ** 2 + self.common_mm**2
-        )
+        return np.sqrt(self.random_mm**2 + (self.common * self.width_mm) ** 2 + self.common_mm**2)
 
 
 def measure_widths(
@@ -59,6 +61,7 @@ def measure_widths(
     template: Template,
     px_mm: float,
     noise: float,
+    is_light: bool,
 ) -> Widths:
     """Measure widths where they can be told.
 
@@ -75,6 +78,8 @@ def measure_widths(
         A working pixel.
     noise : float
         Scatter of a station's single value.
+    is_light : bool
+        Whether the picture is one of light, and not a map of heights.
     """
     count = len(profiles)
     nothing = np.full(count, np.nan)
@@ -85,7 +90,11 @@ def measure_widths(
     good = tell & np.isfinite(wide)
     if good.sum() < _FEWEST:
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
-    width, common, common_mm = _true_widths(profiles, expected_mm, wide, good, template, px_mm)
+    width, common, common_mm = _true_widths(
+        profiles, expected_mm, wide, good, template, px_mm, is_light
+    )
+    if not np.isfinite(width[good]).any():
+        return Widths(nothing, nothing, nothing, 0.0, 0.0)
     by_noise = np.sqrt(2.0) * noise / np.maximum(slope, 0.3) * expected_mm
     random = np.hypot(by_noise, 0.1 * px_mm)
     seen = _scatter(width, stroke, good)
@@ -146,24 +155,30 @@ def _true_widths(
     good: BoolArray,
     template: Template,
     px_mm: float,
+    is_light: bool,
 ) -> tuple[FloatArray, float, float]:
     """Widths from widths at half level, relative and absolute uncertainty of all together."""
     typical = float(np.median(expected_mm[good]))
+    edge_px = _EDGE_PX if is_light else _EDGE_VOXEL
     if not template.filled:
-        return wide, 0.06, _EDGE_PX * px_mm
+        return wide, 0.08, edge_px * px_mm
+    if not is_light:
+        return wide, 0.03, edge_px * px_mm
     alike = good & (np.abs(expected_mm - typical) < 0.15 * typical)
     mean = np.median(profiles[alike], axis=0).astype(np.float64)
     near = np.abs(ACROSS) <= 1.2
     shade = fit_shade(ACROSS[near] * typical, [mean[near]], [float(np.median(wide[alike]))], px_mm)
+    if shade.misfit > _MISFIT or shade.spread > _SPREAD:
+        return np.full(len(wide), np.nan), 0.0, 0.0
     width = np.where(good, shade.diameter(np.where(good, wide, np.nan)), np.nan)
     bent = float(np.nanmedian(np.abs(width / wide - 1.0)))
-    common = float(np.hypot(min(shade.spread, 0.05), 0.3 * bent + 0.3 * max(0, _doubt(shade))))
-    return width, common, _EDGE_PX * px_mm
+    common = float(np.hypot(min(shade.spread, 0.05), 0.2 * bent + 0.3 * _doubt(shade)))
+    return width, common, edge_px * px_mm
 
 
 def _doubt(shade: Shade) -> float:
     """What a profile that no filament has may put widths off by, relative."""
-    return min(shade.misfit, _MISFIT)
+    return shade.misfit
 
 
 def _scatter(width: FloatArray, stroke: IntArray, good: BoolArray) -> float:

@@ -31,6 +31,8 @@ _FLOOR = 0.02
 """Of the full range, added before the logarithm: dark noise mustn't count for contrast."""
 _PILED = 3e-5
 """Of the pixels with the highest value: the sensor was saturated."""
+_HIT = 25
+"""Of 255, from which on a working pixel counts as saturated."""
 _SHIFT = 4
 
 Mask = NDArray[np.uint8]
@@ -166,12 +168,23 @@ def _channels(part: Image, scale: int) -> tuple[FloatImage, BoolArray]:
         filled = np.where(bad[:, :, None], np.nanmedian(fit), fit).astype(np.float32)
         return _binned(filled, size), _binned(bad.astype(np.float32), size)[:, :, 0] > 0.25
     top = int(fit.max())
-    piled = (fit >= top - top // 200).all(axis=2)
-    full = top >= 250 if part.dtype == np.uint8 else top >= 1000
-    saturated = piled if full and piled.mean() > _PILED and piled.sum() > 8 else piled & False
+    saturated = _saturated(np.ascontiguousarray(fit), top)
     small = _binned(fit.astype(np.float32), size)
-    bad = _binned(saturated.astype(np.float32), size)[:, :, 0] > 0.1
+    bad = _binned(saturated, size)[:, :, 0] > _HIT
     return np.log(small + _FLOOR * top), bad
+
+
+def _saturated(fit: Image, top: int) -> Mask:
+    """Where all channels hold the sensor's highest value: 255, or 0 for none."""
+    full = top >= 250 if fit.dtype == np.uint8 else top >= 1000
+    low = float(top - top // 200)
+    if fit.shape[2] <= 4:
+        piled = cv2.inRange(fit, np.full(fit.shape[2], low), np.full(fit.shape[2], float(top)))
+    else:
+        piled = 255 * (fit >= low).all(axis=2).astype(np.uint8)
+    count = cv2.countNonZero(piled)
+    enough = full and count > 8 and count > _PILED * piled.size
+    return np.asarray(piled if enough else np.zeros_like(piled))
 
 
 def _binned(values: FloatImage, size: tuple[int, int]) -> FloatImage:

@@ -1,0 +1,214 @@
+"""What a look at a layer finds: gaps, false findings, widths' intervals, time.
+
+python -m benchmarks.observe_seeing [--quick] [--only gaps|false|widths|time|oct]
+
+Pictures and volumes come from `benchmarks/checkers/layer_painter.py` and `layer_volume.py`, which
+share nothing with the product.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.checkers import layer_painter as painter
+from benchmarks.checkers.layer_volume import paint_volume
+from benchmarks.command import Row, run
+from benchmarks.machine import row
+from registration.layer_images import ExpectedLines, LayerFindings, height_map, see_layer
+from registration.scan import Scan
+
+CLEAR = ("opaque", "absorbing")
+
+
+def expected(plan: painter.Plan, z_mm: float = 0.3) -> ExpectedLines:
+    """The plan as the product takes it."""
+    count = len(plan.width)
+    start, end = (np.column_stack([p, np.full(count, z_mm)]) for p in (plan.start, plan.end))
+    return ExpectedLines(
+        start, end, plan.width.astype(float), np.arange(count), plan.stroke.astype(np.int64),
+        np.ones(count, dtype=bool),
+    )  # fmt: skip
+
+
+def layer(
+    seed: int,
+    kind: str,
+    layout: str,
+    um_per_px: float,
+    gaps_mm: tuple[float, ...] = (),
+    size: float = 5.0,
+    ratio: float = 1.0,
+) -> tuple[painter.Painted, np.ndarray]:
+    """Paint a layer; its own shift with it."""
+    rng = np.random.default_rng(seed)
+    plan = painter.plan_layer(layout, size, rng.uniform(0.2, 0.5), rng)
+    look = painter.random_look(kind, rng, 0.3)
+    gaps = painter.plant_gaps(plan, gaps_mm, rng)
+    ink = painter.lay(plan, rng, ratio=ratio, gaps=gaps)
+    shift = rng.uniform(-0.06, 0.06, 2)
+    return painter.paint(
+        plan, ink, gaps, size, um_per_px, look, rng, tilt=15, shift=(shift[0], shift[1])
+    ), shift
+
+
+def gaps(quick: bool) -> Iterator[Row]:
+    """Share of planted gaps found, by length, 10 to 40 µm per pixel, moderate contrast."""
+    lengths = (0.2, 0.25, 0.3, 0.5, 1.0)
+    for um in (10.0, 20.0, 40.0):
+        hits, off = defaultdict(list), []
+        for k in range(8 if quick else 48):
+            painted, _ = layer(
+                9_000 + k, CLEAR[k % 2], painter.LAYOUTS[(k // 2) % 4], um, lengths[k % 3 :],
+                size=4.0 if um < 15 else 6.0,
+            )  # fmt: skip
+            findings = see_layer(painted.picture, painted.frame, expected(painted.plan))
+            for stroke, begin, end in painted.gaps:
+                own = [
+                    gap
+                    for gap in findings.gaps
+                    if gap.stroke == stroke and gap.from_mm < end and gap.to_mm > begin
+                ]
+                hits[round(end - begin, 2)].append(bool(own))
+                off += [(gap.length_mm - (end - begin)) * 1e3 for gap in own]
+        every = [hit for found in hits.values() for hit in found]
+        yield row(
+            f"gaps of 0.2 to 1 mm found, {um:g} µm per px ({len(every)})",
+            round(float(np.mean(every)), 3), "", ">= 0.95", float(np.mean(every)) >= 0.95,
+        ) | {
+            "by_length_mm": {k: [round(float(np.mean(v)), 3), len(v)] for k, v in sorted(hits.items())},
+            "length_error_um": [round(float(np.median(off)), 1), round(float(np.std(off)), 1)],
+        }  # fmt: skip
+
+
+def false(quick: bool) -> Iterator[Row]:
+    """Findings on sound layers of all painters."""
+    count = 40 if quick else 1000
+    found: dict[str, int] = defaultdict(int)
+    bad, seen = [], []
+    for k in range(count):
+        kind = painter.KINDS[k % 4]
+        painted, _ = layer(
+            20_000 + k, kind, painter.LAYOUTS[(k // 4) % 4], (12.0, 20.0, 35.0)[k % 3], size=3.5
+        )
+        f = see_layer(painted.picture, painted.frame, expected(painted.plan))
+        seen.append(f.seen_share)
+        kinds = {"gaps": f.gaps, "stretches": f.stretches, "blobs": f.blobs}
+        for name, those in kinds.items():
+            found[name] += bool(those)
+        if any(kinds.values()):
+            bad.append(20_000 + k)
+    yield row(
+        f"layers with a false gap, of {count} sound ones", found["gaps"], "layers",
+        "<= 1 in 1,000", found["gaps"] <= max(1, count // 1000),
+    ) | {"thin_or_thick": found["stretches"], "blobs": found["blobs"], "seeds": bad[:20],
+         "seen_share": round(float(np.mean(seen)), 3)}  # fmt: skip
+
+
+def widths(quick: bool) -> Iterator[Row]:
+    """Share of true widths, ratios and shifts within 95 % intervals."""
+    inside: dict[str, list[float]] = defaultdict(list)
+    ratios, shifts, errors = [], [], []
+    for k in range(9 if quick else 60):
+        kind = ("opaque", "absorbing", "rims")[k % 3]
+        layout = ("rings", "meander", "waves")[(k // 3) % 3]
+        true_ratio = float(np.random.default_rng(k).uniform(0.85, 1.15))
+        painted, shift = layer(
+            40_000 + k, kind, layout, (10.0, 20.0, 30.0)[k % 3], ratio=true_ratio
+        )
+        f = see_layer(painted.picture, painted.frame, expected(painted.plan))
+        known = np.flatnonzero(np.isfinite(f.stations.width_mm))
+        if not len(known):
+            continue
+        true = _true_widths(painted, f, known)
+        z = (f.stations.width_mm[known] - true) / f.stations.u_width_mm[known]
+        inside[kind].append(float(np.mean(np.abs(z) < 1.96)))
+        off = f.width_ratio - float(np.median(true / f.stations.expected_mm[known]))
+        errors.append(off)
+        ratios.append(abs(off) < 1.96 * f.u_width_ratio)
+        moved = (f.shift.dx_mm - shift[0], f.shift.dy_mm - shift[1])
+        shifts += [abs(d) < 1.96 * u for d, u in zip(moved, f.shift.u_mm, strict=True)]
+    for kind, shares in inside.items():
+        mean = float(np.mean(shares))
+        yield row(
+            f"widths within their 95 % interval, {kind} ({len(shares)} layers)", round(mean, 3), "",
+            ">= 0.93", mean >= 0.93,
+        )  # fmt: skip
+    yield row("ratios within their 95 % interval", round(float(np.mean(ratios)), 3), "", ">= 0.93",
+              float(np.mean(ratios)) >= 0.93) | {"rms_error": round(float(np.std(errors)), 4)}  # fmt: skip
+    yield row("shifts within their 95 % interval", round(float(np.mean(shifts)), 3), "", ">= 0.93",
+              float(np.mean(shifts)) >= 0.93)  # fmt: skip
+
+
+def _true_widths(painted: painter.Painted, f: LayerFindings, known: np.ndarray) -> np.ndarray:
+    out = []
+    for k in known:
+        own = painted.stroke == f.stations.stroke[k]
+        out.append(np.interp(f.stations.along_mm[k], painted.along[own], painted.laid[own]))
+    return np.array(out)
+
+
+def eight_megapixels(quick: bool) -> Iterator[Row]:
+    """CPU time of a layer of 20 x 20 mm."""
+    for layout in ("meander",) if quick else ("meander", "filled"):
+        rng = np.random.default_rng(5)
+        plan = painter.plan_layer(layout, 20.0, 0.3, rng)
+        look = painter.random_look("absorbing", rng, 0.3)
+        ink = painter.lay(plan, rng)
+        painted = painter.paint(plan, ink, [], 20.0, 8.1, look, rng, tilt=10, fine=1.0)
+        spent = _best_of(3, lambda p=painted: see_layer(p.picture, p.frame, expected(p.plan)))
+        high, wide = painted.picture.shape[:2]
+        yield row(
+            f"20 x 20 mm, {layout}, {high * wide / 1e6:.1f} megapixels, colour", round(spent, 2),
+            "CPU s", "<= 2 s on two cores", spent <= 2.0,
+        )  # fmt: skip
+
+
+def oct_volume(quick: bool) -> Iterator[Row]:
+    """CPU time and findings of a volume of 500 x 500 x 100."""
+    rng = np.random.default_rng(3)
+    plan = painter.plan_layer("waves", 9.0, 0.3, rng)
+    planted = painter.plant_gaps(plan, (0.3, 0.5, 1.0), rng)
+    volume, to_scan = paint_volume(plan, painter.lay(plan, rng, gaps=planted), planted, rng)
+    scan = Scan(volume, (0.01, 0.02, 0.02), 1.0, False, "linear", "oct", True, Path("painted"))
+    found: list[LayerFindings] = []
+
+    def look() -> None:
+        picture, frame = height_map(scan, to_scan, 0.3, 0.25)
+        found.append(see_layer(picture, frame, expected(plan)))
+
+    spent = _best_of(3, look)
+    yield row("OCT 500 x 500 x 100", round(spent, 2), "CPU s", "<= 4 s on two cores", spent <= 4.0)
+    gaps_found = sum(
+        any(g.stroke == s and g.from_mm < e and g.to_mm > b for g in found[0].gaps)
+        for s, b, e in planted
+    )
+    yield row("OCT: gaps found", gaps_found, f"of {len(planted)}", "all",
+              gaps_found == len(planted) == len(found[0].gaps)) | {
+        "width_ratio": [round(found[0].width_ratio, 3), round(found[0].u_width_ratio, 3)]}  # fmt: skip
+
+
+def _best_of(times: int, job) -> float:
+    spent = []
+    for _ in range(times):
+        began = time.process_time()
+        job()
+        spent.append(time.process_time() - began)
+    return min(spent)
+
+
+if __name__ == "__main__":
+    run(
+        {
+            "gaps": gaps,
+            "false": false,
+            "widths": widths,
+            "time": eight_megapixels,
+            "oct": oct_volume,
+        },
+        __doc__,
+    )
