@@ -31,8 +31,10 @@ _BESIDE: Final = 0.6
 _OTHER: Final = 13.0
 """Most that a width of another needle costs, in clearness."""
 _GRID: Final = 0.25
-_SAME: Final = 0.3
-"""Of the width, up to which it is the needle of the profile."""
+_SAME: Final = 0.25
+"""Of the width, up to which it may be the needle of the profile."""
+_MOST_VAGUE: Final = 0.12
+"""Of the width, that the needle may be aside and look nearly the same."""
 _UNSEEN: Final = 0.03
 """Uncertainty of an edge that only the other one tells, of the width."""
 _LEAST_CLEAR: Final = 5.0
@@ -80,12 +82,13 @@ def needle_axis(patch: TipPatch, lowest: float) -> NeedleAxis:
     part = np.nan_to_num(seen[rows], nan=float(np.nanmean(seen)))
     gradient = gaussian_filter1d(part, max(0.7, 0.06 * patch.wide_px), axis=1, order=1)
     heights = patch.above[rows]
+    wide = patch.wide_px * (1 + patch.taper * float(heights.mean()))
     # Rims and threads of glare are parallel: upright, their gradients add up to most.
     upright = [_sheared(gradient, heights, lean).mean(axis=0) for lean in _LEANS]
     energy = [float((mean**2).sum()) for mean in upright]
     worth = np.array(energy) * np.exp(-((_LEANS / _USUAL_LEAN) ** 2) / 2)
     lean = float(_LEANS[worth.argmax()])
-    best = _pair(upright[int(worth.argmax())], patch)
+    best = _pair(upright[int(worth.argmax())], wide)
     if best.clear < _LEAST_CLEAR or not any(best.seen):
         clear = best.clear
         raise PictureError(
@@ -117,7 +120,7 @@ class _Pair(NamedTuple):
     seen: tuple[bool, bool]
 
 
-def _pair(mean: FloatArray, patch: TipPatch) -> _Pair:
+def _pair(mean: FloatArray, wide: float) -> _Pair:
     """Best place of two edges: clear, of about the right distance, nothing as clear beside them.
 
     A rim that is as bright as the ground shows no edge: then the other one and the width tell.
@@ -128,18 +131,18 @@ def _pair(mean: FloatArray, patch: TipPatch) -> _Pair:
     peaks = peaks[size[peaks] > _FAINT * noise]
     at = np.array([_peak(size, int(peak)) for peak in peaks])
     value = np.minimum(size[peaks] / noise, _ENOUGH)
-    play = max(1.5, 0.08 * patch.wide_px)
+    play = max(1.5, 0.08 * wide)
     grid = np.arange(0, len(mean), _GRID)
     near = 1 - np.abs(grid[:, None] - at) / play
     worth = (np.maximum(near, 0.0) * value).max(axis=1, initial=0.0)
     beyond = np.array([0.0, *np.cumsum(value)])  # of peaks up to a place
-    middle = np.arange(patch.wide_px, len(mean) - patch.wide_px, _GRID)
+    middle = np.arange(wide, len(mean) - wide, _GRID)
     best, most = (0.0, 0.0), -np.inf
     for ratio in np.arange(_WIDTHS[0], _WIDTHS[1], 0.01):
-        half = ratio * patch.wide_px / 2
+        half = ratio * wide / 2
         score = np.interp(middle - half, grid, worth) + np.interp(middle + half, grid, worth)
         for sign in (-1.0, 1.0):
-            ends = [middle + sign * (half + play), middle + sign * (half + 0.7 * patch.wide_px)]
+            ends = [middle + sign * (half + play), middle + sign * (half + 0.7 * wide)]
             low, high = (beyond[np.searchsorted(at, end)] for end in ends)
             score = score - np.abs(high - low) * _BESIDE
         score -= min(((ratio - 1) / _PLAY) ** 2 / 2, _OTHER)
@@ -150,9 +153,9 @@ def _pair(mean: FloatArray, patch: TipPatch) -> _Pair:
     right, seen_right = _snapped(at, best[0] + best[1], play)
     if seen_left != seen_right:
         if seen_left:
-            right = left + patch.wide_px
+            right = left + wide
         else:
-            left = right - patch.wide_px
+            left = right - wide
     columns = np.arange(len(mean))
     clear = max(float(np.interp(edge, columns, size)) for edge in (left, right)) / noise
     return _Pair(clear, left, right, (seen_left, seen_right))
@@ -200,16 +203,24 @@ def _refined(
                 tops.append(heights[rows].mean())
         edges.append(_line(np.array(tops), np.array(places), edge))
     (a, slope_a, u_a), (b, slope_b, u_b) = edges
+    grown = 1 + patch.taper * float(heights.mean())
     if not pair.seen[0]:
         a, slope_a, u_a = b - patch.wide_px, slope_b, _UNSEEN * patch.wide_px
     if not pair.seen[1]:
         b, slope_b, u_b = a + patch.wide_px, slope_a, _UNSEEN * patch.wide_px
     lean += (slope_a + slope_b) / 2
-    if abs(b - a - patch.wide_px) < _SAME * patch.wide_px:
-        straight = _sheared(seen, heights, lean).mean(axis=0)
-        middle, wide = profile_middle(straight, (a + b) / 2, patch.wide_px)
-        half = (b - a if wide is None else wide) / 2
-        a, b = middle - half, middle + half
+    straight = _sheared(seen, heights, lean).mean(axis=0)
+    middle, wide, vague = profile_middle(straight, (a + b) / 2, grown * patch.wide_px)
+    if vague > _MOST_VAGUE * patch.wide_px or abs(b - a - patch.wide_px) > _SAME * patch.wide_px:
+        raise PictureError(
+            f"the needle's rims aren't clear (they lie between {b - a:.1f} and "
+            f"{patch.wide_px:.1f} pixels apart, and could be {vague:.1f} pixels aside): they are "
+            "as bright as the ground. Put a plain ground of another brightness behind it, or light "
+            "it from behind; or is it another needle (--needle)?"
+        )
+    half = (b - a if wide is None else wide / grown) / 2
+    a, b = middle - half, middle + half
+    u_a = u_b = float(np.sqrt((u_a**2 + u_b**2 + vague**2) / 4))
     return NeedleAxis(
         (a + b) / 2 + patch.beside[0],
         lean,

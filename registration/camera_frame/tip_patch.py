@@ -21,6 +21,7 @@ _LEAST_PX: Final = 5.0
 """Width of the needle in the picture."""
 _ABOVE: Final = 14.0
 """Diameters of needle that are looked at above the highest place of the tip."""
+_HIGH_MM: Final = 3.0
 _BELOW_HUB: Final = 0.85
 _SHORTEST: Final = 3.0
 """Diameters of needle that must be seen wherever the tip is."""
@@ -46,6 +47,8 @@ class TipPatch:
         Across the needle.
     wide_px : float
         Width of the needle, as expected.
+    taper : float
+        Share by which the needle looks wider a row farther up: it comes nearer to the camera.
     end_px : float
         How far the end's ellipse reaches beyond its middle, as expected.
     """
@@ -59,6 +62,7 @@ class TipPatch:
     beside: FloatArray
     px_per_mm: float
     wide_px: float
+    taper: float
     end_px: float
 
     def pixel(self, above: float, beside: float) -> FloatArray:
@@ -115,6 +119,9 @@ def tip_patch(
     px_per_mm = float(np.linalg.norm(one - other) / 0.2)
     up = (up - middle) / np.linalg.norm(up - middle)
     aside = np.array([-up[1], up[0]])
+    high = project(view, tip_mm + np.array([0 * side, 0.1 * side, -0.1 * side]) + [0, 0, _HIGH_MM])
+    nearer = float(np.linalg.norm(high[1] - high[2]) / 0.2) / px_per_mm - 1
+    taper = nearer / float(np.linalg.norm(high[0] - middle))
     wide = outer_mm * px_per_mm
     if wide < _LEAST_PX:
         raise PictureError(
@@ -141,7 +148,17 @@ def tip_patch(
         )
     cut = None if ground is None else _alike(_cut(ground, at), grey)
     return TipPatch(
-        grey, cut, origin, up, aside, above, beside, px_per_mm, wide, wide / 2 * abs(float(ray[2]))
+        grey,
+        cut,
+        origin,
+        up,
+        aside,
+        above,
+        beside,
+        px_per_mm,
+        wide,
+        taper,
+        wide / 2 * abs(float(ray[2])),
     )
 
 

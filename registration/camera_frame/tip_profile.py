@@ -16,12 +16,16 @@ _HATS: Final = 9
 """Of which the needle's own brightness across is made."""
 _BLURS: Final = (0.6, 0.8, 1.0, 1.3, 1.7, 2.2, 3.0)
 _REACH: Final = 1.6
+_FAULT: Final = 0.012
+"""Of the model, of the profile's range: no rod is lit quite so smoothly."""
 _SMOOTH: Final = 0.02
 """Weight of the second differences of brightness across, against a jump of the same size."""
 
 
-def profile_middle(profile: FloatArray, first: float, wide_px: float) -> tuple[float, float | None]:
-    """Column of the needle's axis, and its width; None where the profile doesn't tell it.
+def profile_middle(
+    profile: FloatArray, first: float, wide_px: float
+) -> tuple[float, float | None, float]:
+    """Column of the needle's axis; its width, or None where the profile doesn't tell; uncertainty.
 
     The profile is taken as ground to the left and right, and between them a rod of the known width
     whose brightness is any smooth curve, all blurred: gradients alone move with the shade of its
@@ -34,6 +38,10 @@ def profile_middle(profile: FloatArray, first: float, wide_px: float) -> tuple[f
     first : float
         Column to begin with, right to some pixels.
     wide_px : float
+
+    Notes
+    -----
+    The uncertainty is half the stretch of places that explain the profile nearly as well.
     """
     reach = max(1.5, 0.2 * wide_px)
     tried = first + np.arange(-reach, reach + 0.05, 0.1)
@@ -45,14 +53,23 @@ def profile_middle(profile: FloatArray, first: float, wide_px: float) -> tuple[f
     own = rest[int(rest.min(axis=1).argmin())]
     best = int(own.argmin())
     if not 0 < best < len(own) - 1:
-        return first, None
+        return first, None, reach
     middle = _least(tried, own)
     blur = _BLURS[int(rest.min(axis=1).argmin())]
     widths = wide_px * np.arange(0.85, 1.16, 0.015)
     by_width = np.array([_rest(part, columns, middle, wide, blur) for wide in widths])
     if not 0 < int(by_width.argmin()) < len(widths) - 1:
-        return middle, None
-    return middle, _least(widths, by_width)
+        return middle, None, _vague(tried, own, len(part))
+    return middle, _least(widths, by_width), _vague(tried, own, len(part))
+
+
+def _vague(tried: FloatArray, rest: FloatArray, count: int) -> float:
+    """Half of the stretch of places that explain the profile nearly as well, px.
+
+    Where both rims are as bright as the ground, no edge says where the needle ends.
+    """
+    good = tried[rest <= 2 * rest.min() + _FAULT**2 * count]
+    return float(good.max() - good.min()) / 2
 
 
 def _least(tried: FloatArray, rest: FloatArray) -> float:
