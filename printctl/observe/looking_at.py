@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -40,6 +41,7 @@ from registration.layer_images import (
 from sim.camera.camera_file import load_camera
 from sim.camera.optics import Camera
 
+log = logging.getLogger(__name__)
 Image = NDArray[Any]
 DRAWN: Final = "seen.png"
 
@@ -217,22 +219,32 @@ class ObservedJob:
 
     # --- mending ---------------------------------------------------------------------------------
 
-    def mend_lines(self, look: Look, gaps: tuple[Gap, ...]) -> list[str]:
-        """Lines that mend gaps; none where nothing can be mended from here."""
+    def mend_lines(self, look: Look, gaps: tuple[Gap, ...], flow: float) -> list[str]:
+        """Lines that mend gaps; none where nothing can be mended from here.
+
+        Parameters
+        ----------
+        look : Look
+        gaps : tuple of Gap
+        flow : float
+            Ink that is to be pushed, over what the job's file says.
+        """
         at = self._held(look)
         voids = None
         if self.network is not None:
             voids = Voids.of_network(self.network, np.zeros(3))
-        wanted = [
-            MendGap(
-                gap.stroke,
-                max(gap.from_mm, 0.0),
-                min(gap.to_mm, at.ink.paths[gap.stroke].length_mm),
-            )
-            for gap in gaps
-        ]
-        mend = plan_mend(at.held, wanted, voids, MendOptions())
+        mend = plan_mend(at.held, [_to_mend(gap, at, flow) for gap in gaps], voids, MendOptions())
+        for said in mend.sentences():
+            log.info("look %d: %s", look.number, said)
         return [line.decode("ascii") for line in mend.lines]
+
+
+def _to_mend(gap: Gap, at: _Held, flow: float) -> MendGap:
+    """Gap on its path, with what the flow was corrected by since it was to be written."""
+    own = at.ink.stroke == gap.stroke
+    before = float(at.ink.factor[own][0])
+    end = min(gap.to_mm, at.ink.paths[gap.stroke].length_mm)
+    return MendGap(gap.stroke, max(gap.from_mm, 0.0), end, flow=flow / before)
 
 
 def read_picture(path: Path) -> Image:

@@ -102,7 +102,7 @@ class Observer:
     judge : callable
         Judges one or two pictures of a look; the second may be None.
     mend_lines : callable
-        Lines that mend gaps; none where nothing can be mended from here.
+        Lines that mend gaps, at a flow over the file's; none where nothing can be mended.
     decider : Decider
     ended : callable
         Whether the print is over, or the look that was asked about decided by somebody else.
@@ -114,7 +114,7 @@ class Observer:
     link: PrintLink
     acquire: Callable[[Path], Path]
     judge: Callable[[Look, Path, Path | None], Judged]
-    mend_lines: Callable[[Look, tuple[Gap, ...]], list[str]]
+    mend_lines: Callable[[Look, tuple[Gap, ...], float], list[str]]
     decider: Decider
     ended: Callable[[int], bool]
     clock: Callable[[], float] = time.time
@@ -220,7 +220,8 @@ class Observer:
 
     def _inserted(self, look: Look, decision: Decision) -> bool:
         """Put mend and flow into the job; False where there is none, or the link refuses it."""
-        lines = self.mend_lines(look, decision.gaps) if decision.gaps else []
+        flow = decision.factor or self.decider.control.factor
+        lines = self.mend_lines(look, decision.gaps, flow) if decision.gaps else []
         if not lines and decision.factor is None:
             return False
         try:
