@@ -119,9 +119,9 @@ class Observer:
     ended: Callable[[int], bool]
     clock: Callable[[], float] = time.time
 
-    def remember(self) -> None:
-        """Go on from the records of an observer that died."""
-        looks = read_looks(self.folder)
+    def remember(self, number: int) -> None:
+        """Go on from the records of an observer that died, as it was before a look."""
+        looks = [one for one in read_looks(self.folder) if one.number < number]
         if looks:
             _restore(self.decider, looks[-1].control)
 
@@ -186,14 +186,22 @@ class Observer:
             self._ask(look, decision)
         elif decision.kind in (DecisionKind.MEND, DecisionKind.FLOW):
             self._insert(look, decision)
-        elif decision.kind is DecisionKind.PAUSE and decision.gaps:
-            self._ask(look, decision)  # what is missing is mended once the cause is gone
         else:
             self.link.look_done(look.number, decision.kind.value, decision.why)
 
     def _ask(self, look: Look, decision: Decision) -> None:
         """Pause, and wait for the operator's word; the needle stays out of the bath."""
         self.link.look_done(look.number, "pause", decision.why)
+        self._do_as_told(look, decision)
+
+    def ask_again(self, look: Look) -> None:
+        """Go on waiting for the operator's word on a look whose observer died, by its pictures."""
+        place = look_folder(self.folder, look.number)
+        pictures = {path.stem: path for path in place.iterdir()}
+        judged = self.judge(look, pictures["picture"], pictures.get("again"))
+        self._do_as_told(look, self.decider.decide(judged.evidence))
+
+    def _do_as_told(self, look: Look, decision: Decision) -> None:
         answer = self._await_answer(look.number)
         if answer == "approve":
             if self._inserted(look, decision):

@@ -21,7 +21,7 @@ from printctl.observe.devices import acquire
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Look, Observer
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import read_looks
+from printctl.observe.records import answer_of, read_looks
 
 LOCK: Final = "observer.lock"
 LOG: Final = "observer.log"
@@ -76,10 +76,11 @@ def observe(folder: Path) -> None:
         attach(folder) as events,
     ):
         observer = _assembled(folder, order, words)
-        observer.remember()
         for status in events.events():
             look = status.look
-            if look is not None and not look["decision"] and look["number"] not in handled:
+            if look is not None and look["number"] not in handled:
+                if not handled:
+                    observer.remember(look["number"])
                 handled.add(look["number"])
                 _look(observer, look, folder)
 
@@ -100,7 +101,10 @@ def _assembled(folder: Path, order: ObserverOrder, words: PrintClient) -> Observ
 def _look(observer: Observer, told: dict[str, Any], folder: Path) -> None:
     """Look once; whatever goes wrong here pauses the print for the operator."""
     try:
-        if told["insert_sha256"]:  # an observer put it in and died before it said so
+        if told["decision"]:
+            if told["decision"] == "pause" and _asked(folder, told["number"]):
+                observer.ask_again(look_of(told, folder))
+        elif told["insert_sha256"]:  # an observer put it in and died before it said so
             observer.link.look_done(told["number"], "go_on", "mended by an observer that died")
         else:
             record = observer.look(look_of(told, folder))
@@ -108,6 +112,12 @@ def _look(observer: Observer, told: dict[str, Any], folder: Path) -> None:
     except Exception as exc:
         log.exception("look %d failed", told["number"])
         observer.link.look_done(told["number"], "pause", f"the observer failed: {exc}")
+
+
+def _asked(folder: Path, number: int) -> bool:
+    """Whether a look's record asks the operator for something that isn't answered."""
+    asks = any(one.number == number and one.asked for one in read_looks(folder))
+    return asks and answer_of(folder, number) is None
 
 
 def look_of(told: dict[str, Any], folder: Path) -> Look:

@@ -92,7 +92,7 @@ def read_looks(print_folder: Path) -> list[LookRecord]:
     return found
 
 
-def answer_look(print_folder: Path, number: int, answer: Answer) -> None:
+def answer_look(print_folder: Path, number: int, answer: str) -> None:
     """Leave the operator's word on a look for the observer, which waits for it.
 
     Raises
@@ -104,9 +104,7 @@ def answer_look(print_folder: Path, number: int, answer: Answer) -> None:
         raise ValueError(f"{answer!r} is no answer; say {', '.join(ANSWERS)}")
     asking = [look for look in read_looks(print_folder) if look.number == number and look.asked]
     if not asking:
-        raise ValueError(
-            f"look {number} asks for nothing; `printctl observe status` tells the last"
-        )
+        raise ValueError(f"look {number} asks for nothing; `printctl observe looks` lists them")
     path = look_folder(print_folder, number) / "answer.json"
     write_text(path, json.dumps({"answer": answer}) + "\n")
 

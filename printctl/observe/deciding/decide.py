@@ -216,7 +216,8 @@ class Decider:
             f"no ink for the last {supply.since_ul or 0:.3g} µL: {cause}; what is missing is "
             "mended after the cause"
         )
-        return Decision(DecisionKind.PAUSE, why, gaps=self._believed(evidence))
+        gaps = self._believed(evidence)
+        return Decision(DecisionKind.PAUSE, why, gaps, ask=DecisionKind.MEND if gaps else None)
 
     def _narrowed(self, evidence: Evidence) -> Decision | None:
         least = 1.0 - self.limits.lumen_percent / 100.0

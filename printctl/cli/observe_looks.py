@@ -1,0 +1,63 @@
+"""`printctl observe looks` and `answer`: what was seen of a print, and the operator's word."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+
+from printctl.cli.options import JsonFlag, print_json, print_lines
+from printctl.cli.run_folder import RunArg, print_folder
+from printctl.errors import UsageError
+from printctl.observe.records import LookRecord, answer_look, look_folder, read_looks
+
+
+def looks(run: RunArg, as_json: JsonFlag = False) -> None:
+    """List the looks at a print: what was found, decided and asked."""
+    folder = print_folder(run)
+    found = read_looks(folder)
+    if as_json:
+        print_json([asdict(one) for one in found])
+        return
+    if not found:
+        raise UsageError(f"nobody has looked at the print in {folder}; observe is a recipe's part")
+    print_lines(*(_words(one) for one in found))
+    last = found[-1]
+    if last.asked:
+        print_lines(
+            f"look {last.number} asks to {_ASKED[last.asked]}: see "
+            f"{look_folder(folder, last.number)}, then `printctl observe answer RUN approve` (or "
+            "go_on, stop)"
+        )
+
+
+def answer(
+    run: RunArg,
+    word: Annotated[
+        str,
+        typer.Argument(
+            help="approve: do what is proposed. go_on: without it. stop: end the print.",
+            show_default=False,
+        ),
+    ],
+) -> None:
+    """Answer the last look of a print that waits for the operator's word."""
+    folder = print_folder(run)
+    found = read_looks(folder)
+    try:
+        if not found:
+            raise ValueError(f"nobody has looked at the print in {folder}")
+        answer_look(folder, found[-1].number, word)
+    except ValueError as exc:
+        raise UsageError(str(exc)) from exc
+    print_lines(f"look {found[-1].number}: {word}; `printctl status` tells what the print does")
+
+
+_ASKED = {"mend": "mend what is missing", "flow": "correct the flow", "pause": "wait"}
+
+
+def _words(look: LookRecord) -> str:
+    seen = look.found.get("seen_share")
+    share = "" if seen is None else f", {seen:.0%} seen"
+    return f"look {look.number} ({look.mark}){share}: {look.decision}: {look.why}"
