@@ -18,7 +18,8 @@ from kernels import jit
 
 _RANK: Final = 1e-14
 """Share of the largest pivot from which on equations are singular."""
-_BALANCINGS: Final = 3
+_SLIGHT: Final = 1e-9
+"""Weight of leaving rows and columns as they are, so that what scales them is one."""
 
 DONE: Final = 0
 UNSETTLED: Final = 1
@@ -39,6 +40,8 @@ class Reduced(NamedTuple):
         Equations without and with slopes.
     place : (n,) int64
         Of an equation in ``rest``; -1 for the others.
+    weight : (r,) float64
+        Of the equations in ``rest``, in ``base`` and ``carry``.
     gain : (n - r, n) float64
     spread, across : (n, r), (r, n) float64
         The same, transposed.
@@ -57,6 +60,7 @@ class Reduced(NamedTuple):
     linear: IntArray
     rest: IntArray
     place: IntArray
+    weight: FloatArray
     gain: FloatArray
     spread: FloatArray
     across: FloatArray
@@ -90,10 +94,13 @@ def reduced_system(e: csr_array, f: csr_array, terms: Terms, pace: Pace) -> Redu
     place = np.full(len(matrix), -1)
     place[rest] = np.arange(len(rest))
     gain, spread = _eliminated(matrix[linear])
+    base = matrix[rest] @ spread
+    weight = 1.0 / _or_one(np.abs(base).max(axis=1, initial=0.0))
+    others = weight[:, None] * matrix[rest]
     return Reduced(
-        *_entries(e), *_entries(f), linear, rest, place, np.ascontiguousarray(gain.T), spread,
-        np.ascontiguousarray(spread.T), matrix[rest] @ spread,
-        np.ascontiguousarray((matrix[rest] @ gain).T), pace.alpha_m, pace.alpha_f, pace.gamma,
+        *_entries(e), *_entries(f), linear, rest, place, weight, np.ascontiguousarray(gain.T),
+        spread, np.ascontiguousarray(spread.T), others @ spread,
+        np.ascontiguousarray((others @ gain).T), pace.alpha_m, pace.alpha_f, pace.gamma,
         pace.step, pace.tolerance, pace.iterations,
     )  # fmt: skip
 
@@ -121,23 +128,26 @@ def _eliminated(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     scale = columns[solved, None]
     gain[solved] = scale * solve_triangular(triangle[:, :count], q.T) * rows
     spread[solved] = -scale * solve_triangular(triangle[:, :count], triangle[:, count:])
-    spread[solved] /= columns[free]
-    spread[free] = np.eye(size - count)
+    spread[free] = np.diag(columns[free])  # free variables in units of their own
     return gain, spread
-
-
-def _balance(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Factors of rows and columns that bring their largest numbers near 1."""
-    rows, columns = np.ones(len(matrix)), np.ones(matrix.shape[1])
-    for _ in range(_BALANCINGS):
-        sizes = np.abs(rows[:, None] * matrix * columns)
-        rows /= np.sqrt(_or_one(sizes.max(axis=1)))
-        columns /= np.sqrt(_or_one(sizes.max(axis=0)))
-    return rows, columns
 
 
 def _or_one(sizes: FloatArray) -> FloatArray:
     return np.where(sizes > 0.0, sizes, 1.0)
+
+
+def _balance(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Factors of rows and columns that bring all numbers near 1, whatever their units.
+
+    Least squares of the logarithms (Curtis & Reid 1972, doi 10.1093/imamat/10.1.118).
+    """
+    row, column = np.nonzero(matrix)
+    count, size = matrix.shape
+    sides = np.zeros((len(row), count + size))
+    sides[np.arange(len(row)), row] = sides[np.arange(len(row)), count + column] = 1.0
+    normal = sides.T @ sides + _SLIGHT * np.eye(count + size)
+    logs = -np.linalg.solve(normal, sides.T @ np.log(np.abs(matrix[row, column])))
+    return np.exp(logs[:count]), np.exp(logs[count:])
 
 
 @jit
@@ -230,7 +240,7 @@ def _correct(
     change[:] = 0.0
     matrix[:] = system.base
     for i in range(len(free)):
-        free[i] = residual[system.rest[i]]
+        free[i] = system.weight[i] * residual[system.rest[i]]
     for k in range(len(system.linear)):
         lacking = residual[system.linear[k]]
         if lacking != 0.0:
@@ -240,8 +250,8 @@ def _correct(
                 free[i] -= lacking * system.carry[k, i]
     factor = system.alpha_f * system.gamma * system.step
     for k in range(len(by_state)):
-        slope = system.alpha_m * by_rate[k] + factor * by_state[k]
         row, column = system.place[terms.slope_row[k]], terms.slope_column[k]
+        slope = system.weight[row] * (system.alpha_m * by_rate[k] + factor * by_state[k])
         free[row] -= slope * change[column]
         for j in range(len(free)):
             matrix[row, j] += slope * system.spread[column, j]
