@@ -26,6 +26,9 @@ from design.network import FloatArray
 
 _FULL: Final = 200
 """Unknowns up to which a nonlinear system is reduced to its nonlinear part."""
+_WIDE: Final = 600
+"""Unknowns up to which it is where few equations are nonlinear."""
+_FEW: Final = 60
 _BLOCK: Final = 256
 """Steps whose tables are sampled at once, at most."""
 _NUMBERS: Final = 1_000_000
@@ -54,7 +57,8 @@ class Stepper:
         self._sampler, self._period, self._pace = sampler, period, pace
         size = len(system.constant)
         self._block = max(1, min(_BLOCK, _NUMBERS // (size + system.drive.shape[1])))
-        way: Any = ReducedMarch if size <= _FULL else SparseMarch
+        few = sum(g.rows.size for g in system.terms) <= _FEW
+        way: Any = ReducedMarch if size <= (_WIDE if few else _FULL) else SparseMarch
         self._way: LinearMarch | ReducedMarch | SparseMarch = (
             way(system, pace) if system.terms else LinearMarch(system, pace)
         )
