@@ -163,7 +163,7 @@ def test_a_closed_loop_keeps_its_volume() -> None:
 
 
 def test_a_heart_steps_alike_reduced_and_by_sparse_factors(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One kernel steps the nonlinear part of small systems; of large ones SciPy solves the whole."""
+    """One kernel steps small systems by their nonlinear part; SciPy solves large ones whole."""
     reduced = run_svzerod(case_of(_loop(cycles=1)))
     for limit in ("_FULL", "_WIDE"):
         monkeypatch.setattr(f"design.hemodynamics.zero_d.svzerod.march.{limit}", 0)

@@ -62,8 +62,8 @@ def heart(group: Group, to: Stamps) -> None:
         to.f(row, {before: -1.0, behind: 1.0})
     for side, volume, row in (("ra", _V_RA, 0), ("la", _V_LA, 8)):
         constants = [values[f"{key}_{side}"] for key in ("Emax", "Kxp", "Kxv", "Vaso")]
-        timed = partial(_atria, values["Tsa"].item(), values["tpwave"].item())
-        to.add(EXPONENTIAL, (row,), (volume,), ((0, 0),), constants, timed)
+        beat = partial(_atria, values["Tsa"].item(), values["tpwave"].item())
+        to.add(EXPONENTIAL, (row,), (volume,), ((0, 0),), constants, beat)
     for side, volume, row in (("rv", _V_RV, 4), ("lv", _V_LV, 11)):
         timed = partial(_ventricle, values[f"E{side}_s"], values[f"V{side}_u"])
         to.add(AFFINE, (row,), (volume,), ((0, 0),), timed=timed)

@@ -29,6 +29,7 @@ _FULL: Final = 200
 _WIDE: Final = 600
 """Unknowns up to which it is where few equations are nonlinear."""
 _FEW: Final = 60
+"""Of them."""
 _BLOCK: Final = 256
 """Steps whose tables are sampled at once, at most."""
 _NUMBERS: Final = 1_000_000

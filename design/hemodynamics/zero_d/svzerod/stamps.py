@@ -147,7 +147,7 @@ class Stamps:
         rows: Sequence[int],
         variables: Sequence[int],
         slopes: Sequence[tuple[int, int]],
-        constants: Sequence[FloatArray] = (),
+        constants: Sequence[FloatArray] | FloatArray = (),
         timed: Timed | None = None,
     ) -> None:
         """Add a term of each block: its equations, variables and derivatives (`TermGroup`)."""
@@ -167,7 +167,7 @@ class Stamps:
         rows: Sequence[int],
         variables: IntArray,
         slopes: Sequence[tuple[int, int]],
-        constants: Sequence[FloatArray],
+        constants: Sequence[FloatArray] | FloatArray,
         timed: Timed | None,
     ) -> None:
         equations = self._here.equations[:, list(rows)]

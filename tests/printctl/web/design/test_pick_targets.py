@@ -9,7 +9,8 @@ import pytest
 from printctl.web.design.pick_targets import pick_targets
 from printctl.web.design.widgets.pick_pane import place_of
 
-HEART = {"template": "heart", "inlets": {"left_coronary": {"at_mm": [1, 2, 3]}}}
+LEFT = {"left_coronary": {"at_mm": [1, 2, 3]}}
+HEART = {"template": "heart", "inlets": LEFT}
 TREES = [{"kind": "artery"}, {"kind": "vein"}]
 
 
@@ -25,7 +26,7 @@ TREES = [{"kind": "artery"}, {"kind": "vein"}]
          [{"at_mm": [0.1, 2.0, 3.0]}]),
         (
             {"grow": "tree", "anatomy": HEART}, "right coronary", ("anatomy", "inlets"),
-            HEART["inlets"] | {"right_coronary": {"at_mm": [0.1, 2.0, 3.0]}},
+            {**LEFT, "right_coronary": {"at_mm": [0.1, 2.0, 3.0]}},
         ),
         ({"grow": "closed_loop"}, "the vein's outlet", ("vein_root_mm",), [0.1, 2.0, 3.0]),
         (
