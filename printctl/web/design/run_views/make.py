@@ -53,6 +53,8 @@ def write_network(run: Path, path: Path) -> None:
 def write_tissue(recipe: Path, path: Path) -> None:
     """Write the page of a recipe's tissue, on which places are picked."""
     said = read_text(recipe.read_text(encoding="utf-8")).get("tissue")
+    if not isinstance(said, dict):
+        raise UsageError("the recipe has no tissue yet; choose its kind first")
     try:
         part: TissuePart = TypeAdapter(TissuePart).validate_python(said)
     except ValidationError as exc:
