@@ -13,9 +13,9 @@ from design.hemodynamics.zero_d.svzerod.newton_steps import (
     DONE,
     SINGULAR,
     march_reduced,
-    reduced_system,
 )
 from design.hemodynamics.zero_d.svzerod.pace import Pace, State
+from design.hemodynamics.zero_d.svzerod.reduction import reduced_system
 from design.hemodynamics.zero_d.svzerod.stamps import LumpedSystem
 from design.hemodynamics.zero_d.svzerod.terms import Moments, joined_terms, timed_coefficients
 
