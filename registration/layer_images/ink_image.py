@@ -19,6 +19,8 @@ from registration.layer_images.working import Mask
 ACROSS = np.linspace(-1.5, 1.5, 61)
 """Places across a line, in expected widths."""
 WITHIN = np.abs(ACROSS) <= 0.5 + 1e-9
+CORE = np.abs(ACROSS) <= 0.3 + 1e-9
+"""What is looked at of filled lines: one that is thin is not a missing one."""
 _SMOOTH = 0.15
 _RIDGE = 0.3
 """Of the bath's mean variance across: noise that its covariance doesn't know of."""
@@ -145,7 +147,7 @@ class Template:
         filter.
         """
         rows = self.rows(angle)
-        weights = rows
+        weights = np.where(CORE, rows, 0.0) if self.filled else rows
         if not self.filled and noise is not None:
             inner = np.where(WITHIN[:, None] & WITHIN, noise, 0.0)
             ridge = _RIDGE * float(np.trace(inner)) / int(WITHIN.sum())

@@ -24,7 +24,9 @@ INK: Final = 0.5
 _SIDE = 0.15
 """Of a width: nearer than that to an edge a side isn't clear bath."""
 _TAILS: Final = (0.02, 0.005)
-_FEWEST = 40
+_FEWEST = 16
+_FEW: Final = 5.0
+"""Spreads of n windows are widened by 1 + 5 / n."""
 _FAKES = 400
 _UNLEARNED = 1.5
 """Where there is no ink to learn from, it may scatter by so much more than its place does."""
@@ -179,7 +181,7 @@ def window_noise(
         if len(ink) < _FEWEST:
             break
         lengths.append(count * step)
-        spreads.append(times * _spread(ink))
+        spreads.append(times * _spread(ink) * (1.0 + _FEW / len(ink)))
     if not spreads:
         return None
     bath = 0.0 if bath_values is None else _bath_spread(bath_values, step, gap_mm)

@@ -31,7 +31,7 @@ from registration.layer_images.plane_map import PlaneMap
 from registration.layer_images.presence import INK, Sides
 from registration.layer_images.stations import Grouping, station_widths
 from registration.layer_images.stretches import find_stretches, width_ratio
-from registration.layer_images.told import Ground, Told, differs_enough, tell_ink
+from registration.layer_images.told import Ground, Told, differs_enough, reasons, tell_ink
 from registration.layer_images.values import (
     Appearance,
     Blob,
@@ -197,7 +197,8 @@ def _look(
         on_old = replace(ground, free=alone, known=None)
         old = tell_ink(on_old, ways, seen, touching, over_old, rng)
         old = old if old is not None and differs_enough(old, bath) else None
-    joined = _joined(len(ways), over_old, bath, old)
+    place = reasons(work, seen, ways, np.zeros(work.shape, dtype=np.bool_))
+    joined = _joined(place, over_old, bath, old)
     group = Grouping.of_ways(ways, joined[3] == Unseen.SEEN)
     widths = station_widths(
         group, ways, joined[2], sides, bath, over_old, joined[0], joined[3] == Unseen.SEEN, work
@@ -208,14 +209,15 @@ def _look(
 
 
 def _joined(
-    count: int, over_old: BoolArray, bath: Told | None, old: Told | None
+    place: IntArray, over_old: BoolArray, bath: Told | None, old: Told | None
 ) -> tuple[FloatArray, FloatArray, FloatImage, IntArray]:
     """Presence, the same without sides, profiles and reasons, of both backgrounds."""
+    count = len(place)
     present, plain = np.full(count, np.nan), np.full(count, np.nan)
     profiles = np.zeros((count, len(ACROSS)), dtype=np.float32)
     why = np.full(count, int(Unseen.FAINT))
     for told, rows, faint in ((bath, ~over_old, Unseen.FAINT), (old, over_old, Unseen.OLD_INK)):
-        why[rows] = int(faint)
+        why[rows] = np.where(place[rows] == Unseen.SEEN, int(faint), place[rows])
         if told is None:
             continue
         present[rows], plain[rows] = told.present[rows], told.plain[rows]

@@ -39,7 +39,8 @@ def strange_places(
     power = float(way @ way)
     share = np.clip(whitened @ way / max(power, 1e-12), 0.0, _MOST_INK)
     away = np.sqrt(((whitened - share[:, :, None] * way) ** 2).sum(axis=2))
-    limit = max(_SURE, 2.5 * _quantile(away, free, 95), 1.5 * _quantile(away, fresh, 85))
+    # Quantiles that a needle over a tenth of the picture doesn't reach.
+    limit = max(_SURE, 3.0 * _quantile(away, free, 80), 2.0 * _quantile(away, fresh, 70))
     return _grown((away > limit).astype(np.uint8), width_px)
 
 

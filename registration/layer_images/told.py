@@ -24,7 +24,14 @@ from registration.layer_images.presence import (
     window_noise,
 )
 from registration.layer_images.strange import grown, strange_places
-from registration.layer_images.values import Appearance, BoolArray, FloatArray, FloatImage, Unseen
+from registration.layer_images.values import (
+    Appearance,
+    BoolArray,
+    FloatArray,
+    FloatImage,
+    IntArray,
+    Unseen,
+)
 from registration.layer_images.ways import Seen, Ways
 from registration.layer_images.working import Mask, Working
 
@@ -84,7 +91,7 @@ class Told:
     profiles: FloatImage
     present: FloatArray
     plain: FloatArray
-    why: FloatArray
+    why: IntArray
     template: Template
     noise: WindowNoise | None
     contrast: float
@@ -160,7 +167,7 @@ def _by_mix(
     width_px = float(np.median(ways.width)) * ground.work.px_per_mm
     strange = _strange(ground, bath, ink, width_px)
     profiles = seen.profiles(mixed, ways.width[:, None] * ACROSS)
-    why, angle = _reasons(ground.work, seen, ways, strange), angle_of(seen)
+    why, angle = reasons(ground.work, seen, ways, strange), angle_of(seen)
     learn = use & (why == Unseen.SEEN)
     if learn.sum() < _FEWEST and known is None:
         return None
@@ -170,7 +177,8 @@ def _by_mix(
         template = learn_template(profiles[learn], sides.usable()[learn], angle[learn])
     scale = np.float32(template.scale)
     image, profiles = mixed / scale, profiles / scale
-    fakes = _fake_profiles(image, ground, width_px, ways, rng)
+    free = ((ground.free > 0) & ~strange).astype(np.uint8)
+    fakes = _fake_profiles(image, free, ground.work.px_per_mm, width_px, ways, rng)
     texture = not template.filled and fakes is not None
     noise_across = np.cov(fakes[0][::4].T) if texture and fakes is not None else None
     weights, strength = template.weights(angle, noise_across)
@@ -276,7 +284,7 @@ def _ink_level(level: FloatArray, spread: float) -> float:
     return usual if abs(usual) > 0.5 * abs(far) or abs(far) < spread else far
 
 
-def _reasons(work: Working, seen: Seen, ways: Ways, strange: BoolArray) -> FloatArray:
+def reasons(work: Working, seen: Seen, ways: Ways, strange: BoolArray) -> IntArray:
     """Why each place isn't seen, (n,)."""
     across = ways.width[:, None] * np.linspace(-0.5, 0.5, 9)
     why = np.full(len(ways), int(Unseen.SEEN))
@@ -288,11 +296,16 @@ def _reasons(work: Working, seen: Seen, ways: Ways, strange: BoolArray) -> Float
 
 
 def _fake_profiles(
-    image: FloatImage, ground: Ground, width_px: float, ways: Ways, rng: np.random.Generator
+    image: FloatImage,
+    free: Mask,
+    px_per_mm: float,
+    width_px: float,
+    ways: Ways,
+    rng: np.random.Generator,
 ) -> tuple[FloatImage, FloatArray] | None:
     """Profiles where there is bath alone (8 places a line), and their directions."""
-    step_px = float(np.median(ways.step)) * ground.work.px_per_mm
-    fakes = fake_places(ground.free, width_px, step_px, rng)
+    step_px = float(np.median(ways.step)) * px_per_mm
+    fakes = fake_places(free, width_px, step_px, rng)
     if fakes is None:
         return None
     return fakes.profiles(image, width_px * ACROSS[None, :]), angle_of(fakes)
