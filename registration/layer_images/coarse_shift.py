@@ -10,6 +10,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from registration.layer_images.light import shrunk
 from registration.layer_images.values import FloatArray, FloatImage
 from registration.layer_images.working import Mask
 
@@ -56,7 +57,7 @@ def coarse_shift(flat: FloatImage, fresh: Mask, blocked: Mask, reach_px: int) ->
 
 
 def _features(flat: FloatImage, size: tuple[int, int]) -> list[FloatImage]:
-    small = cv2.resize(flat, size, interpolation=cv2.INTER_AREA).reshape(size[1], size[0], -1)
+    small = shrunk(flat, size)
     found = []
     for c in range(small.shape[2]):
         one = np.ascontiguousarray(small[:, :, c])

@@ -68,10 +68,19 @@ def _cells(
     """Mean (cells, c) where the mask is set, and which share that is, (cells,)."""
     weight = mask.astype(np.float32)
     share = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
-    total = cv2.resize(channels * weight[:, :, None], size, interpolation=cv2.INTER_AREA)
-    total = total.reshape(size[0] * size[1], -1).astype(np.float64)
+    weighted = channels * weight[:, :, None]
+    total = shrunk(weighted, size).reshape(size[0] * size[1], -1).astype(np.float64)
     flat = share.ravel().astype(np.float64)
     return total / np.maximum(flat, 1e-9)[:, None], flat
+
+
+def shrunk(channels: FloatImage, size: tuple[int, int]) -> FloatImage:
+    """Return channels (h, w, c) as means over larger pixels; OpenCV takes four at a time."""
+    each = [
+        cv2.resize(np.ascontiguousarray(channels[:, :, c]), size, interpolation=cv2.INTER_AREA)
+        for c in range(channels.shape[2])
+    ]
+    return np.dstack(each)
 
 
 def _basis(size: tuple[int, int]) -> FloatArray:
