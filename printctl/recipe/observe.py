@@ -19,7 +19,7 @@ def _known_interval(text: str) -> str:
     if not _EVERY.fullmatch(text):
         raise ValueError(
             f"{text!r} isn't a place to look at: say layer, vessel, or a way or time between looks "
-            "such as 0.5 mm (of height), 10 min or 30 s"
+            "such as 800 mm (of written lines), 10 min or 30 s"
         )
     return text
 
@@ -57,7 +57,9 @@ class ObservePart(Part):
         default=None, description="File of `printctl observe frame`.", json_schema_extra=FILE
     )
     every: Annotated[str, AfterValidator(_known_interval)] = Field(
-        default="layer", description="layer, vessel, or 0.5 mm, 10 min, 30 s."
+        default="layer",
+        description="Where a layer or vessel ends; or at the first such mark after so much: "
+        "800 mm (of written lines), 10 min, 30 s.",
     )
     tolerance: ObserveTolerances = ObserveTolerances()
     mend: Literal["tell", "ask", "mend"] = Field(
