@@ -27,6 +27,7 @@ def simulated_printer(
     *,
     speed: float = 0.0,
     journal: Path | None = None,
+    faults: Path | None = None,
 ) -> str:
     """Start a simulated printer and return the port to reach it by.
 
@@ -50,6 +51,8 @@ def simulated_printer(
         Times real time; 0 for virtual time, as fast as it can.
     journal : Path, optional
         Of the print, which tells what is inserted into the job; the one in ``folder`` by default.
+    faults : Path or None
+        A fault file (`sim.faults.fault_file`).
 
     Raises
     ------
@@ -63,6 +66,7 @@ def simulated_printer(
         journal = journal or folder / JOURNAL
         command += ["--job", str(job.resolve()), "--journal", str(journal.resolve())]
     command += ["--record", str(record.resolve())] if record else []
+    command += ["--faults", str(faults.resolve())] if faults else []
     command += ["--exit-on-hangup"]
     command += ["--tcp", "0"] if sys.platform == "win32" else []
     with address.open("wb") as out, errors.open("wb") as log:
