@@ -10,6 +10,7 @@ from printctl.observe.mending.gap import Gap, NotMended, gap_between
 from printctl.observe.mending.held_print import HeldPrint
 from printctl.observe.mending.mend import Mend
 from printctl.observe.mending.options import MendOptions
+from printctl.observe.mending.own_purge import own_purge
 from printctl.observe.mending.patch import Patch
 from printctl.observe.mending.plan import plan_mend
 from printctl.observe.mending.voids import Voids
@@ -28,6 +29,7 @@ __all__ = [
     "WrittenPath",
     "check_mend",
     "gap_between",
+    "own_purge",
     "plan_mend",
     "written_paths",
 ]
