@@ -26,6 +26,7 @@ def simulated_printer(
     folder: Path,
     *,
     speed: float = 0.0,
+    faults: Path | None = None,
     journal: Path | None = None,
 ) -> str:
     """Start a simulated printer and return the port to reach it by.
@@ -48,6 +49,8 @@ def simulated_printer(
         For its log and its address.
     speed : float
         Times real time; 0 for virtual time, as fast as it can.
+    faults : Path or None
+        A fault file (`sim.faults.fault_file`).
     journal : Path, optional
         Of the print, which tells what is inserted into the job; the one in ``folder`` by default.
 
@@ -63,6 +66,7 @@ def simulated_printer(
         journal = journal or folder / JOURNAL
         command += ["--job", str(job.resolve()), "--journal", str(journal.resolve())]
     command += ["--record", str(record.resolve())] if record else []
+    command += ["--faults", str(faults.resolve())] if faults else []
     command += ["--exit-on-hangup"]
     command += ["--tcp", "0"] if sys.platform == "win32" else []
     with address.open("wb") as out, errors.open("wb") as log:
