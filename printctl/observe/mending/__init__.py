@@ -5,6 +5,7 @@ to insert, what they lay, and what stays unmended. Begin with `plan.py`.
 """
 
 from printctl.observe.mending.check import MendCheck, check_mend
+from printctl.observe.mending.checked_mend import checked_mend
 from printctl.observe.mending.errors import MendError
 from printctl.observe.mending.gap import Gap, NotMended, gap_between
 from printctl.observe.mending.held_print import HeldPrint
@@ -28,6 +29,7 @@ __all__ = [
     "Voids",
     "WrittenPath",
     "check_mend",
+    "checked_mend",
     "gap_between",
     "own_purge",
     "plan_mend",

@@ -14,6 +14,7 @@ from printctl.observe.mending import (
     MendOptions,
     Voids,
     check_mend,
+    checked_mend,
     gap_between,
     own_purge,
     plan_mend,
@@ -132,6 +133,20 @@ def test_a_check_sees_what_is_wrong(held, change, field):
     found = check_mend(held, change(list(mend.lines)), [gap])
     assert not found.passed
     assert bool(getattr(found, field)) is (field != "same_modes")
+
+
+def test_a_mend_that_fails_its_check_has_no_lines(held, monkeypatch):
+    gap = Gap(last(held), 1.0, 2.0)
+    mend, check = checked_mend(held, [gap])
+    assert mend.lines
+    assert check.passed
+    wrong = replace(check, lumens_entered=2)
+    monkeypatch.setattr(
+        "printctl.observe.mending.checked_mend.check_mend", lambda *args, **more: wrong
+    )
+    mend, check = checked_mend(held, [gap])
+    assert (mend.lines, mend.patches) == ((), ())
+    assert "2 pieces of ink in lumens" in mend.left[0].reason
 
 
 def test_a_thin_stretch_is_written_over_only_where_height_allows(held):
