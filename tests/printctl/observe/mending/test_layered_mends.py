@@ -142,7 +142,7 @@ def test_a_mend_that_fails_its_check_has_no_lines(held, monkeypatch):
     assert check.passed
     wrong = replace(check, lumens_entered=2)
     monkeypatch.setattr(
-        "printctl.observe.mending.checked_mend.check_mend", lambda *args, **more: wrong
+        "printctl.observe.mending.plan_and_check.check_mend", lambda *args, **more: wrong
     )
     mend, check = checked_mend(held, [gap])
     assert (mend.lines, mend.patches) == ((), ())
