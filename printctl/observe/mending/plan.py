@@ -9,7 +9,7 @@ import numpy as np
 
 from printctl.observe.mending.gap import Gap, NotMended, check_gaps, merged
 from printctl.observe.mending.held_print import HeldPrint
-from printctl.observe.mending.insert_lines import InsertWriter, wipe_way
+from printctl.observe.mending.insert_lines import InsertWriter
 from printctl.observe.mending.insert_run import run_insert
 from printctl.observe.mending.laid_ink import laid_ink
 from printctl.observe.mending.mend import Mend
@@ -19,6 +19,7 @@ from printctl.observe.mending.patch import Patch
 from printctl.observe.mending.stretches import Site, patches_of
 from printctl.observe.mending.voids import Voids
 from printctl.observe.mending.whole_way import Spans, cut_out, first_crossing
+from printctl.observe.mending.wipe import wipe_way
 from printctl.observe.mending.written_paths import written_paths
 
 _SAME_DEPTH_MM: Final = 0.05
@@ -113,9 +114,7 @@ def _lines(patches: Sequence[Patch], site: Site) -> tuple[list[bytes], Spans]:
         writer.purge(options.purge, max(held.top_mm, high))
     spans = []
     for one in patches:
-        begins = [p.from_mm for p in patches if p.path is one.path and p is not one]
-        wipe = options.wipe_widths * float(one.path.width_mm.max()) if site.layered else 0.0
-        spans.append(writer.patch(one, wipe_way(one, wipe, begins)))
+        spans.append(writer.patch(one, wipe_way(one, patches, site)))
     writer.end()
     return writer.lines, spans
 

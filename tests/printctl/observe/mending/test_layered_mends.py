@@ -94,6 +94,19 @@ def test_ink_of_a_later_layer_is_never_gone_through(held):
     assert sum(one.length_mm for one in mend.left) == pytest.approx(len(under))
 
 
+def test_a_wipe_stops_where_a_later_layer_begins():
+    job = layered_job(2)
+    z = 5 + 3 * LAYER_MM
+    job.stroke([(104, 100, z), (104, 102.5, z)], "LAYER_END:2")  # over the layer below
+    held = job.held()
+    lower = written_paths(held)[1]
+    along, _ = lower.nearest_mm(np.array([103.0, 101.0, 5 + 2 * LAYER_MM]))
+    for shift in np.arange(-1.0, 1.01, 0.1):
+        gap = Gap(1, along + shift - 0.2, along + shift)
+        mend = plan_mend(held, [gap])
+        assert check_mend(held, mend.lines, [gap]).ink_crossed == 0
+
+
 def test_a_lumen_is_never_entered_and_the_rest_of_the_gap_is_mended(held):
     path = written_paths(held)[-1]
     x, y, z = path.at(np.array([3.0]))[0]
