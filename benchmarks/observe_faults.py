@@ -1,12 +1,13 @@
 """Looks and inserts through kill -9: every stroke of the grown job once, in order.
 
 A link process prints to the simulated printer, both real processes, and is held for a look at the
-end of each layer. A scripted observer, in this process, inserts a stroke in every second look and
-then has the print go on. The link process is killed by SIGKILL about these words, at a random
-moment up to 0.15 s behind one of: the print is held, the insert was sent (not answered), it was
-answered, the decision was sent, it was answered, lines behind it were taken. Then the print is gone
-on with. What the motors did is compared with the file and the inserts as this program knows them
-(`benchmarks.checkers.grown_strokes`), which reads no journal.
+end of each layer. A scripted observer, in this process, inserts a stroke in every second look,
+corrects the flow of the rest in every fourth, and then has the print go on. The link process is
+killed by SIGKILL about these words, at a random moment up to 0.15 s behind one of: the print is
+held, the insert was sent (not answered), it was answered, the decision was sent, it was answered,
+lines behind it were taken. Then the print is gone on with. What the motors did is compared with the
+file and the inserts as this program knows them (`benchmarks.checkers.grown_strokes`), which reads
+no journal.
 
 ``python -m benchmarks.observe_faults --kills 200`` prints JSON.
 """
@@ -90,6 +91,33 @@ def mend(at: dict[str, float], rng: np.random.Generator) -> list[str]:
 
 
 @dataclass
+class Counted:
+    """The plunger's count by the file, and by what is sent of it."""
+
+    file_e: float = 0.0
+    sent_e: float = 0.0
+
+    def scaled(self, command: str, factor: float) -> str:
+        """A command of the file with its dose, if it goes across, times ``factor``."""
+        e = _e_of(command)
+        if e is None:
+            return command
+        if command.startswith("G92"):
+            self.file_e = self.sent_e = e
+            return command
+        writes = e > self.file_e and " X" in command
+        self.sent_e += (e - self.file_e) * (factor if writes else 1.0)
+        self.file_e = e
+        words = command.split()
+        return " ".join(f"E{self.sent_e:.5f}" if one[0] == "E" else one for one in words)
+
+
+def _e_of(command: str) -> float | None:
+    words = [one for one in command.split()[1:] if one[0] == "E"]
+    return float(words[0][1:]) if words else None
+
+
+@dataclass
 class Run:
     """One print, its observer and its killer."""
 
@@ -100,6 +128,7 @@ class Run:
     rng: np.random.Generator
     kills: int
     mends: dict[int, list[str]] = field(default_factory=dict)
+    flows: dict[int, float] = field(default_factory=dict)
     killed: dict[str, int] = field(default_factory=lambda: dict.fromkeys(MOMENTS, 0))
     resumed: int = 0
 
@@ -157,12 +186,13 @@ class Run:
     def _look(self, client: PrintClient, look: int) -> str:
         if self._dies(look, "held"):
             return "held"
-        if look % 2:
-            lines = self.mends.setdefault(look, mend(self.file.ends[look - 1][1], self.rng))
+        if look % 2 or look % 4 == 2:
+            lines, flow = self._insert(look)
             if self._dies(look, "insert sent"):
-                client.looks.connection.send("insert", look=look, lines=lines, why="a gap")
+                said = {"look": look, "lines": lines, "why": "a gap", "flow": flow}
+                client.looks.connection.send("insert", **said)
                 return "insert sent"
-            client.looks.insert(look, lines, "a gap")
+            client.looks.insert(look, lines, "a gap", flow)
             if self._dies(look, "inserted"):
                 return "inserted"
         if self._dies(look, "decision sent"):
@@ -171,13 +201,29 @@ class Run:
         client.looks.decide(look, LookDecision.GO_ON, "mended")
         return "decided" if self._dies(look, "decided") else ""
 
+    def _insert(self, look: int) -> tuple[list[str], float | None]:
+        """What this look inserts, the same each time that it is asked."""
+        if look % 2 == 0:
+            flow = self.flows.setdefault(look, float(self.rng.choice([0.75, 0.9, 1.2])))
+            return [], flow
+        if look not in self.mends:
+            after, at = self.file.ends[look - 1]
+            commands = self.grown()
+            behind = self.file.commands[after:]
+            told = [_e_of(one) for one in commands[: len(commands) - len(behind)]]
+            e = next(value for value in reversed(told) if value is not None)
+            self.mends[look] = mend(at | {"E": e}, self.rng)
+        return self.mends[look], None
+
     def grown(self) -> list[str]:
-        """The file's commands with the inserts that the observer sent."""
-        commands = list(self.file.commands)
-        for look in sorted(self.mends, reverse=True):
-            after = self.file.ends[look - 1][0]
-            commands[after:after] = self.mends[look]
-        return commands
+        """The file's commands with what the observer sent, in its own words."""
+        begin, commands, factor, count = 0, list[str](), 1.0, Counted()
+        for look, (after, _) in enumerate(self.file.ends, 1):
+            commands += [count.scaled(one, factor) for one in self.file.commands[begin:after]]
+            factor = self.flows.get(look, factor)
+            commands += self.mends.get(look, [])
+            begin = after
+        return commands + [count.scaled(one, factor) for one in self.file.commands[begin:]]
 
 
 def one_print(seed: int, folder: Path, kills: int) -> tuple[Run, LinkState, Compared]:
@@ -204,7 +250,7 @@ def rows(kills: int, folder: Path) -> Iterator[dict[str, Any]]:
         good = state is LinkState.DONE and found.exact
         exact, prints = exact + good, prints + 1
         total += sum(run.killed.values())
-        inserts += len(run.mends)
+        inserts += len(run.mends) + len(run.flows)
         for moment, count in run.killed.items():
             by_moment[moment] += count
         if not good:

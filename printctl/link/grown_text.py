@@ -55,7 +55,7 @@ def grown_text(job: Job, data: bytes) -> GrownText:
             row_of_file.append(len(lines))
             lines.append(own[row])
             file_row.append(row)
-    flows = [one.after for one in job.inserts if one.flow is not None]
+    flows = [one.after for one in job.inserts if one.flow != 1.0]
     for index in range(min(flows, default=len(job)), len(job)):
         if index not in first_of:  # its dose may be another than the file's
             row = row_of_file[job.file_lines[index] - 1]

@@ -111,7 +111,8 @@ class Inserting:
             lines = judged_lines(word.lines, place, name)
         if word.flow is not None:
             check_factor(word.flow, place, name)
-        insert = Insert(word.look, done, lines, word.why, word.flow)
+        flow = progress.job.flow if word.flow is None else word.flow
+        insert = Insert(word.look, done, lines, word.why, flow)
         grown = progress.job.grown(insert)
         if word.flow is not None:
             check_flow(progress.job, grown, place, name)

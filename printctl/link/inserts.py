@@ -17,7 +17,7 @@ Position: TypeAlias = tuple[int, int]
 
 @dataclass(frozen=True)
 class Insert:
-    """Lines that were put into a job in a look.
+    """Lines that were put into a job in a look, and what its rest pushes from there on.
 
     Attributes
     ----------
@@ -28,40 +28,38 @@ class Insert:
     lines : tuple of bytes
         As they are sent.
     why : str
-    flow : float or None
-        From there on the job's moves that write push so many times what the file says; None for
-        as before.
+    flow : float
+        Behind them the job's moves that write push so many times what its file says.
     """
 
     look: int
     after: int
     lines: tuple[bytes, ...]
     why: str = ""
-    flow: float | None = None
+    flow: float = 1.0
 
     @property
     def sha256(self) -> str:
-        """Hash of the lines."""
-        return hashlib.sha256(b"\n".join(self.lines)).hexdigest()
+        """Hash of the lines and the flow."""
+        said = (*self.lines, b"flow %.4f" % self.flow)
+        return hashlib.sha256(b"\n".join(said)).hexdigest()
 
     def to_record(self) -> dict[str, Any]:
         """As the journal has it."""
         lines = [line.decode("ascii") for line in self.lines]
-        told = {"look": self.look, "after": self.after, "why": self.why}
-        flow = {} if self.flow is None else {"flow": self.flow}
-        return {**told, **flow, "sha256": self.sha256, "lines": lines}
+        told = {"look": self.look, "after": self.after, "why": self.why, "flow": self.flow}
+        return {**told, "sha256": self.sha256, "lines": lines}
 
     @staticmethod
     def from_record(record: Mapping[str, Any]) -> Insert:
         """Read `to_record`."""
         lines = tuple(str(line).encode("ascii") for line in record["lines"])
-        flow = record.get("flow")
         return Insert(
             look=int(record["look"]),
             after=int(record["after"]),
             lines=lines,
             why=str(record.get("why", "")),
-            flow=None if flow is None else float(flow),
+            flow=float(record.get("flow", 1.0)),
         )
 
 

@@ -81,8 +81,8 @@ class Job:
 
     @property
     def flow(self) -> float:
-        """What moves that write push behind its last insert, by what the file says."""
-        return next((one.flow for one in reversed(self.inserts) if one.flow is not None), 1.0)
+        """What moves that write push behind its last insert, over what the file says."""
+        return self.inserts[-1].flow if self.inserts else 1.0
 
     def grown_by(self, inserts: Sequence[Insert]) -> Job:
         """Return the job with several inserts, in their order; see `grown`."""
@@ -94,8 +94,8 @@ class Job:
     def grown(self, insert: Insert) -> Job:
         """Return the job with an insert's lines behind its first ``insert.after`` lines.
 
-        Marks at that place stay before them. Where the insert says a flow, what writes behind it
-        pushes by that.
+        Marks at that place stay before them. What writes behind them pushes ``insert.flow`` of what
+        the file says (`sim.reading.flow_factor`).
 
         Raises
         ------
@@ -111,7 +111,7 @@ class Job:
                 f"inserts up to line {begun}; the journal isn't of this job"
             )
         line, rest = self.file_line(after), self.lines[after:]
-        if insert.flow is not None and insert.flow != self.flow:
+        if insert.flow != self.flow:
             e_mm = modal_state(self.lines, after).e
             if e_mm is None:
                 raise JobError(f"{self.name} doesn't tell the plunger's count after line {after}")

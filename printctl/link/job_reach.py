@@ -1,9 +1,9 @@
-"""Space that a job's own moves keep to: hull across, heights, feeds; what its checks judged."""
+"""Limits that a job's own moves keep to: hull across, heights, speed of the plunger."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -28,17 +28,17 @@ class JobReach:
     hull_mm : tuple of (x, y), mm
         Corners, against the clock, of what its moves below ``top_mm`` stand on; of all its moves
         where every one is as high.
-    high_hull_mm : tuple of (x, y), mm
-        The same of all its moves.
     push_mm_s : float, mm/s
         Fastest that its moves push the plunger.
+    high_hull_mm : tuple of (x, y), mm
+        Corners of what all its moves stand on; empty where that is ``hull_mm``.
     """
 
     low_mm: float
     top_mm: float
     hull_mm: tuple[Point, ...]
-    high_hull_mm: tuple[Point, ...]
     push_mm_s: float = 0.0
+    high_hull_mm: tuple[Point, ...] = ()
 
     @staticmethod
     def of(
@@ -57,29 +57,35 @@ class JobReach:
             What places are called at a line beyond the count from the touch-off
             (`JobFrame.shift_at`), mm.
         """
-        at = dict(zip("XYZ", start_mm or (math.nan,) * 3, strict=True))
-        at |= {"E": math.nan, "F": math.nan}
+        x, y, z = start_mm or (math.nan,) * 3
+        e = feed = math.nan
         places, fastest = set[Place](), 0.0
         for index, line in enumerate(lines):
-            if is_motion(line):
-                before = dict(at)
-                at |= _words(line)
-                fastest = max(fastest, _push_mm_s(before, at))
-                dx, dy, dz = shift_at(index)
-                places.add((at["X"] - dx, at["Y"] - dy, at["Z"] - dz))
-            else:
-                at |= declared_axes(line)
-                at |= {"E": math.nan} if line.startswith(b"G92") else {}
+            if not is_motion(line):
+                told = declared_axes(line) if line[:1] != b"M" else {}
+                x, y, z = told.get("X", x), told.get("Y", y), told.get("Z", z)
+                e = math.nan if line.startswith(b"G92") else e
+                continue
+            words = _words(line)
+            to = words.get(b"X", x), words.get(b"Y", y), words.get(b"Z", z)
+            pushed, feed = words.get(b"E", e), words.get(b"F", feed)
+            if pushed > e and feed > 0:
+                way = math.dist((x, y, z), to)
+                fastest = max(fastest, feed / 60 * ((pushed - e) / way if way > 0 else 1.0))
+            (x, y, z), e = to, pushed
+            dx, dy, dz = shift_at(index)
+            places.add((x - dx, y - dy, z - dz))
         heights = [z for _, _, z in places if z == z]
         low, top = min(heights, default=math.inf), max(heights, default=-math.inf)
         known = [place for place in places if place[0] == place[0] and place[1] == place[1]]
-        below = {(x, y) for x, y, z in known if z < top - _HEIGHTS_MM}
-        high = _hull({(x, y) for x, y, _ in known})
-        return JobReach(low, top, _hull(below) if below else high, high, fastest)
+        below = _hull({(x, y) for x, y, z in known if z < top - _HEIGHTS_MM})
+        high = _hull({*below, *((x, y) for x, y, z in known if not z < top - _HEIGHTS_MM)})
+        return JobReach(low, top, below or high, fastest, high)
 
     def is_inside(self, x: float, y: float, z: float) -> bool:
         """Whether a place is within the hull of its height, or at most `ASIDE_MM` beside it."""
-        corners = self.hull_mm if z < self.top_mm - _HEIGHTS_MM else self.high_hull_mm
+        high = z >= self.top_mm - _HEIGHTS_MM and self.high_hull_mm
+        corners = high or self.hull_mm
         if len(corners) < 3:
             pairs = list(zip(corners, corners[1:] or corners, strict=False))
             return any(_apart_mm(one, other, (x, y)) <= ASIDE_MM for one, other in pairs)
@@ -89,22 +95,8 @@ class JobReach:
         return any(_apart_mm(one, other, (x, y)) <= ASIDE_MM for one, other in edges)
 
 
-def _words(line: bytes) -> dict[str, float]:
-    words = line.split(b" ")[1:]
-    return {
-        word[:1].decode(): float(word[1:])
-        for word in words
-        if word[:1] in (b"X", b"Y", b"Z", b"E", b"F") and len(word) > 1
-    }
-
-
-def _push_mm_s(before: Mapping[str, float], after: Mapping[str, float]) -> float:
-    """Speed of the plunger in a straight move, mm/s; 0 where it draws back or isn't known."""
-    push = after["E"] - before["E"]
-    length = math.dist(*([place[axis] for axis in "XYZ"] for place in (before, after)))
-    if not (push > 0 and after["F"] > 0):
-        return 0.0
-    return after["F"] / 60 * (push / length if length > 0 else 1.0)
+def _words(line: bytes) -> dict[bytes, float]:
+    return {word[:1]: float(word[1:]) for word in line.split(b" ")[1:] if len(word) > 1}
 
 
 def _hull(points: set[Point]) -> tuple[Point, ...]:

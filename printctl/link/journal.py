@@ -28,6 +28,7 @@ left       the job's ``place`` that the needle leaves for a pause or a look: aft
 look       ``look``: the number of a look that begins after ``done`` lines; ``mark``, ``layer``
 insert     ``look``, ``after``, ``lines``, ``sha256``, ``why``: lines that follow the first
            ``after`` of the job, earlier inserts counted; on the disk before the job has them;
+           ``flow``: what the job's moves that write push behind them, over what the file says;
            ``reload_at``, ``reload_heads``: where the changes of syringe are due in the grown job
 looked     ``look``, ``done``, ``decision``, ``why``, ``by``: a look was decided
 heat       ``targets``, °C by heater, as this print has set them after ``line`` lines of the job

@@ -66,7 +66,8 @@ class LookWord:
     refused : callable
         Told why not.
     flow : float or None
-        With an insert: what moves that write push from there on, by what the file says.
+        With an insert: what moves that write push from there on, over what the file says; None
+        for as before.
     """
 
     look: int
@@ -140,7 +141,7 @@ class LookBook:
         if before is not None:
             insert, texts = before
             same = word.lines == texts or _bare(word.lines) == _bare(_texts(insert))
-            if same and word.flow == insert.flow:
+            if same and word.flow in (None, insert.flow):
                 return insert_answer(insert)
             raise Refused(
                 f"look {word.look} has an insert of {len(insert.lines)} lines already, other ones: "

@@ -38,7 +38,7 @@ class Streamer:
     """
 
     def __init__(self, wiring: Wiring, job: Job, care: Care | None = None) -> None:
-        self.wiring, self.job, self.protocol = wiring, job, wiring.protocol
+        self.wiring, self.protocol = wiring, wiring.protocol
         self.parts = assemble(wiring, job, care or Care())
         self._logbook, self._kill = self.parts.channel.logbook, self.parts.channel.kill
         self._requests = self.parts.requests
@@ -84,6 +84,11 @@ class Streamer:
         self._logbook.alarm(text)
 
     # --- for any thread --------------------------------------------------------------------------
+
+    @property
+    def job(self) -> Job:
+        """The job as it has grown."""
+        return self._logbook.progress.job
 
     @property
     def status(self) -> Status:

@@ -12,8 +12,8 @@ from typing import Final
 
 from sim.reading.sent_line import is_motion, plunger_word
 
-LEAST: Final = 0.5
-MOST: Final = 2.0
+LEAST: Final = 0.3
+MOST: Final = 3.0
 """Of the file's own doses."""
 _ACROSS: Final = (b" X", b" Y", b" Z")
 

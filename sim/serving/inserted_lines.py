@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 
 class Inserted(NamedTuple):
-    """Commands before an insert, its lines, and the flow behind it; None for as before."""
+    """Commands before an insert, its lines, and the flow behind it."""
 
     after: int
     lines: list[bytes]
-    flow: float | None
+    flow: float
 
 
 def inserted_lines(journal: Path) -> list[Inserted]:
@@ -40,5 +40,5 @@ def inserted_lines(journal: Path) -> list[Inserted]:
         told = json.loads(record)
         if told.get("t") == "insert":
             lines = [str(one).encode() for one in told["lines"]]
-            found.append(Inserted(int(told["after"]), lines, told.get("flow")))
+            found.append(Inserted(int(told["after"]), lines, float(told.get("flow", 1.0))))
     return found

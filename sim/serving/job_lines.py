@@ -89,7 +89,7 @@ class JobLines:
         new = inserted_lines(self._journal)[self._inserts :]
         for one in new:
             before, rest = self._commands[: one.after], self._commands[one.after :]
-            if one.flow is not None:
+            if one.flow != self._flow:
                 rest = with_flow(rest, plunger_count(before), one.flow / self._flow)
                 self._flow = one.flow
             self._commands = [*before, *one.lines, *rest]

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from printctl.cli.status import waiting_lines
+from printctl.gcode_view.line_map import LineMap
 from printctl.link.errors import JobError
 from printctl.link.find_link import read_outcome
 from printctl.link.grown_text import grown_text
@@ -18,7 +20,8 @@ from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.recovering import plan_recovery
 from printctl.link.reloading import plunger_travel
 from printctl.link.retreat import Retreat
-from printctl.link.states import LinkState
+from printctl.link.states import LinkState, Status
+from printctl.print_state.actions import possible_actions
 from printctl.printing.inserted_ink import filling_in_file, inserted_ink
 from printctl.printing.map_of_rest import OF_LINES, write_map
 from printctl.printing.progress import Filling
@@ -146,3 +149,20 @@ def test_ink_of_an_insert_is_taken_from_the_syringe():
     assert filling_in_file(filling, (told,), FIRST.after + 1).left_mm == pytest.approx(4.99)
     later = Filling(FIRST.after + 20, 5.0, 2.0)
     assert filling_in_file(later, (told,), FIRST.after + 30) == Filling(FIRST.after + 9, 5.0, 2.0)
+
+
+def test_a_print_that_is_held_for_a_look_may_be_gone_on_with_by_the_operator(tmp_path):
+    status = Status(LinkState.LOOKING, waits_for="a decision on look 3")
+    can = {one.action: one.possible for one in possible_actions(tmp_path, status)}
+    assert [can[one] for one in ("resume", "pause", "stop", "kill")] == [True] * 4
+    assert not can["go_on"]
+    assert waiting_lines(status) == ["waits for: a decision on look 3"]
+
+
+def test_a_map_of_lines_follows_what_was_put_in():
+    text = grown_text(GROWN, DATA)
+    own = LineMap(np.arange(DATA.count(b"\n")), of_vessels=False, strand=np.arange(100))
+    grown = own.at_rows(text.file_row)
+    assert grown.source.tolist() == text.file_row
+    assert grown.kind is None
+    assert grown.strand is not None

@@ -21,7 +21,7 @@ from tests.printctl.link.looking import Observer, fresh, layered, observed, patc
 AT = Modal(x=10.0, y=10.0, z=2.0, e=1.0, f=600.0)
 LOW = ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0))
 HIGH = ((0.0, 0.0), (50.0, 0.0), (50.0, 50.0), (0.0, 50.0))
-REACH = JobReach(0.5, 8.0, LOW, HIGH)
+REACH = JobReach(0.5, 8.0, LOW, high_hull_mm=HIGH)
 PLACE = InsertPlace(AT, REACH, PRINTER)
 
 
@@ -113,7 +113,7 @@ def test_only_the_look_that_goes_on_takes_one_insert(tmp_path):
 
 @pytest.mark.parametrize(
     ("flow", "why"),
-    [(0.1, "outside 0.5 to 2"), (3.0, "outside 0.5 to 2"), (1.9, "the plunger would go 7.6 mm/s")],
+    [(0.1, "outside 0.3 to 3"), (4.0, "outside 0.3 to 3"), (1.9, "the plunger would go 7.6 mm/s")],
 )
 def test_flow_out_of_bounds_is_refused(flow, why):
     text = "G92 X10 Y10 Z2 E1\nG1 F600 X10\nG1 X11 E1.4\nG1 E9\nG1 X12 E9.1 F60\n"
