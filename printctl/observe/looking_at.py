@@ -69,6 +69,8 @@ class _Held:
     ----------
     look : int
     held : HeldPrint
+    flow : float
+        Factor in force.
     ink : ExpectedInk
     layer : LayerInk
         Ink that the look is about.
@@ -79,6 +81,7 @@ class _Held:
 
     look: int
     held: HeldPrint
+    flow: float
     ink: ExpectedInk
     layer: LayerInk
     lumens: tuple[Lumen, ...]
@@ -139,7 +142,7 @@ class ObservedJob:
             )
             ink = expected_ink(held, job)
             layer = ink_to_judge(ink, look.before, look.done)
-            self._last = _Held(look.number, held, ink, layer, self._lumens(ink, look))
+            self._last = _Held(look.number, held, job.flow, ink, layer, self._lumens(ink, look))
         return self._last
 
     # --- judging ---------------------------------------------------------------------------------
@@ -165,7 +168,7 @@ class ObservedJob:
             least_gap_mm=limits.gap.least_mm,
             left_ul=self._left_ul(at.ink),
         )
-        return Judged(evidence, figures(first, evidence))
+        return Judged(evidence, figures(first, evidence), at.flow)
 
     def _findings(self, at: _Held, path: Path) -> LayerFindings:
         """Findings of a picture; of the first one a drawing is left beside it."""
