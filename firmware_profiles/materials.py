@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from firmware_profiles.bead_shape import BeadShape, MeasuredExcess
 from firmware_profiles.facts import Celsius, Facts, NonNegative, Positive, Span, Trigger
+from firmware_profiles.strict_model import StrictModel
 
 if TYPE_CHECKING:
     from firmware_profiles.bead import BeadSection
 
 
-class MeasuredLag(BaseModel):
+class MeasuredLag(StrictModel):
     """How long the flow takes to follow the plunger; good for this needle and syringe alone."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     lag_s: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] = Field(
         description="τ of τ dQ/dt = Q_in - Q."

@@ -9,8 +9,9 @@ import numpy as np
 
 from design.network import VesselNetwork
 from design.units import UL_S_PER_ML_MIN, LengthUnit
-from printctl.flow.as_printed import printed_lumens, read_rows
+from printctl.flow.as_printed import printed_lumens, read_print
 from printctl.networks import Drive, load_source
+from registration.gauging import with_printed_lengths
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ def lumens_of(model: Path, unit: LengthUnit | None, as_printed: bool) -> Lumens:
         flow = float(source.known.flow["flow_ul_s"][first].sum()) / UL_S_PER_ML_MIN
     if not as_printed:
         return Lumens(source.network, (), flow)
-    printed = printed_lumens(source.network, read_rows(model))
+    rows, scale = read_print(model)
+    printed = printed_lumens(source.network, rows)
     closed = tuple(np.flatnonzero(printed.closed).tolist())
-    return Lumens(printed.network, closed, flow)
+    return Lumens(with_printed_lengths(printed.network, scale), closed, flow)

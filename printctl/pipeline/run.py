@@ -43,6 +43,10 @@ def run_recipe(
         Whatever stopped it; finished stages are kept and reused by the next run.
     """
     names = WHOLE_NAMES if how.until is None else names_until(how.until)
+    if "solid" in names and "step" in recipe.solid.formats:
+        from design.solids.step import load_occ  # heavy, and few ask for it
+
+        load_occ()  # Missing, it is better told before a tree is grown.
     if JOB_NAMES[0] in names:
         from printctl.pipeline.refusals import refuse_before  # a design needs none of it
 

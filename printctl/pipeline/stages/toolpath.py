@@ -118,6 +118,7 @@ def plan(context: RunContext, *, compensated: bool = True) -> PlannedPath:
     part = context.recipe.toolpath
     match part:
         case Fresh():
+            refuse_early(context)
             options = fresh_options(context, part)
             check_compensation(context, max(own.line_width_mm for own in options))
             for own in options:

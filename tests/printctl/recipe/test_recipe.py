@@ -57,6 +57,12 @@ def test_every_shipped_recipe_is_valid(path: Path) -> None:
         ("schema", 2, r"schema 2.*up to 1.*update"),
         ("name", "../up", r"name.*\.\./up"),
         ("seed", -1, r"seed.*-1"),
+        ("seed", True, r"seed: must be a whole number \(is True\)"),
+        ("tissue.size_mm", ["16", 8, 3], r"tissue\.size_mm\.0: must be a number \(is '16'\)"),
+        ("print_scale", False, r"print_scale: must be a number"),
+        ("printer.place_mm", [1e9, 0, 0], r"place_mm\.0: must be at most 10000"),
+        ("tissue", "block", r"tissue: must be keys with values \(is 'block'\), of a kind of"),
+        ("tissue", {"size_mm": [1, 1, 1]}, r"tissue: doesn't say its kind; give one of 'mesh'"),
         ("scan.voxel_um", [25, 25, 0.1], r"scan.*0\.1.*1 to 1000"),
         ("toolpath.thinnest_layer_um", 60, r"thinnest_layer_um is 60.*layer_um 60.*lower it"),
         ("toolpath.stair_um", 10, r"stair_um is 10.*give thinnest_layer_um"),
@@ -129,6 +135,13 @@ def test_files_of_regions_are_the_recipe_s_files() -> None:
         {"around_vessels_mm": 1},
     ]
     assert parse_recipe(recipe, "test.yaml").toolpath.files() == ["a.stl"]
+
+
+def test_numbers_with_an_exponent_alone_are_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "small.yaml"
+    plain = yaml.safe_dump(_changed("print_scale", 0.5)).replace("0.5", "5e-1")
+    path.write_text(plain)
+    assert load_recipe(path).print_scale == 0.5
 
 
 def test_key_written_twice_is_refused_with_both_lines(tmp_path: Path) -> None:
