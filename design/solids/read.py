@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import SolidError
+from design.geometry.stl_layout import cut_short
 from design.solids.merge import merge_equal
 from design.solids.solid import Solid
-from design.solids.stl import cut_short, read_corners
+from design.solids.stl import read_corners
 from design.solids.surface import sections_solid
 from design.solids.threemf_read import read_plain_3mf
 from design.units import MM_PER, LengthUnit

@@ -70,7 +70,7 @@ class GrowthState:
         if options.root_candidates:
             raise GrowthError(
                 "a root is searched for a tree alone (grow_tree); give each of several trees its "
-                "root_point_mm"
+                "root point"
             )
         given = GivenPoints.of(tissue, options)
         goal = options.terminals + (trunk.tips if given is not None and trunk is not None else 0)

@@ -15,7 +15,7 @@ from design.errors import SolidError, ToolpathError
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Needle, load
-from printctl.errors import SafetyError
+from printctl.errors import SafetyError, UsageError
 from printctl.pipeline.refusals import refuse_before
 from printctl.pipeline.run import design_recipe, toolpath_recipe
 from printctl.recipe import Recipe, parse_recipe
@@ -127,6 +127,13 @@ def test_step_without_its_extra_is_refused_before_anything_is_designed(
     monkeypatch.setitem(sys.modules, "netgen", None)
     made = recipe(tmp_path, network(), solid={"formats": ["stl", "step"]})
     with pytest.raises(SolidError, match=r"pip install 'printctl\[step\]'"):
+        design_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_file_that_is_not_there_is_refused_first(tmp_path: Path) -> None:
+    made = recipe(tmp_path, network(), flow={"outlets": "none.csv"})
+    with pytest.raises(UsageError, match=r"none\.csv, which the recipe names, isn't there"):
         design_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
     assert not (tmp_path / "run").exists()
 

@@ -68,6 +68,11 @@ def test_every_shipped_recipe_is_valid(path: Path) -> None:
         ("toolpath.stair_um", 10, r"stair_um is 10.*give thinnest_layer_um"),
         ("printer.port", "/dev/ttyACM0", r"simulated scan.*ttyACM0.*scan\.file"),
         ("tissue", {"shape": "cylinder", "diameter_mm": 6, "height_mm": 3}, "made for a block"),
+        (
+            "tissue.size_mm",
+            [1, 8, 3],
+            r"a block of 16 x 8 x 3 mm, not 1 x 8 x 3: its ports and fid",
+        ),
     ],
 )
 def test_wrong_recipe_names_place_value_and_remedy(path: str, value: Any, message: str) -> None:
