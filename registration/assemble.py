@@ -16,7 +16,7 @@ from registration.gauging.deviation import (
     histogram,
     within_curve,
 )
-from registration.gauging.face_places import Place
+from registration.gauging.face_places import FacePlace
 from registration.geometry import Characteristic, Frame
 from registration.notes import (
     contrast_notes,
@@ -62,7 +62,7 @@ class RegistrationParts:
         Between our pose and another program's.
     spread : int
         Points on the design from which the scanned surface was looked for.
-    places : tuple of Place
+    places : tuple of FacePlace
         Where the surface away from lumens stands out.
     """
 
@@ -71,7 +71,7 @@ class RegistrationParts:
     is_lumen: bool
     cross_um: float | None
     spread: int
-    places: tuple[Place, ...]
+    places: tuple[FacePlace, ...]
     rigid: FitDeviations
     scaled: FitDeviations
     findings: Findings

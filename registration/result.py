@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from design.geometry.surface import Surface
 from registration.alignment import AXES, AlternativePose, Uncertainty
 from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
-from registration.gauging.face_places import Place
+from registration.gauging.face_places import FacePlace
 from registration.geometry import Characteristic, Frame
 from registration.json_ready import json_ready
 from registration.topology import Overlap, Topology
@@ -84,7 +84,7 @@ class RegistrationReport:
         beyond.
     curve_um, curve_rigid, curve_scaled : (k,) float64
         Tolerances, and the share of the seen surface within each.
-    places : tuple of Place
+    places : tuple of FacePlace
         Where the surface away from lumens stands out, the largest first.
     frame : Frame
         How the part's frame was laid: best fit or datums.
@@ -139,7 +139,7 @@ class RegistrationReport:
     curve_um: FloatArray
     curve_rigid: FloatArray
     curve_scaled: FloatArray
-    places: tuple[Place, ...]
+    places: tuple[FacePlace, ...]
     frame: Frame
     characteristics: tuple[Characteristic, ...]
     vessels: tuple[VesselGauge, ...]

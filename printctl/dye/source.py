@@ -15,7 +15,7 @@ from registration.gauging import with_printed_lengths
 
 
 @dataclass(frozen=True)
-class Lumens:
+class DyeLumens:
     """A network, what of it is closed, and what runs into it.
 
     Attributes
@@ -32,7 +32,7 @@ class Lumens:
     flow_ml_min: float | None
 
 
-def lumens_of(model: Path, unit: LengthUnit | None, as_printed: bool) -> Lumens:
+def lumens_of(model: Path, unit: LengthUnit | None, as_printed: bool) -> DyeLumens:
     """Read a run folder or a network's file.
 
     Raises
@@ -46,8 +46,8 @@ def lumens_of(model: Path, unit: LengthUnit | None, as_printed: bool) -> Lumens:
         first = np.isin(source.network.vessel_nodes[:, 0], source.network.inlets())
         flow = float(source.known.flow["flow_ul_s"][first].sum()) / UL_S_PER_ML_MIN
     if not as_printed:
-        return Lumens(source.network, (), flow)
+        return DyeLumens(source.network, (), flow)
     rows, scale = read_print(model)
     printed = printed_lumens(source.network, rows)
     closed = tuple(np.flatnonzero(printed.closed).tolist())
-    return Lumens(with_printed_lengths(printed.network, scale), closed, flow)
+    return DyeLumens(with_printed_lengths(printed.network, scale), closed, flow)

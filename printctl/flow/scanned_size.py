@@ -8,6 +8,7 @@ import numpy as np
 from manifold3d import Manifold
 from scipy.spatial import cKDTree
 
+from design.geometry.frames import vectors_across
 from design.hemodynamics.probes import clear_parts
 from design.hemodynamics.three_d.axes import axis_places
 from design.hemodynamics.three_d.facets import corner_normals
@@ -68,10 +69,7 @@ def blur_squared(lumen: Manifold, network: VesselNetwork) -> float:
 
 def facing(lumen: Manifold, place: FloatArray, way: FloatArray) -> tuple[Manifold, FloatArray]:
     """The lumen seen from a place along the unit vector ``way``, and the (3, 4) that takes back."""
-    least = np.eye(3)[int(np.argmin(np.abs(way)))]
-    first = np.cross(way, least)
-    first /= np.linalg.norm(first)
-    turn = np.column_stack([first, np.cross(way, first), way])
+    turn = np.column_stack([*vectors_across(way), way])
     return lumen.transform(np.column_stack([turn.T, -turn.T @ place])), np.column_stack(
         [turn, place]
     )

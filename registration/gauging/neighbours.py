@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from registration.gauging.planes import across_tangents
 
 FloatArray = NDArray[np.float64]
 
@@ -66,9 +67,6 @@ class Neighbours:
 
 def _rings(centre: FloatArray, tangent: FloatArray, radius: FloatArray) -> FloatArray:
     """Points (n, 16, 3) on circles across the tangents."""
-    helper = np.where(np.abs(tangent[:, 2:]) < 0.8, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    first = np.cross(helper, tangent)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(tangent, first)
-    circle = np.cos(_ANGLES)[:, None] * first[:, None] + np.sin(_ANGLES)[:, None] * second[:, None]
+    across = across_tangents(tangent)
+    circle = np.cos(_ANGLES)[:, None] * across[:, :1] + np.sin(_ANGLES)[:, None] * across[:, 1:]
     return np.asarray(centre[:, None] + radius[:, None, None] * circle)

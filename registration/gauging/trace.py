@@ -11,7 +11,7 @@ from design.network import VesselNetwork
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging.neighbours import Neighbours
-from registration.gauging.planes import clearances, stations, to_scan, vectors_across
+from registration.gauging.planes import across_tangents, clearances, stations, to_scan
 from registration.gauging.sections import Planes, Sections, cut_sections
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import sample
@@ -146,7 +146,7 @@ def _trace(
 ) -> VesselTrace:
     along, centre, tangent, radius = where
     segmentation, fit, neighbours, part = scene
-    rim = centre[:, None] + (radius + border)[:, None, None] * (_CIRCLE @ vectors_across(tangent))
+    rim = centre[:, None] + (radius + border)[:, None, None] * (_CIRCLE @ across_tangents(tangent))
     inside = _inside(part, rim)
     mouths = _mouths(inside, length) * free
     planes = to_scan(centre, tangent, radius, fit)

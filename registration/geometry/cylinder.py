@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from design.geometry.frames import vectors_across
+
 FloatArray = NDArray[np.float64]
 
 _STEPS = 2
@@ -22,8 +24,7 @@ def minimum_zone(points: FloatArray, middle: FloatArray, direction: FloatArray) 
     """
     centre, axis = np.array(middle, dtype=np.float64), _unit(direction)
     for _ in range(_STEPS):
-        side = _unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
-        other = np.cross(axis, side)
+        side, other = vectors_across(axis)
         away = points - centre
         along, x, y = away @ axis, away @ side, away @ other
         step = _programme(along, x, y)

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.frames import vectors_across
 from registration.geometry.faces import Face
 from registration.geometry.features import plane_rows
 from registration.geometry.filters import open_filter
 from registration.geometry.frame import motion
 from registration.geometry.lumen import Lumen
 from registration.geometry.nested import Rows
-from registration.geometry.setting import Setting, light_across, vectors_across
+from registration.geometry.setting import Setting, light_across
 
 FloatArray = NDArray[np.float64]
 

@@ -49,10 +49,3 @@ def light_across(there: Setting, u: FloatArray, v: FloatArray) -> tuple[float, f
     beam = there.fit.rotation @ there.errors.beam
     size = light_shift(there)
     return float(size * (beam @ u)), float(size * (beam @ v))
-
-
-def vectors_across(way: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors across a direction."""
-    u = np.cross(way, np.eye(3)[np.abs(way).argmin()])
-    u = u / np.linalg.norm(u)
-    return u, np.cross(way, u)

@@ -9,6 +9,7 @@ import numpy as np
 from manifold3d import Manifold
 
 from design.errors import FlowError
+from design.geometry.frames import vectors_across
 from design.geometry.surface import Surface
 from design.hemodynamics.three_d.lumen_mesh import WALL, MeshPort
 from design.network import FloatArray, IntArray
@@ -141,10 +142,7 @@ def _place(port: MeshPort) -> str:
 def _tool(port: MeshPort) -> Manifold:
     """A cylinder beyond a port."""
     size = port.radius_mm
-    least = np.eye(3)[int(np.argmin(np.abs(port.outward)))]
-    first = np.cross(port.outward, least)
-    first /= np.linalg.norm(first)
-    turn = np.column_stack([first, np.cross(port.outward, first), port.outward, port.centre])
+    turn = np.column_stack([*vectors_across(port.outward), port.outward, port.centre])
     return Manifold.cylinder(_DEEP * size, _WIDE * size, _WIDE * size, _SLICES).transform(turn)
 
 
