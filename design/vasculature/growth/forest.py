@@ -107,12 +107,12 @@ def grow_forest(
     options = [_options(root) for root in roots]
     stems: list[_Stem] = []
     trunks = [root.trunk if isinstance(root, RootSpec) else None for root in roots]
-    for number, (wish, trunk) in enumerate(zip(options, trunks, strict=True)):
+    for number, (settings, trunk) in enumerate(zip(options, trunks, strict=True)):
         if trunk is not None:
             radius = np.full(len(trunk.parent), trunk.root_radius_mm)
             stems.append(_Stem(trunk.proximal, trunk.distal, radius))
             continue
-        options[number] = _with_root(tissue, wish, stems)
+        options[number] = _with_root(tissue, settings, stems)
         stems.append(_stem(tissue, options[number]))
     plots = plots or _territories(tissue, roots, options, stems)
     error: DesignError = GrowthError("not tried")
@@ -121,13 +121,15 @@ def grow_forest(
             # Numbers of its own for each tree: the same points would be taken already.
             TreeGrowth.open(
                 tissue,
-                wish,
+                settings,
                 plot,
-                wish.terminal_spread or _spread(attempt),
+                settings.terminal_spread or _spread(attempt),
                 attempt + ATTEMPTS * number,
                 trunk,
             )
-            for number, (wish, plot, trunk) in enumerate(zip(options, plots, trunks, strict=True))
+            for number, (settings, plot, trunk) in enumerate(
+                zip(options, plots, trunks, strict=True)
+            )
         ]
         try:
             return _grow_all(growths, stems, beside)

@@ -190,9 +190,9 @@ def _grown(
             continue
         own = part_tissue(tissue, part)
         flow = options.perfusion_ml_min_per_ml * tissue.volume_mm3 * demand[n] / own.volume_mm3
-        wish = [replace(root, perfusion_ml_min_per_ml=flow) for root in roots[n]]
+        settings = [replace(root, perfusion_ml_min_per_ml=flow) for root in roots[n]]
         try:
-            trees += grow_whole(own, wish, int(count[n]), more_inlets=not inlets_given)
+            trees += grow_whole(own, settings, int(count[n]), more_inlets=not inlets_given)
         except DesignError as error:
             raise TissueError(f"{part} can't be supplied: {error}") from error
     return trees

@@ -66,8 +66,8 @@ class TreeGrowth(GrowthState):
         if self.trunk is not None:
             self._plant(self.trunk)
             return
-        wish = self._enter_stage()
-        begin, end = stem(self.tissue, wish, self._first_guess(), self.room.wall)
+        settings = self._enter_stage()
+        begin, end = stem(self.tissue, settings, self._first_guess(), self.room.wall)
         self.segments[0]["parent"] = self.segments[0]["left"] = self.segments[0]["right"] = -1
         place(self.segments, 0, tuple(begin), tuple(end))
         refresh(self.segments, 0, law)

@@ -88,8 +88,8 @@ def mix_trees(
     Two arteries that both pervade the tissue, and a vein that drains what they mix::
 
         kinds = [VesselKind.ARTERY, VesselKind.ARTERY, VesselKind.VEIN]
-        wish = GrowthOptions(terminals=40)
-        trees = grow_forest(tissue, [wish, wish, RootSpec(wish, VesselKind.VEIN)])
+        settings = GrowthOptions(terminals=40)
+        trees = grow_forest(tissue, [settings, settings, RootSpec(settings, VesselKind.VEIN)])
         network = mix_trees(tissue, trees, kinds).network
     """
     options = options or LoopOptions()
