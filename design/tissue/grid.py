@@ -95,12 +95,6 @@ class SignedDistanceGrid:
         """Distance between fine samples, mm."""
         return float(self.arrays.spacing)
 
-    @property
-    def megabytes(self) -> float:
-        """Memory of the samples, MB."""
-        a = self.arrays
-        return (a.coarse.nbytes + a.brick.nbytes + a.samples.nbytes) / 1e6
-
     def distance(self, points: FloatArray) -> FloatArray:
         """Signed distance (n,) at ``points`` (n, 3), mm; negative inside."""
         values: FloatArray = _read_all(self.arrays, np.ascontiguousarray(points, dtype=np.float64))
