@@ -110,6 +110,8 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
     import trimesh  # heavy: scipy's statistics, networkx; a binary STL needs none of it
 
     kind = path.suffix.lower()
+    if path.is_dir():
+        raise SolidError(f"{path} is a folder; give a file, one of {', '.join(SUFFIXES)}")
     if kind not in SUFFIXES:
         raise SolidError(f"{path}: {kind or 'no suffix'} isn't one of {', '.join(SUFFIXES)}")
     if kind == ".stl" and (missing := cut_short(path)):
