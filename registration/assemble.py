@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment import Alignment, may_lie_otherwise
 from registration.findings import Findings
 from registration.gauging import VesselGauge, hausdorff_p95_um, summarise
@@ -32,8 +33,6 @@ from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import Segmentation
 from registration.uncertainty import ScanErrors
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

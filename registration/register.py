@@ -6,12 +6,12 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from design.solids.solid import Solid
 from kernels import helper_thread
+from kernels.arrays import FloatArray
 from registration.alignment import Alignment, Fit, align, cross_check, later_doubts
 from registration.assemble import FitDeviations, RegistrationParts, assemble
 from registration.findings import Findings, Inspection, inspect
@@ -34,8 +34,6 @@ from registration.prepared import PreparedScan
 from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import GelEvidence, gel_evidence
-
-FloatArray = NDArray[np.float64]
 
 
 def register_scan(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry.surface import Surface
+from kernels.arrays import FloatArray
 from registration.alignment import AXES, AlternativePose, Uncertainty
 from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
 from registration.gauging.face_places import FacePlace
@@ -18,8 +19,6 @@ from registration.json_ready import json_ready
 from registration.topology import Overlap, Topology
 from registration.uncertainty import quantity, terms
 from registration.walls_file import WallCalibration
-
-FloatArray = NDArray[np.float64]
 
 SIGN = "positive where the lumen, or the outside, reaches beyond the design: too little gel"
 """Of every deviation."""

@@ -12,8 +12,7 @@ from scipy.spatial import cKDTree
 from design.geometry.frames import vectors_across
 from design.tissue import Tissue
 from design.vasculature.growth.surface_points import surface_points
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 RAYS = 40
 """Directions from each place, spread over the half space outside as the cosine to the normal."""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 
 def vectors_across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:

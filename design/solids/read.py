@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.geometry.stl_layout import cut_short
@@ -16,12 +15,11 @@ from design.solids.stl import read_corners
 from design.solids.surface import sections_solid
 from design.solids.threemf_read import read_plain_3mf
 from design.units import MM_PER, LengthUnit
+from kernels.arrays import FloatArray, IntArray
 
 if TYPE_CHECKING:
     import trimesh
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SUFFIXES: Final = (".stl", ".3mf", ".ply", ".obj", ".off")
 

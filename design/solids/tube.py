@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from design.geometry.frames import vectors_across
 from design.solids.facets import area_factor, dome_profile
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 FaceArray = NDArray[np.int64]
 EndShape = Literal["flat", "round"]
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from design.tissue.arrays import BRICK, GridArrays
 from design.tissue.depth import depth_along
 from kernels import jit, pjit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 
 @jit

@@ -31,8 +31,7 @@ from design.tissue.point_files import POINT_SUFFIXES, read_points
 from design.tissue.shells import shells_of
 from design.tissue.surface import SizeLimits, check_size
 from design.units import MM_PER, LengthUnit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _LEAST = 100
 _NEIGHBOURS = 14

@@ -16,8 +16,7 @@ from design.tissue.columns import Columns
 from design.tissue.spacing import SpacingRule, choose_spacing, wall_thickness
 from design.tissue.tissue import Tissue
 from design.units import MM_PER, LengthUnit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ import csv
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
@@ -17,11 +16,10 @@ from design.network_files.vtp_read import read_network_vtp
 from design.network_files.xcavate import read_network_xcavate
 from design.units import PA_PER_MMHG, LengthUnit
 from design.vasculature import DepthPenalty, GrowthOptions, GrowthStage, LoopOptions
+from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
 from printctl.recipe.forest import Forest
 from printctl.recipe.growth import ClosedLoop, GrownNetwork, Growth, PenaltyPart, StagePart
-
-FloatArray = NDArray[np.float64]
 
 
 def growth_options(part: Growth, seed: int, recipe_folder: Path = Path()) -> GrowthOptions:

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.hemodynamics import scaled_network
 from design.network import VesselNetwork
@@ -18,6 +17,7 @@ from design.network_files.by_suffix import read_network
 from design.toolpath.embedded import EmbeddedOptions, check_thinnest
 from design.toolpath.fresh import FreshOptions, check_lumens
 from firmware_profiles import Bath, Dish, Printer, load
+from kernels.arrays import FloatArray
 from printctl.pipeline.head_contents import Filled, filled_heads, needle_options
 from printctl.pipeline.heads import layer_lines_um, vessel_heads
 from printctl.preflight.mounted_checks import (
@@ -34,8 +34,6 @@ from printctl.recipe.making import Embedded, Fresh
 from printctl.recipe.tissue import Annulus, Block, Cylinder
 from printctl.set_up import PlacedDish
 from printctl.set_up.check import Check, refuse_failed
-
-FloatArray = NDArray[np.float64]
 
 
 def refuse_before(recipe: Recipe, recipe_folder: Path) -> None:

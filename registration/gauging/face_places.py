@@ -10,10 +10,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from design.geometry.surface import Surface
+from kernels.arrays import BoolArray, FloatArray
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
-BoolArray = NDArray[np.bool_]
 
 LEAST_UM, _SPREADS = 50.0, 4.0
 """A place's edge is off by this, and by this many robust standard deviations of the faces."""

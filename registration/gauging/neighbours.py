@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.gauging.planes import across_tangents
-
-FloatArray = NDArray[np.float64]
 
 _ANGLES = 2 * np.pi * np.arange(16) / 16
 

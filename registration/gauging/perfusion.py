@@ -6,18 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics import FlowConditions, resistance_at, solve_flow
 from design.network import VesselNetwork
+from kernels.arrays import BoolArray, FloatArray
 from registration.gauging.parts import connected_vessels, sub_network
 from registration.gauging.printed import printed_network, with_printed_lengths
 from registration.gauging.trace import VesselTrace
 from registration.uncertainty import SectionErrors, pressure_interval
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 WATER_PA_S = 1e-3
 UNIT_FLOW_UL_S = 1.0

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.gauging.sections import Planes
-
-FloatArray = NDArray[np.float64]
 
 
 def stations(

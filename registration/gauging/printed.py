@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.gauging.trace import VesselTrace
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

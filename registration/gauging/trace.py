@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import BoolArray, FloatArray
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging.neighbours import Neighbours
@@ -15,9 +15,6 @@ from registration.gauging.planes import across_tangents, clearances, stations, t
 from registration.gauging.sections import Planes, Sections, cut_sections
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import sample
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _RING, _MOST_OF_RING = 12, 0.75
 """Points around a lumen, and the share of them in the part where it is one of its sections."""

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from design.geometry.frames import vectors_across
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _STEPS = 2
 _FIRST = 50

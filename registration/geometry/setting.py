@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.uncertainty import ScanErrors
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,15 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.gauging.planes import across_tangents, to_scan
 from registration.gauging.sections import cut_sections
 from registration.segmentation import GelField
 from registration.segmentation.evidence import GelEvidence
 from registration.topology.gel_paths import Scene
-
-FloatArray = NDArray[np.float64]
 
 _REACH_MM = (0.16, 0.5)
 """Discs are at least and at most so large in radius."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import DesignError, GrowthError
 from design.network import VesselKind, VesselNetwork
@@ -20,8 +19,7 @@ from design.vasculature.growth.territory import part_tissue
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 STEM_ROOM = 1.5
 """Stems of trees yet to grow are kept clear with this much larger radii."""

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import DesignError, GrowthError, TissueError
 from design.geometry import build_triangle_tree, nearest_distance
@@ -20,8 +19,8 @@ from design.vasculature.growth.unreached import unreached
 from design.vasculature.growth.whole import grow_whole
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Place = tuple[float, float, float]
 
 _FAR = 0.1

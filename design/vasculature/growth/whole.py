@@ -20,8 +20,7 @@ from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.growth.unreached import Probes, probes_for, unreached
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 ROUNDS = 5
 """Growths with more inlets each time, until all of the tissue is reached."""

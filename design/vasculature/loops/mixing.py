@@ -29,9 +29,7 @@ from design.vasculature.loops.loops import (
 )
 from design.vasculature.loops.tips import Tips
 from design.vasculature.tree import VesselTree
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 _ROOMIER = ((2, 0.0), (4, 2.0), (8, 8.0), (16, 32.0))
 """Lengths of the first connections, over what a plain one needs, and least weights of clearance,
