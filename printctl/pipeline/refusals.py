@@ -168,7 +168,7 @@ def reach_checks(points: FloatArray, printer: Printer, what: str = "network") ->
                 "mm",
                 bool(np.isfinite(value)) and (value >= limit if end == "low" else value <= limit),
                 f"printer: {name}_mm.{end}",
-                "place the part elsewhere (printer.place_mm)",
+                "place the part elsewhere (printer.place_mm), or take a larger printer",
             )
 
 
