@@ -14,6 +14,15 @@ if TYPE_CHECKING:
     from firmware_profiles.bead import BeadSection
 
 
+def check_viability(minutes: float | None, source: str | None) -> None:
+    """Raise ValueError for one without the other."""
+    if (minutes is None) != (source is None):
+        raise ValueError(
+            "viability_min and viability_source go together: say how long, and where that "
+            "comes from (a paper, your own live/dead counts)"
+        )
+
+
 class MeasuredLag(StrictModel):
     """How long the flow takes to follow the plunger; good for this needle and syringe alone."""
 
@@ -100,11 +109,7 @@ class Ink(Facts):
 
     @model_validator(mode="after")
     def _a_viability_budget_has_a_source(self) -> Ink:
-        if (self.viability_min is None) != (self.viability_source is None):
-            raise ValueError(
-                "viability_min and viability_source go together: say how long, and where that "
-                "comes from (a paper, your own live/dead counts)"
-            )
+        check_viability(self.viability_min, self.viability_source)
         return self
 
 

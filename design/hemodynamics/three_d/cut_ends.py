@@ -86,10 +86,10 @@ def _bodies(vertices: FloatArray, faces: IntArray) -> list[Manifold]:
 
 
 def _cut(body: Manifold, ports: tuple[MeshPort, ...]) -> _Body:
-    points, faces = _arrays(body)
+    points, faces = manifold_arrays(body)
     pieces = []
     for part in subtract(body, [_tool(port) for port in ports]).decompose():
-        corners, triangles = _arrays(part)
+        corners, triangles = manifold_arrays(part)
         label = _labels(corners, triangles, ports)
         if label.any():
             pieces.append(LabelledSurface(corners, triangles, label))
@@ -146,7 +146,8 @@ def _tool(port: MeshPort) -> Manifold:
     return Manifold.cylinder(_DEEP * size, _WIDE * size, _WIDE * size, _SLICES).transform(turn)
 
 
-def _arrays(part: Manifold) -> tuple[FloatArray, IntArray]:
+def manifold_arrays(part: Manifold) -> tuple[FloatArray, IntArray]:
+    """Vertices (n, 3), mm, and faces (f, 3)."""
     mesh = part.to_mesh64()
     points = np.array(mesh.vert_properties[:, :3], dtype=np.float64)
     return points, np.array(mesh.tri_verts, dtype=np.int64)
