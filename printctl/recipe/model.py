@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, model_validator
 
-from design.vasculature import PLANAR_BLOCK_MM
 from printctl.recipe.forest import Forest
 from printctl.recipe.growth import NamedNetwork
 from printctl.recipe.making import (
@@ -23,6 +22,9 @@ from printctl.recipe.parts import FlowPart, Part, Seed
 from printctl.recipe.plate import PlatePart, check_plate
 from printctl.recipe.solid import SolidPart
 from printctl.recipe.tissue import Block, TissuePart
+
+_PLANAR_BLOCK_MM: Final = (16.0, 8.0, 3.0)
+"""`design.vasculature.PLANAR_BLOCK_MM`, whose package takes seconds to load."""
 
 
 class Recipe(Part):
@@ -78,7 +80,7 @@ class Recipe(Part):
     def _is_the_design_s_block(self) -> None:
         """Refuse any other block: ports and fiducial dimples lie on the faces of this one."""
         size = self.tissue.size_mm if isinstance(self.tissue, Block) else None
-        if size == PLANAR_BLOCK_MM:
+        if size == _PLANAR_BLOCK_MM:
             return
         said = "" if size is None else " of 16 x 8 x 3 mm, not {:g} x {:g} x {:g}".format(*size)
         raise ValueError(

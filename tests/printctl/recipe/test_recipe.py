@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
+from design.vasculature import PLANAR_BLOCK_MM
 from printctl.errors import RecipeError
 from printctl.recipe import load_recipe, parse_recipe
 
@@ -140,6 +141,10 @@ def test_files_of_regions_are_the_recipe_s_files() -> None:
         {"around_vessels_mm": 1},
     ]
     assert parse_recipe(recipe, "test.yaml").toolpath.files() == ["a.stl"]
+
+
+def test_the_named_design_s_block_is_the_design_s() -> None:
+    parse_recipe(_changed("tissue.size_mm", list(PLANAR_BLOCK_MM)), "test.yaml")
 
 
 def test_numbers_with_an_exponent_alone_are_numbers(tmp_path: Path) -> None:
