@@ -28,7 +28,7 @@ from kernels.arrays import BoolArray, FloatArray, IntArray
 from sim.bead.flow import NozzleFlow, nozzle_flow
 from sim.bead.nozzle import Nozzle
 from sim.bead.pieces import Pieces
-from sim.deposit.lay import Style
+from sim.deposit.laid import Style
 from sim.deposit.levels import level_areas, level_heights, written_levels
 
 ROUNDED: Final = BeadSection()
