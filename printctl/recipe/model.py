@@ -68,13 +68,14 @@ class Recipe(Part):
         return self
 
     def files(self) -> list[str]:
-        """Names of the user's files that part, flow and path are made from."""
+        """Names of the user's files that part, flow, path and print are made from."""
         tables = (self.flow.outlets, self.flow.pulse and self.flow.pulse.table)
         return [
             *self.tissue.files(),
             *self.vasculature.files(),
             *(name for name in tables if name),
             *self.toolpath.files(),
+            *self.printer.files(),
         ]
 
     def _is_the_design_s_block(self) -> None:
