@@ -99,10 +99,14 @@ class Server(SocketServer):
 
         self.streamer.typed(text, done, partial(self._refuse, guest))
 
-    def _do_insert(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
-        lines, why, flow = wish.get("lines", ()), str(wish.get("why", "")), wish.get("flow")
+    def _do_insert(self, guest: ClientPlace, request: dict[str, Any]) -> None:
+        lines, why, flow = (
+            request.get("lines", ()),
+            str(request.get("why", "")),
+            request.get("flow"),
+        )
         self.streamer.insert(
-            int(wish["look"]),
+            int(request["look"]),
             [str(line) for line in lines],
             why,
             partial(self.post, guest),
@@ -110,10 +114,10 @@ class Server(SocketServer):
             None if flow is None else float(flow),
         )
 
-    def _do_look_done(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
+    def _do_look_done(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         done, refused = partial(self.post, guest), partial(self._refuse, guest)
-        decision, why = LookDecision(wish["decision"]), str(wish.get("why", ""))
-        self.streamer.look_done(int(wish["look"]), decision, why, done, refused)
+        decision, why = LookDecision(request["decision"]), str(request.get("why", ""))
+        self.streamer.look_done(int(request["look"]), decision, why, done, refused)
 
     def _refuse(self, guest: ClientPlace, why: str) -> None:
         self.post(guest, {"event": "refused", "message": why, "error": Refused.__name__})
