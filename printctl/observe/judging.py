@@ -17,12 +17,15 @@ from registration.layer_images import ExpectedLines, LayerFindings, Stations
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 _BLOCK_S: Final = 1.0
 """Writing time whose widths are one reading of the flow."""
 _BELOW: Final = 3
 """Levels below the judged one that may show through."""
 _LEVEL_MM: Final = 1e-3
+_ABSENT: Final = 0.5
+_TAPER: Final = 2
 
 
 @dataclass(frozen=True)
@@ -166,6 +169,7 @@ def _flow(
 ) -> FlowBlocks:
     """Cross-section seen over expected, a second of writing at a time."""
     told = stations.seen & np.isfinite(stations.width_mm) & (stations.expected_mm > 0)
+    told &= ~_near_absence(stations)
     if not told.any():
         none = np.zeros(0)
         return FlowBlocks(none, none, none, none)
@@ -183,6 +187,14 @@ def _flow(
     common = u_common * mean(slope / np.maximum(u, 1e-12) * stations.expected_mm[told])
     known = np.nan_to_num(np.abs(common), nan=0.0, posinf=0.0)
     return FlowBlocks(mean(time), mean(ratio), np.hypot(scatter, known), mean(ink.factor[row]))
+
+
+def _near_absence(stations: Stations) -> BoolArray:
+    """Places without ink, and the two to either side: where ink stops or begins it tapers."""
+    near = np.asarray(stations.seen & (stations.present < _ABSENT), dtype=np.bool_)
+    for _ in range(_TAPER):
+        near = near | np.append(near[1:], False) | np.insert(near[:-1], 0, False)
+    return near
 
 
 def _area_ratio(

@@ -28,6 +28,7 @@ from registration.layer_images.values import Gap
 
 Mode = Literal["tell", "ask", "mend"]
 
+_FALTERING: Final = (SupplyState.CLOGGED, SupplyState.EMPTY, SupplyState.INTERMITTENT)
 _SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
 
@@ -169,8 +170,8 @@ class Decider:
         """Return what the look calls for, as the mode allows."""
         counts = evidence.seen_share >= self.limits.least_seen
         self.unseen = 0 if counts else self.unseen + 1
-        if evidence.supply.state is SupplyState.FLOWING:
-            self.control.learn(evidence.flow)  # thin because it is about to stop is no drift
+        if evidence.supply.state not in _FALTERING:  # thin because it is about to stop is no drift
+            self.control.learn(evidence.flow)
         return self._as_allowed(self._wanted(evidence))
 
     def _wanted(self, evidence: Evidence) -> Decision:
@@ -239,8 +240,9 @@ class Decider:
         state, control = evidence.supply.state, self.control
         cause = "" if state in (SupplyState.FLOWING, SupplyState.UNKNOWN) else f" ({state})"
         many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
-        why = f"{many}, {way:.2f} mm in all{cause}"
         factor = None if control.out_of_bounds else control.proposal()
+        corrected = "" if factor is None else f"; flow {control.flow:.0%}: factor {factor:.2f}"
+        why = f"{many}, {way:.2f} mm in all{cause}{corrected}"
         return Decision(DecisionKind.MEND, why, gaps, factor)
 
     def _believed(self, evidence: Evidence) -> tuple[Gap, ...]:
