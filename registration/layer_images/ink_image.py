@@ -70,7 +70,7 @@ def channel_mix(
         axis=1,
     ).astype(np.float64)
     keep = np.ones(len(ink), dtype=np.bool_)
-    mix = np.ones(count)
+    mix: FloatArray = np.ones(count)
     for _ in range(4):
         mean, inner = _spread(ink[keep])
         within = bath.covariance + inner

@@ -65,7 +65,7 @@ class Grouping:
         first = np.cumsum(count) - count
         return Grouping(of, first + count // 2, count, np.bincount(of, weights=seen).astype(int))
 
-    def mean(self, values: FloatArray, use: BoolArray) -> FloatArray:
+    def mean(self, values: FloatArray | FloatImage, use: BoolArray) -> FloatArray:
         """Mean over the places of each station that are used, (m,) or (m, k); NaN for none."""
         number = np.bincount(self.of, weights=use, minlength=len(self.count))
         flat = values if values.ndim == 2 else values[:, None]
@@ -168,5 +168,5 @@ def _noise(level: FloatImage, tell: BoolArray, sides: Sides, group: Grouping) ->
     return float(np.sqrt(0.5 * (ink**2 + beside**2)))
 
 
-def _spread(values: FloatImage) -> float:
+def _spread(values: FloatArray | FloatImage) -> float:
     return 1.4826 * float(np.median(np.abs(values)))

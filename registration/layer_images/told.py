@@ -176,7 +176,8 @@ def _by_mix(
     else:
         template = learn_template(profiles[learn], sides.usable()[learn], angle[learn])
     scale = np.float32(template.scale)
-    image, profiles = mixed / scale, profiles / scale
+    image = np.asarray(mixed / scale, dtype=np.float32)
+    profiles = profiles / scale
     free = ((ground.free > 0) & ~strange).astype(np.uint8)
     fakes = _fake_profiles(image, free, ground.work.px_per_mm, width_px, ways, rng)
     texture = not template.filled and fakes is not None

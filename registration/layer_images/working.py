@@ -164,8 +164,8 @@ def _channels(part: Image, scale: int) -> tuple[FloatImage, BoolArray]:
     size = (max(1, part.shape[1] // scale), max(1, part.shape[0] // scale))
     fit = values[: size[1] * scale, : size[0] * scale]
     if np.issubdtype(part.dtype, np.floating):
-        bad = ~np.isfinite(fit).all(axis=2)
-        filled = np.where(bad[:, :, None], np.nanmedian(fit), fit).astype(np.float32)
+        bad = np.asarray(~np.isfinite(fit).all(axis=2))
+        filled = np.asarray(np.where(bad[:, :, None], np.nanmedian(fit), fit), dtype=np.float32)
         return _binned(filled, size), _binned(bad.astype(np.float32), size)[:, :, 0] > 0.25
     top = int(fit.max())
     saturated = _saturated(np.ascontiguousarray(fit), top)
@@ -187,7 +187,7 @@ def _saturated(fit: Image, top: int) -> Mask:
     return np.asarray(piled if enough else np.zeros_like(piled))
 
 
-def _binned(values: FloatImage, size: tuple[int, int]) -> FloatImage:
+def _binned(values: Image, size: tuple[int, int]) -> FloatImage:
     small = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
     return np.ascontiguousarray(small if small.ndim == 3 else small[:, :, None])
 
