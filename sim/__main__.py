@@ -1,4 +1,4 @@
-"""Entry point of the simulated printer (``python -m sim``), on a pseudo-terminal or TCP."""
+"""Entry point of the simulated printer (``python -m sim``) and devices over its dish."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ def parser() -> argparse.ArgumentParser:
     options = argparse.ArgumentParser(
         prog="python -m sim",
         description="A simulated printer: Marlin, Duet or Klipper, by the profile. Its port's "
-        "address is the first line it prints.",
+        "address is the first line it prints. `python -m sim camera` and `python -m sim oct` "
+        "show what lies in its dish.",
     )
     options.add_argument("--printer", required=True, help="profile name, or path of a .yaml file")
     port = options.add_mutually_exclusive_group()
@@ -108,7 +109,13 @@ def _read(path: Path) -> bytes:
 
 def main(arguments: list[str] | None = None) -> int:
     """Serve until told to stop; 0 when that went well, 1 when not, 2 for a wrong use."""
-    given = parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    if words[:1] in (["camera"], ["oct"]):
+        # A printer's process does without OpenCV, and starts the sooner.
+        from sim.looks import main as look
+
+        return look(words)
+    given = parser().parse_args(words)
     try:
         file, faults = _faults(given)
         profile = load(Printer, given.printer)

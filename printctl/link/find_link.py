@@ -66,10 +66,11 @@ def _still_moving(folder: Path, record: LinkRecord, history: JournalledPrint) ->
     moves = "it goes on with what it has taken"
     with contextlib.suppress(ProfileError):
         moves += f": {_held(load(Printer, record.profile))}"
-    since_s = max(time.time() - (folder / JOURNAL).stat().st_mtime, 0.0)
+    last = time.localtime((folder / JOURNAL).stat().st_mtime)
     return (
-        f"nothing has stopped its motors: {moves} (last word {since_s:.0f} s ago); heaters stay "
-        "on. Its own stop or its power ends both"
+        f"nothing has stopped its motors: {moves} (last word on "
+        f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters stay on. Its own stop or its "
+        "power ends both"
     )
 
 

@@ -25,6 +25,7 @@ def simulated_printer(
     folder: Path,
     *,
     speed: float = 0.0,
+    faults: Path | None = None,
 ) -> str:
     """Start a simulated printer and return the port to reach it by.
 
@@ -46,6 +47,8 @@ def simulated_printer(
         For its log and its address.
     speed : float
         Times real time; 0 for virtual time, as fast as it can.
+    faults : Path or None
+        A fault file (`sim.faults.fault_file`).
 
     Raises
     ------
@@ -57,6 +60,7 @@ def simulated_printer(
     command += ["--start", ",".join(f"{value:.6f}" for value in start_mm)]
     command += ["--job", str(job.resolve())] if job else []
     command += ["--record", str(record.resolve())] if record else []
+    command += ["--faults", str(faults.resolve())] if faults else []
     command += ["--exit-on-hangup"]
     command += ["--tcp", "0"] if sys.platform == "win32" else []
     with address.open("wb") as out, errors.open("wb") as log:

@@ -43,6 +43,7 @@ def depends(context: RunContext) -> Any:
         context.start_mm.tolist(),
         context.recipe.printer.care.model_dump(mode="json"),
         planned_reloads(context),
+        *context.digests(context.recipe.printer.files()).values(),
     ]
 
 
@@ -122,7 +123,8 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
             confirm(name, context.bars, context.assume_yes)
             return name
         record.unlink(missing_ok=True)
-        return simulated_printer(part.profile, (x, y, z), gcode, record, folder)
+        faults = context.recipe_folder / part.faults if part.faults else None
+        return simulated_printer(part.profile, (x, y, z), gcode, record, folder, faults=faults)
 
     retreat = retreat_of(context, context.lift_mm)
     gcode, care = context.folder / GCODE, care_of(context)
