@@ -75,7 +75,7 @@ def channel_mix(
         mean, inner = _spread(ink[keep])
         within = bath.covariance + inner
         within += 0.02 * np.diag(np.diag(within)) + 1e-12 * np.eye(count)
-        mix = np.linalg.solve(within, mean - bath.mean)
+        mix = np.asarray(np.linalg.solve(within, mean - bath.mean), dtype=np.float64)
         along = (ink - bath.mean) @ mix
         keep = along > 0.5 * np.percentile(along, 80)
         if keep.sum() < 20:

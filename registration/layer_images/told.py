@@ -207,7 +207,7 @@ def _by_mix(
         contrast = noise.contrast(ground.gap_mm)
         places = max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
         faint = not noise.can_tell(ground.gap_mm, ground.rate / places)
-        odd = faint and not template.filled
+        odd = faint and (template.one_sided or not template.filled)
         if odd or (faint and not noise.can_tell(_LONG * ground.gap_mm, ground.rate / places)):
             noise = None
     look = Appearance(mix, template.terms * template.scale, template.filled)
