@@ -58,8 +58,8 @@ _STEPS_IN_GAP: Final = 4
 _SAME_PX: Final = 0.4
 """A shift that changes by less isn't followed further."""
 _ROUNDS: Final = 3
-_LIT_ASIDE: Final = 0.35
-"""Of a width: uncertainty of where a line lies that light from the side shows."""
+_LIT_ASIDE: Final = 0.3
+"""Of a width and of the slant: uncertainty of where a line lies that is lit from the side."""
 _MOST_OLD: Final = 0.3
 """Of a line's width over older ink: more, and it is judged against that."""
 
@@ -242,9 +242,9 @@ def _finer(look: _Look, shift: Shift, options: SeeingOptions, work: Working) -> 
 def _honest(shift: Shift, look: _Look) -> Shift:
     """Widen the shift of lines lit from the side: their middle isn't seen."""
     told = look.bath
-    if told is None or not told.template.one_sided:
+    if told is None:
         return shift
-    u = _LIT_ASIDE * float(np.median(look.ways.width))
+    u = _LIT_ASIDE * min(told.template.slant, 1.0) * float(np.median(look.ways.width))
     return replace(shift, covariance_mm2=shift.covariance_mm2 + u**2 * np.eye(2))
 
 
