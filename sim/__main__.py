@@ -50,6 +50,12 @@ def parser() -> argparse.ArgumentParser:
         help="the G-code that will be sent: the record then tells its commands from a host's own",
     )
     options.add_argument(
+        "--journal",
+        type=Path,
+        metavar="FILE",
+        help="with --job: the journal of the link that prints it, which tells what is inserted",
+    )
+    options.add_argument(
         "--start",
         type=_start,
         default=(0.0, 0.0, 0.0),
@@ -128,7 +134,9 @@ def main(arguments: list[str] | None = None) -> int:
         printer.pace = Pace(file.speed)
         printer.bad_line = FaultyCable(file, np.random.default_rng(file.seed))
         printer.gauges = {gauge.command: gauge for gauge in file.gauges}
-        printer.job = JobLines(_read(given.job), printer.machine.printer) if given.job else None
+        if given.job:
+            machine = printer.machine.printer
+            printer.job = JobLines(_read(given.job), machine, given.journal)
         port = _open_port(given.link, given.tcp)
     except (SimError, ProfileError) as exc:
         print(f"error: {exc}", file=sys.stderr)

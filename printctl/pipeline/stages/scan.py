@@ -16,7 +16,7 @@ from printctl.pipeline.head_contents import Filled
 from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
-from printctl.pipeline.stages.printing import EXECUTED
+from printctl.pipeline.stages.printing import EXECUTED, printed_text
 from printctl.progress import Report
 from printctl.recipe.making import FileScan, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
@@ -133,7 +133,7 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
         step = 1 / context.printer.steps_per_mm.e
         ink = deposit(motion, area, fine, plunger_step_mm=step, faults=faults)
     else:
-        gcode = (context.folder / GCODE).read_bytes()
+        gcode = b"".join(printed_text(context).lines)
         flow = more * context.flow_ul_s
         ink = pneumatic_deposit(motion, gcode, context.printer, flow, fine, faults=faults)
     if context.recipe.toolpath.prime is not None:
@@ -156,10 +156,11 @@ def predicted_ink(
     context: RunContext, motion: ExecutedMotion, voxel_mm: float, more: float
 ) -> Deposit:
     """What lies in the bath where the plunger goes ahead of the ink's lag."""
-    gcode = (context.folder / GCODE).read_bytes()
+    text = printed_text(context)
+    gcode = b"".join(text.lines)
     x, y, z = context.start_mm.tolist()
     run = dry_run(gcode, context.printer, (x, y, z))
-    bead = predicted_of_motion(context, run, gcode, motion).bead
+    bead = predicted_of_motion(context, run, gcode, motion, text.file_row).bead
     return bead_deposit(bead, voxel_mm, math.sqrt(more), ink_faults(context))
 
 
