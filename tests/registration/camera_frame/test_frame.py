@@ -56,7 +56,9 @@ def test_refraction_is_snells() -> None:
 
 
 def test_printed_points_tie_the_frame_to_the_printer() -> None:
-    corners = scene.TARGET + np.array([[-10, -10, -1], [10, -10, -1], [10, 10, -1], [-10, 10, -1.0]])
+    corners = scene.TARGET + np.array(
+        [[-10, -10, -1], [10, -10, -1], [10, 10, -1], [-10, 10, -1.0]]
+    )
     points = PrintedPoints(corners, scene.optics().pixels(corners), np.full(4, 0.01))
     marks = find_marks(scene.picture(), scene.insert(), scene.lens(), "seen.png")
     ties = Ties(printed=points, z_mm=4.1, u_z_mm=0.1)

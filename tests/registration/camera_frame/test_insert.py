@@ -48,7 +48,7 @@ def test_the_bodies_are_closed_and_flush() -> None:
         assert not faults.open
         assert not faults.wrong
         assert body.vertices[:, 2].max() == pytest.approx(3.0)
-    with pytest.raises(PictureError, match="less than 0.2 mm of a plate of 0.5 mm"):
+    with pytest.raises(PictureError, match=r"less than 0\.2 mm of a plate of 0\.5 mm"):
         insert_solids(design_insert(load(Dish, "petri_35mm"), thickness_mm=0.5))
 
 
