@@ -82,8 +82,8 @@ def check_frame(
     numbers = [frame.insert.numbers[n] for n in marks.index]
     both = [n for n in numbers if n in frame.seen.numbers]
     if len(both) < FEWEST:
-        why = f"{source}: {len(both)} marks are seen that the frame knows ({FEWEST} wanted)"
-        return FrameCheck(False, float("nan"), float("nan"), len(both), (why,))
+        few = f"{source}: {len(both)} marks are seen that the frame knows ({FEWEST} wanted)"
+        return FrameCheck(False, float("nan"), float("nan"), len(both), (few,))
     now = marks.corners[[numbers.index(n) for n in both]]
     then = frame.seen.corners[[frame.seen.numbers.index(n) for n in both]]
     shifts = _Shifts(frame, then, now, both)
@@ -145,7 +145,8 @@ class _Shifts:
 
 def _optics(marks: SeenMarks, frame: CameraFrame) -> tuple[list[str], list[str]]:
     """Reasons and notes by blur and brightness."""
-    why, notes = [], []
+    why: list[str] = []
+    notes: list[str] = []
     then = frame.seen
     if marks.blur_px > _BLURRED[0] * then.blur_px + _BLURRED[1]:
         why.append(

@@ -108,16 +108,16 @@ def locate_tip(
     offset, normal, levers = _settled(views, first)
     misfit = _misfit(views, offset)
     _refuse_contradiction(views, first, misfit)
-    covariance = np.linalg.inv(normal)
+    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
     if misfit > 1:  # not where there is none
-        covariance *= misfit**2
-    covariance = covariance + _by_frames(views, offset, covariance, levers)
+        covariance = covariance * misfit**2
+    whole: FloatArray = covariance + _by_frames(views, offset, covariance, levers)
     wide = np.array([v.seen.width_mm for v in views])
     sure = np.array([v.seen.u_width_mm for v in views]) ** -2.0
     width = float((wide * sure).sum() / sure.sum())
     u_width = float(np.hypot(sure.sum() ** -0.5, 0.01 * width))  # edges of round steel
     return Tip(
-        offset, covariance, width, u_width, _worn(views, width, u_width, outer_mm), misfit,
+        offset, whole, width, u_width, _worn(views, width, u_width, outer_mm), misfit,
         len(views),
     )  # fmt: skip
 
