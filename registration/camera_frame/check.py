@@ -37,7 +37,7 @@ class FrameCheck:
         Largest shift of what is seen within the dish, at the marks' height; NaN where it can't be
         told.
     u_um : float, µm
-        Its standard uncertainty.
+        Its standard uncertainty, at the worst place of the dish.
     marks : int
         Marks that were compared.
     why : tuple of str
@@ -125,9 +125,10 @@ class _Shifts:
         moved = np.linalg.norm(asked @ self.fit, axis=1)
         self.moved_um = float(moved.max())
         noise = max(1.2 * usual, frame.seen.u_px * frame.um_per_px)
-        inner = np.linalg.pinv(terms.T @ (terms * (weight**2)[:, None]))
+        # Marks in one line say nothing beside it: its uncertainty is huge then, not none.
+        inner = np.linalg.inv(terms.T @ (terms * (weight**2)[:, None]) + 1e-6 * np.eye(3))
         spread = np.sqrt(np.einsum("ni,ij,nj->n", asked, inner, asked))
-        self.u_um = float(noise * spread[moved.argmax()])
+        self.u_um = float(noise * spread.max())
 
     def words(self) -> str:
         """What moved, in words."""

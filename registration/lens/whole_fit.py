@@ -20,6 +20,9 @@ _SURE_CENTRE: Final = 0.01
 """Standard uncertainties up to which such a fit is kept: of the focal length, of the side."""
 _SURE_TERM: Final = 4.0
 """Standard uncertainties that k₃ must be from 0 to be kept."""
+_LEAST_TOLD: Final = 1e-9
+"""Smallest eigenvalue of the normal matrix with ones on its diagonal; below, a mix of numbers can
+be anything."""
 _FLAGS: Final = cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_USE_INTRINSIC_GUESS
 
 
@@ -104,7 +107,11 @@ def _covariance(
         if first is None:
             first = held, mixed
     variance = unlike / max(count - free, 1)
-    inner = np.linalg.pinv(normal, rcond=1e-15, hermitian=True)
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    even = normal / np.outer(size, size)
+    if np.linalg.eigvalsh(even)[0] < _LEAST_TOLD:
+        return np.full((8, 8), np.inf), float("inf")
+    inner = np.linalg.inv(even) / np.outer(size, size)
     assert first is not None
     lever = np.linalg.solve(*first)
     posed = np.linalg.inv(first[0]) + lever @ inner @ lever.T

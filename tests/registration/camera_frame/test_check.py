@@ -36,3 +36,19 @@ def test_another_focus_light_or_size_is_told() -> None:
     half = check_frame(scene.picture()[::2, ::2], scene.frame(), "half.png")
     assert not half.holds
     assert "calibrated at 1000 x 800" in half.why[0]
+
+
+def test_marks_on_one_side_alone_dont_pass_for_a_whole_dish() -> None:
+    seen = scene.frame().seen
+    v = seen.corners[:, :, 1].mean(axis=1)
+    u = seen.corners[:, :, 0].mean(axis=1)
+    # Black out all but the marks along one side of the insert.
+    middles = {mark.number: (mark.x_mm, mark.y_mm) for mark in scene.insert().marks}
+    top = max(y for _, y in middles.values())
+    image = scene.picture().copy()
+    for n, number in enumerate(seen.numbers):
+        if middles[number][1] < top - 1:
+            image[int(v[n]) - 40 : int(v[n]) + 40, int(u[n]) - 40 : int(u[n]) + 40] = 90
+    answer = check_frame(image, scene.frame())
+    assert not answer.holds
+    assert "don't tell" in answer.why[0] or "wanted" in answer.why[0]
