@@ -19,7 +19,7 @@ from printctl.gcode_view.widths import cross_sections
 from printctl.lumens.heads import split_by_head
 from sim.bead import Bead, advance_of, cut, nozzle_of, predict_bead
 from sim.bead.pieces import median_flow
-from sim.deposit.lay import Style
+from sim.deposit.laid import Style
 from sim.dry_run.run import DryRun
 from sim.heads.valve import as_plunger, flowing
 from sim.motion.executed import ExecutedMotion

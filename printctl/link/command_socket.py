@@ -44,6 +44,9 @@ log = logging.getLogger(__name__)
 
 _BACKLOG_LIMIT: Final = 1_000_000
 _LINE_LIMIT: Final = 10_000
+"""Of a client's first message."""
+_LONG_LIMIT: Final = 1_000_000
+"""Of the later ones: an insert of some ten thousand lines."""
 _UNIX_PATH_LIMIT: Final = 100
 _KNOCKING: Final = 1024
 """Connections that may wait to be accepted: beyond, a Unix socket refuses at once."""
@@ -263,7 +266,8 @@ class SocketServer(ABC):
             return
         except OSError:
             data = b""
-        if not data or len(guest.heard) > _LINE_LIMIT:
+        limit = _LONG_LIMIT if guest.known else _LINE_LIMIT
+        if not data or len(guest.heard) > limit:
             self._dismiss(guest)
             return
         *lines, guest.heard = (guest.heard + data).split(b"\n")

@@ -5,17 +5,25 @@ Besides what every command socket knows (`printctl.link.command_socket`) a clien
 ``resume`` (with ``change``, the fields of `NewSyringe`, or ``unchanged``), ``alive``, and
 ``command`` (with ``text``), which is answered by
 ``{"event": "reply", "command": ..., "lines": [...]}``.
+
+While the state is ``looking`` (``look`` of the status says which): ``insert`` (with ``look``,
+``lines``, ``why``, perhaps ``flow``), answered by ``{"event": "inserted", "look", "after", "count",
+"sha256", "flow"}`` once it is in the journal; and ``look_done`` (with ``look``, ``decision``:
+go_on, pause, stop; ``why``), answered by ``{"event": "looked", "look", "decision", "why"}``. Saying
+one of them again gives the same answer.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from printctl.link.care import NewSyringe
 from printctl.link.command_socket import SocketServer, forget, listen
 from printctl.link.errors import Refused
+from printctl.link.look_book import LookDecision
 from printctl.link.marks import MarkKind
 from printctl.link.socket_clients import ClientPlace
 from printctl.link.states import Status
@@ -52,6 +60,8 @@ class Server(SocketServer):
             "alive": self._do_alive,
             "resume": self._do_resume,
             "command": self._do_command,
+            "insert": self._do_insert,
+            "look_done": self._do_look_done,
         }
 
     def publish(self, status: Status) -> None:
@@ -85,7 +95,23 @@ class Server(SocketServer):
             said = [line.decode("ascii", "backslashreplace") for line in lines]
             self.post(guest, {"event": "reply", "command": text.strip(), "lines": said})
 
-        def refused(why: str) -> None:
-            self.post(guest, {"event": "refused", "message": why, "error": Refused.__name__})
+        self.streamer.typed(text, done, partial(self._refuse, guest))
 
-        self.streamer.typed(text, done, refused)
+    def _do_insert(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
+        lines, why, flow = wish.get("lines", ()), str(wish.get("why", "")), wish.get("flow")
+        self.streamer.insert(
+            int(wish["look"]),
+            [str(line) for line in lines],
+            why,
+            partial(self.post, guest),
+            partial(self._refuse, guest),
+            None if flow is None else float(flow),
+        )
+
+    def _do_look_done(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
+        done, refused = partial(self.post, guest), partial(self._refuse, guest)
+        decision, why = LookDecision(wish["decision"]), str(wish.get("why", ""))
+        self.streamer.look_done(int(wish["look"]), decision, why, done, refused)
+
+    def _refuse(self, guest: ClientPlace, why: str) -> None:
+        self.post(guest, {"event": "refused", "message": why, "error": Refused.__name__})

@@ -24,6 +24,7 @@ def input_digests(context: RunContext) -> dict[str, str]:
         *recipe.tissue.files(),
         *recipe.vasculature.files(),
         *recipe.toolpath.files(),
+        *recipe.printer.files(),
         getattr(recipe.scan, "file", None),
     ]
     return context.digests([name for name in named if name])

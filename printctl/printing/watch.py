@@ -68,7 +68,7 @@ def follow(client: PrintClient, report: Report, bars: StageBars) -> PrintOutcome
             for status in client.events():
                 alarms.tell(status.alarms)
                 done = status.lines_done / max(status.lines_total, 1)
-                held = status.state in (LinkState.PAUSED, LinkState.STOPPING)
+                held = status.state in (LinkState.PAUSED, LinkState.LOOKING, LinkState.STOPPING)
                 lines = f"{status.lines_done} of {status.lines_total} lines"
                 report(done, f"{lines}; {status.message}" if held else lines)
             break

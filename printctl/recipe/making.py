@@ -178,6 +178,12 @@ class PrinterPart(Part):
     port: str = Field(
         default="simulated", min_length=1, description="A serial port, tcp:HOST:PORT or simulated."
     )
+    faults: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Fault file of the simulated printer: what its board, cable and ink suffer.",
+        json_schema_extra=FILE,
+    )
     syringe: SyringeName = "hamilton_1ml"
     ink: InkName = "collagen_fresh"
     bath: BathName = "gelatin_support"
@@ -222,6 +228,19 @@ class PrinterPart(Part):
             said.pop("syringe", None)
             said.pop("ink", None)
         return said
+
+    @model_validator(mode="after")
+    def _faults_are_simulated(self) -> PrinterPart:
+        if self.faults is not None and self.port != "simulated":
+            raise ValueError(
+                f"faults are the simulated printer's, but port is {self.port}; leave faults out, "
+                "or say port: simulated"
+            )
+        return self
+
+    def files(self) -> list[str]:
+        """Names of the user's files that it is made from."""
+        return [] if self.faults is None else [self.faults]
 
     @model_validator(mode="after")
     def _bath_is_in_a_dish(self) -> PrinterPart:

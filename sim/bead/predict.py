@@ -28,7 +28,7 @@ from firmware_profiles.bead import BeadSection
 from sim.bead.flow import NozzleFlow, nozzle_flow
 from sim.bead.nozzle import Nozzle
 from sim.bead.pieces import Pieces
-from sim.deposit.lay import Style
+from sim.deposit.laid import Style
 from sim.deposit.levels import level_areas, level_heights, written_levels
 
 FloatArray = NDArray[np.float64]

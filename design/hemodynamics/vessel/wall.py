@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.vessel.geometry import integral_of_power
@@ -103,12 +104,15 @@ class VesselWalls:
     external_pa : (v,) float64, Pa
         P, outside.
     poisson : float
+    viscous : (v,) bool, optional
+        Vessels whose wall adds Γ/(A₀ √A) ∂A/∂t to the pressure, in 1D flow alone.
     """
 
     young_pa: FloatArray
     thickness_mm: FloatArray
     external_pa: FloatArray
     poisson: float = 0.5
+    viscous: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         for value in self.young_pa.tolist():
@@ -122,6 +126,15 @@ class VesselWalls:
         given = self.thickness_mm[vessel] / radius
         share = np.where(np.isnan(given), thickness_ratio(radius), given)
         return np.asarray(self.young_pa[vessel] / (1.0 - self.poisson**2) * share)
+
+    def damping(self, vessel: IntArray, radius: FloatArray) -> FloatArray:
+        """Γ = b₀ + b₁/(2 r₀), Pa·s·mm, at places of radius r₀ (n,), mm, in vessels (n,).
+
+        b₀ = 600 g/s and b₁ = 150 g·cm/s, as openBF has them; 0 where the wall isn't viscous.
+        """
+        if self.viscous is None:
+            return np.zeros(len(radius))
+        return np.where(self.viscous[vessel], 600.0 + 1500.0 / (2.0 * radius), 0.0)
 
     def compliance(self, network: VesselNetwork) -> FloatArray:
         """Of each vessel, (v,), µL/Pa: 2 π ∫ r²/K ds, by Gauss' rule of five on each piece."""

@@ -6,9 +6,11 @@ from typing import Any
 
 import pytest
 import yaml
+from pydantic import ValidationError
 
 from printctl.errors import RecipeError
 from printctl.recipe import load_recipe, parse_recipe
+from printctl.recipe.making import PrinterPart
 
 ROOT = Path(__file__).parents[3]
 GOOD = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())
@@ -136,3 +138,10 @@ def test_key_written_twice_is_refused_with_both_lines(tmp_path: Path) -> None:
     path.write_text("schema: 1\nname: one\nseed: 3\nname: two\n")
     with pytest.raises(RecipeError, match=r"twice\.yaml.*'name' .* in line 2 and in line 4"):
         load_recipe(path)
+
+
+def test_faults_are_a_simulated_printer_s() -> None:
+    given = {"port": "simulated", "faults": "faults.yaml"}
+    assert PrinterPart.model_validate(given).files() == ["faults.yaml"]
+    with pytest.raises(ValidationError, match="leave faults out"):
+        PrinterPart.model_validate(given | {"port": "/dev/ttyACM0"})
