@@ -13,7 +13,7 @@ from firmware_profiles.bead import BeadSection
 from printctl.observe.deciding import Evidence, FlowBlocks, InkSupply, judge_supply
 from printctl.observe.deciding.decide import Narrowed
 from printctl.observe.expected import ExpectedInk
-from registration.layer_images import ExpectedLines, LayerFindings, Stations
+from registration.layer_images import ExpectedLines, LayerFindings, Stations, Unseen
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -111,6 +111,7 @@ def evidence_of(
             for one in found.lumens
             if one.seen
         ),
+        over_old_share=_over_old(stations),
     )
 
 
@@ -133,6 +134,13 @@ def figures(found: LayerFindings, evidence: Evidence) -> dict[str, Any]:
 
 def _number(value: float) -> float | None:
     return round(float(value), 5) if math.isfinite(value) else None
+
+
+def _over_old(stations: Stations) -> float:
+    """Share of the way that isn't seen because it lies over older ink."""
+    whole = float(stations.length_mm.sum())
+    own = float(stations.length_mm[stations.why == Unseen.OLD_INK].sum())
+    return own / whole if whole > 0 else 0.0
 
 
 def _supply(

@@ -79,6 +79,8 @@ class Evidence:
     shift_mm, u_shift_mm : float, mm
         How far the layer lies beside its place, and the standard uncertainty.
     narrowed : tuple of Narrowed
+    over_old_share : float
+        Of the way, not seen because it lies over older ink from which nothing tells it.
     """
 
     places: int
@@ -90,6 +92,7 @@ class Evidence:
     shift_mm: float = 0.0
     u_shift_mm: float = 0.0
     narrowed: tuple[Narrowed, ...] = ()
+    over_old_share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -168,7 +171,8 @@ class Decider:
 
     def decide(self, evidence: Evidence) -> Decision:
         """Return what the look calls for, as the mode allows."""
-        counts = evidence.seen_share >= self.limits.least_seen
+        visible = 1.0 - evidence.over_old_share  # what no cleaner view would show doesn't count
+        counts = evidence.seen_share >= self.limits.least_seen * visible
         self.unseen = 0 if counts else self.unseen + 1
         if evidence.supply.state not in _FALTERING:  # thin because it is about to stop is no drift
             self.control.learn(evidence.flow)
@@ -180,7 +184,9 @@ class Decider:
             found = rule(evidence)
             if found is not None:
                 return found
-        return Decision(DecisionKind.GO_ON, "as expected, within tolerance")
+        told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
+        seen = "as expected, within tolerance" if evidence.seen_share > 0 else "nothing was seen"
+        return Decision(DecisionKind.GO_ON, seen + told * (evidence.over_old_share >= 0.01))
 
     def _as_allowed(self, wanted: Decision) -> Decision:
         mode = self.limits.mend
