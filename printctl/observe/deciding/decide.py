@@ -29,6 +29,8 @@ from registration.layer_images.values import Gap
 Mode = Literal["tell", "ask", "mend"]
 
 _FALTERING: Final = (SupplyState.CLOGGED, SupplyState.EMPTY, SupplyState.INTERMITTENT)
+_HIDDEN: Final = 0.1
+"""Of a layer so little could be seen at best that a look says nothing about the view."""
 _SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
 
@@ -172,7 +174,7 @@ class Decider:
     def decide(self, evidence: Evidence) -> Decision:
         """Return what the look calls for, as the mode allows."""
         visible = 1.0 - evidence.over_old_share  # what no cleaner view would show doesn't count
-        counts = evidence.seen_share >= self.limits.least_seen * visible
+        counts = visible < _HIDDEN or evidence.seen_share >= self.limits.least_seen * visible
         self.unseen = 0 if counts else self.unseen + 1
         if evidence.supply.state not in _FALTERING:  # thin because it is about to stop is no drift
             self.control.learn(evidence.flow)
