@@ -114,7 +114,8 @@ def false(quick: bool) -> Iterator[Row]:
 def widths(quick: bool) -> Iterator[Row]:
     """Share of true widths, ratios and shifts within 95 % intervals."""
     inside: dict[str, list[float]] = defaultdict(list)
-    ratios, shifts, errors = [], [], []
+    ratios, shifts = [], []
+    errors: dict[str, list[float]] = defaultdict(list)
     for k in range(9 if quick else 60):
         kind = ("opaque", "absorbing", "rims")[k % 3]
         layout = ("rings", "meander", "waves")[(k // 3) % 3]
@@ -130,7 +131,7 @@ def widths(quick: bool) -> Iterator[Row]:
         z = (f.stations.width_mm[known] - true) / f.stations.u_width_mm[known]
         inside[kind].append(float(np.mean(np.abs(z) < 1.96)))
         off = f.width_ratio - float(np.median(true / f.stations.expected_mm[known]))
-        errors.append(off)
+        errors[kind].append(off)
         ratios.append(abs(off) < 1.96 * f.u_width_ratio)
         moved = (f.shift.dx_mm - shift[0], f.shift.dy_mm - shift[1])
         shifts += [abs(d) < 1.96 * u for d, u in zip(moved, f.shift.u_mm, strict=True)]
@@ -144,7 +145,12 @@ def widths(quick: bool) -> Iterator[Row]:
         mean = float(np.mean(held))
         yield row(
             f"{name} within their 95 % interval", round(mean, 3), "", ">= 0.93", mean >= 0.93
-        ) | {"rms_error_of_ratios": round(float(np.sqrt(np.mean(np.square(errors)))), 4)}
+        ) | {
+            "rms_error_of_ratios": {
+                kind: round(float(np.sqrt(np.mean(np.square(off)))), 4)
+                for kind, off in errors.items()
+            }
+        }
 
 
 def _true_widths(painted: painter.Painted, f: LayerFindings, known: np.ndarray) -> np.ndarray:

@@ -273,11 +273,16 @@ def _log_step(mix: FloatArray, ink: FloatArray, is_log: bool) -> float:
 def _strange(ground: Ground, bath: BathNoise, ink: FloatArray, width_px: float) -> BoolArray:
     found = strange_places(ground.smooth, bath, ink, ground.free, ground.fresh, width_px)
     saturated = ground.work.bad
-    on, off = (float(saturated[mask > 0].mean()) for mask in (ground.fresh, ground.fresh == 0))
+    lines = ground.fresh > 0
+    on, off = (_share(saturated, mask) for mask in (lines, ~lines))
     of_ink = on > _INK_SATURATED and on > _MORE_OFTEN * off
     if not of_ink and on < _MOST_SATURATED:
         found = found | grown(saturated, width_px)
     return found
+
+
+def _share(flags: BoolArray, where: BoolArray) -> float:
+    return float(flags[where].mean()) if where.any() else 0.0
 
 
 def _ink_level(level: FloatArray, spread: float) -> float:
