@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -166,10 +167,11 @@ def eight_megapixels(quick: bool) -> Iterator[Row]:
     for layout in ("meander",) if quick else ("meander", "filled"):
         rng = np.random.default_rng(5)
         plan = painter.plan_layer(layout, 20.0, 0.3, rng)
-        look = painter.random_look("absorbing", rng, 0.3)
+        light = painter.random_look("absorbing", rng, 0.3)
         ink = painter.lay(plan, rng)
-        painted = painter.paint(plan, ink, [], 20.0, 8.1, look, rng, tilt=10, fine=1.0)
-        spent = _best_of(3, lambda p=painted: see_layer(p.picture, p.frame, expected(p.plan)))
+        painted = painter.paint(plan, ink, [], 20.0, 8.1, light, rng, tilt=10, fine=1.0)
+        look = partial(see_layer, painted.picture, painted.frame, expected(painted.plan))
+        spent = _best_of(3, look)
         high, wide = painted.picture.shape[:2]
         yield row(
             f"20 x 20 mm, {layout}, {high * wide / 1e6:.1f} megapixels, colour", round(spent, 2),

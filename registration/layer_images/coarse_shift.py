@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from registration.layer_images.values import FloatArray, FloatImage
-from registration.layer_images.working import Mask
+from registration.layer_images.working import Mask, shrunk
 
 _GOOD = 0.6
 """Of the best score, at which a nearer place is taken."""
@@ -56,7 +56,7 @@ def coarse_shift(flat: FloatImage, fresh: Mask, blocked: Mask, reach_px: int) ->
 
 
 def _features(flat: FloatImage, size: tuple[int, int]) -> list[FloatImage]:
-    small = cv2.resize(flat, size, interpolation=cv2.INTER_AREA).reshape(size[1], size[0], -1)
+    small = shrunk(flat, size)
     found = []
     for c in range(small.shape[2]):
         one = np.ascontiguousarray(small[:, :, c])

@@ -58,6 +58,8 @@ _STEPS_IN_GAP: Final = 4
 _SAME_PX: Final = 0.4
 """A shift that changes by less isn't followed further."""
 _ROUNDS: Final = 3
+_EDGES_RATE: Final = 1e-4
+"""Ink that is told by its edges or slopes must be missing by so much more surely."""
 _SLANT: Final = 0.08
 """Lack of symmetry from which on light from the side must be reckoned with."""
 _LIT_ASIDE: Final = 0.3
@@ -328,8 +330,10 @@ def _gaps(
         if told is not None and told.noise is not None:
             around = look.seen.profiles(told.strange.astype(np.float32), beside).mean(axis=1)
             clear = rows & (good if not told.faint else told.why == Unseen.SEEN)
+            # Slopes and edges scatter with the light, not with noise alone.
+            certain = needed * (_EDGES_RATE if told.template.by_edges else 1.0)
             gaps, unclear = find_gaps(
-                look.present, clear, look.ways, told.noise, options.gap_mm, needed, around
+                look.present, clear, look.ways, told.noise, options.gap_mm, certain, around
             )
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)
