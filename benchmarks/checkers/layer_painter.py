@@ -89,7 +89,7 @@ def plan_layer(layout: str, size: float, width: float, rng: np.random.Generator)
         else:
             paths = [np.array(pts)]
     else:
-        for k in range(int(size / (width * 3.5)) - 1):
+        for k in range(max(1, int(size / (width * 3.5)) - 1)):
             x = np.linspace(0.06, 0.94, 60) * size
             y = (k + 1) * 3.5 * width + 0.6 * width * np.sin(
                 x * rng.uniform(1, 3) + rng.uniform(0, 6)
