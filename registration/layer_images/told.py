@@ -48,7 +48,7 @@ _LONG = 6.0
 """Tolerated gaps: a length of which one must be told, for a look to be worth anything."""
 _ALONE = 0.8
 """Widths to the next ink: nearer, and edges by which ink is told may be missing."""
-_ASIDE = 0.1
+ASIDE = 0.1
 """Slant from which on each direction must show ink of its own."""
 _SECTORS = 12
 _LEAST_INK = 0.7
@@ -199,7 +199,7 @@ def _by_mix(
     if template.by_edges:
         near = np.minimum(sides.left, sides.right) < _ALONE
         why[(why == Unseen.SEEN) & (near | ways.corners())] = int(Unseen.FAINT)
-    if template.one_sided or template.slant > _ASIDE:
+    if template.one_sided or template.slant > ASIDE:
         why[(why == Unseen.SEEN) & _unlearned(angle, present)] = int(Unseen.FAINT)
     good = use & (why == Unseen.SEEN)
     noise, contrast = (
