@@ -23,6 +23,9 @@ _SHEET = 0.2
 """Thickness over the extent above which a shape is no sheet: all its surface is pial."""
 
 
+_ALL_WAYS = 0.1
+"""Length of a side's mean normal below which it looks all ways."""
+
 _ALIKE = 0.95
 """Share of the larger side from which on two count as equally large."""
 
@@ -39,11 +42,14 @@ class CortexPlaces:
         Mean normal of that side, a unit vector.
     thickness_mm : float
         Median along the normal, or as it is given.
+    closed : bool
+        Whether that side looks all ways, as a hemisphere's does: it has no mean normal.
     """
 
     pial: IntArray
     outward: FloatArray
     thickness_mm: float
+    closed: bool = False
 
 
 def find_cortex_places(
@@ -83,11 +89,12 @@ def find_cortex_places(
         best = int(np.argmax(np.where(alike, [each[2] for each in normal], -np.inf)))
     pial = sides[best]
     deep = every[pial]
-    outward = normal[best]
+    outward, size = normal[best], float(np.linalg.norm(normal[best]))
     return CortexPlaces(
         pial,
-        outward / max(float(np.linalg.norm(outward)), 1e-12),
+        outward / max(size, 1e-12),
         float(np.median(deep)) if thickness_mm is None else thickness_mm,
+        size < _ALL_WAYS * len(pial),
     )
 
 
