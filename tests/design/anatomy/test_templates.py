@@ -305,11 +305,10 @@ def test_a_closed_cavity_is_no_hilum():
     cyst.invert()
     cyst.apply_translation([4.0, 10.0, 8.0])
     sick = with_shell(trimesh.Trimesh(shape.vertices, shape.faces), cyst)
-    for tissue in (sick, kidney_tissue()):
-        samples = sample_surface(tissue, 3000, cavities=False)
-        volume, _ = demand_points(tissue, 3000, 1)
-        places = find_kidney_places(tissue, samples, volume)
-        np.testing.assert_allclose(places.hilum, [-1.0, 0.0, 0.0], atol=0.05)
+    samples = sample_surface(sick, 3000, cavities=False)
+    volume, _ = demand_points(sick, 3000, 1)
+    places = find_kidney_places(sick, samples, volume)
+    np.testing.assert_allclose(places.hilum, [-1.0, 0.0, 0.0], atol=0.05)
 
 
 @pytest.mark.parametrize("grow", [grow_heart, grow_kidney, grow_liver, grow_cortex])
