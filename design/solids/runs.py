@@ -78,7 +78,9 @@ def _sharp_bends(chain: Chain, facets_of: Facets) -> list[int]:
     direction = step / length[:, None]
     cosine = np.clip(np.sum(direction[:-1] * direction[1:], axis=1), -1.0, 1.0)
     radius = chain.radius[1:-1]
-    cut = mitre_excess(cosine, radius) > np.maximum(facets_of.tolerance_mm, facets_of.ratio * radius)
+    cut = mitre_excess(cosine, radius) > np.maximum(
+        facets_of.tolerance_mm, facets_of.ratio * radius
+    )
     with np.errstate(divide="ignore"):
         eaten = np.where(cut, 0.0, radius * np.sqrt((1.0 - cosine) / (1.0 + cosine)))
     # A piece whose two mitres would meet loses both: cheap, and right whatever the order.
