@@ -25,7 +25,7 @@ TAKE_OFF = np.radians(20.0)
 ROOM = 3.0
 """Radii about a joint within which curves are made of few pieces: there walls are joined."""
 
-NEAR = np.radians(24.0)
+NEAR = np.radians(18.0)
 """Turns that stay as they are there."""
 
 PASSES = 3
