@@ -85,13 +85,17 @@ def _open_places(sewing: Sewing) -> FloatArray:
 
 def _plain_runs_around(layout: Layout, places: FloatArray) -> list[int]:
     """Plain runs that end in the group's junction nearest to each of ``places`` (k, 3)."""
-    crowded = [joint for joint in range(len(layout.ends)) if layout.crowded(joint)]
-    if not crowded:
+    plain = {
+        joint: [run for run, _ in ends if not layout.swallowed[run]]
+        for joint, ends in enumerate(layout.ends)
+        if layout.crowded(joint)
+    }
+    joints = [joint for joint, runs in plain.items() if runs]
+    if not joints:
         return []
-    centres = np.array([layout.walls[joint][0, :3] for joint in crowded])
+    centres = np.array([layout.walls[joint][0, :3] for joint in joints])
     near = np.unique(cKDTree(centres).query(places)[1]).tolist()
-    ends = [run for index in near for run, _ in layout.ends[crowded[index]]]
-    return sorted({run for run in ends if not layout.swallowed[run]})
+    return sorted({run for index in near for run in plain[joints[index]]})
 
 
 def _sewn(
