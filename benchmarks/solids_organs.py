@@ -36,7 +36,7 @@ flow: {{viscosity_mpa_s: 4, inlet_flow_ml_min: 10}}
 
 
 def rows(quick: bool) -> Iterator[Row]:
-    """Kidney of 1,000 terminals, and unless ``quick`` curved and of 8,000; mesh in PRINTCTL_DATA."""
+    """Kidneys of 1,000 terminals, unless ``quick`` curved and of 8,000 too (PRINTCTL_DATA)."""
     data = Path(os.environ.get("PRINTCTL_DATA", _DATA))
     mesh = data / "kidney_left_hubmap_VHM.stl"
     if not mesh.exists():
