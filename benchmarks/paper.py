@@ -22,6 +22,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.checkers import loop_flows, near_pairs, outlet_flows, read_network, spread
+from benchmarks.checkers.poiseuille import graph_flows, resistances
+from benchmarks.checkers.read_network import Pieces
 from benchmarks.command import Row, run
 from benchmarks.machine import ROOT, row
 
@@ -79,6 +81,22 @@ def loops(quick: bool) -> Iterator[Row]:
         yield row("cube_closed: mean flow", mean, "mL/min", "0.25", np.isclose(mean, 0.25).item(),
                   _peer(NOTES, "figure 4: 0.25 ± 0.1 mL/min"))  # fmt: skip
         yield row("cube_closed: amplitude", swing, "mL/min", "0.1", abs(swing - 0.1) < 1e-3)
+        yield from _along_vessels(net, _stage(folder, "flow")["summary"])
+
+
+def _along_vessels(net: Pieces, said: dict[str, float]) -> Iterator[Row]:
+    """Pressure drop and wall shear at 0.25 mL/min by Poiseuille's law, beside the run's own."""
+    unit = graph_flows(net, resistances(net, BLOOD_PA_S), 1.0)
+    entering = ~np.isin(net.node[:, 0], net.node[:, 1])
+    scale = 0.25e3 / 60.0 / float(unit[entering].sum())
+    shear = 4.0 * BLOOD_PA_S * scale * np.abs(unit)[:, None] / (np.pi * net.radius**3)
+    for name, key, value, measure in (
+        ("pressure drop", "pressure_drop_mmhg", scale / 133.322, "mmHg"),
+        ("least wall shear", "wall_shear_min_pa", float(shear.min()), "Pa"),
+        ("greatest wall shear", "wall_shear_max_pa", float(shear.max()), "Pa"),
+    ):
+        close = bool(np.isclose(value, said[key], rtol=1e-3))
+        yield row(f"cube_closed: {name}", value, measure, f"{said[key]:.4g}", close)
 
 
 def prints(quick: bool) -> Iterator[Row]:

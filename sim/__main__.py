@@ -1,4 +1,4 @@
-"""Entry point of the simulated printer (``python -m sim``), on a pseudo-terminal or TCP."""
+"""Entry point of the simulated printer (``python -m sim``) and devices over its dish."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ def parser() -> argparse.ArgumentParser:
     options = argparse.ArgumentParser(
         prog="python -m sim",
         description="A simulated printer: Marlin, Duet or Klipper, by the profile. Its port's "
-        "address is the first line it prints.",
+        "address is the first line it prints. `python -m sim camera` and `python -m sim oct` "
+        "show what lies in its dish.",
     )
     options.add_argument("--printer", required=True, help="profile name, or path of a .yaml file")
     port = options.add_mutually_exclusive_group()
@@ -47,6 +48,12 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="FILE",
         help="the G-code that will be sent: the record then tells its commands from a host's own",
+    )
+    options.add_argument(
+        "--journal",
+        type=Path,
+        metavar="FILE",
+        help="with --job: the journal of the link that prints it, which tells what is inserted",
     )
     options.add_argument(
         "--start",
@@ -108,7 +115,13 @@ def _read(path: Path) -> bytes:
 
 def main(arguments: list[str] | None = None) -> int:
     """Serve until told to stop; 0 when that went well, 1 when not, 2 for a wrong use."""
-    given = parser().parse_args(arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    if words[:1] in (["camera"], ["oct"]):
+        # A printer's process does without OpenCV, and starts the sooner.
+        from sim.looks import main as look
+
+        return look(words)
+    given = parser().parse_args(words)
     try:
         file, faults = _faults(given)
         profile = load(Printer, given.printer)
@@ -121,7 +134,9 @@ def main(arguments: list[str] | None = None) -> int:
         printer.pace = Pace(file.speed)
         printer.bad_line = FaultyCable(file, np.random.default_rng(file.seed))
         printer.gauges = {gauge.command: gauge for gauge in file.gauges}
-        printer.job = JobLines(_read(given.job), printer.machine.printer) if given.job else None
+        if given.job:
+            machine = printer.machine.printer
+            printer.job = JobLines(_read(given.job), machine, given.journal)
         port = _open_port(given.link, given.tcp)
     except (SimError, ProfileError) as exc:
         print(f"error: {exc}", file=sys.stderr)

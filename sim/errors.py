@@ -8,6 +8,7 @@
     ├── ServeError              a port, link or record that can't be served
     ├── DepositError            motion that can't be turned into a deposit
     ├── ScannerError            a scan that can't be simulated as asked
+    ├── CameraError             a picture that can't be simulated as asked
     └── ClearanceError          a job whose shaft can't be checked as asked
 
 What is wrong with G-code that *can* be read comes as data (`sim.dry_run.run.Finding`), because the
@@ -59,3 +60,7 @@ class ScannerError(SimError):
 
 class ClearanceError(SimError):
     """A job whose needle's shaft can't be checked against what is written."""
+
+
+class CameraError(SimError):
+    """A picture that can't be simulated as asked."""

@@ -102,8 +102,12 @@ class AckProtocol(ABC):
 
     def load(self, lines: Sequence[bytes], first: int, number: int) -> None:
         """Take a job; go on at line ``first``, the count of lines being ``number``."""
-        self.lines, self.limit = lines, len(lines)
+        self.grow(lines)
         self.lines_done, self.number = first, number
+
+    def grow(self, lines: Sequence[bytes]) -> None:
+        """Take a job that has got lines behind those that were taken; nothing may be in flight."""
+        self.lines, self.limit = lines, len(lines)
 
     def renumber(self, now: float) -> None:
         """Hear that the printer answers, and count from 0; `Synchronised` follows."""

@@ -283,6 +283,10 @@ class LinkProtocol(Protocol):
         """Take a job; go on at line ``first``, the printer's last line being ``number``."""
         ...
 
+    def grow(self, lines: Sequence[bytes]) -> None:
+        """Take a job that has got lines behind those that were taken; nothing may be in flight."""
+        ...
+
     def renumber(self, now: float) -> None:
         """Set the printer's last line to 0; `Synchronised` follows, or an error event."""
         ...

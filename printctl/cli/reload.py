@@ -23,7 +23,7 @@ def reload(
     A print that is paused already stays where it is, and the needle goes up further.
     """
     with running_print(run) as client:
-        here = client.status.state is LinkState.PAUSED
+        here = client.status.state in (LinkState.PAUSED, LinkState.LOOKING)
         client.reload(head)
         where = "here" if here else "at the next reload point"
         print_lines(f"will make room {where}; then {CHANGE.replace('RUN', str(run))}")

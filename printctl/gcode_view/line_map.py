@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import zipfile
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -38,6 +39,16 @@ class LineMap:
     kind: IntArray | None = None
     lag_s: float = 0.0
     strand: IntArray | None = None
+
+    def at_rows(self, rows: Sequence[int]) -> LineMap:
+        """Return the map of a text whose rows are these of the file, from 0; -1 for others."""
+        at = np.asarray(rows, np.int64)
+
+        def of(values: IntArray | None) -> IntArray | None:
+            return None if values is None else np.where(at < 0, -1, values[at])
+
+        source = np.where(at < 0, -1, self.source[at])
+        return replace(self, source=source, kind=of(self.kind), strand=of(self.strand))
 
 
 KINDS: Final = tuple(kind.name.lower() for kind in MoveKind)

@@ -1,4 +1,4 @@
-"""Settings for supervising a running print: checkpoints, dead-man's time, syringes, line noise."""
+"""Settings for supervising a print: checkpoints, dead-man's time, looks, syringes, line noise."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from printctl.link.errors import Refused
+from printctl.link.marks import MarkKind
+
+_LOOK_KINDS = (None, MarkKind.LAYER, MarkKind.VESSEL)
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,22 @@ class Care:
         Checks that failed, and that the user told to print with all the same; for the journal.
     start_mm : tuple of float or None, mm
         Where the checks took the tip to stand before the first line; None where none was made.
+    look_after : MarkKind or None
+        The print is held for a look (`printctl.link.looks`) where each layer or vessel ends.
+    look_every_mm : float, mm
+        Also at the first mark of any kind behind so much written way since the last look; 0 for no.
+    look_every_s : float, s
+        Also at the first mark of any kind so long after the last look; 0 for no.
+    look_limit_s : float, s
+        A look that nobody has decided by then becomes a pause for the operator, with an alarm.
+    look_park_mm : (x, y, z) or None, mm
+        Where the needle waits in a look, counted from the touch-off as the job's checks count;
+        None for straight above.
+
+    Raises
+    ------
+    Refused
+        When what is said of looks makes no sense.
     """
 
     checkpoint_s: float | None = 30.0
@@ -63,6 +82,31 @@ class Care:
     noise_limit: int = 30
     wire_log: str = ""
     start_mm: tuple[float, float, float] | None = None
+    look_after: MarkKind | None = None
+    look_every_mm: float = 0.0
+    look_every_s: float = 0.0
+    look_limit_s: float = 120.0
+    look_park_mm: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.look_after not in _LOOK_KINDS:
+            raise Refused(f"looks can't be made after each {self.look_after}: layer or vessel")
+        for what, value in (("mm", self.look_every_mm), ("s", self.look_every_s)):
+            if not 0 <= value < math.inf:
+                raise Refused(f"a look every {value!r} {what} is no length of 0 or more")
+        if not 0 < self.look_limit_s < math.inf:
+            raise Refused(
+                f"look_limit_s is {self.look_limit_s!r}, and a look must end some time: give "
+                "seconds above 0, after which the print pauses for the operator"
+            )
+        park = self.look_park_mm
+        if park is not None and not (len(park) == 3 and all(map(math.isfinite, park))):
+            raise Refused(f"look_park_mm {park!r} is no place: give x, y and z in mm")
+
+    @property
+    def looks(self) -> bool:
+        """Whether the print is held for looks at all."""
+        return bool(self.look_after or self.look_every_mm or self.look_every_s)
 
     def of_head(self, number: int | None) -> tuple[str, float]:
         """Syringe and capacity of a head; of the only one for None."""
@@ -78,8 +122,12 @@ class Care:
     def from_dict(data: dict[str, Any]) -> Care:
         """Read `to_dict`."""
         lists = ("reload_at", "reload_heads", "head_syringes", "head_capacity_mm", "accepted")
-        start = data.get("start_mm")
-        told = {"start_mm": tuple(start) if start else None}
+        start, park, after = (data.get(key) for key in ("start_mm", "look_park_mm", "look_after"))
+        told = {
+            "start_mm": tuple(start) if start else None,
+            "look_park_mm": tuple(park) if park else None,
+            "look_after": MarkKind(after) if after else None,
+        }
         return Care(**{**data, **{name: tuple(data.get(name, ())) for name in lists}, **told})
 
 

@@ -21,6 +21,7 @@ from printctl.link.detached_process import START_LIMIT_S, spawn
 from printctl.link.errors import BY_NAME, AlreadyPrinting, LinkError, NoLink, Refused
 from printctl.link.find_link import has_ended, read_outcome, stays_alive
 from printctl.link.job import load_job
+from printctl.link.look_client import LookClient
 from printctl.link.marks import MarkKind
 from printctl.link.port_detection import AUTO, locate
 from printctl.link.record import LOG, LinkRecord, load_record
@@ -133,6 +134,11 @@ class PrintClient:
             if message["event"] == "refused":
                 raise Refused(message["message"])
         raise LinkError(f"no reply to {text!r} within {_PATIENCE_S:g} s, or the print ended first")
+
+    @property
+    def looks(self) -> LookClient:
+        """What may be said of a look that the print is held for."""
+        return LookClient(self._connection)
 
     # --- what a client may hear ------------------------------------------------------------
 

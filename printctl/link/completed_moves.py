@@ -80,6 +80,10 @@ class CompletedMoves:
         """Take notice that lines after these weren't taken after all."""
         self._sure = min(self._sure, taken)
 
+    def grow(self, lines: Sequence[bytes]) -> None:
+        """Take a job that has got lines behind those that were taken."""
+        self._lines = lines
+
     def after(self, taken: int) -> int:
         """Lines made when ``taken`` were taken; any thread may ask."""
         made = surely_moved(self._lines, taken, self._ahead, self._sure)

@@ -13,14 +13,16 @@ from firmware_profiles import Printer, ProfileError, load
 from printctl.link.completed_moves import moves_ahead, surely_moved
 from printctl.link.errors import JournalError, LinkError
 from printctl.link.families import link_facts
-from printctl.link.job import Job, load_job
+from printctl.link.job import Job
 from printctl.link.journalled_print import JournalledPrint, read_journal
 from printctl.link.locking import lock
+from printctl.link.printed_job import load_printed_job
 from printctl.link.record import JOURNAL, LOCK, LinkRecord, load_record
 from printctl.link.states import LinkState, Status
 
 _ANSWER_LIMIT_S: Final = 5.0
 _ENDING_S: Final = 2.0
+_HELD_AS: Final = {LinkState.PAUSED: "paused", LinkState.LOOKING: "held for a look"}
 
 
 def read_outcome(folder: Path) -> Status:
@@ -38,7 +40,12 @@ def read_outcome(folder: Path) -> Status:
         history = read_journal(folder / JOURNAL)
     except JournalError:
         history = JournalledPrint()
-    counts = {"lines_done": history.done, "lines_total": history.total, **_places(record, history)}
+    counts = {
+        "lines_done": history.done,
+        "lines_total": history.total,
+        "inserted": history.positions,
+        **_places(record, history),
+    }
     if history.end is not None:
         return Status.from_dict({**history.end, **counts, "alarms": len(history.alarms)})
     return Status.from_dict(
@@ -59,17 +66,18 @@ def read_outcome(folder: Path) -> Status:
 
 def _still_moving(folder: Path, record: LinkRecord, history: JournalledPrint) -> str:
     """Say what a printer whose host is gone may go on doing, by its family."""
-    if history.state is LinkState.PAUSED:
-        return "it was paused, so its motors stood; heaters stay on"
+    if history.state in _HELD_AS:
+        return f"it was {_HELD_AS[history.state]}, so its motors stood; heaters stay on"
     if not history.begun:
         return "the job had not begun, so its motors stood"
     moves = "it goes on with what it has taken"
     with contextlib.suppress(ProfileError):
         moves += f": {_held(load(Printer, record.profile))}"
-    since_s = max(time.time() - (folder / JOURNAL).stat().st_mtime, 0.0)
+    last = time.localtime((folder / JOURNAL).stat().st_mtime)
     return (
-        f"nothing has stopped its motors: {moves} (last word {since_s:.0f} s ago); heaters stay "
-        "on. Its own stop or its power ends both"
+        f"nothing has stopped its motors: {moves} (last word on "
+        f"{time.strftime('%Y-%m-%d at %H:%M:%S', last)}); heaters stay on. Its own stop or its "
+        "power ends both"
     )
 
 
@@ -84,7 +92,7 @@ def _places(record: LinkRecord, history: JournalledPrint) -> dict[str, int]:
     """Line of the file, and lines surely made; nothing where the file has changed or is gone."""
     try:
         printer = load(Printer, record.profile)
-        job = load_job(Path(record.job), printer)
+        job = load_printed_job(Path(record.job), printer, history)
     except (LinkError, ProfileError):
         return {}
     if job.sha256 != history.job.get("sha256"):

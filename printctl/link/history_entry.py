@@ -113,6 +113,7 @@ def entry_of(journal: Path) -> PrintEntry | None:
         elif record.get("t") == "job":
             end = {}
     first, taken = jobs[0], (r.get("done", 0) for r in records if r.get("t") in ("ack", "end"))
+    inserted = sum(len(r.get("lines", ())) for r in records if r.get("t") == "insert")
     states = [record for record in records if record.get("t") == "state"]
     return PrintEntry(
         id=_identity(first),
@@ -123,7 +124,7 @@ def entry_of(journal: Path) -> PrintEntry | None:
         message=plain_text(end.get("message", states[-1].get("message", "") if states else "")),
         error=plain_text(end.get("error", "")),
         done=max(taken, default=0),
-        total=int(first.get("lines", 0)),
+        total=int(first.get("lines", 0)) + inserted,
         begun=len(jobs),
         alarms=_alarms(records),
         operator=_operator(journal),

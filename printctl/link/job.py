@@ -8,16 +8,20 @@ time.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
 from firmware_profiles import Printer
 from printctl.gate import refused_lines
 from printctl.link.errors import JobError
+from printctl.link.inserts import Insert, Position
 from printctl.link.marks import MarkReader, Marks
+from printctl.link.modal import modal_state
 from sim.errors import GcodeError
 from sim.reading.file import GcodeFile, kinds_of, read_file
+from sim.reading.flow_factor import with_flow
 from sim.reading.other_lines import Others, other_lines
 from sim.reading.user_file import read_gcode_path
 
@@ -36,13 +40,15 @@ class Job:
     lines : list of bytes
         One command each, as `sim.reading.read_line` renders it.
     file_lines : list of int
-        One-based line of the file that each came from.
+        One-based line of the file that each came from; of an insert's, of the last one before it.
     sha256 : str
         Hash of the whole file.
     name : str
         The file's name.
     marks : Marks
         Where layers and vessels end and the syringe may be changed, from the file's comments.
+    inserts : tuple of Insert
+        Lines that were put in while it was printed, in their order; they are among ``lines``.
     """
 
     lines: list[bytes]
@@ -50,6 +56,7 @@ class Job:
     sha256: str
     name: str
     marks: Marks = field(default_factory=lambda: Marks([]))
+    inserts: tuple[Insert, ...] = ()
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -57,6 +64,65 @@ class Job:
     def file_line(self, done: int) -> int:
         """File line of the last of ``done`` command lines; 0 for none."""
         return self.file_lines[min(done, len(self.lines)) - 1] if done > 0 and self.lines else 0
+
+    @property
+    def own(self) -> Job:
+        """The file's own commands, without what was put in; its marks aren't shifted back."""
+        lines, file_lines = list(self.lines), list(self.file_lines)
+        for after, count in reversed(self.positions):
+            del lines[after : after + count]
+            del file_lines[after : after + count]
+        return replace(self, lines=lines, file_lines=file_lines, inserts=())
+
+    @property
+    def positions(self) -> tuple[Position, ...]:
+        """Where its inserts stand, and how many lines each has."""
+        return tuple((one.after, len(one.lines)) for one in self.inserts)
+
+    @property
+    def flow(self) -> float:
+        """What moves that write push behind its last insert, over what the file says."""
+        return self.inserts[-1].flow if self.inserts else 1.0
+
+    def grown_by(self, inserts: Sequence[Insert]) -> Job:
+        """Return the job with several inserts, in their order; see `grown`."""
+        job = self
+        for insert in inserts:
+            job = job.grown(insert)
+        return job
+
+    def grown(self, insert: Insert) -> Job:
+        """Return the job with an insert's lines behind its first ``insert.after`` lines.
+
+        Marks at that place stay before them. What writes behind them pushes ``insert.flow`` of what
+        the file says (`sim.reading.flow_factor`).
+
+        Raises
+        ------
+        JobError
+            When the job has fewer lines, was given a later insert before, or doesn't tell the
+            plunger's count where its flow is to change.
+        """
+        after, count = insert.after, len(insert.lines)
+        begun = max((one.after + len(one.lines) for one in self.inserts), default=0)
+        if not begun <= after <= len(self):
+            raise JobError(
+                f"an insert behind line {after} doesn't fit {self.name}, {len(self)} lines with "
+                f"inserts up to line {begun}; the journal isn't of this job"
+            )
+        line, rest = self.file_line(after), self.lines[after:]
+        if insert.flow != self.flow:
+            e_mm = modal_state(self.lines, after).e
+            if e_mm is None:
+                raise JobError(f"{self.name} doesn't tell the plunger's count after line {after}")
+            rest = with_flow(rest, e_mm, insert.flow / self.flow)
+        return replace(
+            self,
+            lines=[*self.lines[:after], *insert.lines, *rest],
+            file_lines=[*self.file_lines[:after], *[line] * count, *self.file_lines[after:]],
+            marks=self.marks.shifted(after, count),
+            inserts=(*self.inserts, insert),
+        )
 
 
 def load_job(path: Path, printer: Printer) -> Job:

@@ -23,8 +23,14 @@ reload     a change of syringe begins after ``done`` lines; the plunger's count 
            of several, whose
 syringe    ``n``, ``command``: the line about to call the new plunger's place the job's; what was
            put in; ``reload_at``, ``reload_heads``: where the next changes are due
-left       the job's ``place`` that the needle leaves for a pause: after the host's death it tells
-           what the job's own lines haven't
+left       the job's ``place`` that the needle leaves for a pause or a look: after the host's death
+           it tells what the job's own lines haven't; ``park``: where it then waits, if not above
+look       ``look``: the number of a look that begins after ``done`` lines; ``mark``, ``layer``
+insert     ``look``, ``after``, ``lines``, ``sha256``, ``why``: lines that follow the first
+           ``after`` of the job, earlier inserts counted; on the disk before the job has them;
+           ``flow``: what the job's moves that write push behind them, over what the file says;
+           ``reload_at``, ``reload_heads``: where the changes of syringe are due in the grown job
+looked     ``look``, ``done``, ``decision``, ``why``, ``by``: a look was decided
 heat       ``targets``, °C by heater, as this print has set them after ``line`` lines of the job
 stood      after a stop: ``line``, ``begin_at``, ``certain`` as in `StopPlace`; ``done`` lines were
            taken; ``dropped``: whether moves weren't made; ``place`` that the printer told
@@ -32,8 +38,8 @@ end        state, message, done, error, position_known: last; where the printer 
            the job: ``refused``, the lines before it, and ``made``, those of them surely made
 ========== =====================================================================================
 
-job, state, alarm, checkpoint, left, wanted, reload, syringe, stood and end records also have
-``at``, the wall-clock time, s since 1970.
+job, state, alarm, checkpoint, left, wanted, reload, syringe, look, insert, looked, stood and end
+records also have ``at``, the wall-clock time, s since 1970.
 
 What is durable: every record is in the kernel when `Journal.add` returns, so it survives the
 death of the process (kill -9). Those with ``at`` are also forced to the disk, but for a checkpoint
@@ -64,6 +70,7 @@ RESERVE: Final = "journal.reserve"
 RESERVE_BYTES: Final = 65_536
 _DATED: Final = frozenset(
     {"job", "state", "alarm", "checkpoint", "left", "wanted", "reload", "syringe", "stood", "end"}
+    | {"look", "insert", "looked"}
 )
 
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from printctl.link.errors import JournalError
+from printctl.link.filling import Filling
+from printctl.link.inserts import Insert, Position
 from printctl.link.journal import RESERVE, Record, bytes_in, read_records
 from printctl.link.states import LinkState
 
@@ -47,6 +49,16 @@ class JournalledPrint:
         Where the next changes are due, since the last one.
     reload_heads : tuple of int
         Of several heads, whose.
+    filled : dict of (int or None) to Filling
+        What was put in at changes of syringe, by head.
+    inserts : list of Insert
+        Lines that were put into the job, in order.
+    look : dict or None
+        A look that was begun, and that nobody has decided.
+    looked : list of dict
+        Those that were decided, in order.
+    park : tuple of float or None, mm
+        Where the needle was led for a look after which the print hasn't gone on.
     stood : dict or None
         Where in the job the printer stood after a stop; None in journals of before, and where
         nobody knows.
@@ -87,6 +99,11 @@ class JournalledPrint:
     reloaded: int = -1
     reload_at: tuple[int, ...] | None = None
     reload_heads: tuple[int, ...] = ()
+    filled: dict[int | None, Filling] = field(default_factory=dict)
+    inserts: list[Insert] = field(default_factory=list)
+    look: Record | None = None
+    looked: list[Record] = field(default_factory=list)
+    park: tuple[float, float, float] | None = None
     stood: Record | None = None
     end: Record | None = None
     damaged: int = 0
@@ -100,8 +117,14 @@ class JournalledPrint:
 
     @property
     def total(self) -> int:
-        """Command lines in the job."""
-        return int(self.job.get("lines", 0))
+        """Command lines in the job, with what was put in."""
+        inserted = sum(len(one.lines) for one in self.inserts)
+        return int(self.job.get("lines", 0)) + inserted
+
+    @property
+    def positions(self) -> tuple[Position, ...]:
+        """Where inserts stand in the grown job, and how many lines each has."""
+        return tuple((one.after, len(one.lines)) for one in self.inserts)
 
     def job_line(self, number: int) -> int:
         """Job lines taken when the printer's last line number is ``number``."""
@@ -177,7 +200,7 @@ def _apply(history: JournalledPrint, record: Record | None) -> None:
             history.checkpoints.append(record)
             history.made = record["done"] if record.get("stands") else history.made
     elif sort == "left":
-        history.left = dict(record["place"])
+        _left(history, record)
     elif sort == "settings":
         history.settings = history.settings or dict(record["told"])
     elif sort == "heat":
@@ -189,14 +212,38 @@ def _apply(history: JournalledPrint, record: Record | None) -> None:
     elif sort == "reload":
         history.reload, history.syringe, history.wanted = record, None, None
     elif sort == "syringe":
-        history.syringe, history.reload_at = record, tuple(record["reload_at"])
-        history.reload_heads = tuple(record.get("reload_heads", ()))
+        history.syringe = record
+        _plan(history, record)
+        used, capacity = float(record["plunger_mm"]), float(record.get("capacity_mm", 0.0))
+        history.filled[record.get("head")] = Filling(record["done"], used, capacity)
+    elif sort == "look":
+        history.look = record
+    elif sort == "looked":
+        history.looked.append(record)
+        history.look = None
+    elif sort == "insert":
+        history.inserts.append(Insert.from_record(record))
+        _plan(history, record)
     elif sort == "stood":
         history.stood = record
     elif sort == "end":
         history.end = record
         history.state, history.done = LinkState(record["state"]), record["done"]
         history.message = record.get("message", "")
+
+
+def _left(history: JournalledPrint, record: Record) -> None:
+    """The needle leaves the job's place, perhaps for another one."""
+    history.left, history.park = dict(record["place"]), None
+    if record.get("park"):
+        x, y, z = map(float, record["park"])
+        history.park = x, y, z
+
+
+def _plan(history: JournalledPrint, record: Record) -> None:
+    """Changes of syringe are planned anew."""
+    history.reload_at = tuple(record["reload_at"])
+    history.reload_heads = tuple(record.get("reload_heads", ()))
 
 
 def _repeated(history: JournalledPrint, record: Record) -> None:
@@ -231,7 +278,7 @@ def _control(history: JournalledPrint, record: Record) -> None:
 
 def _printing(history: JournalledPrint) -> None:
     """The print goes on: whatever change of syringe there was is made."""
-    history.begun = True
+    history.begun, history.park = True, None
     if history.reload is not None:
         history.reloaded = history.reload["done"]
     history.reload = history.syringe = None

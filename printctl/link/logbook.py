@@ -120,6 +120,7 @@ class Logbook:
                 message=self._message,
                 line_errors=self._wiring.protocol.line_errors,
                 alarms=self._alarms,
+                inserted=progress.job.positions,
             )
         )
 
@@ -149,6 +150,7 @@ class Logbook:
             message=ended.message,
             position_known=ended.known,
             error=ended.error,
+            look=None,
         )
         self._state, self._final = ended.state, status
         self._journal_lost = False  # there may be room again, and this is the one that matters
@@ -169,16 +171,23 @@ class Logbook:
 
     # --- the journal -----------------------------------------------------------------------------
 
-    def record(self, sort: str, **values: Any) -> None:
-        """Add to the journal; a full disk is a fault that ends the print by a controlled stop."""
+    def record(self, sort: str, **values: Any) -> bool:
+        """Add to the journal; a full disk is a fault that ends the print by a controlled stop.
+
+        Returns
+        -------
+        bool
+            Whether the record is there.
+        """
         if self._journal_lost or sort in self._unrecorded:
-            return
+            return False
         try:
             self._wiring.journal.add(sort, **values)
         except JournalError as exc:
             self._disk_full, self._fault = True, str(exc)
             self._journal_lost = not self._wiring.journal.use_reserve()
-            self.record(sort, **values)
+            return self.record(sort, **values)
+        return True
 
     def record_control(self, number: int, command: bytes) -> None:
         """Write down a command between two lines of the job, before it is sent."""

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Final
+
+from printctl.link.inserts import behind
 
 _OURS: Final = re.compile(rb";(LAYER_END|PASS_END|RELOAD)(?::(-?\d+))?\s*$")
 _SLICERS: Final = re.compile(rb";(?:LAYER:(-?\d+)|LAYER_CHANGE|\s*CHANGE_LAYER)\s*$|; layer (\d+),")
@@ -92,6 +94,10 @@ class Marks:
 
     def __len__(self) -> int:
         return len(self.all)
+
+    def shifted(self, after: int, count: int) -> Marks:
+        """Return them with ``count`` lines put in behind the first ``after``: those there stay."""
+        return Marks([replace(one, index=behind(one.index, after, count)) for one in self.all])
 
     def of(self, kind: MarkKind) -> list[Mark]:
         """All of one kind."""

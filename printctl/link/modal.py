@@ -79,6 +79,10 @@ class ModalTrail:
     def __init__(self, lines: Sequence[bytes]) -> None:
         self._lines, self._done, self._words = lines, 0, dict[str, float]()
 
+    def grow(self, lines: Sequence[bytes]) -> None:
+        """Take a job that has got lines behind those that were read."""
+        self._lines = lines
+
     def at(self, done: int) -> Modal:
         """Where needle and plunger are after ``done`` lines."""
         if done < self._done:  # lines were taken back

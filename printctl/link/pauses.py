@@ -18,6 +18,7 @@ from printctl.link.foreign_changes import ForeignCommands
 from printctl.link.gating import PausedTip
 from printctl.link.head_choice import HeadChoice
 from printctl.link.idle_motors import IdleMotors
+from printctl.link.inserting import Inserting
 from printctl.link.interruption import StopRequested
 from printctl.link.manual_commands import ManualCommands
 from printctl.link.modal import Modal
@@ -56,6 +57,8 @@ class Pauses:
     ending : Ending
     excursion : Excursion
     returning : Returning
+    inserting : Inserting
+        Answers what clients say of the look that a pause came of.
     """
 
     channel: Channel
@@ -73,6 +76,7 @@ class Pauses:
     ending: Ending
     excursion: Excursion
     returning: Returning
+    inserting: Inserting
 
     # --- between two lines -----------------------------------------------------------------------
 
@@ -113,8 +117,33 @@ class Pauses:
 
     def pause(self, message: str = "paused", changing: bool = False) -> None:
         """Leave the bath, wait for the word to go on, and come back."""
+        self.watch.paused(self.channel.logbook.progress.done)
+        at = self.leave("pause", changing)
+        self.wait_and_come_back(at, message)
+
+    def leave(
+        self,
+        mark: str,
+        changing: bool = False,
+        park: tuple[float, float, float] | None = None,
+    ) -> Modal:
+        """Let the planner run empty, compare the place, relieve the plunger, lift the needle.
+
+        Parameters
+        ----------
+        mark : str
+            What the print is held for, for the journal.
+        changing : bool
+            Whether the syringe is to be changed.
+        park : (x, y, z), mm, optional
+            Where the needle will be led from above the place.
+
+        Returns
+        -------
+        Modal
+            The job's place.
+        """
         logbook, channel = self.channel.logbook, self.channel
-        self.watch.paused(logbook.progress.done)
         logbook.enter(
             LinkState.PAUSING,
             "the moves that the printer holds are made; then the plunger is relieved, the needle "
@@ -123,17 +152,21 @@ class Pauses:
         channel.command(b"M400")
         self.valve.shut()  # what was taken is written; nothing more
         at = self.position.expected()
-        self.position.verify(at, mark="pause", stands=True)
-        logbook.record("left", place=at.place())
+        self.position.verify(at, mark=mark, stands=True)
+        logbook.record("left", place=at.place(), **({} if park is None else {"park": park}))
         self.meddling.own_modes()
         retreat, relieved = self.heads.retreat, logbook.progress.relieved_mm
         self.excursion.begin(at, relieved, self._top(at, changing))
         channel.commands(retreat.leave(at, channel.wiring.printer, relieved))
         if changing:
-            self.excursion.lose_count()
-            self.changer.begin(at)
+            self.begin_change(at)
         channel.command(b"M400")
-        self._wait_and_come_back(at, message)
+        return at
+
+    def begin_change(self, at: Modal) -> None:
+        """Write down that the syringe is being changed, and make room for it."""
+        self.excursion.lose_count()
+        self.changer.begin(at)
 
     def _top(self, at: Modal, changing: bool) -> float | None:
         """Return the greatest height of the way out of ``at``, mm."""
@@ -149,9 +182,10 @@ class Pauses:
         self.excursion.lose_count()
         self.changer.found_again(at, head)
         self.channel.command(b"M400")
-        self._wait_and_come_back(at, f"paused, found again: {self.change.words()}")
+        self.wait_and_come_back(at, f"paused, found again: {self.change.words()}")
 
-    def _wait_and_come_back(self, at: Modal, message: str) -> None:
+    def wait_and_come_back(self, at: Modal, message: str) -> None:
+        """Wait for the word to go on; then count a new syringe, and come back to ``at``."""
         logbook = self.channel.logbook
         logbook.enter(LinkState.PAUSED, message)
         self.excursion.rest()
@@ -159,14 +193,25 @@ class Pauses:
         logbook.enter(LinkState.RESUMING, "returning to where the print was left")
         if new or (self.change.going_on and self.change.idle_head is not None):
             self.changer.count(at, new or NewSyringe())
+        self.come_back(at, self.heads.retreat.prime_mm, by_person=True)
+
+    def come_back(self, at: Modal, prime_mm: float = 0.0, by_person: bool = False) -> None:
+        """Take back what others have set, lower the needle to ``at``, and go on printing.
+
+        ``by_person``: it was a person's word, so that somebody is there (dead-man's time).
+        """
+        logbook = self.channel.logbook
         self.meddling.take_back()
         self.meddling.own_modes()
         self.position.refuse_renamed(waited=True)  # before the needle is lowered by that name
         self.heads.take()
-        self.returning.come_back(at, self.heads.retreat.prime_mm)
+        self.returning.come_back(at, prime_mm)
         self.change.end()
         self.position.note_plunger()
-        self.requests.alive()
+        self.inserting.book.end()
+        self.inserting.refuse_rest()
+        if by_person:
+            self.requests.alive()
         logbook.enter(LinkState.PRINTING, "printing")
         self.valve.reopen()
 
@@ -179,13 +224,15 @@ class Pauses:
             while clock.now() < until and not queue.waiting:
                 channel.pump(until)
             self.commands.send_all(tip.known)
+            word = self.inserting.answer_all(at)
+            if word is not None:  # of a look that became a pause without anybody's decision
+                word.refused("the print is paused; `printctl resume RUN` goes on")
             request = queue.take()
             if request is Request.STOP:
                 raise StopRequested
             if request is Request.RELOAD and not self.change.going_on:
                 self.change.plan(self.requests.reload_head)
-                self.excursion.lose_count()
-                self.changer.begin(at)
+                self.begin_change(at)
                 channel.logbook.enter(LinkState.PAUSED, f"paused: {self.change.words()}")
             if request is Request.RESUME:
                 new, unchanged = self.requests.take_new_syringe()

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from printctl.link.clock import Clock
 from printctl.link.gauges import Gauge, next_due
+from printctl.link.look_book import LookBook
 from printctl.link.marks import MarkKind
 from printctl.link.states import LinkState, Status
 from printctl.link.syringe_change import SyringeChange
@@ -22,11 +23,18 @@ class PrintDetails:
     gauges : sequence of Gauge
     watch : Watch
     change : SyringeChange
+    book : LookBook
     """
 
     def __init__(
-        self, clock: Clock, gauges: Sequence[Gauge], watch: Watch, change: SyringeChange
+        self,
+        clock: Clock,
+        gauges: Sequence[Gauge],
+        watch: Watch,
+        change: SyringeChange,
+        book: LookBook,
     ) -> None:
+        self._book = book
         self._clock, self._gauges = clock, gauges
         self._watch, self._change = watch, change
 
@@ -42,11 +50,15 @@ class PrintDetails:
         return replace(
             status,
             readings=tuple(str(gauge) for gauge in self._gauges),
-            waits_for=self._waits_for(),
+            waits_for=self._waits_for(status.state),
             deadman_left_s=left,
+            look=self._book.told(),
         )
 
-    def _waits_for(self) -> str:
+    def _waits_for(self, state: LinkState) -> str:
+        look = self._book.current
+        if state is LinkState.LOOKING and look is not None:
+            return f"a decision on look {look.number}"
         if self._change.going_on:
             number = self._change.head
             return "syringe" if number is None else f"syringe {number}"

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import replace
 
-from printctl.gate import Phase, PrinterSituation
 from printctl.link.channel import POLL_S
 from printctl.link.connecting import connect
 from printctl.link.errors import LinkError
 from printctl.link.interruption import StopRequested
+from printctl.link.job import Job
 from printctl.link.job_start import declared_start
 from printctl.link.journalled_print import JournalledPrint
 from printctl.link.marks import MarkKind
@@ -31,7 +30,11 @@ class PrintLoop:
         self._parts, self._channel = parts, parts.channel
         self._logbook, self._progress = parts.channel.logbook, parts.channel.logbook.progress
         self._wiring, self._protocol = parts.channel.wiring, parts.channel.wiring.protocol
-        self._job = self._progress.job
+
+    @property
+    def _job(self) -> Job:
+        """The job as it stands: it may grow while the print is held."""
+        return self._progress.job
 
     def run(self, history: JournalledPrint | None) -> None:
         """Print, from handshake to end; see `Streamer.run`.
@@ -58,13 +61,12 @@ class PrintLoop:
         parts.clients.begin(self._wiring.clock.now())
         logbook.enter(LinkState.PRINTING, f"printing {self._job.name}")
         parts.valve.reopen()
-        if history is not None and self._progress.done < len(self._job):
-            parts.pauses.at_mark()  # it died before it held the print here
+        if history is not None:
+            parts.looks.at_mark()  # it died before it held the print here
         while not self._at_end():
             self._stream()
             self._obey()
-            if self._progress.done < len(self._job):
-                parts.pauses.at_mark()
+            parts.looks.at_mark()
         others = self._progress.foreign_words()
         look = f"; {others}: look at the part" if others else ""
         message = f"all {len(self._job)} lines done{look}"
@@ -175,7 +177,7 @@ class PrintLoop:
         """Do what is asked for, with no line in flight."""
         parts = self._parts
         self._channel.settle()
-        parts.commands.send_all(self._printing)
+        parts.commands.send_all(self._wiring.printing_limits)
         while (request := parts.queue.take()) is not None:
             if request is Request.STOP:
                 raise StopRequested
@@ -185,10 +187,6 @@ class PrintLoop:
                 parts.requests.want(None)  # a pause that is waited for no longer
             elif request is Request.RELOAD:  # asked for in a pause that is over
                 parts.requests.want(MarkKind.RELOAD)
-
-    def _printing(self) -> PrinterSituation:
-        """Return what the gate is told while lines go out."""
-        return replace(self._wiring.limits(), phase=Phase.PRINTING)
 
     # --- finishing -------------------------------------------------------------------------------
 

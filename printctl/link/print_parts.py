@@ -16,11 +16,16 @@ from printctl.link.gauges import Gauge, Gauges
 from printctl.link.head_choice import HeadChoice
 from printctl.link.heat_check import HeatCheck
 from printctl.link.idle_motors import IdleMotors
+from printctl.link.inserting import Inserting
 from printctl.link.interruption import Interruption
 from printctl.link.job import Job
 from printctl.link.logbook import Logbook
+from printctl.link.look_book import LookBook
+from printctl.link.look_requests import LookRequests
+from printctl.link.looks import Looks
 from printctl.link.manual_commands import ManualCommands
 from printctl.link.other_clients import OtherClients
+from printctl.link.parking import Parking
 from printctl.link.pauses import Pauses
 from printctl.link.position_check import PositionCheck
 from printctl.link.print_details import PrintDetails
@@ -47,6 +52,7 @@ class PrintParts:
     channel : Channel
     queue : RequestQueue
     requests : PrintRequests
+    look_requests : LookRequests
     commands : ManualCommands
     watch : Watch
     gauges : Gauges
@@ -59,6 +65,7 @@ class PrintParts:
     valve : ValveSwitch
     ending : Ending
     pauses : Pauses
+    looks : Looks
     slips : SlipWatch
     resumption : Resumption
     interruption : Interruption
@@ -67,6 +74,7 @@ class PrintParts:
     channel: Channel
     queue: RequestQueue
     requests: PrintRequests
+    look_requests: LookRequests
     commands: ManualCommands
     watch: Watch
     gauges: Gauges
@@ -80,6 +88,7 @@ class PrintParts:
     valve: ValveSwitch
     ending: Ending
     pauses: Pauses
+    looks: Looks
     slips: SlipWatch
     resumption: Resumption
     interruption: Interruption
@@ -88,12 +97,14 @@ class PrintParts:
 def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
     """Return the parts of a print, each given those that it uses."""
     progress, queue = JobProgress(wiring, job), RequestQueue()
-    watch, change = Watch(job.marks, care), SyringeChange(wiring, progress)
+    watch, change = Watch(job.marks, care, job.lines), SyringeChange(wiring, progress)
+    book = LookBook()
     watched = [Gauge(one) for one in wiring.printer.watch]
-    details = PrintDetails(wiring.clock, watched, watch, change)
+    details = PrintDetails(wiring.clock, watched, watch, change, book)
     logbook = Logbook(wiring, progress, details.add, details.next_due)
     channel, interruption = print_channel(wiring, logbook, queue)
     requests = PrintRequests(wiring, logbook, queue, watch, change)
+    look_requests = LookRequests(logbook, queue, book)
     heat = HeatCheck(channel)
     commands, gauges = ManualCommands(channel, queue, heat), Gauges(channel, watched)
     firmware, heads = FirmwareCheck(channel, gauges), HeadChoice(channel)
@@ -103,6 +114,8 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
     meddling, excursion = ForeignCommands(channel, firmware, position, heat), Excursion()
     returning = Returning(channel, heads, position, excursion)
     ending = Ending(channel, firmware, heads, position, valve, excursion, interruption)
+    changer = SyringeChanger(channel, change, heads, position, watch)
+    inserting = Inserting(channel, queue, watch, changer, book, job)
     pauses = Pauses(
         channel=channel,
         queue=queue,
@@ -110,7 +123,7 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         commands=commands,
         watch=watch,
         change=change,
-        changer=SyringeChanger(channel, change, heads, position, watch),
+        changer=changer,
         position=position,
         meddling=meddling,
         heads=heads,
@@ -119,11 +132,15 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         ending=ending,
         excursion=excursion,
         returning=returning,
+        inserting=inserting,
     )
+    parking = Parking(channel, heads, position, inserting)
+    looks = Looks(channel, pauses, inserting, parking)
     return PrintParts(
         channel=channel,
         queue=queue,
         requests=requests,
+        look_requests=look_requests,
         commands=commands,
         watch=watch,
         gauges=gauges,
@@ -137,6 +154,7 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
         valve=valve,
         ending=ending,
         pauses=pauses,
+        looks=looks,
         slips=SlipWatch(channel, position),
         resumption=Resumption(
             channel,
@@ -149,6 +167,8 @@ def assemble(wiring: Wiring, job: Job, care: Care) -> PrintParts:
             valve,
             watch,
             pauses,
+            looks,
+            parking,
             excursion,
             returning,
             requests,

@@ -92,7 +92,7 @@ class PrintRequests:
                 + (f"has 0 to {count - 1}" if count else "has one alone; don't name it")
             )
         self._reload_head = head
-        if self._logbook.state is LinkState.PAUSED:
+        if self._logbook.state in (LinkState.PAUSED, LinkState.LOOKING):
             self._queue.add(Request.RELOAD)
         else:
             self.pause(MarkKind.RELOAD)

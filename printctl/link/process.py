@@ -30,6 +30,7 @@ from printctl.link.job import load_job
 from printctl.link.journal import Journal
 from printctl.link.locking import lock
 from printctl.link.origin import origin
+from printctl.link.parking import refuse_park
 from printctl.link.print_notes import archive_journal
 from printctl.link.record import JOURNAL, LOCK, LinkRecord
 from printctl.link.resuming import resumable
@@ -164,7 +165,11 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
     printer = load(Printer, order.profile)
     refuse_unsent(printer, str(order.job))
     job = load_job(order.job, printer)
+    refuse_park(order.care.look_park_mm, printer)
+    file_lines = len(job)
     history = resumable(order.folder, job.sha256) if order.resume else None
+    if history is not None:
+        job = job.grown_by(history.inserts)
     port = wire.transport if wire else open_port(order.port, printer, order.baud)
     traffic = WireLog(Path(order.care.wire_log) if order.care.wire_log else None)
     transport = LoggedTransport(port, traffic)
@@ -194,7 +199,7 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
             name=job.name,
             path=str(order.job.resolve()),
             sha256=job.sha256,
-            lines=len(job),
+            lines=file_lines,
             profile=order.profile,
             port=order.port,
             pid=os.getpid(),

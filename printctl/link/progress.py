@@ -29,6 +29,8 @@ class JobProgress:
 
     Attributes
     ----------
+    job : Job
+        With what was put in so far.
     unverified : bool
         Whether something that nobody sent was answered, so that the position must be compared
         before the job goes on.
@@ -128,6 +130,12 @@ class JobProgress:
     def relieved_mm(self) -> float:
         """How far the job itself has drawn the plunger back just here, mm."""
         return relieved_mm(self.job.lines, self.done)
+
+    def grow(self, job: Job) -> None:
+        """Take the job with lines put in behind those that were taken; the printer stands still."""
+        self.job = job
+        self._trail.grow(job.lines)
+        self._made.grow(job.lines)
 
     # --- what the streamer learns ----------------------------------------------------------------
 

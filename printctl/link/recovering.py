@@ -14,6 +14,7 @@ from typing import Final
 from firmware_profiles import Printer
 from printctl.link.errors import LinkError
 from printctl.link.firmware import mode_lines
+from printctl.link.grown_text import grown_text
 from printctl.link.heads import all_raised, choose, head_at, is_about_heads, lowered
 from printctl.link.job import Job
 from printctl.link.job_frame import JobFrame, frame_at
@@ -50,6 +51,8 @@ class Recovery:
         What a person does first, in order.
     start : (x, y, z) or None, mm
         Where the file takes the tip to stand before its first line; None for a homed machine.
+    rows : tuple of int
+        Row of the job's file, from 0, of each of the rest's last rows; -1 for what was put in.
     """
 
     begin: int
@@ -57,6 +60,7 @@ class Recovery:
     gcode: bytes
     steps: tuple[str, ...]
     start: tuple[float, float, float] | None
+    rows: tuple[int, ...] = ()
 
 
 def plan_recovery(
@@ -107,13 +111,15 @@ def plan_recovery(
         )
     frame = frame_at(job, begin, printer, start_mm)
     there = replace(found, at=_counted(at, frame, begin))
-    rest = rest_lines(job, data, begin, frame)
+    text = grown_text(job, data)
+    rest = rest_lines(job, text, begin, frame)
     gcode = _way_in(job, there, printer, retreat, frame) + rest
     steps = (
         *manual_steps(printer, frame),
         *describe_rest(job, history, found, printer, ul_per_mm),
     )
-    return Recovery(begin, job.file_lines[begin], gcode, steps, frame.start)
+    rows = tuple(text.file_row[text.row_of[begin] :])
+    return Recovery(begin, job.file_lines[begin], gcode, steps, frame.start, rows)
 
 
 def _untouched(

@@ -9,7 +9,7 @@ from printctl.link.errors import LinkError
 from printctl.link.heads import head_chosen
 from printctl.link.job import Job
 from printctl.link.marks import MarkKind
-from sim.reading import code_of, is_motion, read_sent
+from sim.reading import code_of, plunger_word
 
 _ROUNDING_MM: Final = 1e-4
 """Of E in the text; 2 nL in a syringe of 1 mL."""
@@ -24,7 +24,7 @@ def plunger_travel(lines: Sequence[bytes], head: int | None = None) -> list[floa
         return _of_head(lines, head)
     at, shift, travel = 0.0, 0.0, [0.0]
     for line in lines:
-        value = _plunger(line)
+        value = plunger_word(line)
         if value is not None:
             if code_of(line) == b"G92":
                 shift = at - value
@@ -39,20 +39,13 @@ def _of_head(lines: Sequence[bytes], head: int) -> list[float]:
     for line in lines:
         number = head_chosen(line)
         chosen = chosen if number is None else number
-        value = _plunger(line)
+        value = plunger_word(line)
         if value is not None:
             if code_of(line) != b"G92" and chosen == head:
                 at += value - count
             count = value
         travel.append(at)
     return travel
-
-
-def _plunger(line: bytes) -> float | None:
-    """Count of the plunger that a line asks for or sets; None where it says nothing of E."""
-    if b"E" not in line or not (is_motion(line) or code_of(line) == b"G92"):
-        return None
-    return read_sent(line).number("E")
 
 
 def plan_head_reloads(

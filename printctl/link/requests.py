@@ -7,6 +7,7 @@ from enum import Enum, auto
 from typing import Final
 
 from printctl.link.gating import Manual
+from printctl.link.look_book import LookWord
 
 
 class Request(Enum):
@@ -28,6 +29,8 @@ class RequestQueue:
     requests : deque of Request
     commands : deque of Manual
         Commands between two lines.
+    looks : deque of LookWord
+        What clients said of the look that the print is held for.
     stopped_by : str
         Who has asked for the stop: the first who did.
     """
@@ -35,12 +38,13 @@ class RequestQueue:
     def __init__(self) -> None:
         self.requests: Final[deque[Request]] = deque()
         self.commands: Final[deque[Manual]] = deque()
+        self.looks: Final[deque[LookWord]] = deque()
         self.stopped_by = ""
 
     @property
     def waiting(self) -> bool:
         """Whether anything is asked for."""
-        return bool(self.requests or self.commands)
+        return bool(self.requests or self.commands or self.looks)
 
     def add(self, request: Request, by: str = "the user") -> None:
         """Ask for something."""
@@ -59,3 +63,11 @@ class RequestQueue:
     def take_command(self) -> Manual | None:
         """Return the oldest command; None where there is none."""
         return self.commands.popleft() if self.commands else None
+
+    def add_look(self, word: LookWord) -> None:
+        """Say something of a look."""
+        self.looks.append(word)
+
+    def take_look(self) -> LookWord | None:
+        """Return the oldest word about a look; None where there is none."""
+        return self.looks.popleft() if self.looks else None

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+from printctl.link.grown_text import GrownText
 from printctl.link.job import Job
 from printctl.link.job_frame import JobFrame, Place
 from printctl.link.modal import declared_axes
 from sim.reading import is_motion
 
 
-def rest_lines(job: Job, data: bytes, begin: int, frame: JobFrame) -> bytes:
-    """Return the file's lines from command line ``begin``, after what it last said of its height.
+def rest_lines(job: Job, text: GrownText, begin: int, frame: JobFrame) -> bytes:
+    """Return the job's text from command line ``begin``, after what it last said of its height.
 
     What a line adds to the count of the touch-off is taken off its places, so that a line that
     calls a place otherwise (G92) names the place where the tip stands anyway.
     """
-    lines = data.splitlines(keepends=True)
-    first = job.file_lines[begin] - 1
+    lines, first = list(text.lines), text.row_of[begin]
     said = (line for line in reversed(lines[:first]) if line.startswith(b";HEIGHT:"))
     for index in range(begin, len(job)) if frame.renamed else ():
-        shift, row = frame.shift_at(index), job.file_lines[index] - 1
+        shift, row = frame.shift_at(index), text.row_of[index]
         if any(shift) and (is_motion(job.lines[index]) or declared_axes(job.lines[index])):
             _, semicolon, comment = lines[row].rstrip(b"\r\n").partition(b";")
             lines[row] = _moved(job.lines[index], shift) + semicolon + comment + b"\n"

@@ -13,7 +13,9 @@ from printctl.link.frame_check import FrameCheck
 from printctl.link.head_choice import HeadChoice
 from printctl.link.heat_check import HeatCheck
 from printctl.link.journalled_print import JournalledPrint
+from printctl.link.looks import Looks
 from printctl.link.modal import Modal
+from printctl.link.parking import Park, Parking
 from printctl.link.pauses import Pauses
 from printctl.link.position_check import PositionCheck
 from printctl.link.print_requests import PrintRequests
@@ -40,6 +42,8 @@ class Resumption:
     valve : ValveSwitch
     watch : Watch
     pauses : Pauses
+    looks : Looks
+    parking : Parking
     excursion : Excursion
     returning : Returning
     requests : PrintRequests
@@ -55,6 +59,8 @@ class Resumption:
     valve: ValveSwitch
     watch: Watch
     pauses: Pauses
+    looks: Looks
+    parking: Parking
     excursion: Excursion
     returning: Returning
     requests: PrintRequests
@@ -71,6 +77,7 @@ class Resumption:
         logbook.go_on()
         logbook.enter(LinkState.CHECKING, "asking the printer for the last line that it took")
         done, number = self._last_line(history)
+        self.looks.restore(history, done)
         channel.wiring.protocol.load(logbook.progress.job.lines, done, number)
         logbook.record("ack", done=done)
         self._shut_valve(done)
@@ -87,6 +94,7 @@ class Resumption:
         at = self.position.expected(history.left)
         if history.reload_at is not None:
             self.watch.plan(history.reload_at, history.reload_heads)
+        self.pauses.change.filled.update(history.filled)
         changing = history.changing(number)
         if changing or history.reloaded == done:
             self.watch.paused(done)
@@ -95,7 +103,7 @@ class Resumption:
             head = None if history.reload is None else history.reload.get("head")
             self.pauses.await_syringe(at, head)
         elif done < len(logbook.progress.job):
-            self._rejoin(at)
+            self._rejoin(at, history.park)
         # else it died behind the last line, when settings may be as before the job: no move is left
 
     def _last_line(self, history: JournalledPrint) -> tuple[int, int]:
@@ -127,10 +135,12 @@ class Resumption:
         if is_open(logbook.progress.job.lines, done, printer):
             logbook.alarm(f"the valve stood open after line {done} while no host was there; look")
 
-    def _rejoin(self, at: Modal) -> None:
+    def _rejoin(self, at: Modal, park: Park | None) -> None:
         logbook = self.channel.logbook
         self.excursion.begin(at, logbook.progress.relieved_mm, None)
         logbook.enter(LinkState.RESUMING, "returning to where the print was left")
         self.heads.take()
+        if park is not None and self.parking.is_there(at, park):
+            self.parking.come(at, park)
         self.position.verify(replace(at, z=None, e=None))  # a pause may have lifted and relieved
         self.returning.come_back(at)

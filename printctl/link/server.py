@@ -1,21 +1,29 @@
 """Command socket server of one print's link process.
 
-Besides what every command socket knows (`printctl.link.command_socket`) a client may wish ``stop``,
-``pause`` (with ``after``: layer, vessel or nothing), ``reload`` (with ``head``, of several),
-``resume`` (with ``change``, the fields of `NewSyringe`, or ``unchanged``), ``alive``, and
+Besides what every command socket knows (`printctl.link.command_socket`) a client may request
+``stop``, ``pause`` (with ``after``: layer, vessel or nothing), ``reload`` (with ``head``, of
+several), ``resume`` (with ``change``, the fields of `NewSyringe`, or ``unchanged``), ``alive``, and
 ``command`` (with ``text``), which is answered by
 ``{"event": "reply", "command": ..., "lines": [...]}``.
+
+While the state is ``looking`` (``look`` of the status says which): ``insert`` (with ``look``,
+``lines``, ``why``, perhaps ``flow``), answered by ``{"event": "inserted", "look", "after", "count",
+"sha256", "flow"}`` once it is in the journal; and ``look_done`` (with ``look``, ``decision``:
+go_on, pause, stop; ``why``), answered by ``{"event": "looked", "look", "decision", "why"}``. Saying
+one of them again gives the same answer.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from printctl.link.care import NewSyringe
 from printctl.link.command_socket import SocketServer, forget, listen
 from printctl.link.errors import Refused
+from printctl.link.look_book import LookDecision
 from printctl.link.marks import MarkKind
 from printctl.link.socket_clients import ClientPlace
 from printctl.link.states import Status
@@ -43,8 +51,8 @@ class Server(SocketServer):
         """The print's status."""
         return self.streamer.status.to_dict()
 
-    def wishes(self) -> Mapping[str, Callable[[ClientPlace, dict[str, Any]], None]]:
-        """What else may be wished of a print."""
+    def requests(self) -> Mapping[str, Callable[[ClientPlace, dict[str, Any]], None]]:
+        """What else may be requested of a print."""
         return {
             "stop": self._do_stop,
             "pause": self._do_pause,
@@ -52,40 +60,64 @@ class Server(SocketServer):
             "alive": self._do_alive,
             "resume": self._do_resume,
             "command": self._do_command,
+            "insert": self._do_insert,
+            "look_done": self._do_look_done,
         }
 
     def publish(self, status: Status) -> None:
         """Tell all subscribers; from any thread, never waiting."""
         self.tell_all(status.to_dict())
 
-    def _do_stop(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
+    def _do_stop(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         self.streamer.stop()
 
-    def _do_pause(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
-        after = wish.get("after")
+    def _do_pause(self, guest: ClientPlace, request: dict[str, Any]) -> None:
+        after = request.get("after")
         self.streamer.pause(MarkKind(after) if after else None)
         self.publish(self.streamer.status)
 
-    def _do_reload(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
-        head = wish.get("head")
+    def _do_reload(self, guest: ClientPlace, request: dict[str, Any]) -> None:
+        head = request.get("head")
         self.streamer.reload(*(() if head is None else (int(head),)))
         self.publish(self.streamer.status)
 
-    def _do_resume(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
-        change = wish.get("change")
-        self.streamer.resume(NewSyringe(**change) if change else None, bool(wish.get("unchanged")))
+    def _do_resume(self, guest: ClientPlace, request: dict[str, Any]) -> None:
+        change = request.get("change")
+        self.streamer.resume(
+            NewSyringe(**change) if change else None, bool(request.get("unchanged"))
+        )
 
-    def _do_alive(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
+    def _do_alive(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         self.streamer.alive()
 
-    def _do_command(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
-        text = str(wish["text"])
+    def _do_command(self, guest: ClientPlace, request: dict[str, Any]) -> None:
+        text = str(request["text"])
 
         def done(lines: tuple[bytes, ...]) -> None:
             said = [line.decode("ascii", "backslashreplace") for line in lines]
             self.post(guest, {"event": "reply", "command": text.strip(), "lines": said})
 
-        def refused(why: str) -> None:
-            self.post(guest, {"event": "refused", "message": why, "error": Refused.__name__})
+        self.streamer.typed(text, done, partial(self._refuse, guest))
 
-        self.streamer.typed(text, done, refused)
+    def _do_insert(self, guest: ClientPlace, request: dict[str, Any]) -> None:
+        lines, why, flow = (
+            request.get("lines", ()),
+            str(request.get("why", "")),
+            request.get("flow"),
+        )
+        self.streamer.insert(
+            int(request["look"]),
+            [str(line) for line in lines],
+            why,
+            partial(self.post, guest),
+            partial(self._refuse, guest),
+            None if flow is None else float(flow),
+        )
+
+    def _do_look_done(self, guest: ClientPlace, request: dict[str, Any]) -> None:
+        done, refused = partial(self.post, guest), partial(self._refuse, guest)
+        decision, why = LookDecision(request["decision"]), str(request.get("why", ""))
+        self.streamer.look_done(int(request["look"]), decision, why, done, refused)
+
+    def _refuse(self, guest: ClientPlace, why: str) -> None:
+        self.post(guest, {"event": "refused", "message": why, "error": Refused.__name__})

@@ -15,6 +15,8 @@ class LinkState(StrEnum):
     PRINTING = "printing"
     PAUSING = "pausing"
     PAUSED = "paused"
+    LOOKING = "looking"
+    """Held as in a pause, until a client, or the operator, has decided on what is seen."""
     RESUMING = "resuming"
     STOPPING = "stopping"
     DONE = "done"
@@ -76,6 +78,11 @@ class Status:
         go on; None for an attended print.
     readings : tuple of str
         Last readings of what the printer's profile has watched, with their limits.
+    look : dict or None
+        The look that the print is held for (`LookBook.told`): ``number``, ``mark``, ``layer``,
+        ``done``, ``since``, ``limit_s``, ``inserted``, ``insert_sha256``, ``decision``.
+    inserted : tuple of (int, int)
+        Lines before each insert so far, in the grown job, and how many it has.
     """
 
     state: LinkState
@@ -91,6 +98,8 @@ class Status:
     deadman_left_s: float | None = None
     readings: tuple[str, ...] = ()
     lines_executed: int = 0
+    look: dict[str, Any] | None = None
+    inserted: tuple[tuple[int, int], ...] = ()
 
     @property
     def ended(self) -> bool:
@@ -105,8 +114,11 @@ class Status:
     def from_dict(data: dict[str, Any]) -> Status:
         """Read `to_dict`; keys of later versions are ignored."""
         known = {name: data[name] for name in Status.__dataclass_fields__ if name in data}
-        readings = tuple(known.get("readings", ()))
-        return Status(**{**known, "state": LinkState(known["state"]), "readings": readings})
+        lists = {
+            "readings": tuple(known.get("readings", ())),
+            "inserted": tuple((after, count) for after, count in known.get("inserted", ())),
+        }
+        return Status(**{**known, "state": LinkState(known["state"]), **lists})
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,13 @@ together in `printctl.link.print_parts`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from printctl.link.care import Care, NewSyringe
 from printctl.link.errors import HandshakeError, LinkError, PortLost
 from printctl.link.job import Job
 from printctl.link.journalled_print import JournalledPrint
+from printctl.link.look_book import Answer, LookDecision
 from printctl.link.marks import MarkKind
 from printctl.link.print_loop import PrintLoop
 from printctl.link.print_parts import assemble
@@ -28,6 +29,7 @@ class Streamer:
     ----------
     wiring : Wiring
     job : Job
+        With the inserts of the journal, where a print is gone on with.
     care : Care, optional
 
     Attributes
@@ -36,7 +38,7 @@ class Streamer:
     """
 
     def __init__(self, wiring: Wiring, job: Job, care: Care | None = None) -> None:
-        self.wiring, self.job, self.protocol = wiring, job, wiring.protocol
+        self.wiring, self.protocol = wiring, wiring.protocol
         self.parts = assemble(wiring, job, care or Care())
         self._logbook, self._kill = self.parts.channel.logbook, self.parts.channel.kill
         self._requests = self.parts.requests
@@ -84,6 +86,11 @@ class Streamer:
     # --- for any thread --------------------------------------------------------------------------
 
     @property
+    def job(self) -> Job:
+        """The job as it has grown."""
+        return self._logbook.progress.job
+
+    @property
     def status(self) -> Status:
         """The print as it stands."""
         return self._logbook.status
@@ -107,6 +114,29 @@ class Streamer:
     def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
         """Ask to go on after a pause; see `PrintRequests.resume`."""
         self._requests.resume(change, unchanged)
+
+    def insert(
+        self,
+        look: int,
+        lines: Sequence[str],
+        why: str,
+        done: Callable[[Answer], None],
+        refused: Callable[[str], None],
+        flow: float | None = None,
+    ) -> None:
+        """Ask for lines to be put into the job; see `LookRequests.insert`."""
+        self.parts.look_requests.insert(look, lines, why, done, refused, flow)
+
+    def look_done(
+        self,
+        look: int,
+        decision: LookDecision,
+        why: str,
+        done: Callable[[Answer], None],
+        refused: Callable[[str], None],
+    ) -> None:
+        """Ask for a look to end; see `LookRequests.decide`."""
+        self.parts.look_requests.decide(look, decision, why, done, refused)
 
     def alive(self) -> None:
         """Confirm that somebody is there."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from printctl.link.filling import Filling
 from printctl.link.progress import JobProgress
 from printctl.link.wiring import Wiring
 
@@ -26,12 +27,15 @@ class SyringeChange:
     going_on : bool
     planned_head : int or None
         Whose syringe it is, where that was said.
+    filled : dict of (int or None) to Filling
+        What was put in in this print, by head; None for the only one.
     """
 
     def __init__(self, wiring: Wiring, progress: JobProgress) -> None:
         self._printer, self._progress = wiring.printer, progress
         self.going_on = False
         self.planned_head: int | None = None
+        self.filled: dict[int | None, Filling] = {}
 
     @property
     def head(self) -> int | None:

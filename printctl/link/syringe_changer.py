@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from printctl.link.care import NewSyringe
 from printctl.link.channel import Channel
+from printctl.link.filling import Filling, Plan, grown_plan
 from printctl.link.head_choice import HeadChoice
+from printctl.link.job import Job
 from printctl.link.modal import Modal
 from printctl.link.position_check import PositionCheck
 from printctl.link.reloading import plan_reloads
@@ -102,6 +104,22 @@ class SyringeChanger:
         order = sorted(all_of_them)
         watch.plan(tuple(order), tuple(all_of_them[index] for index in order))
 
+    def replanned(self, grown: Job) -> Plan:
+        """Return where a syringe must be changed once the job is ``grown`` by one more insert.
+
+        Raises
+        ------
+        Refused
+            Where the syringe in use doesn't last for it.
+        """
+        watch, head = self._watch, self._progress.head
+        full = self._care.of_head(head)[1]
+        filling = self._change.filled.get(head, Filling(capacity_mm=full))
+        if self._wiring.printer.pneumatic is not None:
+            filling = Filling()
+        plan = watch.reload_at, watch.reload_heads
+        return grown_plan(self._progress.job, grown, plan, filling, head)
+
     def count(self, at: Modal, new: NewSyringe) -> None:
         """Call the new plunger's place what the job goes on from, relieved like the old one.
 
@@ -122,13 +140,19 @@ class SyringeChanger:
             self._position.verify(Modal(e=e))
 
     def _record(self, command: bytes, new: NewSyringe) -> None:
+        head = self._change.head
+        capacity = new.capacity_mm or self._care.of_head(head)[1]
+        done = self._progress.done
+        self._change.filled[head] = Filling(done, new.plunger_mm, capacity)
         self._logbook.record(
             "syringe",
             n=self._wiring.protocol.number + 1,
             command=command.decode(),
-            done=self._progress.done,
-            name=new.name or self._care.of_head(self._change.head)[0],
+            done=done,
+            name=new.name or self._care.of_head(head)[0],
             plunger_mm=new.plunger_mm,
+            capacity_mm=capacity,
+            **({} if head is None else {"head": head}),
             reload_at=self._watch.reload_at,
             reload_heads=self._watch.reload_heads,
         )

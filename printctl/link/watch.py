@@ -1,13 +1,17 @@
-"""Find the next line due for a pause, a syringe change or a position check of the print."""
+"""Find the next line due for a look, a pause, a syringe change or a position check."""
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
+from collections.abc import Sequence
 from enum import Enum, auto
 from typing import Final
 
 from printctl.link.care import Care
+from printctl.link.inserts import behind
 from printctl.link.marks import Mark, MarkKind, Marks
+from printctl.link.written_way import written_mm
 
 _AHEAD: Final = 2
 """Most lines in flight: a mark nearer than that may be passed before it is looked at."""
@@ -17,6 +21,7 @@ class DueTask(Enum):
     """What is to be done between two lines."""
 
     NOTHING = auto()
+    LOOK = auto()
     RELOAD = auto()
     PAUSE = auto()
     DEADMAN = auto()
@@ -30,6 +35,8 @@ class Watch:
     ----------
     marks : Marks
     care : Care
+    lines : sequence of bytes
+        The job's, needed where a look is due by the written way.
 
     Attributes
     ----------
@@ -41,17 +48,23 @@ class Watch:
         As in `Care`.
     """
 
-    def __init__(self, marks: Marks, care: Care) -> None:
+    def __init__(self, marks: Marks, care: Care, lines: Sequence[bytes] = ()) -> None:
         self.marks, self.care = marks, care
         self.after: MarkKind | None = None
         self.confirmed = self._checkpoint_due = 0.0
         self.reload_at, self.reload_heads = care.reload_at, care.reload_heads
-        self._seen = -1
+        self._seen = self._looked = -1
+        self._look_due, self._looked_mm = math.inf, 0.0
+        self._look_again = False
+        self._way_mm: list[float] = []
+        if care.look_every_mm:
+            self._way_mm = written_mm(lines, [mark.index for mark in marks.all])
 
     def begin(self, now: float) -> None:
         """Start counting time."""
         self.confirmed = now
         self._checkpoint_due = now + (self.care.checkpoint_s or 0.0)
+        self._count_to_look(now)
 
     def confirm(self, now: float) -> None:
         """Take notice that somebody is there; from any thread."""
@@ -95,6 +108,8 @@ class Watch:
     def due(self, now: float, done: int) -> DueTask:
         """What is to be done now, with nothing in flight after ``done`` lines."""
         kinds = {mark.kind for mark in self.marks.here(done)}
+        if self._wants_look(now, done, kinds):
+            return DueTask.LOOK
         if done in self.reload_at or (self.after is MarkKind.RELOAD and self.after in kinds):
             return DueTask.RELOAD
         if self.after in kinds:
@@ -112,6 +127,21 @@ class Watch:
         self.reload_heads = tuple(self.reload_heads[k] for k in left if self.reload_heads)
         self.reload_at = tuple(self.reload_at[k] for k in left)
 
+    def looked(self, now: float, done: int) -> None:
+        """Take notice that a look after ``done`` lines was decided."""
+        self._looked, self._look_again = done, False
+        self._looked_mm = self._written_mm(done)
+        self._count_to_look(now)
+
+    def look_again(self) -> None:
+        """Have the look made that the host before had begun here, and that nobody has decided."""
+        self._look_again = True
+
+    def grow(self, marks: Marks, after: int, count: int) -> None:
+        """Take notice that ``count`` lines were put into the job behind the first ``after``."""
+        self.marks = marks
+        self.reload_at = tuple(behind(index, after, count) for index in self.reload_at)
+
     def reload_head(self, done: int) -> int | None:
         """Whose syringe is to be changed after ``done`` lines, of several heads; None else."""
         if done not in self.reload_at or not self.reload_heads:
@@ -122,8 +152,45 @@ class Watch:
         """Take notice that a checkpoint was made."""
         self._seen, self._checkpoint_due = done, now + (self.care.checkpoint_s or 0.0)
 
+    def _count_to_look(self, now: float) -> None:
+        every_s = self.care.look_every_s
+        self._look_due = now + every_s if every_s else math.inf
+
+    def _wants_look(self, now: float, done: int, kinds: set[MarkKind]) -> bool:
+        """Whether a look is due after ``done`` lines, where marks of these kinds stand."""
+        if self._look_again:
+            return True
+        if done == self._looked or not kinds:
+            return False
+        return self.care.look_after in kinds or now >= self._look_due or self._far_enough(done)
+
+    def _far_enough(self, done: int) -> bool:
+        every = self.care.look_every_mm
+        return bool(every) and self._written_mm(done) - self._looked_mm >= every
+
+    def _written_mm(self, done: int) -> float:
+        """Way written up to the last mark at or before ``done``; 0 where nobody wants to know."""
+        if not self._way_mm:
+            return 0.0
+        before = bisect_left(self.marks.all, done + 1, key=lambda mark: mark.index)
+        return self._way_mm[before - 1] if before else 0.0
+
+    def _next_look(self, now: float, first: int) -> list[Mark | None]:
+        """Marks ahead at which a look may be due."""
+        after, found = self.care.look_after, list[Mark | None]()
+        if after is not None:
+            found.append(self.marks.next(after, first))
+        if now >= self._look_due:
+            found += [self.marks.next(kind, first) for kind in MarkKind]
+        if self._way_mm:
+            place = bisect_left(self.marks.all, first, key=lambda mark: mark.index)
+            far = bisect_left(self._way_mm, self._looked_mm + self.care.look_every_mm, lo=place)
+            found += self.marks.all[far : far + 1]
+        return found
+
     def _wanted(self, now: float, first: int) -> list[Mark | None]:
         marks = [self.marks.next(self.after, first)] if self.after else []
+        marks += self._next_look(now, first)
         if self._overdue(now):
             marks += [self.marks.next(kind, first) for kind in MarkKind]
         if self._wants_checkpoint(now):

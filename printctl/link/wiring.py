@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from firmware_profiles import Printer
 from firmware_profiles.families.link_protocol import LinkProtocol
-from printctl.gate import Bounds, PrinterSituation
+from printctl.gate import Bounds, Phase, PrinterSituation
 from printctl.link.clock import Clock
 from printctl.link.journal import Journal
 from printctl.link.retreat import Retreat
@@ -44,6 +44,10 @@ class Wiring:
     fresh: bool = True
     on_status: Callable[[Status], None] = lambda status: None
     room: Callable[[], PrinterSituation] | None = None
+
+    def printing_limits(self) -> PrinterSituation:
+        """Return the same for the time in which the job's lines go out, or a look is made."""
+        return replace(self.limits(), phase=Phase.PRINTING)
 
     def limits(self) -> PrinterSituation:
         """Return what the gate judges by: a station's knowledge, or the profile alone."""

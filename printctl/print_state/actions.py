@@ -83,13 +83,15 @@ def _while_going_on(status: Status) -> tuple[Possible, ...]:
         return *(Possible(act, False, over) for act in acts), Possible(
             PrintAction.KILL, False, halt
         )
-    held = state is LinkState.PAUSED
+    held = state in (LinkState.PAUSED, LinkState.LOOKING)
     going = state in (LinkState.CONNECTING, LinkState.CHECKING, LinkState.PRINTING)
     changing = held and status.waits_for.startswith("syringe")
     resume = held or (going and bool(status.waits_for))
     stopping = state is LinkState.STOPPING
+    may_pause = going or state is LinkState.LOOKING
+    why_not = f"the print is {state_words(state)}"
     return (
-        Possible(PrintAction.PAUSE, going, "" if going else f"the print is {state_words(state)}"),
+        Possible(PrintAction.PAUSE, may_pause, "" if may_pause else why_not),
         Possible(
             PrintAction.RESUME,
             resume,

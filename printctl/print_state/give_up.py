@@ -10,9 +10,9 @@ from printctl.link.client import attach
 from printctl.link.errors import JobError, Refused
 from printctl.link.gating import settings_changed_by
 from printctl.link.history import remember_meanwhile
-from printctl.link.job import load_job
 from printctl.link.journal import Journal
 from printctl.link.journalled_print import read_journal
+from printctl.link.printed_job import load_printed_job
 from printctl.link.process import hold_folder
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.states import LinkState, Status
@@ -74,10 +74,11 @@ def _settings_left(folder: Path, status: Status) -> str:
     record = load_record(folder)
     try:
         printer = load(Printer, record.profile)
-        lines = load_job(Path(record.job), printer).lines[: status.lines_done + _UNDER_WAY]
+        history = read_journal(folder / JOURNAL)
+        job = load_printed_job(Path(record.job), printer, history)
     except (JobError, ProfileError):
         return ""
-    before = read_journal(folder / JOURNAL).settings
+    lines, before = job.lines[: status.lines_done + _UNDER_WAY], history.settings
     commands = [before[code] for code in settings_changed_by(lines, printer) if before.get(code)]
     if not commands:
         return ""

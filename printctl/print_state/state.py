@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any
 from firmware_profiles import Syringe, load
 from printctl.link.care import Care
 from printctl.link.client import attach
+from printctl.link.inserts import file_count
 from printctl.link.record import JOURNAL, LinkRecord, load_record
 from printctl.link.states import LinkState, Status
 from printctl.print_state.actions import Possible, PrintAction, possible_actions
+from printctl.printing.inserted_ink import filling_in_file
 from printctl.printing.journal_facts import JournalledFacts, read_journal_facts
 from printctl.printing.print_words import print_words, progress_words, state_words
 from printctl.printing.progress import Filling, Progress, predicted_s, progress
@@ -103,7 +105,7 @@ def read_print(folder: Path) -> PrintTruth:
         status = client.status
     journal = read_journal_facts(folder / JOURNAL)
     table = kept_table(folder, journal.sha256)
-    if table is None or len(table) != status.lines_total:
+    if table is None or len(table) != file_count(status.lines_total, status.inserted):
         return assemble_state(folder, status, journal)
     remaining = remaining_of(table, journal)
     return assemble_state(folder, status, journal, table, remaining, filling_of(folder, journal))
@@ -121,14 +123,17 @@ def assemble_state(
     actions = possible_actions(folder, status)
     if status.state is LinkState.INTERRUPTED:
         status = replace(status, message=f"{status.message}; {_next_step(actions)}")
-    if table is None or remaining is None or len(table) != status.lines_total:
+    own = file_count(status.lines_total, status.inserted)  # a table is of the file's commands
+    if table is None or remaining is None or len(table) != own:
         return PrintTruth(folder, status, journal, None, actions)
     now = time.time()
     active = journal.active_until(now) if not status.ended else journal.active_s
-    done = status.lines_executed
+    done = file_count(status.lines_executed, status.inserted)
     at = predicted_s(table, done)
     if status.state is LinkState.PRINTING:
         remaining.saw(at, active)
+    if filling is not None:
+        filling = filling_in_file(filling, journal.inserts, status.lines_executed)
     made = progress(table, done, active, now, remaining.estimate(at), filling)
     return PrintTruth(folder, status, journal, made, actions)
 
@@ -151,8 +156,9 @@ def _next_step(actions: tuple[Possible, ...]) -> str:
 def remaining_of(table: JobTable, journal: JournalledFacts) -> Remaining:
     """Return the estimate of what is left, by the pace that the journal's checkpoints tell."""
     found = Remaining(float(table.time_s[-1]))
+    positions = [(one.after, one.count) for one in journal.inserts]
     for done, active_s in journal.paces:
-        found.saw(predicted_s(table, done), active_s)
+        found.saw(predicted_s(table, file_count(done, positions)), active_s)
     return found
 
 

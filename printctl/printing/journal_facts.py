@@ -10,6 +10,7 @@ from typing import Any, Final
 from printctl.link.journal import read_records
 from printctl.link.journalled_print import times_words
 from printctl.link.states import LinkState
+from printctl.printing.inserted_ink import InsertedInk, inserted_ink
 
 _AT_WORK: Final = LinkState.PRINTING
 
@@ -33,6 +34,8 @@ class JournalledFacts:
     paces : tuple of (int, float)
         Commands taken and time without pauses, s, at each checkpoint.
     last_alarm : str
+    inserts : tuple of InsertedInk
+        What was put into the job.
     """
 
     sha256: str = ""
@@ -42,6 +45,7 @@ class JournalledFacts:
     filled: tuple[int, float] | None = None
     paces: tuple[tuple[int, float], ...] = ()
     last_alarm: str = ""
+    inserts: tuple[InsertedInk, ...] = ()
 
     def active_until(self, now: float) -> float:
         """Time without pauses until ``now``, s."""
@@ -69,6 +73,8 @@ def read_so_far(records: Iterable[dict[str, Any]]) -> JournalledFacts:
         elif sort == "syringe":
             filled = int(record.get("done", 0)), float(record.get("plunger_mm", 0.0))
             found = _with(found, filled=filled)
+        elif sort == "insert":
+            found = _with(found, inserts=(*found.inserts, inserted_ink(record)))
         elif sort == "alarm":
             found = _with(found, last_alarm=str(record.get("text", "")))
         elif sort == "repeated":

@@ -45,10 +45,11 @@ def _map_of_rest(job: Path, plan: Recovery) -> dict[str, Any] | None:
             return None
     except (OSError, ValueError, KeyError, zipfile.BadZipFile):
         return None
-    kept = lines - plan.line + 1
+    rows = np.array(plan.rows, np.int64)
     for name in OF_LINES:
-        way_in = np.full(_line_count(plan.gcode) - kept, -1, dtype=arrays[name].dtype)
-        arrays[name] = np.append(way_in, arrays[name][lines - kept :])
+        way_in = np.full(_line_count(plan.gcode) - len(rows), -1, dtype=arrays[name].dtype)
+        kept = np.where(rows < 0, -1, arrays[name][rows]).astype(arrays[name].dtype)
+        arrays[name] = np.append(way_in, kept)
     return arrays
 
 

@@ -12,8 +12,8 @@ from printctl.errors import PrintctlError
 from printctl.link.care import Care
 from printctl.link.errors import LinkError
 from printctl.link.find_link import stays_alive
-from printctl.link.job import load_job
 from printctl.link.journalled_print import read_journal
+from printctl.link.printed_job import load_printed_job
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.recovering import Recovery, plan_recovery
 from printctl.link.recovery_begin import NoCheckpoint
@@ -59,7 +59,7 @@ def planned(folder: Path, from_line: int | None = None) -> Recovery:
         )
     printer = load(Printer, record.profile)
     path = Path(record.job)
-    job = load_job(path, printer)
+    job = load_printed_job(path, printer, history)
     if history.job.get("sha256") != job.sha256:
         raise PrintctlError(
             f"{record.job} has changed since it was printed in {folder}; put the file back that "

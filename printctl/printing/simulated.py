@@ -10,6 +10,7 @@ from typing import Final
 
 from printctl.errors import PrinterFailedError
 from printctl.link.ports import SIMULATED
+from printctl.link.record import JOURNAL
 
 __all__ = ["SIMULATED", "simulated_printer"]
 
@@ -25,6 +26,8 @@ def simulated_printer(
     folder: Path,
     *,
     speed: float = 0.0,
+    journal: Path | None = None,
+    faults: Path | None = None,
 ) -> str:
     """Start a simulated printer and return the port to reach it by.
 
@@ -46,6 +49,10 @@ def simulated_printer(
         For its log and its address.
     speed : float
         Times real time; 0 for virtual time, as fast as it can.
+    journal : Path, optional
+        Of the print, which tells what is inserted into the job; the one in ``folder`` by default.
+    faults : Path or None
+        A fault file (`sim.faults.fault_file`).
 
     Raises
     ------
@@ -55,8 +62,11 @@ def simulated_printer(
     address, errors = folder / "sim.address", folder / "sim.log"
     command = [sys.executable, "-m", "sim", "--printer", profile, "--speed", f"{speed:g}"]
     command += ["--start", ",".join(f"{value:.6f}" for value in start_mm)]
-    command += ["--job", str(job.resolve())] if job else []
+    if job:
+        journal = journal or folder / JOURNAL
+        command += ["--job", str(job.resolve()), "--journal", str(journal.resolve())]
     command += ["--record", str(record.resolve())] if record else []
+    command += ["--faults", str(faults.resolve())] if faults else []
     command += ["--exit-on-hangup"]
     command += ["--tcp", "0"] if sys.platform == "win32" else []
     with address.open("wb") as out, errors.open("wb") as log:

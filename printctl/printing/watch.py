@@ -68,7 +68,7 @@ def follow(client: PrintClient, report: Report, bars: StageBars) -> PrintOutcome
             for status in client.events():
                 alarms.tell(status.alarms)
                 done = status.lines_done / max(status.lines_total, 1)
-                held = status.state in (LinkState.PAUSED, LinkState.STOPPING)
+                held = status.state in (LinkState.PAUSED, LinkState.LOOKING, LinkState.STOPPING)
                 lines = f"{status.lines_done} of {status.lines_total} lines"
                 report(done, f"{lines}; {status.message}" if held else lines)
             break
@@ -129,12 +129,12 @@ def _ask(bars: StageBars) -> str:
         return "d"
 
 
-def _obey(wish: str, client: PrintClient) -> None:
-    if wish == "k":
+def _obey(request: str, client: PrintClient) -> None:
+    if request == "k":
         client.kill()
-    elif wish == "s":
+    elif request == "s":
         client.stop()
-    elif wish == "d":
+    elif request == "d":
         client.detach()
         raise PrintctlError(
             f"detached; the print goes on (journal: {client.folder}); "

@@ -9,12 +9,13 @@ from pydantic import Field, field_validator, model_validator
 
 from printctl.recipe.parts import Length, Part, Point
 
-_INLETS = {
+INLETS = {
     "heart": ("left_coronary", "right_coronary"),
     "kidney": ("hilum",),
     "liver": ("porta_hepatis", "vena_cava"),
     "cortex": ("pial_artery",),
 }
+"""Names of the inlets of each template."""
 _OF = {
     "base_direction": ("heart",),
     "right_direction": ("heart",),
@@ -95,7 +96,7 @@ class AnatomyPart(Part):
 
     @model_validator(mode="after")
     def _keys_fit(self) -> AnatomyPart:
-        known = _INLETS[self.template]
+        known = INLETS[self.template]
         for name in self.inlets:
             if name not in known:
                 raise ValueError(

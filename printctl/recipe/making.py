@@ -26,7 +26,7 @@ from printctl.recipe.marks import (
     PrinterName,
     SyringeName,
 )
-from printctl.recipe.parts import Part, Point, Seed, value_given
+from printctl.recipe.parts import Part, Seed, value_given
 from printctl.recipe.priming import PrimePart
 from printctl.recipe.record import RecordPart
 from printctl.recipe.regions import FillingPart, RegionPart
@@ -36,6 +36,7 @@ from registration.judging.tolerance import Tolerances
 
 Percent = Annotated[float, Field(ge=-30, le=30, allow_inf_nan=False)]
 Speed = Annotated[float, Field(gt=0, le=1000)]
+_Place = Annotated[float, Field(ge=-10_000, le=10_000)]
 
 
 CompensationName = Annotated[
@@ -178,6 +179,12 @@ class PrinterPart(Part):
     port: str = Field(
         default="simulated", min_length=1, description="A serial port, tcp:HOST:PORT or simulated."
     )
+    faults: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Fault file of the simulated printer: what its board, cable and ink suffer.",
+        json_schema_extra=FILE,
+    )
     syringe: SyringeName = "hamilton_1ml"
     ink: InkName = "collagen_fresh"
     bath: BathName = "gelatin_support"
@@ -194,7 +201,7 @@ class PrinterPart(Part):
     bath_depth_mm: Annotated[float, Field(gt=0, le=500)] | None = Field(
         default=None, description="How high the dish is filled."
     )
-    place_mm: Point | None = Field(
+    place_mm: tuple[_Place, _Place, _Place] | None = Field(
         default=None,
         description="Where the part's origin stands in the printer's frame; centred by default.",
     )
@@ -222,6 +229,19 @@ class PrinterPart(Part):
             said.pop("syringe", None)
             said.pop("ink", None)
         return said
+
+    @model_validator(mode="after")
+    def _faults_are_simulated(self) -> PrinterPart:
+        if self.faults is not None and self.port != "simulated":
+            raise ValueError(
+                f"faults are the simulated printer's, but port is {self.port}; leave faults out, "
+                "or say port: simulated"
+            )
+        return self
+
+    def files(self) -> list[str]:
+        """Names of the user's files that it is made from."""
+        return [] if self.faults is None else [self.faults]
 
     @model_validator(mode="after")
     def _bath_is_in_a_dish(self) -> PrinterPart:

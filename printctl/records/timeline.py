@@ -13,7 +13,7 @@ from printctl.link.journalled_print import times_words
 MOST: Final = 2000
 """Events that are told; a print with more has them in its journal."""
 
-_HOLDS: Final = ("pausing", "paused")
+_HOLDS: Final = ("pausing", "paused", "looking")
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Event:
     ----------
     at : float, s since 1970
     kind : str
-        begun, state, alarm, checkpoint, reload, syringe, end, damaged.
+        begun, state, alarm, checkpoint, look, insert, reload, syringe, end, damaged.
     text : str
     after_s : float, s
         Since the print began.
@@ -127,6 +127,14 @@ def _told(record: Record | None) -> tuple[str, str] | None:
         agrees = "as the job has it" if record.get("agrees") else "NOT where the job has it"
         after = f" after {record['mark']}" if record.get("mark") else ""
         return "checkpoint", f"position {agrees}, line {record.get('done', '?')}{after}"
+    if sort == "looked":
+        why = f", {record['why']}" if record.get("why") else ""
+        words = str(record.get("decision", "")).replace("_", " ")
+        return "look", f"look {record.get('look', '?')}: {words} ({record.get('by', '')}{why})"
+    if sort == "insert":
+        lines = len(record.get("lines", ()))
+        why = f": {record['why']}" if record.get("why") else ""
+        return "insert", f"{lines} lines inserted after line {record.get('after', '?')}{why}"
     if sort == "reload":
         return "reload", f"change of syringe after line {record.get('done', '?')}"
     if sort == "syringe":

@@ -49,7 +49,13 @@ class Socket:
         """Times real time that the printer lives at."""
         return self.sim_speed if self.simulated else 1.0
 
-    def plug_in(self, at: Place, job: Path | None = None, record: Path | None = None) -> Transport:
+    def plug_in(
+        self,
+        at: Place,
+        job: Path | None = None,
+        record: Path | None = None,
+        journal: Path | None = None,
+    ) -> Transport:
         """Open the port; of a simulated printer start one whose tip stands at ``at``.
 
         Raises
@@ -61,7 +67,13 @@ class Socket:
             return open_port(place.port, self.printer, place.baud)
         try:
             port = simulated_printer(
-                self.profile, at, job, record, self.folder, speed=self.sim_speed
+                self.profile,
+                at,
+                job,
+                record,
+                self.folder,
+                speed=self.sim_speed,
+                journal=journal,
             )
         except PrinterFailedError as exc:
             raise PortError(str(exc)) from exc

@@ -40,11 +40,11 @@ class StationPort:
         """
         self.transport = self.socket.plug_in(self.start)
 
-    def open_for(self, job: Path, record: Path, at: Place) -> None:
+    def open_for(self, job: Path, record: Path, journal: Path, at: Place) -> None:
         """Start a fresh simulated printer, which records one print alone."""
         self.close()
         record.unlink(missing_ok=True)
-        self.transport = self.socket.plug_in(at, job, record)
+        self.transport = self.socket.plug_in(at, job, record, journal)
 
     def opened(self) -> Transport:
         """Return the open port.

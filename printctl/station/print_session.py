@@ -11,7 +11,9 @@ from typing import Final
 
 from printctl.link.errors import BY_NAME, LinkError, PortLost
 from printctl.link.job import Job, load_job
+from printctl.link.printed_job import grown_in
 from printctl.link.process import Order, Wire, serve
+from printctl.link.record import JOURNAL
 from printctl.link.states import LinkState, Status
 from printctl.link.streamer import Streamer
 from printctl.printing.executed_note import record_for, write_note
@@ -128,7 +130,7 @@ class PrintSession:
         port, fresh = self.port, self.port.socket.simulated
         if fresh:
             at = here.declared or here.at or port.start
-            port.open_for(here.order.job, here.record, at)
+            port.open_for(here.order.job, here.record, here.order.folder / JOURNAL, at)
         return Wire(
             port.opened(),
             on_start,
@@ -141,7 +143,7 @@ class PrintSession:
 
     def _learn(self, here: _Print, status: Status) -> None:
         """Take notice of what a print did to place, plunger and dish."""
-        known, job = self.known, here.job
+        known, job = self.known, grown_in(here.order.folder, here.job)
         if here.declared is not None:
             known.count_anew(here.at or here.declared, here.declared, {"x", "y", "z"})
         if not status.position_known or not leaves_motors_on(job, status.lines_done, known.printer):

@@ -16,7 +16,11 @@ if TYPE_CHECKING:
         histogram_figure,
         network_figure,
     )
-    from registration.report.network_page import NetworkPage, write_network_html
+    from registration.report.network_page import (
+        NetworkPage,
+        write_network_html,
+        write_places_html,
+    )
     from registration.report.page import all_figures, network_drawing, write_report_html
     from registration.report.surface import ReportSurface
 
@@ -30,6 +34,7 @@ __all__ = [
     "network_drawing",
     "network_figure",
     "write_network_html",
+    "write_places_html",
     "write_report_html",
 ]
 

@@ -1,10 +1,11 @@
-"""Write an HTML page of a vessel network in its tissue, as an interactive 3D view."""
+"""Write an HTML page of a vessel network in its tissue, or of a tissue alone, in 3D."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from markupsafe import Markup
 
@@ -66,17 +67,40 @@ def write_network_html(
     OSError
         When the file can't be written.
     """
-    modules = import_map()
     shown = network_view(network, colourings, {}, page.first, page.most_pieces)
+    _write(path, page, network_facts(network), scene("Network", surfaces, shown))
+
+
+def write_places_html(path: Path, tissue: ReportSurface, page: NetworkPage) -> None:
+    """Write a tissue's surface on which a click tells the page around it the place, mm.
+
+    Parameters
+    ----------
+    path : Path
+    tissue : ReportSurface
+    page : NetworkPage
+
+    Raises
+    ------
+    OSError
+        When the file can't be written.
+    """
+    faces = len(tissue.surface.faces)
+    view = scene("Tissue", [tissue], None) | {"pick": True}
+    _write(path, page, [f"{number(faces)} triangles"], view)
+
+
+def _write(path: Path, page: NetworkPage, facts: list[str], view: dict[str, Any]) -> None:
+    modules = import_map()
     context = {
         "title": page.title,
-        "facts": network_facts(network),
+        "facts": facts,
         "notes": page.notes,
         "style": style(),
         "policy": content_policy([modules, ENTRY]),
         "modules": modules,
         "entry": Markup(ENTRY),
-        "view": scene("Network", surfaces, shown),
+        "view": view,
     }
     write_text(path, environment().get_template("network.html").render(context))
 

@@ -24,8 +24,9 @@ for a command, a full planner, M400, G4, a wait for heat. So a slow host can't s
 simulated planner: between two lines no more time passes than they take on the wire. Where the
 passing of time is itself what is looked at, `SimulatedPrinter.advance` lets it pass.
 
-Line numbers. A block's ``line`` in the executed motion is the file's command where the printer was
-given the file to compare with (`job`), -1 for what a host puts in. Without it, it is the line's N
+Line numbers. A block's ``line`` in the executed motion is the job's command where the printer was
+given the file to compare with (`job`; with the host's journal, of the job as it has grown by
+inserts), -1 for what a host puts in. Without it, it is the line's N
 word minus one (a job's first line is N1), in which a host's own lines count, and -1 for a line
 without a number.
 """

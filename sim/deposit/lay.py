@@ -13,7 +13,8 @@ Modelled
   area.
 - Lines that overlap are united: ink doesn't pile up.
 
-A pneumatic head's ink is laid likewise, by `sim.deposit.pneumatic`.
+A pneumatic head's ink is laid likewise, by `sim.deposit.pneumatic`. Faults of the ink
+(`sim.faults.ink_faults`) act on the lines (`sim.deposit.laid`).
 
 Not modelled
 ------------
@@ -26,21 +27,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.deposit.kernels import paint_filaments, paint_layers, stack_layers, writing_runs
-from sim.deposit.levels import level_areas, level_heights, written_levels
+from sim.deposit.kernels import paint_filaments, paint_layers, stack_layers
+from sim.deposit.laid import (
+    Laid,
+    Style,
+    laid,
+    laid_as_is,
+    laid_of_written,
+    writing_style,
+)
 from sim.deposit.strands import Strands
+from sim.deposit.written import check_positive, written
 from sim.errors import DepositError
+from sim.faults.ink_faults import NO_FAULTS, InkFaults
 from sim.motion.executed import ExecutedMotion
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
-Style = Literal["layered", "embedded"]
 
 MOST_VOXELS = 2_000_000_000
 
@@ -108,6 +114,7 @@ def deposit(
     smoothing_mm: float = 1.0,
     style: Style | None = None,
     plunger_step_mm: float | None = None,
+    faults: InkFaults = NO_FAULTS,
 ) -> Deposit:
     """Lay the ink of an executed motion into voxels.
 
@@ -127,23 +134,46 @@ def deposit(
         One motor step of the plunger; None finds it from the motion. A move shorter than the
         path of 1.5 steps that got no step still writes when it goes straight on and writing goes
         on after it.
+    faults : InkFaults
+        What became of the ink.
 
     Raises
     ------
     DepositError
         When nothing is written or the grid would be too large.
     """
-    _check_positive(plunger_area_mm2=plunger_area_mm2, voxel_mm=voxel_mm, smoothing_mm=smoothing_mm)
-    plunger = executed.plunger_end - executed.plunger_start
-    length = np.linalg.norm(executed.end - executed.start, axis=1)
-    lines, written = _dosed_lines(
-        executed, length, plunger, plunger_area_mm2, smoothing_mm, plunger_step_mm
+    check_positive(voxel_mm=voxel_mm)
+    ink = laid(
+        executed,
+        faults,
+        plunger_area_mm2,
+        smoothing_mm=smoothing_mm,
+        style=style,
+        plunger_step_mm=plunger_step_mm,
     )
-    standing = float(plunger.sum()) * plunger_area_mm2 - written
-    chosen = style or _style(lines)
-    box = _box(lines, chosen)
-    volume, origin = _painted(lines, chosen, voxel_mm, box)
-    return Deposit(volume, origin, voxel_mm, chosen, written, standing)
+    return deposit_of_laid(ink, voxel_mm)
+
+
+def deposit_of_laid(ink: Laid, voxel_mm: float, box_mm: FloatArray | None = None) -> Deposit:
+    """Lay ink into voxels that `sim.deposit.laid` says to lie there.
+
+    Parameters
+    ----------
+    ink : Laid
+    voxel_mm : float, mm
+    box_mm : (2, 3) float64 or None, mm
+        Lowest and highest corner of what the grid covers, one voxel more all round, whatever of
+        the ink lies there; None for all ink.
+
+    Raises
+    ------
+    DepositError
+        When none does, or the grid would be too large.
+    """
+    check_positive(voxel_mm=voxel_mm)
+    if not len(ink.strands) and box_mm is None:
+        raise DepositError("no ink is laid along any way, so nothing was deposited")
+    return _of_laid(ink, voxel_mm, _box(ink) if box_mm is None else box_mm)
 
 
 def deposit_of_heads(
@@ -154,6 +184,7 @@ def deposit_of_heads(
     smoothing_mm: float = 1.0,
     style: Style | None = None,
     plunger_step_mm: Sequence[float] | None = None,
+    faults: Sequence[InkFaults] | None = None,
 ) -> tuple[Deposit, ...]:
     """Lay the ink of each head on one grid, so that voxels of two inks can be compared.
 
@@ -162,7 +193,7 @@ def deposit_of_heads(
     executed : sequence of ExecutedMotion
         Each head's own blocks, in its own tip's places (`ExecutedMotion.of_head`). Heads that
         write nothing are left out by the caller.
-    plunger_area_mm2, plunger_step_mm : sequence of float
+    plunger_area_mm2, plunger_step_mm, faults : sequence
         Of each.
     voxel_mm, smoothing_mm, style
         As of `deposit`; the style of all follows from the whole.
@@ -172,24 +203,24 @@ def deposit_of_heads(
     DepositError
         As of `deposit`.
     """
+    check_positive(voxel_mm=voxel_mm)
     steps: Sequence[float | None] = plunger_step_mm or [None] * len(executed)
-    all_lines, doses, standing = [], [], []
-    for motion, area, step in zip(executed, plunger_area_mm2, steps, strict=True):
-        _check_positive(plunger_area_mm2=area, voxel_mm=voxel_mm, smoothing_mm=smoothing_mm)
-        plunger = motion.plunger_end - motion.plunger_start
-        length = np.linalg.norm(motion.end - motion.start, axis=1)
-        lines, written = _dosed_lines(motion, length, plunger, area, smoothing_mm, step)
-        all_lines.append(lines)
-        doses.append(written)
-        standing.append(float(plunger.sum()) * area - written)
-    chosen = style or _style(Strands.joined(all_lines))
-    boxes = [_box(lines, chosen) for lines in all_lines]
+    each = [
+        written(motion, area, smoothing_mm, step)
+        for motion, area, step in zip(executed, plunger_area_mm2, steps, strict=True)
+    ]
+    chosen = style or writing_style(Strands.joined([one.lines for one in each]))
+    inks = [
+        laid_of_written(one, motion, area, wrong, chosen)
+        for one, motion, area, wrong in zip(
+            each, executed, plunger_area_mm2, faults or [NO_FAULTS] * len(each), strict=True
+        )
+    ]
+    boxes = [_box(ink) for ink in inks if len(ink.strands)]
+    if not boxes:
+        raise DepositError("no ink is laid along any way, so nothing was deposited")
     box = np.array([np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)])
-    found = []
-    for lines, written, left in zip(all_lines, doses, standing, strict=True):
-        volume, origin = _painted(lines, chosen, voxel_mm, box)
-        found.append(Deposit(volume, origin, voxel_mm, chosen, written, left))
-    return tuple(found)
+    return tuple(_of_laid(ink, voxel_mm, box) for ink in inks)
 
 
 def unite_deposits(deposits: Sequence[Deposit]) -> Deposit:
@@ -240,120 +271,43 @@ def deposit_of_areas(
     DepositError
         When there are no lines, or the grid would be too large.
     """
-    _check_positive(voxel_mm=voxel_mm)
     if not len(lines):
         raise DepositError("no ink is laid along any way, so nothing was deposited")
-    written = float((lines.length * lines.area_mm2).sum())
-    volume, origin = _painted(lines, style, voxel_mm, _box(lines, style))
-    return Deposit(volume, origin, voxel_mm, style, written, standing_ul)
+    return deposit_of_laid(laid_as_is(lines, style, standing_ul), voxel_mm)
 
 
-def _check_positive(**values: float) -> None:
-    for name, value in values.items():
-        if not (np.isfinite(value) and value > 0):
-            raise DepositError(f"{name} is {value:g}; it must be a number above 0")
+def _of_laid(ink: Laid, voxel_mm: float, box_mm: FloatArray) -> Deposit:
+    volume, origin = _painted(ink, voxel_mm, box_mm)
+    return Deposit(volume, origin, voxel_mm, ink.style, ink.written_ul, ink.standing_ul)
 
 
-def _dosed_lines(
-    executed: ExecutedMotion,
-    length: FloatArray,
-    plunger: FloatArray,
-    plunger_area: float,
-    smoothing: float,
-    step: float | None,
-) -> tuple[Strands, float]:
-    """Lines of the blocks that write, and what they dose, µL."""
-    pushed = plunger[(plunger > 0) & (length > 1e-9)].sum()
-    if pushed <= 0:
-        raise DepositError(
-            "no block moves the needle while the plunger advances, so nothing was deposited; "
-            "check that the job extrudes and that the extruder was hot enough to be allowed to"
-        )
-    move = executed.end - executed.start
-    # Bridging freely first, to learn how much path one step of the plunger makes.
-    run = writing_runs(length, plunger, move, smoothing / 2)
-    quantum = _plunger_quantum(plunger) if step is None else step
-    path_of_step = quantum * length[run >= 0].sum() / plunger[run >= 0].sum()
-    run = writing_runs(length, plunger, move, min(1.5 * path_of_step, smoothing / 2))
-    chosen = np.flatnonzero(run >= 0)
-    # Pressure lives through a short travel, but not through a retraction.
-    stretch = np.cumsum(plunger < 0, dtype=np.int64)[chosen]
-    area = _smoothed_area(stretch, length[chosen], plunger[chosen] * plunger_area, smoothing)
-    kept = area > 0
-    chosen = chosen[kept]
-    lines = Strands(
-        executed.start[chosen],
-        executed.end[chosen],
-        plunger[chosen] * plunger_area,
-        area[kept],
-        run[chosen],
-        executed.line[chosen],
-    )
-    return lines, float(plunger[chosen].sum()) * plunger_area
-
-
-def _plunger_quantum(plunger: FloatArray) -> float:
-    """Smallest difference between plunger travels: one motor step, if the motion is varied."""
-    sizes = np.unique(np.round(np.abs(plunger), 7))
-    steps = np.diff(np.concatenate([[0.0], sizes]))
-    return float(steps[steps > 1e-6].min())
-
-
-def _smoothed_area(
-    stretch: IntArray, length: FloatArray, volume: FloatArray, smoothing: float
-) -> FloatArray:
-    """Cross-section (n,), mm²: volume per length over a window around each block's middle.
-
-    The window is `smoothing` or the block itself, whichever is longer, and ends where the
-    stretch between two retractions does.
-    """
-    path = np.concatenate([[0.0], np.cumsum(length)])
-    dosed = np.concatenate([[0.0], np.cumsum(volume)])
-    first = np.searchsorted(stretch, stretch, side="left")
-    last = np.searchsorted(stretch, stretch, side="right")
-    middle = (path[:-1] + path[1:]) / 2
-    half = np.maximum(smoothing, length) / 2
-    low = np.maximum(middle - half, path[first])
-    high = np.minimum(middle + half, path[last])
-    taken = np.interp(high, path, dosed) - np.interp(low, path, dosed)
-    return np.asarray(taken / (high - low))
-
-
-def _style(lines: Strands) -> Style:
-    flat = np.abs(lines.end[:, 2] - lines.start[:, 2]).max() < 1e-3
-    return "layered" if flat and len(written_levels(lines.end[:, 2])) > 1 else "embedded"
-
-
-def _in_levels(lines: Strands) -> tuple[FloatArray, FloatArray, IntArray, FloatArray]:
-    """Levels, their lines' heights, the level of each line, and its half width."""
-    levels = written_levels(lines.end[:, 2])
-    area = level_areas(levels, lines.end[:, 2], lines.area_mm2)
-    height = level_heights(levels, area)
-    layer = np.clip(np.searchsorted(levels, lines.end[:, 2] + 1e-6, side="right") - 1, 0, None)
-    return levels, height, layer, lines.area_mm2 / height[layer] / 2
-
-
-def _box(lines: Strands, style: Style) -> FloatArray:
+def _box(ink: Laid) -> FloatArray:
     """Lowest and highest place that ink reaches, (2, 3), mm."""
+    lines = ink.strands
     low = np.minimum(lines.start, lines.end).min(axis=0)
     high = np.maximum(lines.start, lines.end).max(axis=0)
-    if style == "embedded":
+    if ink.layering is None:
         radius = np.sqrt(lines.area_mm2 / np.pi).max()
         return np.array([low - radius, high + radius])
-    levels, height, _, radius = _in_levels(lines)
-    low, high = low - radius.max(), high + radius.max()
+    levels, height = ink.layering.levels, ink.layering.height_mm
+    radius = _half_widths(ink).max()
+    low, high = low - radius, high + radius
     low[2], high[2] = (levels - height).min(), levels.max()
     return np.array([low, high])
 
 
-def _painted(
-    lines: Strands, style: Style, voxel: float, box: FloatArray
-) -> tuple[NDArray[np.uint8], FloatArray]:
+def _half_widths(ink: Laid) -> FloatArray:
+    return ink.strands.area_mm2 / ink.height_mm / 2
+
+
+def _painted(ink: Laid, voxel: float, box: FloatArray) -> tuple[NDArray[np.uint8], FloatArray]:
+    lines, layering = ink.strands, ink.layering
     origin, shape = _grid(box[0], box[1], voxel)
-    if style == "embedded":
+    if layering is None:
         radius = np.sqrt(lines.area_mm2 / np.pi)
         return paint_filaments(lines.start, lines.end, radius, origin, voxel, shape), origin
-    levels, height, layer, radius = _in_levels(lines)
+    levels, height = layering.levels, layering.height_mm
+    layer, radius = layering.number(lines.end[:, 2]), _half_widths(ink)
     order = np.argsort(layer, kind="stable")
     first = np.searchsorted(layer[order], np.arange(len(levels) + 1))
     segments = np.column_stack([lines.start[order, :2], lines.end[order, :2]])

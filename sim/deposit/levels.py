@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.deposit.strands import Strands
 from sim.errors import DepositError
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 LEVEL_TOLERANCE_MM = 5e-3
 """Written heights closer than this are one level (two steps of a usual z axis)."""
@@ -22,7 +26,9 @@ def written_levels(heights: FloatArray) -> FloatArray:
     return ordered[new]
 
 
-def level_heights(levels: FloatArray, area_mm2: FloatArray) -> FloatArray:
+def level_heights(
+    levels: FloatArray, area_mm2: FloatArray, single_mm: float | None = None
+) -> FloatArray:
     """Height of the lines of each level: down to the level below, (k,), mm.
 
     A slicer that varies its layers keeps its lines' width, so a level whose lines hold more than
@@ -36,8 +42,17 @@ def level_heights(levels: FloatArray, area_mm2: FloatArray) -> FloatArray:
         Ascending.
     area_mm2 : (k,) float64, mm²
         Median cross-section of each level's lines.
+    single_mm : float or None, mm
+        Height of the lines of a single level: of a print that has but begun.
+
+    Raises
+    ------
+    DepositError
+        When there is a single level, and its height isn't given.
     """
     gaps = np.diff(levels)
+    if len(gaps) == 0 and single_mm is not None:
+        return np.array([single_mm])
     if len(gaps) == 0:
         raise DepositError(
             "layered writing has a single level, so its line height is unknown; "
@@ -65,3 +80,32 @@ def level_areas(levels: FloatArray, heights: FloatArray, area_mm2: FloatArray) -
     order = np.argsort(heights, kind="stable")
     first = np.searchsorted(heights[order], levels - 1e-6)
     return np.array([np.median(own) for own in np.split(area_mm2[order], first[1:])])
+
+
+@dataclass(frozen=True)
+class Layering:
+    """Levels of layered writing.
+
+    Attributes
+    ----------
+    levels, height_mm : (k,) float64, mm
+        Where the tip wrote, ascending; and how far the lines hang below it.
+    """
+
+    levels: FloatArray
+    height_mm: FloatArray
+
+    @staticmethod
+    def of(lines: Strands, single_mm: float | None = None) -> Layering:
+        """Find them in written lines; `single_mm` as of `level_heights`."""
+        levels = written_levels(lines.end[:, 2])
+        area = level_areas(levels, lines.end[:, 2], lines.area_mm2)
+        return Layering(levels, level_heights(levels, area, single_mm))
+
+    def number(self, z_mm: FloatArray) -> IntArray:
+        """Level of each written height, (n,)."""
+        return np.clip(np.searchsorted(self.levels, z_mm + 1e-6, side="right") - 1, 0, None)
+
+    def heights(self, z_mm: FloatArray) -> FloatArray:
+        """Height of the lines that are written there, (n,), mm."""
+        return self.height_mm[self.number(z_mm)]

@@ -14,8 +14,10 @@ from typing import Final
 import numpy as np
 
 from firmware_profiles import Printer
-from sim.deposit.lay import Deposit, Style, deposit
+from sim.deposit.laid import Style
+from sim.deposit.lay import Deposit, deposit
 from sim.errors import DepositError
+from sim.faults.ink_faults import NO_FAULTS, InkFaults
 from sim.heads.valve import as_plunger, flowing, read_with_valve
 from sim.heads.valve_blocks import with_commands
 from sim.motion.executed import ExecutedMotion
@@ -31,6 +33,7 @@ def pneumatic_deposit(
     flow_ul_s: float,
     voxel_mm: float,
     style: Style | None = None,
+    faults: InkFaults = NO_FAULTS,
 ) -> Deposit:
     """Lay the ink of a pneumatic head's executed motion into voxels.
 
@@ -45,6 +48,7 @@ def pneumatic_deposit(
         While it does.
     voxel_mm : float, mm
     style : "layered" or "embedded" or None
+    faults : InkFaults
         As for `deposit`.
 
     Raises
@@ -67,7 +71,13 @@ def pneumatic_deposit(
     motion = as_plunger(executed, spans, flow_ul_s)
     # What flows is known at every moment: there are no plunger steps to smooth or to bridge.
     return deposit(
-        motion, 1.0, voxel_mm, smoothing_mm=_EXACT_MM, style=style, plunger_step_mm=_EXACT_MM
+        motion,
+        1.0,
+        voxel_mm,
+        smoothing_mm=_EXACT_MM,
+        style=style,
+        plunger_step_mm=_EXACT_MM,
+        faults=faults,
     )
 
 

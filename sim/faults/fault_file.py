@@ -23,6 +23,8 @@ A fault file is YAML::
       - {fault: slow, line: 400, share: 0.5}
     gauges:                  # what it tells of a sensor: straight between times, by its clock
       - {command: M871, says: "Force: {value:.2f} N", ramp: [[0, 1.0], [60, 15.0]]}
+    ink:                     # what becomes of the ink; the motors know nothing of it
+      - {fault: clog, written_mm: 120, clears_ul: 0.5}   # all kinds: sim.faults.ink_faults
 """
 
 from __future__ import annotations
@@ -31,13 +33,12 @@ import re
 from pathlib import Path
 from typing import Annotated, Final, Literal, get_args
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from firmware_profiles.wrong_values import wording
-from firmware_profiles.yaml_file import read_yaml
 from sim.errors import ServeError
 from sim.faults.gauge import Gauge
+from sim.faults.ink_faults import InkFault, InkFaults
+from sim.model_file import read_model
 
 FaultKind = Literal[
     "unplug",
@@ -143,6 +144,12 @@ class FaultFile(PermanentFaults):
     seed: Annotated[int, Field(ge=0)] = 0
     at: tuple[Fault, ...] = ()
     gauges: tuple[Gauge, ...] = ()
+    ink: tuple[InkFault, ...] = ()
+
+    @property
+    def of_ink(self) -> InkFaults:
+        """Faults of the ink, with the file's seed."""
+        return InkFaults(self.ink, self.seed)
 
 
 _FAULT: Final = re.compile(r"([a-z_]+)@(\d+)")
@@ -174,15 +181,4 @@ def load_faults(path: Path) -> FaultFile:
     ServeError
         When it can't be read, or has a key or value that means nothing.
     """
-    try:
-        return FaultFile.model_validate(read_yaml(path.read_text(encoding="utf-8")) or {})
-    except OSError as exc:
-        raise ServeError(f"fault file {path} can't be read: {exc.strerror}") from exc
-    except yaml.YAMLError as exc:
-        raise ServeError(f"fault file {path} isn't YAML: {exc}") from exc
-    except ValidationError as exc:
-        problems = "; ".join(
-            f"{'.'.join(map(str, problem['loc'])) or 'file'}: {wording(problem)}"
-            for problem in exc.errors()
-        )
-        raise ServeError(f"fault file {path}: {problems}") from exc
+    return read_model(path, FaultFile, "fault file", ServeError)

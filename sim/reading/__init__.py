@@ -10,6 +10,6 @@ Goes in: a line and a firmware family's grammar. Comes out: a `GcodeLine`, or a 
 
 from sim.reading.line import BLANK, GcodeLine
 from sim.reading.read import read_line
-from sim.reading.sent_line import code_of, is_motion, read_sent
+from sim.reading.sent_line import code_of, is_motion, plunger_word, read_sent
 
-__all__ = ["BLANK", "GcodeLine", "code_of", "is_motion", "read_line", "read_sent"]
+__all__ = ["BLANK", "GcodeLine", "code_of", "is_motion", "plunger_word", "read_line", "read_sent"]

@@ -37,6 +37,15 @@ def is_motion(text: bytes) -> bool:
     return code_of(text) in MOTION_LINES
 
 
+def plunger_word(text: bytes) -> float | None:
+    """Number behind E of a move or a G92, as `read_sent` gives it, in a tenth of its time."""
+    begin = text.find(b" E")
+    if begin < 0 or not (is_motion(text) or text.startswith(b"G92 ")):
+        return None
+    word = text[begin + 2 :].partition(b" ")[0]
+    return float(word) if _NUMBER.fullmatch(word) else None
+
+
 @lru_cache(maxsize=4096)
 def _read(text: bytes) -> GcodeLine:
     first, *rest = text.split(b" ")

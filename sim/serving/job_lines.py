@@ -1,19 +1,26 @@
-"""Match each line that the simulated printer receives to its command in the job's file, by text.
+"""Match each line that the simulated printer receives to its command in the job, by text.
 
 A host puts in lines of its own (a checkpoint's question, a pause's lift), which have numbers too,
-so that a line's number alone doesn't tell the file's command. The text does: a host sends the
-file's commands in the file's order, and a line that isn't the next of them is the host's own.
+so that a line's number alone doesn't tell the job's command. The text does: a host sends the
+job's commands in the job's order, and a line that isn't the next of them is the host's own.
+
+A job may grow while it is printed: an observer inserts a mend. The host writes an insert into its
+journal before it sends the first line of it. So where a line isn't the next command, the journal is
+looked at, and the commands are those of the grown job from there on.
 """
 
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Final
 
 from firmware_profiles import Printer
 from sim.errors import LineError
 from sim.reading import read_line
 from sim.reading.file import read_file
+from sim.reading.flow_factor import plunger_count, with_flow
+from sim.serving.inserted_lines import inserted_lines
 
 _NUMBERED: Final = re.compile(rb"(?:N\d+ *)?(.*?) *(?:\*\d*)?$", re.DOTALL)
 _BEGINS: Final = re.compile(rb"(?:N-?\d+ *)?M0*110(?!\d)")
@@ -21,7 +28,7 @@ OWN: Final = -1
 
 
 class JobLines:
-    """The file's commands, and which of them comes next.
+    """The job's commands, and which of them comes next.
 
     Parameters
     ----------
@@ -29,18 +36,28 @@ class JobLines:
         The file.
     printer : Printer
         Whose firmware family says how a line is read.
+    journal : Path, optional
+        Of the host that prints it, which tells what is inserted; it may not be there yet.
     """
 
-    def __init__(self, gcode: bytes, printer: Printer) -> None:
-        self._commands = [command for command in read_file(gcode, printer).lines if command]
-        self._printer = printer
-        self._next = 0
+    def __init__(self, gcode: bytes, printer: Printer, journal: Path | None = None) -> None:
+        self._own = [command for command in read_file(gcode, printer).lines if command]
+        self._printer, self._journal = printer, journal
+        self._begin()
+
+    def _begin(self) -> None:
+        self._commands, self._next = list(self._own), 0
+        self._inserts, self._journal_bytes, self._flow = 0, 0, 1.0
 
     def find(self, line: bytes) -> int:
-        """Command of the file, from 0, that a line is, with number and checksum or without.
+        """Command of the job, from 0, that a line is, with number and checksum or without.
 
-        -1 for a host's own. A move by hand that happens to be the file's next one is taken for it.
+        -1 for a host's own. A move by hand that happens to be the job's next one is taken for it.
         """
+        found = self._find(line)
+        return self._find(line) if found == OWN and self._has_grown() else found
+
+    def _find(self, line: bytes) -> int:
         at = self._next
         found = _NUMBERED.match(line.rstrip())
         if found is None or at >= len(self._commands):
@@ -49,14 +66,35 @@ class JobLines:
         return at if found[1] == wanted or self._sent(found[1]) == wanted else OWN
 
     def take(self, line: bytes) -> int:
-        """The same, for a line that is done now: the next command of the file follows it."""
+        """The same, for a line that is done now: the next command of the job follows it."""
         if _BEGINS.match(line):  # the lines are numbered anew: a print begins
-            self._next = 0
+            self._begin()
             return OWN
         found = self.find(line)
         if found != OWN:
             self._next = found + 1
         return found
+
+    def _has_grown(self) -> bool:
+        """Put new inserts of the journal into the commands; whether there was one."""
+        if self._journal is None:
+            return False
+        try:
+            size = self._journal.stat().st_size
+        except OSError:
+            return False
+        if size == self._journal_bytes:
+            return False
+        self._journal_bytes = size
+        new = inserted_lines(self._journal)[self._inserts :]
+        for one in new:
+            before, rest = self._commands[: one.after], self._commands[one.after :]
+            if one.flow != self._flow:
+                rest = with_flow(rest, plunger_count(before), one.flow / self._flow)
+                self._flow = one.flow
+            self._commands = [*before, *one.lines, *rest]
+        self._inserts += len(new)
+        return bool(new)
 
     def _sent(self, command: bytes) -> bytes:
         """As our link would send it; what can't be read is a host's own."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from design.hemodynamics.one_d.options import OneDOptions
-from design.hemodynamics.one_d.tube_law import external_pressure, relaxation_time, stiffness
+from design.hemodynamics.one_d.tube_law import external_pressure, stiffness, wall_drag
 from design.hemodynamics.zero_d.pulsatile.conditions import PulsatileConditions
 from design.network import FloatArray, IntArray, VesselNetwork
 from kernels import jit
@@ -37,8 +37,11 @@ class Grid(NamedTuple):
         The momentum's correction.
     external : (v,) float64, Pa
         Pressure outside each vessel.
-    density, relaxation : float
-        Pa·s²/mm²; τ of the wall, s.
+    drag, face_drag : (n,), (n + v,) float64, Pa·s/mm
+        γ √A: √A times a viscous wall's pressure over the area's rate.
+    density : float, Pa·s²/mm²
+    viscous : bool
+        Whether a wall is.
     """
 
     offset: IntArray
@@ -53,8 +56,10 @@ class Grid(NamedTuple):
     small_flow: FloatArray
     alpha: FloatArray
     external: FloatArray
+    drag: FloatArray
+    face_drag: FloatArray
     density: float
-    relaxation: float
+    viscous: bool
 
     @property
     def vessel_of_cell(self) -> IntArray:
@@ -99,21 +104,28 @@ def make_grid(
     area = np.pi * square
     rubbing = options.friction(len(counts), conditions.viscosity_pa_s, conditions.density)
     nothing = np.zeros(len(counts))
+    wall, phi = conditions.wall, options.wall_viscosity_pa_s
+    face_area = np.pi * faces**2
+    stiff = stiffness(network, wall, vessel, square, cube)
+    face_stiff = stiffness(network, wall, at_face, faces**2, faces**3)
+    drag = wall_drag(wall, phi, vessel, stiff, area)
     return Grid(
         offset=offset,
         cell=lengths / counts,
         area=area,
         root=1.0 / np.sqrt(area),
-        stiffness=stiffness(network, conditions.wall, vessel, square, cube),
+        stiffness=stiff,
         friction=rubbing[vessel] * steep * square**2,
-        face_area=np.pi * faces**2,
-        face_stiffness=stiffness(network, conditions.wall, at_face, faces**2, faces**3),
+        face_area=face_area,
+        face_stiffness=face_stiff,
         small_pressure=nothing,
         small_flow=nothing,
         alpha=options.momentum_alpha(len(counts)),
-        external=external_pressure(conditions.wall, len(counts)),
+        external=external_pressure(wall, len(counts)),
+        drag=drag,
+        face_drag=wall_drag(wall, phi, at_face, face_stiff, face_area),
         density=conditions.density,
-        relaxation=relaxation_time(conditions.wall, options.wall_viscosity_pa_s),
+        viscous=bool(drag.any()),
     )
 
 

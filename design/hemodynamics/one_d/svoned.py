@@ -26,6 +26,7 @@ from design.files import write_text
 from design.hemodynamics.one_d.nodes import outlet_of
 from design.hemodynamics.one_d.options import OneDOptions
 from design.hemodynamics.one_d.tube_law import check_compliant, external_pressure, stiffness
+from design.hemodynamics.vessel.wall import VesselWalls
 from design.hemodynamics.waveforms import Waveform
 from design.hemodynamics.waveforms.waveform import cycle_times
 from design.hemodynamics.zero_d.boundary import boundary_nodes, check_parts, refuse_supplies
@@ -88,7 +89,9 @@ def svoned_input(
     refuse_supplies(conditions.supplies, "svOneDSolver")
     inlets, outlets = boundary_nodes(network, conditions)
     check_parts(network, inlets, outlets)
-    if options.reflection or options.wall_viscosity_pa_s:
+    wall = conditions.wall
+    viscous = isinstance(wall, VesselWalls) and wall.viscous is not None and wall.viscous.any()
+    if options.reflection or options.wall_viscosity_pa_s or viscous:
         raise FlowError("svOneDSolver has no reflecting outlet and no viscous wall; leave them out")
     if len(inlets) != 1:
         raise FlowError(f"{len(inlets)} inlets; svOneDSolver takes one: join them by a vessel")

@@ -15,7 +15,8 @@ The pulse wave velocity is c = √(A/ϱ dp/dA) = √((K + p)/(2ϱ)).
 
 A Kelvin-Voigt wall adds φ dε/dt to its stress E ε (of the gel: to its shear stress), which makes
 K ε into K (ε + τ dε/dt) with τ = φ/E: a pressure γ ∂A/∂t with γ = K τ/(2√(A A₀)); for the thin wall
-(2/3)√π φ h/(A₀ √A), as in Alastruey et al. 2011, doi 10.1016/j.jbiomech.2011.05.041.
+(2/3)√π φ h/(A₀ √A), as in Alastruey et al. 2011, doi 10.1016/j.jbiomech.2011.05.041. Where a
+wall's Γ is given instead, γ = Γ/(A₀ √A).
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.vessel.geometry import integral_of_power
 from design.hemodynamics.vessel.wall import GelWall, ThinWall, VesselWalls, Wall
-from design.network import FloatArray, VesselNetwork
+from design.network import FloatArray, IntArray, VesselNetwork
 
 
 def check_compliant(network: VesselNetwork, wall: Wall) -> FloatArray:
@@ -93,3 +94,28 @@ def relaxation_time(wall: Wall, wall_viscosity_pa_s: float) -> float:
     if isinstance(wall, GelWall | ThinWall):
         return wall_viscosity_pa_s / wall.young_pa
     raise FlowError("wall_viscosity_pa_s needs a thin wall or a gel, whose modulus is known")
+
+
+def wall_drag(
+    wall: Wall, wall_viscosity_pa_s: float, vessel: IntArray, stiff: FloatArray, area: FloatArray
+) -> FloatArray:
+    """Return γ √A of pieces of vessels, (n,), Pa·s/mm: K τ/(2 √A₀), or Γ/A₀.
+
+    Parameters
+    ----------
+    wall : Wall
+    wall_viscosity_pa_s : float, Pa·s
+        φ of a thin wall or a gel.
+    vessel : (n,) int64
+    stiff, area : (n,) float64
+        K, Pa, and A₀, mm².
+
+    Raises
+    ------
+    FlowError
+        As `relaxation_time`.
+    """
+    found = stiff * relaxation_time(wall, wall_viscosity_pa_s) / (2.0 * np.sqrt(area))
+    if isinstance(wall, VesselWalls):
+        found += wall.damping(vessel, np.sqrt(area / np.pi)) / area
+    return np.asarray(found)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics.vessel.geometry import integral_of_power
@@ -51,8 +52,8 @@ class ThinWall:
     poisson: float = 0.5
 
     def __post_init__(self) -> None:
-        _above_zero("young_pa", self.young_pa, "Pa")
-        _above_zero("thickness_mm", self.thickness_mm, "mm")
+        require_above_zero("young_pa", self.young_pa, "Pa")
+        require_above_zero("thickness_mm", self.thickness_mm, "mm")
         _poisson(self.poisson)
 
     def compliance(self, network: VesselNetwork) -> FloatArray:
@@ -79,7 +80,7 @@ class GelWall:
     poisson: float = 0.5
 
     def __post_init__(self) -> None:
-        _above_zero("young_pa", self.young_pa, "Pa")
+        require_above_zero("young_pa", self.young_pa, "Pa")
         _poisson(self.poisson)
 
     def compliance(self, network: VesselNetwork) -> FloatArray:
@@ -103,18 +104,21 @@ class VesselWalls:
     external_pa : (v,) float64, Pa
         P, outside.
     poisson : float
+    viscous : (v,) bool, optional
+        Vessels whose wall adds Γ/(A₀ √A) ∂A/∂t to the pressure, in 1D flow alone.
     """
 
     young_pa: FloatArray
     thickness_mm: FloatArray
     external_pa: FloatArray
     poisson: float = 0.5
+    viscous: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         for value in self.young_pa.tolist():
-            _above_zero("young_pa", value, "Pa")
+            require_above_zero("young_pa", value, "Pa")
         for value in self.thickness_mm[~np.isnan(self.thickness_mm)].tolist():
-            _above_zero("thickness_mm", value, "mm")
+            require_above_zero("thickness_mm", value, "mm")
         _poisson(self.poisson)
 
     def stiffness(self, vessel: IntArray, radius: FloatArray) -> FloatArray:
@@ -122,6 +126,15 @@ class VesselWalls:
         given = self.thickness_mm[vessel] / radius
         share = np.where(np.isnan(given), thickness_ratio(radius), given)
         return np.asarray(self.young_pa[vessel] / (1.0 - self.poisson**2) * share)
+
+    def damping(self, vessel: IntArray, radius: FloatArray) -> FloatArray:
+        """Γ = b₀ + b₁/(2 r₀), Pa·s·mm, at places of radius r₀ (n,), mm, in vessels (n,).
+
+        b₀ = 600 g/s and b₁ = 150 g·cm/s, as openBF has them; 0 where the wall isn't viscous.
+        """
+        if self.viscous is None:
+            return np.zeros(len(radius))
+        return np.where(self.viscous[vessel], 600.0 + 1500.0 / (2.0 * radius), 0.0)
 
     def compliance(self, network: VesselNetwork) -> FloatArray:
         """Of each vessel, (v,), µL/Pa: 2 π ∫ r²/K ds, by Gauss' rule of five on each piece."""
@@ -153,7 +166,8 @@ def wave_speed(inertance: FloatArray, compliance: FloatArray, length: FloatArray
         return np.asarray(length / np.sqrt(inertance * compliance))
 
 
-def _above_zero(name: str, value: float, unit: str) -> None:
+def require_above_zero(name: str, value: float, unit: str) -> None:
+    """Raise `FlowError` unless a number is finite and above 0."""
     if not (np.isfinite(value) and value > 0.0):
         raise FlowError(f"{name} is {value:g} {unit}; give a number above 0")
 

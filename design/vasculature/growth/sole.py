@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import RootError
 from design.tissue import Tissue
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _LONGEST = 1000
 """Steps along each straight that is tried."""

@@ -145,13 +145,18 @@ class MarlinProtocol:
 
     def load(self, lines: Sequence[bytes], first: int, number: int) -> None:
         """Take a job; go on at line ``first``, the printer's last line being ``number``."""
-        state, guard = self.state, self.wording.guard
-        state.lines = [guard(line) if line[:1] == b"M" else line for line in lines]
-        state.limit = len(lines)
+        state = self.state
+        self.grow(lines)
         state.lines_done, state.number = first, number
         state.numbered = True
         state.alone_until = 0
         state.control_numbers.clear()
+
+    def grow(self, lines: Sequence[bytes]) -> None:
+        """Take a job that has got lines behind those that were taken; nothing may be in flight."""
+        state, guard = self.state, self.wording.guard
+        state.lines = [guard(line) if line[:1] == b"M" else line for line in lines]
+        state.limit = len(lines)
 
     def renumber(self, now: float) -> None:
         """Set the printer's last line to 0; `Synchronised` follows, or an error event."""

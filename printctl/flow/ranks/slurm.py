@@ -1,4 +1,4 @@
-"""Write a Slurm batch script beside a 3D flow case."""
+"""Read what a Slurm job asks for; write the batch script of a 3D flow case."""
 
 from __future__ import annotations
 
@@ -104,18 +104,6 @@ def write_slurm(path: Path, case_folder: Path, job: SlurmJob) -> None:
     """
     if not (case_folder / "case.json").is_file():
         raise UsageError(f"{case_folder} holds no case.json; write the case first")
-    asked = {
-        "job-name": "printctl-flow",
-        "nodes": job.nodes,
-        "ntasks": job.ntasks,
-        "cpus-per-task": 1,
-        "time": job.time,
-        "mem": job.memory,
-        "partition": job.partition,
-        "account": job.account,
-        "output": "printctl-flow-%j.log",
-    }
-    head = [f"#SBATCH --{key}={value}" for key, value in asked.items() if value is not None]
     body = [
         "set -euo pipefail",
         "# Change to where the case is on the cluster, if it was copied there.",
@@ -126,4 +114,22 @@ def write_slurm(path: Path, case_folder: Path, job: SlurmJob) -> None:
         "# mpirun instead, where this MPI wasn't built for Slurm.",
         f"srun {shlex.quote(job.python)} -m engine .",
     ]
-    write_text(path, "\n".join(["#!/bin/bash", *head, *body]) + "\n")
+    head = batch_head(job, "printctl-flow", "printctl-flow-%j.log")
+    write_text(path, "\n".join([*head, *body]) + "\n")
+
+
+def batch_head(job: SlurmJob, name: str, log: str) -> list[str]:
+    """Return a batch script's first lines."""
+    asked = {
+        "job-name": name,
+        "nodes": job.nodes,
+        "ntasks": job.ntasks,
+        "cpus-per-task": 1,
+        "time": job.time,
+        "mem": job.memory,
+        "partition": job.partition,
+        "account": job.account,
+        "output": log,
+    }
+    said = [f"#SBATCH --{key}={value}" for key, value in asked.items() if value is not None]
+    return ["#!/bin/bash", *said]

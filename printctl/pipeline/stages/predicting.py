@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -61,13 +62,23 @@ def compensates(context: RunContext) -> bool:
 
 
 def predicted_of_motion(
-    context: RunContext, run: DryRun, gcode: bytes, motion: ExecutedMotion | None = None
+    context: RunContext,
+    run: DryRun,
+    gcode: bytes,
+    motion: ExecutedMotion | None = None,
+    file_row: Sequence[int] | None = None,
 ) -> InkPrediction:
-    """What the one head of a compensated job lays, by the dry run's motion or a printer's."""
+    """What the one head of a compensated job lays, by the dry run's motion or a printer's.
+
+    ``file_row``: of each row of ``gcode`` the run's, from 0, where something was inserted; -1.
+    """
     if motion is not None:
         run = replace(run, executed=with_commands(motion, run.program))
     lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
-    line_map, _ = read_line_map(context.folder / GCODE, lines)
+    rows = range(lines) if file_row is None else file_row
+    line_map, _ = read_line_map(context.folder / GCODE, sum(row >= 0 for row in rows))
+    if line_map is not None and file_row is not None:
+        line_map = line_map.at_rows(file_row)
     return _predicted(context, run, gcode, line_map)[0]
 
 

@@ -10,7 +10,10 @@ from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
 from printctl.link import Care, PrintOutcome
 from printctl.link.families import refuse_unsent
+from printctl.link.grown_text import GrownText, grown_text
+from printctl.link.job import parse_job
 from printctl.link.port_detection import named_port
+from printctl.link.printed_job import grown_in
 from printctl.link.retreat import Retreat
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.stage import Stage
@@ -43,6 +46,7 @@ def depends(context: RunContext) -> Any:
         context.start_mm.tolist(),
         context.recipe.printer.care.model_dump(mode="json"),
         planned_reloads(context),
+        *context.digests(context.recipe.printer.files()).values(),
     ]
 
 
@@ -122,7 +126,8 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
             confirm(name, context.bars, context.assume_yes)
             return name
         record.unlink(missing_ok=True)
-        return simulated_printer(part.profile, (x, y, z), gcode, record, folder)
+        faults = context.recipe_folder / part.faults if part.faults else None
+        return simulated_printer(part.profile, (x, y, z), gcode, record, folder, faults=faults)
 
     retreat = retreat_of(context, context.lift_mm)
     gcode, care = context.folder / GCODE, care_of(context)
@@ -207,6 +212,13 @@ def loaded_by_hand(context: RunContext) -> dict[str, Any]:
         "state": "by hand",
         "lines": 0,
     }
+
+
+def printed_text(context: RunContext) -> GrownText:
+    """Put what was inserted in the print of a run's folder into its G-code."""
+    data = (context.folder / GCODE).read_bytes()
+    job = parse_job(data, GCODE, context.printer)
+    return grown_text(grown_in(context.folder / JOURNAL_FOLDER, job), data)
 
 
 def executed_facts(context: RunContext) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from printctl.pipeline.head_contents import Filled
 from printctl.pipeline.scan_defects import scan_defects
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.predicting import compensates, predicted_of_motion
-from printctl.pipeline.stages.printing import EXECUTED
+from printctl.pipeline.stages.printing import EXECUTED, printed_text
 from printctl.progress import Report
 from printctl.recipe.making import FileScan, SimulatedScan
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK
@@ -30,6 +30,8 @@ from sim.bead import bead_deposit
 from sim.deposit.lay import Deposit, deposit, deposit_of_heads, unite_deposits
 from sim.deposit.pneumatic import pneumatic_deposit
 from sim.dry_run.run import dry_run
+from sim.faults.fault_file import load_faults
+from sim.faults.ink_faults import NO_FAULTS, InkFaults
 from sim.motion.executed import ExecutedMotion
 from sim.scanner import (
     MicroCtOptions,
@@ -65,7 +67,8 @@ def depends(context: RunContext) -> Any:
         laid += [[one.syringe.inner_mm, one.ink.flow_factor] for one in context.loads]
     if compensates(context):
         laid += [context.ink.model_dump(mode="json"), context.needle.model_dump(mode="json")]
-    return [found, context.recipe.seed, *laid, context.compensation_digest]
+    faults = context.digests(context.recipe.printer.files()).values()
+    return [found, context.recipe.seed, *laid, context.compensation_digest, *faults]
 
 
 def scan_name(part: SimulatedScan) -> str:
@@ -105,6 +108,9 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     write_scan(context.folder / scan_name(part), scan)
     write_truth(context, scanned)
     found = describe(scan, f"simulated {_NAMES[part.simulated]}")
+    wrong = ink_faults(context).each
+    if wrong:
+        found["ink_faults"] = [fault.fault for fault in wrong]
     if part.defects:
         ordered = [f"{defect.defect} in vessel {defect.vessel}" for defect in part.defects]
         found["defects_on_order"] = ordered
@@ -118,15 +124,18 @@ def simulate(context: RunContext, part: SimulatedScan, report: Report) -> Scanne
     area = more * area_mm2(context.poured)
     fine = max(_FINEST_DEPOSIT_MM, _DEPOSIT_PER_SCAN_VOXEL * min(dx, dy, dz))
     motion = ExecutedMotion.load(context.folder / EXECUTED)
+    faults = ink_faults(context)
     if context.printer.heads:
         ink = unite_deposits(inks_of(context, motion, fine, more))
     elif compensates(context):
         ink = predicted_ink(context, motion, fine, more)
     elif context.flow_ul_s is None:
-        ink = deposit(motion, area, fine, plunger_step_mm=1 / context.printer.steps_per_mm.e)
+        step = 1 / context.printer.steps_per_mm.e
+        ink = deposit(motion, area, fine, plunger_step_mm=step, faults=faults)
     else:
-        gcode = (context.folder / GCODE).read_bytes()
-        ink = pneumatic_deposit(motion, gcode, context.printer, more * context.flow_ul_s, fine)
+        gcode = b"".join(printed_text(context).lines)
+        flow = more * context.flow_ul_s
+        ink = pneumatic_deposit(motion, gcode, context.printer, flow, fine, faults=faults)
     if context.recipe.toolpath.prime is not None:
         ink = ink.within(context.written_bounds + context.place_mm + FIELD_MM * FIELD_SIDES)
     if part.defects:
@@ -147,11 +156,18 @@ def predicted_ink(
     context: RunContext, motion: ExecutedMotion, voxel_mm: float, more: float
 ) -> Deposit:
     """What lies in the bath where the plunger goes ahead of the ink's lag."""
-    gcode = (context.folder / GCODE).read_bytes()
+    text = printed_text(context)
+    gcode = b"".join(text.lines)
     x, y, z = context.start_mm.tolist()
     run = dry_run(gcode, context.printer, (x, y, z))
-    bead = predicted_of_motion(context, run, gcode, motion).bead
-    return bead_deposit(bead, voxel_mm, math.sqrt(more))
+    bead = predicted_of_motion(context, run, gcode, motion, text.file_row).bead
+    return bead_deposit(bead, voxel_mm, math.sqrt(more), ink_faults(context))
+
+
+def ink_faults(context: RunContext) -> InkFaults:
+    """What the recipe's fault file does to the ink."""
+    name = context.recipe.printer.faults
+    return NO_FAULTS if name is None else load_faults(context.recipe_folder / name).of_ink
 
 
 def area_mm2(filled: Filled) -> float:
@@ -163,7 +179,7 @@ def inks_of(
     context: RunContext, motion: ExecutedMotion, voxel_mm: float, more: float = 1.0
 ) -> tuple[Deposit, ...]:
     """The ink of each head that wrote, on one grid; ``more`` times what was dosed."""
-    printer = context.printer
+    printer, faults = context.printer, ink_faults(context)
     pairs = [
         (k, motion.of_head(k, head.offset_mm.mm))
         for k, head in enumerate(printer.heads)
@@ -175,6 +191,7 @@ def inks_of(
         [more * area_mm2(context.loads[k]) for k, _ in pairs],
         voxel_mm,
         plunger_step_mm=[1 / printer.of_head(k).steps_per_mm.e for k, _ in pairs],
+        faults=[faults.of_head(k) for k, _ in pairs],
     )
 
 

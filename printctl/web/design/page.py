@@ -54,7 +54,7 @@ class _Page:
                 ui.tab(key, label=name)
         with ui.tab_panels(tabs, value=tab, animated=False).classes("w-full pc-panels"):
             with ui.tab_panel("recipe"):
-                self._recipe = RecipeTab(self._editor, self._bar.begin)
+                self._recipe = RecipeTab(self._editor, self._service, self._bar.begin)
             with ui.tab_panel("make"):
                 self._make = MakeTab(self._service, self._editor)
             with ui.tab_panel("look"):

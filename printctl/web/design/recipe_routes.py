@@ -5,18 +5,22 @@ from __future__ import annotations
 from typing import Any
 
 from fastapi import APIRouter, UploadFile
+from starlette.responses import HTMLResponse
 
 from printctl.web.design import answers as a
-from printctl.web.design.recipes import Recipes, RecipeText
+from printctl.web.design.embedded import Theme, embedded
+from printctl.web.design.recipes import RecipeText
 from printctl.web.design.schema import recipe_form
+from printctl.web.design.service import DesignService
 from printctl.web.design.yaml_text import MOST_BYTES
 from printctl.web.errors import BadRequestError
 
 MOST_FILE_BYTES = 200_000_000
 
 
-def recipe_routes(recipes: Recipes) -> APIRouter:
+def recipe_routes(service: DesignService) -> APIRouter:
     """Routes below ``/api/v1/recipes``."""
+    recipes = service.recipes
     routes = APIRouter(prefix="/api/v1/recipes", tags=["recipes"], responses=a.REFUSALS)
 
     def answer(text: RecipeText) -> a.RecipeAnswer:
@@ -58,6 +62,14 @@ def recipe_routes(recipes: Recipes) -> APIRouter:
     @routes.put("/{name}", summary="Write a recipe's text, right or wrong")
     def write(name: str, given: a.ChangedText) -> a.RecipeAnswer:
         return answer(recipes.write(name, given.text, given.version))
+
+    @routes.get(
+        "/{name}/tissue",
+        summary="The recipe's tissue in 3D, on which places are picked",
+        response_class=HTMLResponse,
+    )
+    def tissue(name: str, theme: Theme = "system") -> HTMLResponse:
+        return embedded(service.tissue(name), theme, bare=True)
 
     @routes.post("/{name}/duplicate", summary="Copy a recipe", status_code=201)
     def duplicate(name: str, given: a.RenameRequest) -> a.RecipeAnswer:

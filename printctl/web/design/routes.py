@@ -11,4 +11,4 @@ from printctl.web.design.service import DesignService
 
 def routers(service: DesignService) -> tuple[APIRouter, ...]:
     """Routes below ``/api/v1/recipes`` and ``/api/v1/runs``; nested, each would be made twice."""
-    return recipe_routes(service.recipes), run_routes(service)
+    return recipe_routes(service), run_routes(service)

@@ -15,7 +15,9 @@ from printctl.web.design.run_views import (
     gcode_page,
     key_figures,
     network_page,
+    tissue_page,
 )
+from printctl.web.design.yaml_text import read_text
 from printctl.web.errors import NotFoundError
 
 ARTEFACTS: Final[dict[str, str]] = {
@@ -97,6 +99,21 @@ class DesignService:
         if path is None or not path.is_file() or path.is_symlink():
             raise NotFoundError(f"run {run!r} has no file {name[:80]!r} that can be fetched")
         return path
+
+    def tissue(self, recipe: str) -> Path:
+        """The page of a recipe's tissue, on which places are picked.
+
+        Raises
+        ------
+        NotFoundError
+        BadRequestError
+            When the recipe can't be read.
+        ConflictError
+            When the tissue can't be made.
+        """
+        said = read_text(self.recipes.read(recipe).text).get("tissue")
+        path = self.core.workspace.recipe(recipe)
+        return tissue_page(path, said, self.core.workspace.private / "pages")
 
     def page(self, run: str, name: str) -> Path:
         """A page of a run: of its network, layers, dry run or report.

@@ -15,6 +15,7 @@ COLOURS: Final = {
     "printing": "#2f7d4f",
     "pausing": "#c48a00",
     "paused": "#c48a00",
+    "looking": "#7a5bb5",
     "resuming": "#5b8def",
     "stopping": "#b3261e",
 }

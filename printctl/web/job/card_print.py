@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from nicegui import run, ui
 
@@ -14,6 +14,8 @@ from printctl.web.job.print_facts import FACTS, facts
 from printctl.web.job.print_unfinished import UnfinishedPane
 from printctl.web.job.service import JobService
 from printctl.web.shell.dialogs import dialog_named
+
+_RESUME: Final = {"paused": "Resume", "looking": "Go on without the observer"}
 
 
 class PrintCard:
@@ -126,9 +128,9 @@ class PrintCard:
             one.set_visibility(can["pause"]["possible"])
         self._vessel.set_visibility(now == "printing" and bool(told["words"]["vessel"]))
         self._resume.set_visibility(resume["possible"] and not changing)
-        self._resume.set_text("Resume" if now == "paused" else "Don't pause after all")
+        self._resume.set_text(_RESUME.get(now, "Don't pause after all"))
         self._syringe.set_visibility(changing)
-        self._reload.set_visibility(now in ("printing", "paused") and not changing)
+        self._reload.set_visibility(now in ("printing", "paused", "looking") and not changing)
         self._here.set_visibility(told["deadman_left_s"] is not None)
         self._cancel.set_visibility(can["stop"]["possible"])
 

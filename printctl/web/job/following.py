@@ -188,4 +188,4 @@ def _words(status: Status) -> tuple[object, ...]:
 
 def _written_down(status: Status) -> tuple[object, ...]:
     """What changes with a record of the journal that is told of here."""
-    return status.state, status.alarms
+    return status.state, status.alarms, status.inserted

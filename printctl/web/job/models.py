@@ -174,6 +174,9 @@ class StatusResponse(ResponseModel):
     waits_for: str
     position_known: bool
     deadman_left_s: float | None
+    look: dict[str, Any] | None = Field(
+        default=None, description="The look that it is held for (state looking): number, mark, ..."
+    )
 
 
 class ActionResponse(ResponseModel):

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from nicegui import background_tasks, run, ui
 
+from printctl.link.inserts import file_count
 from printctl.web.job.card_after import add_after
 from printctl.web.job.card_camera import add_camera
 from printctl.web.job.card_jobs import add_jobs
@@ -65,7 +66,9 @@ def _teller(view: LiveView) -> Callable[[dict[str, Any]], None]:
 
     def tell(told: dict[str, Any]) -> None:
         nonlocal known
-        now = int(told["lines_executed"]), int(told["lines_done"])
+        inserted = [(after, count) for after, count in told.get("inserted", ())]
+        lines = int(told["lines_executed"]), int(told["lines_done"])
+        now = file_count(lines[0], inserted), file_count(lines[1], inserted)
         if now != known:
             known = now
             view.tell({"lines_executed": now[0], "lines_done": now[1]})

@@ -20,6 +20,7 @@ FACTS: Final = {
 _UNKNOWN: Final = "not known"
 _RAISED: Final = {
     LinkState.PAUSED: "raised from ",
+    LinkState.LOOKING: "raised from ",
     LinkState.RESUMING: "raised from ",
     LinkState.STOPPING: "raised from about ",
     LinkState.STOPPED: "raised from about ",

@@ -30,7 +30,8 @@ export function startPointer(stage, view) {
   canvas.addEventListener("pointerup", (event) => {
     // A press that moved was an orbit.
     if (!press || Math.hypot(event.clientX - press[0], event.clientY - press[1]) > 5) return;
-    const { vessel } = point(stage, view, event);
+    const { vessel, ray } = point(stage, view, event);
+    view.pick?.(ray);
     set("selected", vessel === state.selected ? null : vessel);
   });
 }
@@ -46,7 +47,7 @@ function point(stage, view, event) {
   const vessel = vesselUnder(stage, ray.ray, view);
   set("hovered", vessel);
   showProbe([...described(view, vessel), reading(stage, ray, view)].filter(Boolean).join(" · "));
-  return { vessel };
+  return { vessel, ray };
 }
 
 // The network answers even while it is hidden inside a surface.
@@ -75,7 +76,7 @@ function reading(stage, ray, view) {
   return `${shortNumber(value, surface.scale.diverging)} ${surface.data.unit}`;
 }
 
-function firstKept(stage, ray, mesh) {
+export function firstKept(stage, ray, mesh) {
   return ray.intersectObject(mesh, false).find(({ point: at }) => isKept(stage, at));
 }
 

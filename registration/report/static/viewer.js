@@ -6,6 +6,7 @@ import { linkView } from "report/linked";
 import { makeMarker, makeNetwork, markVessel } from "report/network";
 import { startOverlays } from "report/overlays";
 import { startPanel } from "report/panel";
+import { pickPlaces } from "report/pick";
 import { startPointer } from "report/pointer";
 import { Stage } from "report/stage";
 import { makeSurface } from "report/surfaces";
@@ -26,6 +27,7 @@ export async function startViewer(data) {
   startOverlays(stage);
   stage.frame(bounds, outline(view, bounds));
   startClip(stage);
+  if (data.pick) view.pick = pickPlaces(stage, view);
   startMarkers(stage, view);
   startPointer(stage, view);
   startPrinting(stage);

@@ -162,6 +162,15 @@ def test_a_closed_loop_keeps_its_volume() -> None:
     assert np.ptp(found["V_LV:CLH"]) > 30.0
 
 
+def test_a_heart_steps_alike_reduced_and_by_sparse_factors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One kernel steps small systems by their nonlinear part; SciPy solves large ones whole."""
+    reduced = run_svzerod(case_of(_loop(cycles=1)))
+    for limit in ("_FULL", "_WIDE"):
+        monkeypatch.setattr(f"design.hemodynamics.zero_d.svzerod.march.{limit}", 0)
+    whole = run_svzerod(case_of(_loop(cycles=1)))
+    assert reduced.value == pytest.approx(whole.value, rel=1e-9)
+
+
 def test_a_muscle_squeezes_its_coronary() -> None:
     data = _loop(cycles=2, output_variable_based=True)
     values = {"Ra": 9.3, "Ram": 15.1, "Rv": 33.3, "Cim": 0.0037, "Ca": 0.00055}

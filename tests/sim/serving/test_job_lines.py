@@ -7,6 +7,7 @@ import pytest
 
 from firmware_profiles import Printer, load
 from printctl.link.clock import VirtualClock
+from printctl.link.journal import Journal
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
 from sim.__main__ import main
@@ -90,3 +91,30 @@ def test_without_a_job_the_number_that_came_is_kept() -> None:
     printer = MarlinPrinter(load(type(layered.PRINTER), "generic_marlin"))
     printer.exchange(b"M110 N6\nG1 X1 F600\nM400\n")
     assert printer.executed().line.tolist() == [-1]
+
+
+def test_lines_that_the_journal_says_were_inserted_are_the_jobs_from_then_on(tmp_path):
+    """The journal is written by `printctl.link.journal`; the simulated printer only reads it."""
+    own = [b"G1 X1 Y1 F600", b"G1 X2 Y1", b"G1 X3 Y1"]
+    put_in = [b"G1 Y2", b"G1 Y1"]
+    journal = Journal(tmp_path / "journal.log")
+    job = JobLines(b"\n".join(own) + b"\n", PRINTER, tmp_path / "journal.log")
+    assert [job.take(b"N1 M110*1"), job.take(own[0]), job.take(b"G1 Z30.00000 F300")] == [-1, 0, -1]
+    assert job.take(put_in[0]) == -1  # by hand: nothing is inserted yet
+    journal.add("insert", look=1, after=1, lines=[one.decode() for one in put_in])
+    assert [job.take(one) for one in (*put_in, *own[1:])] == [1, 2, 3, 4]
+    job.take(b"M110 N0")
+    (tmp_path / "journal.log").unlink()
+    assert [job.take(one) for one in own] == [0, 1, 2]
+    journal.close()
+
+
+def test_lines_whose_doses_an_observer_has_corrected_are_told_as_well(tmp_path):
+    own = [b"G92 E0", b"G1 X1 E1 F600", b"G1 E0.5", b"G1 E1", b"G1 X2 E2", b"G92 E0", b"G1 X3 E1"]
+    sent = [b"G1 E0.50000", b"G1 E1.00000", b"G1 X2 E2.50000", b"G92 E0", b"G1 X3 E1.50000"]
+    journal = Journal(tmp_path / "journal.log")
+    job = JobLines(b"\n".join(own) + b"\n", PRINTER, tmp_path / "journal.log")
+    assert [job.take(one) for one in own[:2]] == [0, 1]
+    journal.add("insert", look=1, after=2, lines=[], flow=1.5)
+    assert [job.take(one) for one in sent] == [2, 3, 4, 5, 6]
+    journal.close()

@@ -138,8 +138,8 @@ def smooth_viscously(
 ) -> None:
     """Let a Kelvin-Voigt wall's pressure, -γ Q_x, act for a step: implicit Euler on Q.
 
-    Q_t = (A/ϱ) (γ Q_x)_x in each vessel by Thomas' elimination, the flow at its ends that of the
-    nodes; stable for any step.
+    γ is the drag over √A. Q_t = (A/ϱ) (γ Q_x)_x in each vessel by Thomas' elimination, the flow at
+    its ends that of the nodes; stable for any step.
 
     Parameters
     ----------
@@ -155,14 +155,12 @@ def smooth_viscously(
         before_first, before_last = flow[first], flow[last]
         scale = step / (grid.density * grid.cell[vessel] ** 2)
         face = first + vessel
-        left = 2.0 * gamma(
-            grid.face_stiffness[face], grid.relaxation, area[first], grid.face_area[face]
-        )
+        left = 2.0 * grid.face_drag[face] / np.sqrt(area[first])
         before, upper = 0.0, 0.0
         for i in range(first, last + 1):
             face = i + vessel + 1
             beside = area[i] if i == last else 0.5 * (area[i] + area[i + 1])
-            right = gamma(grid.face_stiffness[face], grid.relaxation, beside, grid.face_area[face])
+            right = grid.face_drag[face] / np.sqrt(beside)
             right *= 2.0 if i == last else 1.0
             weight = scale * area[i]
             value = flow[i]
@@ -181,9 +179,3 @@ def smooth_viscously(
             flow[i] = work[1, i] + work[0, i] * flow[i + 1]
         smoothed[2 * vessel] = before_first - flow[first]
         smoothed[2 * vessel + 1] = flow[last] - before_last
-
-
-@jit
-def gamma(stiff: float, relaxation: float, area: float, rest: float) -> float:
-    """γ = K τ/(2 √(A A₀)), Pa·s/mm²: a viscous wall's pressure over the area's rate."""
-    return 0.5 * stiff * relaxation / np.sqrt(area * rest)

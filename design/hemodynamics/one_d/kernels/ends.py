@@ -23,7 +23,6 @@ from __future__ import annotations
 import numpy as np
 
 from design.hemodynamics.one_d.grid import Grid
-from design.hemodynamics.one_d.kernels.cells import gamma
 from design.hemodynamics.one_d.nodes import JUNCTION, PRESSURE, REFLECTION, Nodes
 from design.network import FloatArray
 from kernels import jit
@@ -88,8 +87,8 @@ def gather_ends(
             ends[5, end], ends[6, end] = stiff, base * 4.0 * density * density / (stiff * stiff)
             ends[7, end], ends[8, end] = 0.0, 0.0
             ends[13, end] = stiff - grid.external[vessel]
-            if grid.relaxation > 0.0:
-                g = gamma(stiff, grid.relaxation, area[i], base)
+            if grid.viscous:
+                g = grid.face_drag[face] / np.sqrt(area[i])
                 ends[7, end], ends[8, end] = 2.0 * g / grid.cell[vessel], sign * flow[i]
                 ends[8, end] += share * smoothed[end]
     return -1

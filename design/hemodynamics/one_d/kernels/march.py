@@ -14,7 +14,6 @@ from design.hemodynamics.one_d.grid import Grid
 from design.hemodynamics.one_d.kernels.cells import (
     cell_pressures,
     cell_rates,
-    gamma,
     smooth_viscously,
 )
 from design.hemodynamics.one_d.kernels.ends import ROWS, gather_ends, solve_ends
@@ -141,7 +140,7 @@ def advance(
             if stage == 1:
                 work.late_flow[:] = work.ends[1]
         _pass(nodes, state, step, work)
-        if grid.relaxation > 0.0:
+        if grid.viscous:
             smooth_viscously(
                 grid, state.area, state.flow, work.late_flow, step, work.smoothed, work.lines
             )
@@ -193,7 +192,7 @@ def all_pressures(grid: Grid, state: State, work: MarchScratch, pressure: FloatA
     for vessel in range(len(grid.cell)):
         for i in range(grid.offset[vessel], grid.offset[vessel + 1]):
             pressure[i] = work.pressure[i] + grid.external[vessel]
-    if grid.relaxation == 0.0:
+    if not grid.viscous:
         return
     for vessel in range(len(grid.cell)):
         first, last = grid.offset[vessel], grid.offset[vessel + 1] - 1
@@ -203,5 +202,5 @@ def all_pressures(grid: Grid, state: State, work: MarchScratch, pressure: FloatA
                 low = 0.5 * (state.flow[i - 1] + state.flow[i])
             if i < last:
                 high = 0.5 * (state.flow[i] + state.flow[i + 1])
-            damped = gamma(grid.stiffness[i], grid.relaxation, state.area[i], grid.area[i])
+            damped = grid.drag[i] / np.sqrt(state.area[i])
             pressure[i] -= damped * (high - low) / grid.cell[vessel]

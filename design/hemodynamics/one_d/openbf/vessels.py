@@ -77,6 +77,7 @@ def read_vessels(listed: Sequence[Mapping[str, Any]], density: float) -> Vessels
         young_pa=np.array([quantity(d, "E", p, (1e-3, 1e15)) for d, p in both]),
         thickness_mm=np.array([_thickness(d, p) for d, p in both]) * _MM,
         external_pa=np.array([quantity(d, "Pext", p, _PRESSURE, 0.0) for d, p in both]),
+        viscous=np.array([flag(d, "visco-elastic", p, default=False) for d, p in both]),
     )
     found = Vessels(
         labels=labels,
@@ -101,10 +102,6 @@ def _labels(listed: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
 
 
 def _refuse_unmodelled(data: Mapping[str, Any], place: str) -> None:
-    if flag(data, "visco-elastic", place, default=False):
-        raise FlowError(
-            f"{place}: visco-elastic is true, whose wall isn't modelled here; write false"
-        )
     for key in ("initial_pressure", "initial_flow"):
         if quantity(data, key, place, (-math.inf, math.inf), 0.0) != 0.0:
             raise FlowError(

@@ -17,13 +17,21 @@ As in svZeroDSolver's documentation:
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from design.hemodynamics.zero_d.svzerod.laws import Law, Local, Response
+from design.hemodynamics.zero_d.svzerod.activation import Activation
 from design.hemodynamics.zero_d.svzerod.stamps import Group, Stamps
+from design.hemodynamics.zero_d.svzerod.terms import (
+    AFFINE,
+    EXPONENTIAL,
+    JUMP_VALVE,
+    SPHERE,
+    TANH_VALVE,
+    Moments,
+)
 from design.network import FloatArray
 
 
@@ -31,11 +39,8 @@ def linear_chamber(group: Group, to: Stamps) -> None:
     """Add the equations of LinearElastanceChamber."""
     _chamber(to, 0.0)
     greatest, passive, rest = group.values.T
-
-    def law(here: Local) -> Response:
-        return _elastance(here, passive + greatest * here.activation, rest)
-
-    to.add(Law(group, law))
+    active = partial(activation_at, group.activations)
+    _elastance(to, lambda at: (passive + greatest * active(at), rest))
 
 
 def inductor_chamber(group: Group, to: Stamps) -> None:
@@ -43,43 +48,29 @@ def inductor_chamber(group: Group, to: Stamps) -> None:
     greatest, least, diastole, systole, inertance = group.values.T
     _chamber(to, inertance)
 
-    def law(here: Local) -> Response:
-        rest = (1.0 - here.activation) * (diastole - systole) + systole
-        return _elastance(here, (greatest - least) * here.activation + least, rest)
+    def timed(at: Moments) -> tuple[FloatArray, FloatArray]:
+        active = activation_at(group.activations, at)
+        return (greatest - least) * active + least, (1.0 - active) * (diastole - systole) + systole
 
-    to.add(Law(group, law))
+    _elastance(to, timed)
 
 
 def exponential_chamber(group: Group, to: Stamps) -> None:
     """Add the equations of ChamberElastanceInductorExponential."""
     greatest, inertance, pressure, volume, rest = group.values.T
     _chamber(to, inertance)
-
-    def law(here: Local) -> Response:
-        value, slope = atrium(here.activation, here.y[4] - rest, greatest, pressure, volume)
-        return Response({0: -value}, {(0, 4): -slope})
-
-    to.add(Law(group, law))
+    constants = (greatest, pressure, volume, rest)
+    timed = partial(_activations, group.activations)
+    to.add(EXPONENTIAL, (0,), (4,), ((0, 0),), constants, timed)
 
 
-def atrium(
-    active: Any, filled: Any, greatest: Any, pressure: Any, volume: Any, exp: Any = np.exp
-) -> tuple[Any, Any]:
-    """Return the pressure of a chamber that is exponential at rest, and its derivative.
+def activation_at(activations: Sequence[Activation], at: Moments) -> FloatArray:
+    """Return the activation of chambers at times, (s, m)."""
+    return np.array([[one(time) for one in activations] for time in at.times.tolist()])
 
-    Parameters
-    ----------
-    active, filled : float or (m,) float64
-        Activation; volume above that without pressure.
-    greatest, pressure, volume : float or (m,) float64
-        Elastance when contracted; K_p and K_v at rest.
-    exp : function
-        `math.exp` for plain numbers.
-    """
-    grown = exp(volume * filled)
-    value = active * greatest * filled + (1.0 - active) * pressure * (grown - 1.0)
-    slope = active * greatest + (1.0 - active) * pressure * volume * grown
-    return value, slope
+
+def _activations(activations: Sequence[Activation], at: Moments) -> tuple[FloatArray]:
+    return (activation_at(activations, at),)
 
 
 def _chamber(to: Stamps, inertance: FloatArray | float) -> None:
@@ -90,8 +81,14 @@ def _chamber(to: Stamps, inertance: FloatArray | float) -> None:
     to.e(2, {4: -1.0})
 
 
-def _elastance(here: Local, elastance: FloatArray, rest: FloatArray) -> Response:
-    return Response({0: -elastance * (here.y[4] - rest)}, {(0, 4): -elastance})
+def _elastance(to: Stamps, law: Callable[[Moments], tuple[FloatArray, FloatArray]]) -> None:
+    """Add -E (V - V_rest); ``law`` gives E and V_rest at times."""
+
+    def timed(at: Moments) -> tuple[FloatArray, FloatArray, FloatArray]:
+        elastance, rest = law(at)
+        return -elastance, np.zeros_like(elastance), rest
+
+    to.add(AFFINE, (0,), (4,), ((0, 0),), timed=timed)
 
 
 def sphere(group: Group, to: Stamps) -> None:
@@ -106,81 +103,31 @@ def sphere(group: Group, to: Stamps) -> None:
     to.f(5, {1: 1.0, 3: -1.0})
     to.e(5, {8: -1.0})
     to.f(6, {0: 1.0, 2: -1.0})
-    to.add(Law(group, partial(_sphere_law, group.values.T)))
+    slopes = ((0, 0), (0, 1), (0, 3), (1, 1), (2, 1), (2, 2), (3, 4))
+    timed = partial(_sphere_active, group.values.T)
+    to.add(SPHERE, range(4), (2, 4, 5, 6, 7), slopes, group.values.T[1:7], timed)
 
 
-def _sphere_law(values: FloatArray, here: Local) -> Response:
-    """With s = 1 + r/r₀ the stretch, C = s²: momentum, stress, volume and active stress."""
-    _, thickness, radius, w1, w2, viscosity, greatest = values[:7]
-    pressure, change, speed, stress, tension = here.y[[2, 4, 5, 6, 7]]
-    s, slope, rate = 1.0 + change / radius, thickness / radius, here.rate[4] / radius
-    passive = w1 + w2 * s**2
-    area, active = 4.0 * np.pi * radius**2, _sphere_active(values, here)
-    stretched = 1.0 - s**-6.0
-    by_stretch = 24.0 * s**-7.0 * passive + 8.0 * stretched * s * w2
-    by_stretch += 2.0 * viscosity * rate * (1.0 - 22.0 * s**-12.0)
-    drag = 2.0 * viscosity * (s + 2.0 * s**-11.0)
-    return Response(
-        {
-            0: s * (slope * stress - pressure * s),
-            1: 4.0 * stretched * passive + drag * rate,
-            2: area * s**2 * speed,
-            3: np.abs(active) * tension - greatest * np.maximum(active, 0.0),
-        },
-        {
-            (0, 2): -(s**2),
-            (0, 4): (slope * stress - 2.0 * pressure * s) / radius,
-            (0, 6): s * slope,
-            (1, 4): by_stretch / radius,
-            (2, 4): 2.0 * area * s * speed / radius,
-            (2, 5): area * s**2,
-            (3, 7): np.abs(active),
-        },
-        {(1, 4): drag / radius},
-    )
-
-
-def _sphere_active(values: FloatArray, here: Local) -> FloatArray:
+def _sphere_active(values: FloatArray, at: Moments) -> tuple[FloatArray]:
     most, least, systole, diastole, steep = values[7:]
-    time = float(np.fmod(here.time, here.period))
+    time = np.fmod(at.times, at.period)[:, None]
     on = 0.5 * (1.0 + np.tanh((time - systole) / steep))
     share = on * (0.5 * (1.0 - np.tanh((time - diastole) / steep)))
-    return np.asarray(most * share + least * (1.0 - share))
+    return (np.asarray(most * share + least * (1.0 - share)),)
 
 
 def tanh_valve(group: Group, to: Stamps) -> None:
     """Add the equations of ValveTanh."""
-    most, least, steep = group.values.T
     _valve(to)
     to.f(2, {4: 1.0})
-
-    def law(here: Local) -> Response:
-        before, flow, behind = here.y[:3]
-        turned = np.tanh(steep * (behind - before))
-        bend = 0.5 * steep * (1.0 - turned**2)
-        resistance = 0.5 * (most + least) + 0.5 * (most - least) * turned
-        by_pressure = (most - least) * flow * bend
-        return Response(
-            {0: -resistance * flow, 2: -0.5 * (1.0 + turned)},
-            {
-                (0, 0): by_pressure, (0, 1): -resistance, (0, 2): -by_pressure,
-                (2, 0): bend, (2, 2): -bend,
-            },
-        )  # fmt: skip
-
-    to.add(Law(group, law))
+    slopes = ((0, 0), (0, 1), (0, 2), (1, 0), (1, 2))
+    to.add(TANH_VALVE, (0, 2), (0, 1, 2), slopes, group.values.T)
 
 
 def jump_valve(group: Group, to: Stamps) -> None:
     """Add the equations of PiecewiseValve."""
-    most, least = group.values.T
     _valve(to)
-
-    def law(here: Local) -> Response:
-        resistance = np.where(here.y[2] < here.y[0], least, most)
-        return Response({0: -resistance * here.y[1]}, {(0, 1): -resistance})
-
-    to.add(Law(group, law))
+    to.add(JUMP_VALVE, (0,), (0, 1, 2), ((0, 1),), group.values.T)
 
 
 def _valve(to: Stamps) -> None:

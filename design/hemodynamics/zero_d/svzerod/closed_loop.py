@@ -1,7 +1,7 @@
 """Equations of svZeroDSolver's closed loops: heart and lungs, Windkessels and coronaries.
 
 After Sankaran et al. 2012 (doi 10.1007/s10439-012-0579-3) and Menon et al. 2023, as svZeroDSolver
-solves it: atria as in `chambers.atrium`, ventricles P = E(t) (V - V_u), each chamber's outflow
+solves it: atria as `terms.EXPONENTIAL`, ventricles P = E(t) (V - V_u), each chamber's outflow
 through a resistance and an inertance, the lungs C_p dP/dt = Q_RV - (P - P_LA)/R_pd, the aorta's
 capacitance at the outlet. A valve is closed where neither flow nor pressure drives it forward; its
 flow counts for nothing then, and is 0 after the step.
@@ -9,16 +9,16 @@ flow counts for nothing then, and is 0 after the step.
 
 from __future__ import annotations
 
-import math
-from typing import ClassVar, Final
+from functools import partial
+from typing import Final
 
 import numpy as np
 
 from design.hemodynamics.zero_d.svzerod.activation import WrappingCosine, fourier
-from design.hemodynamics.zero_d.svzerod.chambers import atrium
-from design.hemodynamics.zero_d.svzerod.laws import Coupled
-from design.hemodynamics.zero_d.svzerod.nonlinear import Added, Moment
+from design.hemodynamics.zero_d.svzerod.chambers import activation_at
 from design.hemodynamics.zero_d.svzerod.stamps import Group, Stamps
+from design.hemodynamics.zero_d.svzerod.terms import AFFINE, EXPONENTIAL, GATE, Moments
+from design.network import FloatArray
 
 HEART: Final = "CLH"
 """Name of the heart in results and initial conditions."""
@@ -60,64 +60,27 @@ def heart(group: Group, to: Stamps) -> None:
     ):
         to.e(row, {flow: values[key]})
         to.f(row, {before: -1.0, behind: 1.0})
-    to.add(Heart(group))
+    for side, volume, row in (("ra", _V_RA, 0), ("la", _V_LA, 8)):
+        constants = [values[f"{key}_{side}"] for key in ("Emax", "Kxp", "Kxv", "Vaso")]
+        beat = partial(_atria, values["Tsa"].item(), values["tpwave"].item())
+        to.add(EXPONENTIAL, (row,), (volume,), ((0, 0),), constants, beat)
+    for side, volume, row in (("rv", _V_RV, 4), ("lv", _V_LV, 11)):
+        timed = partial(_ventricle, values[f"E{side}_s"], values[f"V{side}_u"])
+        to.add(AFFINE, (row,), (volume,), ((0, 0),), timed=timed)
+    for flow, before, behind, key, row in _VALVES:
+        rows = (row, *_FED[flow])
+        slopes = [(k, 0) for k in range(len(rows))]
+        to.add(GATE, rows, (flow, before, behind), slopes, (values[key],))
 
 
-class Heart:
-    """Chambers and valves of the heart, in plain numbers: there is one, and it is asked often.
+def _atria(share: float, divisor: float, at: Moments) -> tuple[FloatArray]:
+    beat = WrappingCosine(at.period, share, divisor)
+    return (activation_at((beat,), at),)
 
-    Each of its summands depends on one variable: an atrium's and a ventricle's pressure on the
-    volume, a valve's pressure drop and what it takes from one balance to another on the flow.
-    """
 
-    smooth: ClassVar[bool] = False
-
-    def __init__(self, group: Group) -> None:
-        self.values = dict(zip(PARAMETERS, group.values[0].tolist(), strict=True))
-        self.own = group.variables[0]
-        pressures = ((0, _V_RA), (8, _V_LA), (4, _V_RV), (11, _V_LV))
-        flows = [(row, flow) for flow, _, _, _, row in _VALVES for row in (row, *_FED[flow])]
-        self.rows, self.columns = (
-            array[[pair[k] for pair in (*pressures, *flows)]]
-            for k, array in enumerate((group.equations[0], self.own))
-        )
-        self._beat: tuple[float, float, float] = (np.nan, 0.0, 0.0)
-
-    def at(self, moment: Moment) -> Added:
-        """Return value and derivatives."""
-        if moment.time != self._beat[0]:
-            self._beat = (moment.time, *self._activation(moment))
-        y = moment.state[self.own].tolist()
-        found = [self._atrium(side, y[volume]) for side, volume in (("ra", _V_RA), ("la", _V_LA))]
-        found += [self._ventricle(side, y[v]) for side, v in (("rv", _V_RV), ("lv", _V_LV))]
-        shut = []
-        for flow, before, behind, key, _ in _VALVES:
-            through, is_open = y[flow], 1.0
-            if y[before] <= y[behind] and y[flow] <= 0.0:
-                through, is_open = 0.0, 0.0
-                shut.append(flow)
-            found.append((self.values[key] * through, self.values[key] * is_open))
-            found += [(through, is_open)] + [(-through, -is_open)] * (len(_FED[flow]) - 1)
-        value, slope = np.array(found).T
-        none = np.zeros_like(slope)
-        return Added(self.rows, value, (self.rows, self.columns), slope, none, self.own[shut])
-
-    def _activation(self, moment: Moment) -> tuple[float, float]:
-        atria = WrappingCosine(moment.period, self.values["Tsa"], self.values["tpwave"])
-        scale = fourier(math.fmod(moment.time, moment.period), moment.period)
-        return atria(moment.time), float(scale)
-
-    def _atrium(self, side: str, volume: float) -> tuple[float, float]:
-        of = self.values
-        pressure, slope = atrium(
-            self._beat[1], volume - of[f"Vaso_{side}"], of[f"Emax_{side}"], of[f"Kxp_{side}"],
-            of[f"Kxv_{side}"], math.exp,
-        )  # fmt: skip
-        return -pressure, -slope
-
-    def _ventricle(self, side: str, volume: float) -> tuple[float, float]:
-        elastance = self._beat[2] * self.values[f"E{side}_s"]
-        return -elastance * (volume - self.values[f"V{side}_u"]), -elastance
+def _ventricle(scale: FloatArray, rest: FloatArray, at: Moments) -> tuple[FloatArray, ...]:
+    elastance = fourier(np.fmod(at.times, at.period), at.period)[:, None] * scale
+    return -elastance, np.zeros_like(elastance), rest
 
 
 def closed_windkessel(group: Group, to: Stamps) -> None:
@@ -137,5 +100,4 @@ def closed_coronary(ventricle: str, group: Group, to: Stamps) -> None:
     to.e(1, {0: -arterial, 1: arterial * first, 4: -1.0})
     to.f(1, {1: 1.0, 3: -1.0})
     to.f(2, {2: muscle, 3: muscle * vein, 4: -1.0})
-    pressure = to.places[f"{ventricle}:{HEART}"]
-    to.add(Coupled(group.equations[:, 2], muscle * share, pressure))
+    to.add_coupled(2, f"{ventricle}:{HEART}", muscle * share)

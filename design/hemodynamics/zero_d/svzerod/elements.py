@@ -24,6 +24,7 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.zero_d.svzerod import chambers, closed_loop
 from design.hemodynamics.zero_d.svzerod.stamps import Group, Stamps
+from design.hemodynamics.zero_d.svzerod.terms import AFFINE, Moments
 from design.network import FloatArray
 
 Ports = Literal["one", "two", "many"]
@@ -72,9 +73,8 @@ def _vessel(group: Group, to: Stamps) -> None:
     to.e(0, {3: -inertance})
     to.f(1, {1: 1.0, 3: -1.0})
     to.e(1, {0: -compliance, 1: compliance * resistance})
-    narrow = stenosis != 0.0
-    to.losses(0, 1, stenosis, narrow)
-    to.stored_losses(1, 1, stenosis * compliance, narrow)
+    to.losses(0, 1, stenosis)
+    to.stored_losses(1, 1, stenosis * compliance)
 
 
 def _vessel_crl(group: Group, to: Stamps) -> None:
@@ -83,7 +83,7 @@ def _vessel_crl(group: Group, to: Stamps) -> None:
     to.e(0, {3: -inertance})
     to.f(1, {1: 1.0, 3: -1.0})
     to.e(1, {0: -compliance})
-    to.losses(0, 3, stenosis, stenosis != 0.0)
+    to.losses(0, 3, stenosis)
 
 
 def _vessel_rc(group: Group, to: Stamps) -> None:
@@ -146,7 +146,31 @@ def _coronary_varying(group: Group, to: Stamps) -> None:
     to.f(1, {2: -vein})
     to.c(1, -muscle * vein * offset)
     to.drive(1, -muscle * vein)
-    to.contracting(1, 2, np.column_stack([muscle, vein, distal - offset, least, most, rise, fall]))
+    tables, behind = group.tables, distal - offset
+
+    def timed(at: Moments) -> tuple[FloatArray, ...]:
+        resistance = _contracting(at, least, most, rise, fall)
+        across = at.sampled[:, tables] - behind
+        return -resistance, -resistance * muscle * vein, -muscle * across
+
+    to.add(AFFINE, (1,), (2,), ((0, 0),), timed=timed)
+
+
+def _contracting(
+    at: Moments, least: FloatArray, most: FloatArray, rise: FloatArray, fall: FloatArray
+) -> FloatArray:
+    """Return a coronary's resistance in the contracting muscle, (s, m).
+
+    √R goes from √least to √most along half a cosine in the time of contraction, and back in the
+    time of relaxation.
+    """
+    time = np.fmod(at.times, at.period)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        up = 0.5 * (1.0 - np.cos(np.pi * time / rise))
+        down = 0.5 * (1.0 + np.cos(np.pi * (time - rise) / fall))
+    share = np.where(time <= rise, up, np.where(time <= rise + fall, down, 0.0))
+    root = np.sqrt(least) + (np.sqrt(most) - np.sqrt(least)) * share
+    return np.asarray(root**2)
 
 
 def _arterial(group: Group, to: Stamps) -> None:
@@ -192,7 +216,7 @@ def _vessel_junction(group: Group, to: Stamps) -> None:
         flow = 3 + 2 * k
         to.f(k + 1, {0: 1.0, 2 + 2 * k: -1.0, flow: -resistance})
         to.e(k + 1, {flow: -inertance})
-        to.losses(k + 1, flow, stenosis, stenosis != 0.0)
+        to.losses(k + 1, flow, stenosis)
     _conserve(group, to, 0)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.zero_d.svzerod.case import SvZeroDCase
 from design.hemodynamics.zero_d.svzerod.elements import CONDITIONS
-from design.hemodynamics.zero_d.svzerod.march import State, Stepper
+from design.hemodynamics.zero_d.svzerod.march import Stepper
+from design.hemodynamics.zero_d.svzerod.pace import Pace, State
 from design.hemodynamics.zero_d.svzerod.size import MOST_CYCLES, check_size, windkessel_cycles
 from design.hemodynamics.zero_d.svzerod.system import (
     Variables,
@@ -75,18 +76,14 @@ def run_svzerod(case: SvZeroDCase) -> SvZeroDRun:
 def _run(case: SvZeroDCase) -> SvZeroDRun:
     variables, sampler = variables_of(case), case.tables.sampler()
     state = State(*start_of(case, variables.names))
-    sampled = sampler.at(0.0)
+    sampled = sampler.at(np.zeros(1))[0]
     if case.options.steady_initial:
         sampled = sampler.mean()
         state = _steady(case, variables, sampled, state)
     system = system_of(variables, sampled, state.value, state.rate, steady=False)
     check_size(case, len(wanted_variables(case, len(variables.names))))
     step = case.period / (case.options.points - 1)
-    how = case.options
-    stepper = Stepper(
-        system, sampler, case.period, step, how.rho_infty, how.absolute_tolerance,
-        how.maximum_nonlinear_iterations,
-    )  # fmt: skip
+    stepper = Stepper(system, sampler, case.period, _pace(case, step))
     return _Recorder(case, variables, stepper, step).run(state)
 
 
@@ -96,14 +93,14 @@ def _steady(case: SvZeroDCase, variables: Variables, sampled: FloatArray, state:
     Tables are their mean there, and outlets store nothing.
     """
     system = system_of(variables, sampled, state.value, state.rate, steady=True)
-    step, how = case.period / _STEADY_PARTS, case.options
-    stepper = Stepper(
-        system, sampled, case.period, step, how.rho_infty, how.absolute_tolerance,
-        how.maximum_nonlinear_iterations,
-    )  # fmt: skip
-    for k in range(_STEADY_STEPS):
-        state = stepper.advance(state, step * k)
-    return state
+    pace = _pace(case, case.period / _STEADY_PARTS)
+    *_, last = Stepper(system, sampled, case.period, pace).march(state, 0, _STEADY_STEPS)
+    return last
+
+
+def _pace(case: SvZeroDCase, step: float) -> Pace:
+    how = case.options
+    return Pace(step, how.rho_infty, how.absolute_tolerance, how.maximum_nonlinear_iterations)
 
 
 class _Recorder:
@@ -146,11 +143,11 @@ class _Recorder:
         if not self.kept:
             self._keep(start, state)
         total = state.value[self.ends].copy()
-        for k in range(start, start + self.steps):
-            state = self.stepper.advance(state, self.step * k)
+        marched = self.stepper.march(state, start, self.steps)
+        for number, state in enumerate(marched, start + 1):
             total += state.value[self.ends]
-            if (k + 1 - self.kept[0][0]) % every == 0:
-                self._keep(k + 1, state)
+            if (number - self.kept[0][0]) % every == 0:
+                self._keep(number, state)
         return state, total / (self.steps + 1)
 
     def _keep(self, number: int, state: State) -> None:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
 from design.hemodynamics.zero_d.svzerod.activation import Activation
-from design.hemodynamics.zero_d.svzerod.nonlinear import Contraction, Loss, StoredLoss, Term
+from design.hemodynamics.zero_d.svzerod.terms import COUPLED, LOSS, STORED_LOSS, TermGroup, Timed
 from design.network import FloatArray, IntArray
 
 Places = tuple[IntArray, IntArray, FloatArray]
@@ -52,7 +51,7 @@ class LumpedSystem:
     constant : (n,) float64
     drive : csr_array, (n, tables)
         Times the tables' values, the part of c that changes.
-    terms : tuple of Term
+    terms : tuple of TermGroup
         What is nonlinear, or linear with coefficients that change.
     """
 
@@ -60,7 +59,7 @@ class LumpedSystem:
     f: csr_array
     constant: FloatArray
     drive: csr_array
-    terms: tuple[Term, ...]
+    terms: tuple[TermGroup, ...]
 
 
 @dataclass
@@ -93,7 +92,7 @@ class Stamps:
     _f: list[Places] = field(default_factory=list)
     _drive: list[Places] = field(default_factory=list)
     _constant: list[tuple[IntArray, FloatArray]] = field(default_factory=list)
-    _terms: list[Term] = field(default_factory=list)
+    _terms: list[TermGroup] = field(default_factory=list)
 
     @property
     def _here(self) -> Group:
@@ -127,30 +126,53 @@ class Stamps:
         rows, tables = self._here.equations[:, row], self._here.tables
         self._drive.append((rows, tables, np.broadcast_to(factor, rows.shape)))
 
-    def losses(self, row: int, flow: int, factor: FloatArray, on: NDArray[np.bool_]) -> None:
-        """Add -factor |Q| Q to an equation."""
+    def losses(self, row: int, flow: int, factor: FloatArray) -> None:
+        """Add -factor |Q| Q to an equation, where the factor isn't 0."""
+        self._loss(LOSS, row, flow, factor)
+
+    def stored_losses(self, row: int, flow: int, factor: FloatArray) -> None:
+        """Add 2 factor |Q| Q̇ to an equation, where the factor isn't 0."""
+        self._loss(STORED_LOSS, row, flow, factor)
+
+    def _loss(self, kind: int, row: int, flow: int, factor: FloatArray) -> None:
+        on = factor != 0.0
         if on.any():
             here = self._here
-            self._terms.append(Loss(here.equations[on, row], here.variables[on, flow], factor[on]))
+            rows, flows = here.equations[on, row, None], here.variables[on, flow, None]
+            self._terms.append(TermGroup(kind, rows, flows, ((0, 0),), factor[on, None]))
 
-    def stored_losses(self, row: int, flow: int, factor: FloatArray, on: NDArray[np.bool_]) -> None:
-        """Add 2 factor |Q| Q̇ to an equation."""
-        here, on = self._here, on & (factor != 0.0)
-        if on.any():
-            self._terms.append(
-                StoredLoss(here.equations[on, row], here.variables[on, flow], factor[on])
-            )
-
-    def add(self, term: Term) -> None:
-        """Add a term of any other form."""
-        self._terms.append(term)
-
-    def contracting(self, row: int, volume: int, values: FloatArray) -> None:
-        """Add the resistance of a contracting muscle to an equation (`Contraction`)."""
+    def add(
+        self,
+        kind: int,
+        rows: Sequence[int],
+        variables: Sequence[int],
+        slopes: Sequence[tuple[int, int]],
+        constants: Sequence[FloatArray] | FloatArray = (),
+        timed: Timed | None = None,
+    ) -> None:
+        """Add a term of each block: its equations, variables and derivatives (`TermGroup`)."""
         here = self._here
-        self._terms.append(
-            Contraction(here.equations[:, row], here.variables[:, volume], here.tables, values)
-        )
+        own = here.variables[:, list(variables)]
+        self._append(kind, rows, own, slopes, constants, timed)
+
+    def add_coupled(self, row: int, variable: str, factor: FloatArray) -> None:
+        """Add -factor times a variable of another block to an equation."""
+        count = len(self._here.equations)
+        other = np.full((count, 1), self.places[variable])
+        self._append(COUPLED, (row,), other, (), (factor,), None)
+
+    def _append(
+        self,
+        kind: int,
+        rows: Sequence[int],
+        variables: IntArray,
+        slopes: Sequence[tuple[int, int]],
+        constants: Sequence[FloatArray] | FloatArray,
+        timed: Timed | None,
+    ) -> None:
+        equations = self._here.equations[:, list(rows)]
+        given = np.array(constants, dtype=np.float64).reshape(len(constants), len(equations)).T
+        self._terms.append(TermGroup(kind, equations, variables, tuple(slopes), given, timed))
 
     def system(self) -> LumpedSystem:
         """Return what was collected."""

@@ -100,18 +100,18 @@ class Sampler:
     values: list[FloatArray]
     numbers: list[np.ndarray[tuple[int], np.dtype[np.int64]]]
 
-    def at(self, time: float) -> FloatArray:
-        """Return the value of each table at a time, (count,)."""
-        found = np.empty(self.count)
+    def at(self, times: FloatArray) -> FloatArray:
+        """Return the value of each table at times (s,), (s, count)."""
+        found = np.empty((len(times), self.count))
         for grid, values, numbers in zip(self.grids, self.values, self.numbers, strict=True):
             if len(grid) == 1:
-                found[numbers] = values[:, 0]
+                found[:, numbers] = values[:, 0]
                 continue
-            here = float(np.fmod(time, grid[-1] - grid[0]))
-            high = max(1, min(int(np.searchsorted(grid, here)), len(grid) - 1))
+            here = np.fmod(times, grid[-1] - grid[0])
+            high = np.clip(np.searchsorted(grid, here), 1, len(grid) - 1)
             rise = values[:, high] - values[:, high - 1]
             share = (here - grid[high - 1]) / (grid[high] - grid[high - 1])
-            found[numbers] = values[:, high - 1] + share * rise
+            found[:, numbers] = (values[:, high - 1] + share * rise).T
         return found
 
     def mean(self) -> FloatArray:

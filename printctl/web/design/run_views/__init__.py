@@ -5,7 +5,7 @@ Goes in: a run folder. Comes out: key figures and pages, cached. Begin with `vie
 
 from printctl.web.design.run_views.compare import Comparison, compare_runs
 from printctl.web.design.run_views.figures import Figure, key_figures
-from printctl.web.design.run_views.views import gcode_page, network_page
+from printctl.web.design.run_views.views import gcode_page, network_page, tissue_page
 
 __all__ = [
     "Comparison",
@@ -14,4 +14,5 @@ __all__ = [
     "gcode_page",
     "key_figures",
     "network_page",
+    "tissue_page",
 ]

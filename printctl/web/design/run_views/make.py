@@ -1,4 +1,4 @@
-"""Write a run's HTML view: network or layers (`python -m printctl.web.design.run_views.make`).
+"""Write an HTML view: a run's network or layers, a recipe's tissue (run by `python -m`).
 
 What can't be made is said in the last line of standard error, with exit code 1.
 """
@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from design.network import VesselNetwork
 from firmware_profiles import Ink, Printer, Syringe, load
@@ -19,13 +20,22 @@ from printctl.failures import message_and_code
 from printctl.gcode_view import Pushing, read_job, read_line_map
 from printctl.networks import Drive, load_source
 from printctl.pipeline.outlines import run_outlines
+from printctl.pipeline.tissue_source import make_tissue
+from printctl.recipe.load import refusal
+from printctl.recipe.tissue import TissuePart
 from printctl.run_folder.artefacts import GCODE, OXYGEN
 from printctl.run_folder.manifest import Manifest
 from printctl.web.design.run_views.views import LUMENS
+from printctl.web.design.yaml_text import read_text
 from printctl.web.low_priority import lower_priority
 from registration.picture import Quantity, quantities
 from registration.picture.quantity import magnitude, signed
-from registration.report import NetworkPage, ReportSurface, write_network_html
+from registration.report import (
+    NetworkPage,
+    ReportSurface,
+    write_network_html,
+    write_places_html,
+)
 from registration.report.gcode import GcodePage, write_gcode_html
 from registration.report.gcode.colouring import PLAIN, colourings
 
@@ -38,6 +48,20 @@ def write_network(run: Path, path: Path) -> None:
     shown = [ReportSurface("Tissue", surface)] if surface else []
     page = NetworkPage(run.name, "radius", source.notes)
     write_network_html(path, source.network, known, shown, page)
+
+
+def write_tissue(recipe: Path, path: Path) -> None:
+    """Write the page of a recipe's tissue, on which places are picked."""
+    said = read_text(recipe.read_text(encoding="utf-8")).get("tissue")
+    if not isinstance(said, dict):
+        raise UsageError("the recipe has no tissue yet; choose its kind first")
+    try:
+        part: TissuePart = TypeAdapter(TissuePart).validate_python(said)
+    except ValidationError as exc:
+        raise UsageError(refusal(exc, "tissue")) from exc
+    tissue = make_tissue(part, recipe.parent)
+    page = NetworkPage(recipe.stem, notes=tuple(tissue.notes))
+    write_places_html(path, ReportSurface("Tissue", tissue.surface), page)
 
 
 def write_gcode(run: Path, path: Path) -> None:
@@ -111,7 +135,7 @@ def main() -> int:
     lower_priority()
     sort, run, page = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
     try:
-        {"network": write_network, "gcode": write_gcode}[sort](run, page)
+        {"network": write_network, "gcode": write_gcode, "tissue": write_tissue}[sort](run, page)
     except Exception as exc:
         known = message_and_code(exc)
         if known is None:

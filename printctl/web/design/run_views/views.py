@@ -1,4 +1,4 @@
-"""HTML views of a run's network and G-code layers, made on demand and cached until files change."""
+"""HTML views of a run's network and layers and of a recipe's tissue, cached until files change."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 import json
 import threading
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK, OXYGEN, SOLID
 from printctl.web.errors import ConflictError
@@ -55,17 +55,45 @@ def gcode_page(run: Path, kept: Path) -> Path:
     return _kept(run, kept, "gcode", _OF_GCODE)
 
 
+def tissue_page(recipe: Path, said: Any, kept: Path) -> Path:
+    """The page of a recipe's tissue, on which places are picked.
+
+    Parameters
+    ----------
+    recipe : Path
+    said : JSON value
+        What it says of the tissue.
+    kept : Path
+        Folder for pages.
+
+    Raises
+    ------
+    ConflictError
+        When the tissue can't be made.
+    """
+    words = json.dumps(said)
+    named = [path for path in sorted(recipe.parent.iterdir()) if json.dumps(path.name) in words]
+    return _page(recipe, kept, "tissue", [words, *_state(named)])
+
+
 def _kept(run: Path, kept: Path, sort: str, names: tuple[str, ...]) -> Path:
     """The page made of these files as they are; made now when they have changed."""
     files = [run / name for name in names if (run / name).is_file()]
-    state = [(path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in files]
+    return _page(run, kept, sort, _state(files))
+
+
+def _state(files: list[Path]) -> list[Any]:
+    return [(path.name, path.stat().st_mtime_ns, path.stat().st_size) for path in files]
+
+
+def _page(run: Path, kept: Path, sort: str, state: list[Any]) -> Path:
     digest = hashlib.sha256(json.dumps(state).encode()).hexdigest()[:16]
-    page = kept / f"{run.name}.{sort}.{digest}.html"
+    page = kept / f"{run.stem}.{sort}.{digest}.html"
     with _MAKING:
         if not page.is_file():
             kept.mkdir(parents=True, exist_ok=True)
             _make(sort, run, page)
-            for old in kept.glob(f"{run.name}.{sort}.*.html"):
+            for old in kept.glob(f"{run.stem}.{sort}.*.html"):
                 if old != page:
                     old.unlink(missing_ok=True)
     return page
@@ -78,7 +106,7 @@ def _make(sort: str, run: Path, page: Path) -> None:
         str(run),
         str(page),
         longest_s=_LONGEST_S,
-        late=f"the page of run {run.name!r} wasn't made within {_LONGEST_S:g} s; look at it by "
+        late=f"the page of {run.stem!r} wasn't made within {_LONGEST_S:g} s; look at it by "
         "`printctl view`",
-        died=f"the page of run {run.name!r} couldn't be made",
+        died=f"the page of {run.stem!r} couldn't be made",
     )

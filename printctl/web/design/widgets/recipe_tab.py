@@ -8,8 +8,10 @@ from functools import partial
 from nicegui import events, ui
 
 from printctl.web.design import form as forms
+from printctl.web.design.service import DesignService
 from printctl.web.design.widgets.editor import Editor
 from printctl.web.design.widgets.form_pane import FormPane
+from printctl.web.design.widgets.pick_pane import PickPane
 from printctl.web.shell.run_or_notify import run_or_notify
 
 
@@ -19,12 +21,15 @@ class RecipeTab:
     Parameters
     ----------
     editor : Editor
+    service : DesignService
     begin : function
         Asks for a new recipe.
     """
 
-    def __init__(self, editor: Editor, begin: Callable[[], Awaitable[None]]) -> None:
-        self._editor = editor
+    def __init__(
+        self, editor: Editor, service: DesignService, begin: Callable[[], Awaitable[None]]
+    ) -> None:
+        self._editor, self._service = editor, service
         self._places: dict[str, forms.Path] = {}
         with ui.column().classes("w-full items-start gap-2") as self._invitation:
             ui.label("Choose a recipe, make a new one, or begin with an example.")
@@ -42,6 +47,7 @@ class RecipeTab:
             )
             self._search.props("outlined dense clearable").classes("pc-search")
         self._wrong = ui.column().classes("w-full gap-0")
+        self._pick = PickPane(self._editor, self._service)
         with ui.element("div").classes("pc-two"):
             with ui.element("section").props('aria-label="Form"'):
                 self._form = FormPane(self._editor)
@@ -75,6 +81,7 @@ class RecipeTab:
         editor = self._editor
         if self._text.value != editor.text:
             self._text.value = editor.text
+        self._pick.refresh()
         self._places = self._form.places()
         self._search.set_options(list(self._places))
         count = len(editor.problems)

@@ -139,8 +139,8 @@ class LiveView {
   // Takes this view's own names, or a print event as the server sends it.
   update(said) {
     const taken = {
-      executed: said.executed ?? said.lines_executed,
-      acknowledged: said.acknowledged ?? said.lines_done,
+      executed: said.executed ?? fileCount(said.lines_executed, said.inserted),
+      acknowledged: said.acknowledged ?? fileCount(said.lines_done, said.inserted),
       position: said.position ?? said.position_mm,
     };
     for (const [name, value] of Object.entries(taken)) {
@@ -220,6 +220,13 @@ class LiveView {
 }
 
 // What draws WebGL 2 here; null for nothing.
+// How many of a job's lines are the file's own: an observer may have inserted some.
+function fileCount(done, inserted) {
+  if (done === undefined || done === null) return done;
+  const before = ([after, count]) => Math.min(Math.max(done - after, 0), count);
+  return (inserted ?? []).reduce((left, one) => left - before(one), done);
+}
+
 function webGlDrawer() {
   try {
     const pen = document.createElement("canvas").getContext("webgl2");

@@ -92,7 +92,7 @@ def test_a_windkessel_of_two_elements_is_openbfs() -> None:
         (("_colour",), "red", "'_colour'"),
         (("network", 0, 5), 1, "network\\[0\\] has the key 5"),
         (("network", 0, "gamma profile"), 9, "'gamma profile': openBF doesn't read it"),
-        (("network", 0, "visco-elastic"), True, "visco-elastic"),
+        (("network", 0, "visco-elastic"), "yes", "visco-elastic is 'yes'"),
         (("network", 0, "initial_flow"), 1.0, "initial_flow"),
         (("network", 0, "Cc"), 1.0, "vessel trunk: Cc is for outlets"),
         (("network", 0, "R0"), 1.0, "R0 is given, and Rp"),
@@ -176,3 +176,26 @@ def test_vessels_under_unlike_pressures_share_the_pressure_where_they_meet() -> 
         p + 0.5 * 1.06e-3 * (100.0 / a) ** 2 for p, a in zip(ends, found.area[:, 0], strict=True)
     ]
     assert heads[0] == pytest.approx(heads[1], rel=1e-5)
+
+
+def test_a_viscous_wall_is_kelvin_and_voigts_with_openbfs_gamma() -> None:
+    """Γ = 0.6 kg/s + 0.0015 kg·m/s over the diameter; K τ/2 = Γ/√A₀ in a thin wall."""
+    walls = openbf.case_of(
+        changed("network", 1, "visco-elastic", value=True), INLET
+    ).conditions.wall
+    assert isinstance(walls, VesselWalls)
+    found = walls.damping(np.array([0, 1]), np.array([7.0, 4.0]))
+    assert found == pytest.approx([0.0, (0.6 + 0.0015 / 8e-3) * 1e3])
+    even = replace(LINE, radius=np.full(4, 2.0))
+    viscous = replace(WALL, thickness_mm=np.full(2, 0.3), viscous=np.array([True, True]))
+    tau = 2.0 * (600.0 + 1500.0 / 4.0) / (4 / 3 * 4e5 * 0.3 / 2.0) / np.sqrt(np.pi * 4.0)
+    outlet = WindkesselOutlet(0.5, 0.1, 5.0)
+    bare = PulsatileConditions(4e-3, Sine(100.0, 60.0, 0.8), outlet=outlet, wall=viscous)
+    a = solve_one_d(even, bare, COARSE)
+    thin = replace(bare, wall=ThinWall(4e5, 0.3))
+    b = solve_one_d(even, thin, replace(COARSE, wall_viscosity_pa_s=4e5 * tau))
+    np.testing.assert_allclose(a.pressure, b.pressure, rtol=1e-9)
+    elastic = solve_one_d(even, thin, COARSE)
+    assert np.abs(a.area - elastic.area).max() > 1e-3 * np.ptp(elastic.area)
+    with pytest.raises(FlowError, match="no viscous wall"):
+        svoned_input(LINE, replace(bare, wall=viscous))

@@ -15,6 +15,7 @@ from playwright.sync_api import expect
 
 from design.network_files.csv_format import write_network_csv
 from printctl.recipe.starter import STARTER
+from printctl.web.design.yaml_text import read_text
 from tests.printctl.web.serving import Process, server_process
 from tests.printctl.web.shell.browsers import LOOKS, serious, shown
 from tests.printctl.web.shell.dialogs import serious_in_dialog
@@ -188,3 +189,24 @@ def test_markup_in_a_file_s_name_is_shown_as_text(
     page.get_by_text(re.compile("to mend")).first.wait_for()
     page.get_by_text(re.compile("<img src=x")).first.wait_for()
     assert page.evaluate("window.bad") is None
+
+
+def test_inlets_are_picked_on_the_tissue(served: Process, browser: Any, workspace: Path) -> None:
+    grown = "tissue: {shape: block, size_mm: [16, 8, 3]}\nvasculature: {grow: tree, terminals: 20}"
+    (workspace / "recipes" / "grown.yaml").write_text(f"schema: 1\nname: grown\n{grown}\n")
+    page = shown(browser, f"{served.url}/design?recipe=grown")
+    page.get_by_text("Pick inlets on the tissue").click()
+    tissue = page.frame_locator('iframe[title="Tissue of grown"]')
+    tissue.locator("#viewer[data-state=ready]").wait_for(timeout=60_000)
+    tissue.get_by_role("button", name="Top", exact=True).click()
+    canvas = tissue.locator("#stage canvas")
+    for place, told in (((0.4, 0.5), "a further inlet: "), ((0.6, 0.5), "a further inlet: ")):
+        size = canvas.bounding_box()
+        canvas.click(position={"x": place[0] * size["width"], "y": place[1] * size["height"]})
+        page.get_by_text(re.compile(f"^{told}.* 3.000 mm$")).wait_for()
+        page.wait_for_timeout(500)
+    said = read_text((workspace / "recipes" / "grown.yaml").read_text())["vasculature"]["inlets"]
+    assert [one["at_mm"][2] for one in said] == [3.0, 3.0]
+    assert said[0]["at_mm"][0] < 8.0 < said[1]["at_mm"][0]
+    page.get_by_text("grown: ready to be made · saved").wait_for()
+    assert serious(page) == []

@@ -1,0 +1,132 @@
+"""Command lines of the simulated devices: ``python -m sim camera`` and ``python -m sim oct``.
+
+Either looks once: it shows what lies in the dish by a simulated printer's record, writes a file
+and ends. The record is as it stands: a printer writes it before each M400 is answered, so that in
+a look it holds all that was laid.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+
+from firmware_profiles import ProfileError
+from kernels import keep_freed_memory
+from sim.camera.camera_file import load_camera
+from sim.camera.paint import paint
+from sim.deposit.of_record import ink_of_record, read_record
+from sim.errors import CameraError, ScannerError, SimError
+from sim.motion.executed import ExecutedMotion
+from sim.scanner.live_oct import live_scan, load_oct, write_live_scan
+
+PICTURES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
+
+
+def parser(device: str) -> argparse.ArgumentParser:
+    """The options of ``camera`` or ``oct``."""
+    camera = device == "camera"
+    options = argparse.ArgumentParser(
+        prog=f"python -m sim {device}",
+        description="Show what lies in a simulated printer's dish, once: "
+        + ("a picture." if camera else "an OCT scan of a fixed field."),
+    )
+    options.add_argument(
+        "--record", required=True, type=Path, help="the executed motion (.npz) of the printer"
+    )
+    options.add_argument(
+        f"--{device}",
+        dest="device",
+        required=True,
+        type=Path,
+        metavar="FILE",
+        help="camera and scene (YAML)" if camera else "field and instrument (YAML)",
+    )
+    options.add_argument(
+        "--faults", type=Path, metavar="FILE", help="a fault file (YAML), whose `ink` counts"
+    )
+    written = ", ".join(PICTURES) if camera else ".npz"
+    options.add_argument("--out", required=True, type=Path, help=f"the file to write: {written}")
+    options.add_argument(
+        "--look",
+        type=int,
+        help="number that the noise is drawn by; default: of the record's blocks, so that a second "
+        "picture of the same look needs another one",
+    )
+    return options
+
+
+def main(words: list[str]) -> int:
+    """Look once; 0 when that went well, 2 when not."""
+    device, *rest = words
+    given = parser(device).parse_args(rest)
+    look = take_picture if device == "camera" else take_scan
+    try:
+        look(given.record, given.faults, given.device, given.out, given.look)
+    except (SimError, ProfileError) as exc:
+        print(f"error: {exc}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def take_picture(
+    record: Path, faults: Path | None, camera: Path, out: Path, look: int | None = None
+) -> None:
+    """Take one picture of what a record says to lie in the dish.
+
+    Raises
+    ------
+    SimError
+        When a file can't be read or written, or the ink can't be known.
+    ProfileError
+        When a profile isn't there.
+    """
+    if out.suffix.lower() not in PICTURES:
+        raise CameraError(f"{out}: a picture is written as {', '.join(PICTURES)}")
+    file, motion = load_camera(camera), read_record(record)
+    seed = _seed(look, motion)
+    ink = ink_of_record(motion, faults, file.laid)
+    tip = motion.end[-1] if len(motion) else None
+    with keep_freed_memory():
+        picture = paint(ink, file.camera, file.scene, seed, tip_mm=tip, folder=camera.parent)
+
+    def write(path: Path) -> None:
+        # Less packed, in a third of the time.
+        if not cv2.imwrite(str(path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
+            raise CameraError(f"{out} can't be written; check the folder and its space")
+
+    _whole(out, write)
+
+
+def take_scan(
+    record: Path, faults: Path | None, field: Path, out: Path, look: int | None = None
+) -> None:
+    """Take one OCT scan of what a record says to lie in the dish; raises as `take_picture`."""
+    if out.suffix.lower() != ".npz":
+        raise ScannerError(f"{out}: a scan is written as .npz")
+    oct_field, motion = load_oct(field), read_record(record)
+    ink = ink_of_record(motion, faults, oct_field.laid)
+    scan = live_scan(ink, oct_field, _seed(look, motion))
+    _whole(out, lambda path: write_live_scan(path, scan))
+
+
+def _seed(look: int | None, motion: ExecutedMotion) -> int:
+    if look is not None and look < 0:
+        raise CameraError(f"look {look} must be 0 or more")
+    return len(motion) if look is None else look
+
+
+def _whole(path: Path, write: Callable[[Path], None]) -> None:
+    """Write by way of a temporary file: whoever waits for it never sees half of it."""
+    draft = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    try:
+        write(draft)
+        draft.replace(path)
+    except OSError as exc:
+        raise CameraError(f"{path} can't be written: {exc.strerror}") from exc
+    finally:
+        draft.unlink(missing_ok=True)

@@ -1,0 +1,106 @@
+"""Simulated OCT over the dish of a print that goes on: one scan of a fixed field, its file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Final, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from sim.deposit.laid import Laid
+from sim.deposit.lay import deposit_of_laid
+from sim.deposit.of_record import InkSource
+from sim.errors import ScannerError
+from sim.model_file import read_model
+from sim.scanner.oct import OctOptions, simulate_oct
+from sim.scanner.output import ScannerOutput
+from sim.scanner.placing import Placing
+
+_FINEST_MM: Final = 0.02
+_PER_VOXEL: Final = 0.625
+"""The ink is laid somewhat finer than it is scanned, so that its own voxels don't show."""
+_STILL: Final = Placing(0.0, 0.0, 0.0, 0.0, (1.0, 1.0, 1.0))
+
+Micron = Annotated[float, Field(ge=1, le=1000)]
+
+
+class OctField(BaseModel):
+    """OCT that looks straight down at a box of the printer's frame, and the ink's source.
+
+    Attributes
+    ----------
+    low_mm, high_mm : (x, y, z), mm
+        Corners of the box; the scan begins at its top.
+    voxel_um : (x, y, z), µm
+        z is optical path.
+    refractive_index, attenuation_mm, signal_db, looks
+        As of `sim.scanner.oct.OctOptions`.
+    laid : InkSource
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    low_mm: tuple[float, float, float]
+    high_mm: tuple[float, float, float]
+    voxel_um: tuple[Micron, Micron, Micron] = (20, 20, 15)
+    refractive_index: Annotated[float, Field(ge=1, le=2)] = 1.34
+    attenuation_mm: Annotated[float, Field(ge=0, le=50)] = 0.7
+    signal_db: Annotated[float, Field(ge=0, le=38)] = 33.0
+    looks: Annotated[int, Field(ge=1, le=64)] = 3
+    laid: InkSource
+
+    @model_validator(mode="after")
+    def _box_has_room(self) -> Self:
+        if not (np.array(self.high_mm) - self.low_mm > 0).all():
+            raise ValueError("high_mm must be above low_mm in x, y and z")
+        return self
+
+
+def live_scan(ink: Laid, field: OctField, seed: int) -> ScannerOutput:
+    """Scan what lies in the field; its pose is the same in every scan.
+
+    Raises
+    ------
+    DepositError
+        When the field is too large.
+    """
+    dx, dy, dz = (value * 1e-3 for value in field.voxel_um)
+    fine = max(_FINEST_MM, _PER_VOXEL * min(dx, dy, dz))
+    # The grid covers a voxel more all round than its box.
+    box = np.array([np.array(field.low_mm) + fine, np.array(field.high_mm) - fine])
+    options = OctOptions(
+        voxel_mm=(dz, dy, dx),
+        refractive_index=field.refractive_index,
+        attenuation_mm=field.attenuation_mm,
+        signal_db=field.signal_db,
+        looks=field.looks,
+        placing=_STILL,
+    )
+    return simulate_oct(deposit_of_laid(ink, fine, box), options, seed)
+
+
+def write_live_scan(path: Path, scan: ScannerOutput) -> None:
+    """Write a scan as .npz with what a scanner's file says, and ``printer_to_scan`` (4, 4)."""
+    np.savez(
+        path,
+        volume=scan.volume,
+        voxel_mm=np.array(scan.voxel_mm),
+        refractive_index=scan.refractive_index,
+        optical_depth=scan.optical_depth,
+        scale=scan.scale,
+        modality=scan.modality,
+        depth_down=scan.depth_down,
+        printer_to_scan=scan.pose_truth,
+    )
+
+
+def load_oct(path: Path) -> OctField:
+    """Read an OCT's YAML file.
+
+    Raises
+    ------
+    ScannerError
+        When it can't be read, or has a key or value that means nothing.
+    """
+    return read_model(path, OctField, "OCT file", ScannerError)

@@ -1,0 +1,79 @@
+"""Looks of a link process over a real pseudo-terminal, killed by kill -9 with an insert taken."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+import yaml
+
+from benchmarks.observe_faults import one_print
+from firmware_profiles import Printer, load
+from printctl.link import LinkState, resume_print, start_print
+from printctl.link.care import Care
+from printctl.link.errors import Refused
+from printctl.link.journalled_print import read_journal
+from printctl.link.look_book import LookDecision
+from printctl.link.marks import MarkKind
+from tests.printctl.link.fake_marlin import FakeMarlin, pty_printer
+from tests.printctl.link.jobs import parse_job
+from tests.printctl.link.looking import layered, patch
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+
+
+def profile(folder) -> str:
+    facts = load(Printer, "generic_marlin").model_copy(update={"resets_on_connect": False})
+    path = folder / "test.yaml"
+    path.write_text(yaml.safe_dump(facts.model_dump(mode="json")))
+    return str(path)
+
+
+def look(client, number: int) -> dict:
+    """Wait until the print is held for a look."""
+    for status in client.events():
+        if status.state is LinkState.LOOKING and status.look["number"] == number:
+            return status.look
+        assert not status.ended, status
+    raise AssertionError(f"never held for look {number}")
+
+
+def with_x(lines) -> list[str]:
+    return [line for line in lines if " X" in line]
+
+
+def test_insert_outlives_the_process_that_took_it(tmp_path):
+    data, job, run = layered(2, 6), tmp_path / "job.gcode", tmp_path / "run"
+    job.write_bytes(data)
+    care, lines = Care(checkpoint_s=None, look_after=MarkKind.LAYER), patch(data, 0)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(job, profile(tmp_path), served.name, run, care=care)
+        look(client, 1)
+        with pytest.raises(Refused, match="G28 may not be inserted"):
+            client.looks.insert(1, ["G28"])
+        answer = client.looks.insert(1, lines, "a gap")
+        os.kill(client.record.pid, signal.SIGKILL)
+        client.wait(30)
+        client = resume_print(run, served.name)
+        held = look(client, 1)
+        assert (held["inserted"], held["insert_sha256"]) == (11, answer["sha256"])
+        assert client.looks.insert(1, lines, "a gap") == answer
+        with pytest.raises(Refused, match="has an insert of 11 lines already"):
+            client.looks.insert(1, lines[:3])
+        client.looks.decide(1, LookDecision.GO_ON)
+        look(client, 2)
+        assert client.looks.decide(1, LookDecision.GO_ON)["decision"] == "go_on"
+        client.looks.decide(2, LookDecision.GO_ON)
+        assert client.wait(30).state is LinkState.DONE
+    grown = parse_job(data, "a").grown_by(read_journal(run / "journal.log").inserts)
+    assert with_x(served.printer.numbered) == with_x(line.decode() for line in grown.lines)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [11, 12])
+def test_simulated_printer_makes_each_stroke_of_the_grown_job_once(tmp_path, seed, monkeypatch):
+    monkeypatch.setenv("PRINTCTL_DATA", str(tmp_path))
+    run, state, found = one_print(seed, tmp_path, 6)
+    assert state is LinkState.DONE
+    assert found.exact, (found, run.killed)
