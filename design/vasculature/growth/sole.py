@@ -42,7 +42,7 @@ def sole_end(
     raise RootError(
         f"no straight vessel of {depth_mm:.3g} mm with its wall leads from the root at "
         + "({:.4g}, {:.4g}, {:.4g}) mm to the one terminal; choose ".format(*begin)
-        + "another root_point_mm, more terminals, a smaller smallest radius or clearance"
+        + "another place of the root, more terminals, a smaller smallest radius or clearance"
     )
 
 

@@ -29,7 +29,6 @@ from design.vasculature.growth.step import (
     grow,
 )
 from design.vasculature.growth.trunk import Trunk
-from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from kernels.arrays import FloatArray
 
@@ -84,12 +83,12 @@ class TreeGrowth(GrowthState):
         if self.options.terminals > 1:
             self._first_pair()
         else:
-            end = self._sole_end(wish, begin, end)
+            end = self._sole_end(begin, end)
             place(self.segments, 0, tuple(begin), tuple(end))
             refresh(self.segments, 0, law)
         derive_radii(self.segments, self.progress, law, self.scale)
 
-    def _sole_end(self, wish: GrowthOptions, begin: FloatArray, end: FloatArray) -> FloatArray:
+    def _sole_end(self, begin: FloatArray, end: FloatArray) -> FloatArray:
         """Where the one terminal ends: as given, else in the middle of what it supplies.
 
         A root direction that is given is kept.
@@ -99,7 +98,7 @@ class TreeGrowth(GrowthState):
         middle = samples.mean(axis=0) if len(samples) else end
         if self.given is not None:
             ends = samples
-        elif wish.root_direction is not None:
+        elif self.options.root_direction is not None:
             ends = begin + np.linspace(1.0, self._far(begin, end), _CHUNK)[:, None] * (end - begin)
         else:
             ends = np.concatenate([samples, end[None]])
