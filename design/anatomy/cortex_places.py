@@ -86,12 +86,13 @@ def find_cortex_places(
         best = int(np.argmax(np.where(alike, [each[2] for each in normal], -np.inf)))
     pial = sides[best]
     deep = every[pial]
-    outward, size = normal[best], float(np.linalg.norm(normal[best]))
+    outward = normal[best]
+    length = float(np.linalg.norm(outward))
     return CortexPlaces(
         pial,
-        outward / max(size, 1e-12),
+        outward / max(length, 1e-12),
         float(np.median(deep)) if thickness_mm is None else thickness_mm,
-        size < _ALL_WAYS * len(pial),
+        length < _ALL_WAYS * len(pial),
     )
 
 
