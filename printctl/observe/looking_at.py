@@ -146,13 +146,16 @@ class ObservedJob:
     def _findings(self, at: _Held, path: Path) -> LayerFindings:
         """Findings of a picture; of the first one a drawing is left beside it."""
         if path not in at.found:
-            image, frame = open_view(path, self.order, *_slab(at))
+            slab = _slab(at)
+            image, frame = open_view(path, self.order, *slab)
+            is_height = self.order.oct and at.ink.style == "layered"
             found = see_layer(
                 image,
                 frame,
                 at.layer.lines,
                 lumens=at.lumens,
                 known=self._appearance,
+                thickness_mm=slab[1] if is_height else None,
                 options=self._options(),
             )
             if not at.found:

@@ -20,6 +20,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from registration.errors import PictureError
 from registration.layer_images.blobs import find_blobs
 from registration.layer_images.coarse_shift import coarse_shift
 from registration.layer_images.gaps import find_gaps, merged
@@ -30,6 +31,7 @@ from registration.layer_images.lumens_seen import see_lumens
 from registration.layer_images.plane_map import PlaneMap
 from registration.layer_images.presence import INK, Sides
 from registration.layer_images.stations import Grouping, station_widths
+from registration.layer_images.step_height import begins_with_a_step, tell_by_height
 from registration.layer_images.stretches import find_stretches, width_ratio
 from registration.layer_images.told import ASIDE, Ground, Told, differs_enough, reasons, tell_ink
 from registration.layer_images.values import (
@@ -80,6 +82,7 @@ def see_layer(
     before: Image | None = None,
     hidden: Outlines = (),
     known: Appearance | None = None,
+    thickness_mm: float | None = None,
     options: SeeingOptions | None = None,
 ) -> LayerFindings:
     """Judge a picture of a layer.
@@ -100,6 +103,9 @@ def see_layer(
     known : Appearance or None
         Of an earlier look in the same light: a layer that is missing altogether can't be learned
         from.
+    thickness_mm : float or None, mm
+        Of the layer, where the picture is a `height_map`: fresh ink over older ink is then told by
+        its height.
     options : SeeingOptions or None
 
     Raises
@@ -114,9 +120,14 @@ def see_layer(
     ways = lay_ways(lines, step)
     work, own = prepare(picture, frame, ways, options.gap_mm, before, hidden)
     known = known if known is None or len(known.mix) == work.channels.shape[2] else None
+    if thickness_mm is not None and (work.is_log or picture.ndim != 3 or not thickness_mm > 0):
+        raise PictureError(
+            f"thickness_mm is {thickness_mm:g} and the picture no height map; thickness_mm > 0 mm "
+            "goes with a picture of `height_map` alone"
+        )
     shift = _first_shift(work, own, lines, ways, options)
     for _ in range(_ROUNDS):
-        look = _look(work, own, lines, ways, shift, options, known, rng)
+        look = _look(work, own, lines, ways, shift, options, known, thickness_mm, rng)
         finer = _finer(look, shift, options, work)
         if finer is None:
             break
@@ -125,7 +136,7 @@ def see_layer(
         if moved < _SAME_PX:
             break
     else:
-        look = _look(work, own, lines, ways, shift, options, known, rng)
+        look = _look(work, own, lines, ways, shift, options, known, thickness_mm, rng)
     return _findings(look, lumens, _honest(shift, look), options)
 
 
@@ -149,6 +160,7 @@ class _Look:
     why: IntArray
     group: Grouping
     widths: Widths
+    by_height: bool
 
 
 def _first_shift(
@@ -179,6 +191,7 @@ def _look(
     shift: Shift,
     options: SeeingOptions,
     known: Appearance | None,
+    thickness_mm: float | None,
     rng: np.random.Generator,
 ) -> _Look:
     by = np.array([shift.dx_mm, shift.dy_mm])
@@ -195,8 +208,13 @@ def _look(
     older = seen.profiles(masks.old, ways.width[:, None] * np.linspace(-0.5, 0.5, 9), nearest=True)
     over_old = np.asarray(older.mean(axis=1) > _MOST_OLD)
     bath = tell_ink(ground, ways, seen, sides, ~over_old, rng)
+    place = reasons(work, seen, ways, np.zeros(work.shape, dtype=np.bool_))
     old = None
-    if over_old.any():
+    if over_old.any() and thickness_mm is not None:
+        old = tell_by_height(
+            work, ways, seen, place, over_old, thickness_mm, options.gap_mm, options.false_rate
+        )
+    elif over_old.any():
         disc = np.ones((3, 3), np.uint8)
         alone = cv2.erode(masks.old, disc) & (cv2.dilate(masks.fresh, disc, iterations=2) == 0)
         alone = (alone & ~(work.bad | work.hidden)).astype(np.uint8)
@@ -204,15 +222,16 @@ def _look(
         on_old = replace(ground, free=alone, known=None)
         old = tell_ink(on_old, ways, seen, touching, over_old, rng)
         old = old if old is not None and differs_enough(old, bath) else None
-    place = reasons(work, seen, ways, np.zeros(work.shape, dtype=np.bool_))
+    by_height = old is not None and thickness_mm is not None
     joined = _joined(place, over_old, bath, old)
     group = Grouping.of_ways(ways, joined[3] == Unseen.SEEN)
     widths = station_widths(
         group, ways, joined[2], sides, bath, over_old, joined[0], joined[3] == Unseen.SEEN, work
     )
     return _Look(
-        work, frame, ways, moved, seen, masks, sides, over_old, bath, old, *joined, group, widths
-    )
+        work, frame, ways, moved, seen, masks, sides, over_old, bath, old, *joined, group, widths,
+        by_height,
+    )  # fmt: skip
 
 
 def _joined(
@@ -340,6 +359,9 @@ def _gaps(
             )
             if told.template.slant > ASIDE:
                 gaps = [gap for gap in gaps if not _lit_along(look, gap, clear, why)]
+            if look.by_height and told is look.old:
+                gaps, doubtful = _stepped(look, gaps, clear)
+                unclear |= doubtful
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)
             noise = told.noise
@@ -347,6 +369,18 @@ def _gaps(
             doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
             why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
     return found
+
+
+def _stepped(look: _Look, gaps: list[Gap], clear: BoolArray) -> tuple[list[Gap], BoolArray]:
+    """Gaps where the surface steps down, and the places of all others, (n,)."""
+    kept, doubtful = [], np.zeros(len(look.ways), dtype=np.bool_)
+    for gap in gaps:
+        if begins_with_a_step(gap, look.present, clear, look.ways):
+            kept.append(gap)
+        else:
+            own, along = look.ways.stroke == gap.stroke, look.ways.along
+            doubtful |= own & (along >= gap.from_mm) & (along <= gap.to_mm)
+    return kept, doubtful
 
 
 def _lit_along(look: _Look, gap: Gap, clear: BoolArray, why: IntArray) -> bool:

@@ -44,7 +44,7 @@ _PLENTY = 15.0
 """A contrast from which on no other mix of the channels is tried."""
 _OWN_LOOK = 0.3
 """Of the difference of ink and bath that fresh ink must show over older ink."""
-_LONG = 6.0
+LONG = 6.0
 """Tolerated gaps: a length of which one must be told, for a look to be worth anything."""
 _ALONE = 0.8
 """Widths to the next ink: nearer, and edges by which ink is told may be missing."""
@@ -212,7 +212,7 @@ def _by_mix(
         places = max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
         faint = not noise.can_tell(ground.gap_mm, ground.rate / places)
         odd = faint and (template.one_sided or template.by_edges)
-        if odd or (faint and not noise.can_tell(_LONG * ground.gap_mm, ground.rate / places)):
+        if odd or (faint and not noise.can_tell(LONG * ground.gap_mm, ground.rate / places)):
             noise = None
     look = Appearance(mix, template.terms * template.scale, template.filled)
     return Told(

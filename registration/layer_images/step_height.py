@@ -1,0 +1,156 @@
+"""Tell fresh ink over older ink by its height: where it is missing, the surface lies a layer lower.
+
+The level of sound ink is a smooth surface through the higher part of the layer's own heights, since
+a frame's z, an evenly swollen gel or a tilted dish mustn't look like missing ink. What sinks slowly
+along a line (a drooping edge) isn't a gap either: one begins and ends with a step.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from registration.layer_images.ink_image import ACROSS, Template
+from registration.layer_images.presence import window_noise
+from registration.layer_images.told import LONG, Told
+from registration.layer_images.values import (
+    Appearance,
+    BoolArray,
+    FloatArray,
+    Gap,
+    IntArray,
+    Unseen,
+)
+from registration.layer_images.ways import Seen, Ways
+from registration.layer_images.working import Working
+
+_HEIGHT: Final = 1
+"""Channel of `height_map`."""
+_CORE = np.linspace(-0.3, 0.3, 7)
+_OFF: Final = 0.4
+"""Of a thickness, by which ink's level may lie beside its place: more, and it may be the older
+layer's."""
+_HIGHEST: Final = 80.0
+_ROUNDS: Final = 6
+_FEWEST: Final = 60
+_LEAST_INK: Final = 0.6
+"""Of the places, that must lie at ink's level."""
+_LOW, _HIGH = -0.6, 1.6
+"""Presence of what is neither ink nor older ink: shadow, a hole through it, a bubble."""
+_STEP: Final = 0.6
+_STEP_MM: Final = (0.5, 1.5)
+"""Of a width, from a gap's end: there a step is behind one, and heights are averaged."""
+
+
+def tell_by_height(
+    work: Working,
+    ways: Ways,
+    seen: Seen,
+    place: IntArray,
+    use: BoolArray,
+    thickness_mm: float,
+    gap_mm: float,
+    rate: float,
+) -> Told | None:
+    """Judge places ``use`` (n,) over older ink; None where heights don't tell.
+
+    Parameters
+    ----------
+    work : Working
+        Of a height map: its second channel is mm above the layer's middle.
+    ways, seen
+    place : (n,) int64
+        `Unseen`, by place alone.
+    use : (n,) bool
+    thickness_mm : float, mm
+        Of the layer.
+    gap_mm : float, mm
+    rate : float
+        False findings per sound layer.
+    """
+    image = np.ascontiguousarray(work.channels[:, :, _HEIGHT] / np.float32(thickness_mm))
+    across = seen.profiles(image, ways.width[:, None] * _CORE)
+    height = np.median(across, axis=1).astype(np.float64)
+    lost = seen.profiles(work.bad.astype(np.uint8), ways.width[:, None] * _CORE, nearest=True)
+    why = np.where((place == Unseen.SEEN) & lost.any(axis=1), int(Unseen.GLARE), place)
+    level = _level(height, ways.point, use & (why == Unseen.SEEN))
+    if level is None:
+        return None
+    present = height - level + 1.0
+    odd = (present < _LOW) | (present > _HIGH)
+    why = np.where((why == Unseen.SEEN) & odd, int(Unseen.GLARE), why)
+    good = use & (why == Unseen.SEEN)
+    noise = window_noise(present, good, ways, None, gap_mm, known=False)
+    if noise is None:
+        return None
+    noise = type(noise)(noise.length_mm, noise.middle, noise.spread, float(noise.spread[0]))
+    places = max(1.0, float(ways.step[good].sum()) / gap_mm)
+    if not noise.can_tell(LONG * gap_mm, rate / places):
+        return None
+    flat = np.zeros((3, len(ACROSS)))
+    flat[0] = 1.0
+    return Told(
+        image=image,
+        profiles=np.zeros((len(ways), len(ACROSS)), dtype=np.float32),
+        present=present,
+        plain=present,
+        why=np.asarray(why),
+        template=Template(flat, 1.0, True),
+        noise=noise,
+        contrast=noise.contrast(gap_mm),
+        strange=np.asarray(image - np.float32(np.median(level)) > _HIGH - 1.0),
+        appearance=Appearance(np.zeros(work.channels.shape[2]), flat, True),
+        bath_spread=float(noise.spread[0]),
+        log_step=0.0,
+        ink=np.zeros(work.channels.shape[2]),
+        faint=not noise.can_tell(gap_mm, rate / places),
+    )
+
+
+def _level(height: FloatArray, point: FloatArray, use: BoolArray) -> FloatArray | None:
+    """Height of sound ink at all places, thicknesses above the layer's middle, (n,).
+
+    A surface of second order through the heights that lie nearer to it than half a thickness; None
+    where it lies where older ink might, or too few lie on it.
+    """
+    if use.sum() < _FEWEST:
+        return None
+    middle, size = point[:, :2].mean(axis=0), max(float(np.ptp(point[:, :2], axis=0).max()), 1e-6)
+    x, y = (2.0 * (point[:, :2] - middle) / size).T
+    basis = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    level = np.full(len(height), float(np.percentile(height[use], _HIGHEST)))
+    for terms in (1,) * 2 + (3,) * (_ROUNDS // 2) + (6,) * (_ROUNDS // 2):
+        near = use & (np.abs(height - level) < 0.5)
+        if near.sum() < _FEWEST:
+            return None
+        a = basis[near, :terms]
+        pull = 1e-4 * len(a) * np.eye(terms)
+        pull[0, 0] = 0.0
+        best = np.linalg.solve(a.T @ a + pull, a.T @ height[near])
+        level = basis[:, :terms] @ best
+    near = use & (np.abs(height - level) < 0.5)
+    if near.sum() < _LEAST_INK * use.sum() or np.abs(level[use] - 0.5).max() > _OFF:
+        return None
+    return np.asarray(level)
+
+
+def begins_with_a_step(gap: Gap, present: FloatArray, good: BoolArray, ways: Ways) -> bool:
+    """Whether the surface steps down at a gap's begin and end, where the stroke goes on there."""
+    own = good & (ways.stroke == gap.stroke)
+    along = ways.along
+    steps = []
+    for end, way in ((gap.from_mm, -1.0), (gap.to_mm, 1.0)):
+        off = way * (along - end) / ways.width
+        begin, stop = _STEP_MM
+        outside = own & (off > begin) & (off < stop)
+        inside = own & (off < -0.5 * begin) & (off > -stop)
+        inside &= (along > gap.from_mm) & (along < gap.to_mm)
+        if not inside.any():
+            inside = own & (along > gap.from_mm) & (along < gap.to_mm)
+        if not outside.any():
+            continue
+        if not inside.any():
+            return False
+        steps.append(float(present[outside].mean() - present[inside].mean()))
+    return bool(steps) and min(steps) > _STEP
