@@ -75,11 +75,13 @@ def tell_by_height(
     lost = seen.profiles(work.bad.astype(np.uint8), ways.width[:, None] * _CORE, nearest=True)
     why = np.where((place == Unseen.SEEN) & lost.any(axis=1), int(Unseen.GLARE), place)
     level = _level(height, ways.point, use & (why == Unseen.SEEN))
-    if level is None:
+    if level is None or np.isnan(level[use]).all():
         return None
-    present = height - level + 1.0
+    unknown = np.isnan(level)
+    present = np.where(unknown, 0.0, height - level + 1.0)
     odd = (present < _LOW) | (present > _HIGH)
     why = np.where((why == Unseen.SEEN) & odd, int(Unseen.GLARE), why)
+    why = np.where((why == Unseen.SEEN) & unknown, int(Unseen.OLD_INK), why)
     good = use & (why == Unseen.SEEN)
     noise = window_noise(present, good, ways, None, gap_mm, known=False)
     if noise is None:
@@ -99,7 +101,7 @@ def tell_by_height(
         template=Template(flat, 1.0, True),
         noise=noise,
         contrast=noise.contrast(gap_mm),
-        strange=np.asarray(image - np.float32(np.median(level)) > _HIGH - 1.0),
+        strange=np.asarray(image - np.float32(np.nanmedian(level)) > _HIGH - 1.0),
         appearance=Appearance(np.zeros(work.channels.shape[2]), flat, True),
         bath_spread=float(noise.spread[0]),
         log_step=0.0,
@@ -111,8 +113,8 @@ def tell_by_height(
 def _level(height: FloatArray, point: FloatArray, use: BoolArray) -> FloatArray | None:
     """Height of sound ink at all places, thicknesses above the layer's middle, (n,).
 
-    A surface of second order through the heights that lie nearer to it than half a thickness; None
-    where it lies where older ink might, or too few lie on it.
+    A surface of second order through the heights that lie nearer to it than half a thickness; NaN
+    where it lies where older ink might, None where too few lie on it.
     """
     if use.sum() < _FEWEST:
         return None
@@ -130,9 +132,9 @@ def _level(height: FloatArray, point: FloatArray, use: BoolArray) -> FloatArray 
         best = np.linalg.solve(a.T @ a + pull, a.T @ height[near])
         level = basis[:, :terms] @ best
     near = use & (np.abs(height - level) < 0.5)
-    if near.sum() < _LEAST_INK * use.sum() or np.abs(level[use] - 0.5).max() > _OFF:
+    if near.sum() < _LEAST_INK * use.sum():
         return None
-    return np.asarray(level)
+    return np.where(np.abs(level - 0.5) < _OFF, level, np.nan)
 
 
 def begins_with_a_step(gap: Gap, present: FloatArray, good: BoolArray, ways: Ways) -> bool:
