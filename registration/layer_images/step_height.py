@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
+import cv2
 import numpy as np
 
 from registration.layer_images.ink_image import ACROSS, Template
@@ -23,7 +24,7 @@ from registration.layer_images.values import (
     Unseen,
 )
 from registration.layer_images.ways import Seen, Ways
-from registration.layer_images.working import Working
+from registration.layer_images.working import Mask, Working
 
 _HEIGHT: Final = 1
 """Channel of `height_map`."""
@@ -38,6 +39,9 @@ _LEAST_INK: Final = 0.6
 """Of the places, that must lie at ink's level."""
 _LOW, _HIGH = -0.6, 1.6
 """Presence of what is neither ink nor older ink: shadow, a hole through it, a bubble."""
+_RIM: Final = 1.0
+"""Widths from bath, within which surfaces droop."""
+_CRACK: Final = 0.15
 _STEP: Final = 0.6
 _STEP_MM: Final = (0.5, 1.5)
 """Of a width, from a gap's end: there a step is behind one, and heights are averaged."""
@@ -49,6 +53,7 @@ def tell_by_height(
     seen: Seen,
     place: IntArray,
     use: BoolArray,
+    ink: Mask,
     thickness_mm: float,
     gap_mm: float,
     rate: float,
@@ -63,6 +68,8 @@ def tell_by_height(
     place : (n,) int64
         `Unseen`, by place alone.
     use : (n,) bool
+    ink : (h, w) uint8
+        Where any ink is expected.
     thickness_mm : float, mm
         Of the layer.
     gap_mm : float, mm
@@ -74,6 +81,7 @@ def tell_by_height(
     height = np.median(across, axis=1).astype(np.float64)
     lost = seen.profiles(work.bad.astype(np.uint8), ways.width[:, None] * _CORE, nearest=True)
     why = np.where((place == Unseen.SEEN) & lost.any(axis=1), int(Unseen.GLARE), place)
+    why = np.where((why == Unseen.SEEN) & _at_rim(ink, ways, seen, work), int(Unseen.OLD_INK), why)
     level = _level(height, ways.point, use & (why == Unseen.SEEN))
     if level is None or np.isnan(level[use]).all():
         return None
@@ -108,6 +116,17 @@ def tell_by_height(
         ink=np.zeros(work.channels.shape[2]),
         faint=not noise.can_tell(gap_mm, rate / places),
     )
+
+
+def _at_rim(ink: Mask, ways: Ways, seen: Seen, work: Working) -> BoolArray:
+    """Places near bath, where a surface droops, (n,); cracks between lines that touch are none."""
+    crack = np.ones((2 * round(_CRACK * float(np.median(ways.width)) * work.px_per_mm) + 3,) * 2)
+    pad = len(crack)
+    wide = cv2.copyMakeBorder(ink, *(pad,) * 4, cv2.BORDER_REPLICATE)
+    closed = cv2.morphologyEx(wide, cv2.MORPH_CLOSE, crack.astype(np.uint8))
+    depth = cv2.distanceTransform(closed, cv2.DIST_L2, 5)[pad:-pad, pad:-pad]
+    own = seen.profiles(np.ascontiguousarray(depth), np.zeros((1, 1)))[:, 0]
+    return np.asarray(own < _RIM * ways.width * work.px_per_mm)
 
 
 def _level(height: FloatArray, point: FloatArray, use: BoolArray) -> FloatArray | None:
