@@ -212,8 +212,8 @@ def _look(
     old = None
     if over_old.any() and thickness_mm is not None:
         old = tell_by_height(
-            work, ways, seen, place, over_old, drawn, thickness_mm, options.gap_mm,
-            options.false_rate,
+            work, ways, seen, place, over_old, drawn, masks.fresh, thickness_mm,
+            options.gap_mm, options.false_rate,
         )  # fmt: skip
     elif over_old.any():
         disc = np.ones((3, 3), np.uint8)

@@ -19,6 +19,7 @@ from registration.layer_images.values import (
     Appearance,
     BoolArray,
     FloatArray,
+    FloatImage,
     Gap,
     IntArray,
     Unseen,
@@ -40,8 +41,9 @@ _LEAST_INK: Final = 0.6
 _LOW, _HIGH = -0.6, 1.6
 """Presence of what is neither ink nor older ink: shadow, a hole through it, a bubble."""
 _RIM: Final = 1.0
-"""Widths from bath, within which surfaces droop."""
+"""Widths from bath or a rim, within which surfaces droop."""
 _CRACK: Final = 0.15
+_BESIDE: Final = 0.8
 _STEP: Final = 0.6
 _STEP_MM: Final = (0.5, 1.5)
 """Of a width, from a gap's end: there a step is behind one, and heights are averaged."""
@@ -54,6 +56,7 @@ def tell_by_height(
     place: IntArray,
     use: BoolArray,
     ink: Mask,
+    fresh: Mask,
     thickness_mm: float,
     gap_mm: float,
     rate: float,
@@ -68,8 +71,8 @@ def tell_by_height(
     place : (n,) int64
         `Unseen`, by place alone.
     use : (n,) bool
-    ink : (h, w) uint8
-        Where any ink is expected.
+    ink, fresh : (h, w) uint8
+        Where any ink is expected, and the layer's own.
     thickness_mm : float, mm
         Of the layer.
     gap_mm : float, mm
@@ -81,7 +84,9 @@ def tell_by_height(
     height = np.median(across, axis=1).astype(np.float64)
     lost = seen.profiles(work.bad.astype(np.uint8), ways.width[:, None] * _CORE, nearest=True)
     why = np.where((place == Unseen.SEEN) & lost.any(axis=1), int(Unseen.GLARE), place)
-    why = np.where((why == Unseen.SEEN) & _at_rim(ink, ways, seen, work), int(Unseen.OLD_INK), why)
+    why = np.where(
+        (why == Unseen.SEEN) & _at_rim(ink, fresh, ways, seen, work), int(Unseen.OLD_INK), why
+    )
     level = _level(height, ways.point, use & (why == Unseen.SEEN))
     if level is None or np.isnan(level[use]).all():
         return None
@@ -118,15 +123,29 @@ def tell_by_height(
     )
 
 
-def _at_rim(ink: Mask, ways: Ways, seen: Seen, work: Working) -> BoolArray:
-    """Places near bath, where a surface droops, (n,); cracks between lines that touch are none."""
-    crack = np.ones((2 * round(_CRACK * float(np.median(ways.width)) * work.px_per_mm) + 3,) * 2)
-    pad = len(crack)
-    wide = cv2.copyMakeBorder(ink, *(pad,) * 4, cv2.BORDER_REPLICATE)
-    closed = cv2.morphologyEx(wide, cv2.MORPH_CLOSE, crack.astype(np.uint8))
-    depth = cv2.distanceTransform(closed, cv2.DIST_L2, 5)[pad:-pad, pad:-pad]
-    own = seen.profiles(np.ascontiguousarray(depth), np.zeros((1, 1)))[:, 0]
-    return np.asarray(own < _RIM * ways.width * work.px_per_mm)
+def _at_rim(ink: Mask, fresh: Mask, ways: Ways, seen: Seen, work: Working) -> BoolArray:
+    """Places where surfaces droop, (n,): near bath, a filled area's rim, or a line's end."""
+    width_px = ways.width * work.px_per_mm
+    middle, beside = np.zeros((1, 1)), ways.width[:, None] * np.array([-_BESIDE, _BESIDE])
+    least = _RIM * width_px
+    typical = float(np.median(width_px))
+    near_bath = seen.profiles(_depth(_closed(ink, typical)), middle)[:, 0] < least
+    filled = _closed(fresh, typical)
+    near_rim = seen.profiles(_depth(filled), middle)[:, 0] < least
+    touched = seen.profiles(filled, beside, nearest=True).any(axis=1)
+    return np.asarray(near_bath | (near_rim & touched) | (ways.to_end < ways.width))
+
+
+def _closed(ink: Mask, width_px: float) -> Mask:
+    """A mask without the cracks between lines that touch."""
+    side = 2 * round(_CRACK * width_px) + 3
+    wide = cv2.copyMakeBorder(ink, side, side, side, side, cv2.BORDER_REPLICATE)
+    closed = cv2.morphologyEx(wide, cv2.MORPH_CLOSE, np.ones((side, side), np.uint8))
+    return np.ascontiguousarray(closed[side:-side, side:-side])
+
+
+def _depth(ink: Mask) -> FloatImage:
+    return np.asarray(cv2.distanceTransform(ink, cv2.DIST_L2, 5))
 
 
 def _level(height: FloatArray, point: FloatArray, use: BoolArray) -> FloatArray | None:
