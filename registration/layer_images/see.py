@@ -69,6 +69,8 @@ _SLANT: Final = 0.08
 """Lack of symmetry from which on light from the side must be reckoned with."""
 _LIT_ASIDE: Final = 0.3
 """Of a width and of the slant: uncertainty of where a line lies that is lit from the side."""
+_LEAST_FREE: Final = 0.25
+"""Of the fresh lines' area, beside older ink: less, and they don't tell where they lie."""
 _MOST_OLD: Final = 0.3
 """Of a line's width over older ink: more, and it is judged against that."""
 
@@ -173,7 +175,11 @@ def _first_shift(
         return unknown
     masks = Masks.of(lines, frame, work, np.zeros(2))
     flat = flattened(work.channels, masks.free, masks.core, work.px_per_mm, local=False)
-    blocked = (work.bad | work.hidden).astype(np.uint8)
+    # Older lines of the same ink fit as well, half a pitch aside.
+    older = cv2.dilate(masks.old, np.ones((5, 5), np.uint8)) > 0
+    blocked = (work.bad | work.hidden | older).astype(np.uint8)
+    if cv2.countNonZero(masks.fresh * (1 - blocked)) < _LEAST_FREE * cv2.countNonZero(masks.fresh):
+        return unknown
     by_px = coarse_shift(flat, masks.fresh, blocked, reach_px)
     middle = ways.point.mean(axis=0)
     at = frame.to_pixels(np.array([middle, middle + (0.5, 0, 0), middle + (0, 0.5, 0)]))
