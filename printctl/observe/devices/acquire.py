@@ -69,4 +69,4 @@ def _end(process: subprocess.Popen[str]) -> None:
     if hasattr(os, "killpg"):
         os.killpg(process.pid, signal.SIGKILL)
     process.kill()
-    process.wait()
+    process.communicate()  # closes its pipes
