@@ -26,7 +26,7 @@ from printctl.observe.mending import HeldPrint, MendOptions, Voids, plan_mend
 from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.observer import Judged, Look
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import LOOKS
+from printctl.observe.records import DRAWN, LOOKS
 from registration.camera_frame.frame import read_frame
 from registration.layer_images import (
     Appearance,
@@ -43,7 +43,6 @@ from sim.camera.optics import Camera
 
 log = logging.getLogger(__name__)
 Image = NDArray[Any]
-DRAWN: Final = "seen.png"
 
 
 @dataclass(frozen=True)

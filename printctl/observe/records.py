@@ -18,6 +18,10 @@ from design.files import write_text
 Answer = Literal["approve", "go_on", "stop"]
 ANSWERS: Final[tuple[Answer, ...]] = ("approve", "go_on", "stop")
 LOOKS: Final = "looks"
+_ANSWER: Final = "answer.json"
+OBSERVER_LOCK: Final = "observer.lock"
+"""Held in the print's folder while an observer is at work."""
+DRAWN: Final = "seen.png"
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ def look_folder(print_folder: Path, number: int) -> Path:
 
 
 def save_look(print_folder: Path, record: LookRecord) -> None:
-    """Write a look's record.
+    """Write a look's record; an answer to an earlier print's look of this number is taken away.
 
     Raises
     ------
@@ -78,6 +82,7 @@ def save_look(print_folder: Path, record: LookRecord) -> None:
         When the disk is full.
     """
     path = look_folder(print_folder, record.number) / "look.json"
+    path.with_name(_ANSWER).unlink(missing_ok=True)
     write_text(path, json.dumps(asdict(record), indent=1, allow_nan=False) + "\n")
 
 
@@ -90,6 +95,13 @@ def read_looks(print_folder: Path) -> list[LookRecord]:
         except (OSError, ValueError, TypeError):
             continue
     return found
+
+
+def look_picture(print_folder: Path, number: int) -> Path | None:
+    """Return a look's picture with what was found drawn in, else as it was taken; None for none."""
+    place = print_folder / LOOKS / f"{number:04d}"
+    drawn = place / DRAWN
+    return drawn if drawn.is_file() else next(iter(sorted(place.glob("picture.*"))), None)
 
 
 def answer_look(print_folder: Path, number: int, answer: str) -> None:
@@ -105,13 +117,13 @@ def answer_look(print_folder: Path, number: int, answer: str) -> None:
     asking = [look for look in read_looks(print_folder) if look.number == number and look.asked]
     if not asking:
         raise ValueError(f"look {number} asks for nothing; `printctl observe looks` lists them")
-    path = look_folder(print_folder, number) / "answer.json"
+    path = look_folder(print_folder, number) / _ANSWER
     write_text(path, json.dumps({"answer": answer}) + "\n")
 
 
 def answer_of(print_folder: Path, number: int) -> Answer | None:
     """Return the operator's word on a look; None while there is none."""
-    path = print_folder / LOOKS / f"{number:04d}" / "answer.json"
+    path = print_folder / LOOKS / f"{number:04d}" / _ANSWER
     try:
         answer = json.loads(path.read_text(encoding="utf-8"))["answer"]
     except (OSError, ValueError, KeyError):
