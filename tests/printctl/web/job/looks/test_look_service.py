@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import time
 from pathlib import Path
 
 import pytest
@@ -51,7 +52,7 @@ def test_an_answer_that_nobody_hears_is_refused(core, service):
             service.looks.answer(OPERATOR, JOB, 1, "go_on")
         service.hands.cancel(JOB)
         while not service.heard(JOB).status.ended:
-            pass
+            time.sleep(0.05)
         with pytest.raises(ConflictError, match="doesn't wait for a word on look 1"):
             service.looks.answer(OPERATOR, JOB, 1, "go_on")
         assert answer_of(folder, 1) is None
@@ -70,7 +71,10 @@ def test_looks_and_small_pictures_come_by_rest_and_answers_only_with_a_token(tmp
     with app.client() as client, print_held_for_a_look(app.core.workspace):
         place = f"/api/v1/prints/{JOB}/looks"
         assert client.get(place).status_code == 401
-        assert client.post(f"{place}/1/answer", json={"answer": "approve"}).status_code == 401
+        said = client.post(
+            f"{place}/1/answer", json={"answer": "approve"}, headers={"Origin": PAGE}
+        )
+        assert said.status_code == 401
         headers = {"Authorization": f"Bearer {app.gate.token}", "Origin": PAGE}
         (look,) = client.get(place, headers=headers).json()
         assert (look["number"], look["asked"], look["waits"]) == (1, "mend", True)
