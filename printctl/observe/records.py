@@ -86,14 +86,23 @@ def save_look(print_folder: Path, record: LookRecord) -> None:
     write_text(path, json.dumps(asdict(record), indent=1, allow_nan=False) + "\n")
 
 
-def read_looks(print_folder: Path) -> list[LookRecord]:
-    """Return the looks that were judged, in their order; what can't be read is left out."""
+def read_looks(print_folder: Path, since: float = 0.0) -> list[LookRecord]:
+    """Return the looks that were judged, in their order; what can't be read is left out.
+
+    Parameters
+    ----------
+    print_folder : Path
+    since : float, s since 1970
+        Begin of the print: earlier looks are of an earlier print in the folder.
+    """
     found = []
     for path in sorted((print_folder / LOOKS).glob("*/look.json")):
         try:
-            found.append(LookRecord(**json.loads(path.read_text(encoding="utf-8"))))
+            look = LookRecord(**json.loads(path.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):
             continue
+        if look.at >= since:
+            found.append(look)
     return found
 
 

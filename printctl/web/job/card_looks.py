@@ -45,7 +45,6 @@ class LooksCard:
         self._asking = 0
         with ui.element("div").classes("w-full") as self._all, card("Looks", "job-looks gap-2"):
             self._head = live().classes("text-lg font-semibold")
-            self._picture = ui.element("img").classes("job-camera")
             self._why = ui.label()
             self._seen = small()
             self._proposed = live().classes("job-warn")
@@ -54,6 +53,7 @@ class LooksCard:
                 quiet_button("Go on without", lambda: self._answer("go_on"))
                 quiet_button("Cancel print", cancel)
             self._problem = live().classes("job-problem")
+            self._picture = ui.element("img").classes("job-camera job-look")
             self._strip = ui.element("ul").classes("job-strip").props('aria-label="Last looks"')
         self._all.set_visibility(False)
         ui.timer(_AGAIN_S, self._refresh)
@@ -143,10 +143,10 @@ def _key(told: dict[str, Any]) -> tuple[object, ...]:
 def _head(told: dict[str, Any], found: LookTold | None) -> str:
     look = told["look"]
     if found is not None:
-        return f"Look {found.record.number}, after {found.record.mark}"
+        return f"Look {found.record.number} at the {found.record.mark}"
     if look is None or told["state"] != LinkState.LOOKING:
         return ""
-    return f"Look {look['number']}, after {look['mark']}: a picture is taken and judged"
+    return f"Look {look['number']} at the {look['mark']}: a picture is taken and judged"
 
 
 def _proposed(found: LookTold | None) -> str:

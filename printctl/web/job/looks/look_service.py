@@ -81,11 +81,8 @@ class LookService:
         NotFoundError
         """
         heard = self._print(job)
-        return [
-            self._told(heard, one)
-            for one in read_looks(heard.folder)
-            if one.at >= heard.journal.started
-        ]
+        found = read_looks(heard.folder, heard.journal.started)
+        return [self._told(heard, one) for one in found]
 
     def picture(self, job: str, number: int, width_px: int) -> bytes:
         """A look's picture with what was expected and found, as JPEG.

@@ -31,7 +31,7 @@ def test_a_look_that_asks_is_shown_and_approved(browser: Any, tmp_path: Path) ->
         page = shown(browser, f"{server.url}/job?job={JOB}", viewport=WIDE)
         page.get_by_text("Look 1, after").wait_for()
         page.get_by_text("Proposed: write again what is missing, flow factor 1.06").wait_for()
-        page.wait_for_function("document.querySelector('.job-looks .job-camera').naturalWidth")
+        page.wait_for_function("document.querySelector('.job-looks .job-look').naturalWidth")
         page.wait_for_function("document.querySelector('.job-strip img')?.naturalWidth === 240")
         assert serious(page) == []
         page.screenshot(path=str(tmp_path / "looks.png"), full_page=True)
