@@ -25,8 +25,8 @@ _EDGE_PX: Final = 4
 _COLOURS: Final = 96
 _PLAIN, _WRITTEN, _HELD = "#5f6972", "#1b5e9e", "#ad3517"
 _CURVE: Final = (
-    "Share of the written way that was seen with ink, by look (before its mend); mends, corrections "
-    "of the flow and pauses marked"
+    "Share of the written way that was seen with ink, by look, before its mend; mends, "
+    "corrections of the flow and pauses are marked"
 )
 
 

@@ -93,5 +93,12 @@ def _mark_flows(axes: Any, rows: Sequence[LookRow]) -> None:
             continue
         axes.axvline(row.number, color=MUTED, linewidth=0.7, linestyle="--", label=label)
         label = None
-        axes.annotate(f"{row.flow:.2f}", (row.number, 0.02), (2, 0), xycoords=("data", "axes fraction"),
-                      textcoords="offset points", color=MUTED, fontsize=7.5)  # fmt: skip
+        axes.annotate(
+            f"{row.flow:.2f}",
+            (row.number, 0.02),
+            (2, 0),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            color=MUTED,
+            fontsize=7.5,
+        )

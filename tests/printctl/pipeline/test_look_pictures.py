@@ -49,7 +49,7 @@ def test_a_long_prints_strip_keeps_the_looks_that_acted() -> None:
 def test_strip_and_curve_of_a_print_folder(tmp_path: Path) -> None:
     assert look_pictures(tmp_path) == {}
     job = {"t": "job", "sha256": "0" * 64, "lines": 30, "started": 50.0}
-    insert = {"t": "insert", **Insert(2, 20, (b"G1 X1", b"G4 P0")).to_record()}
+    insert = {"t": "insert", "reload_at": [], **Insert(2, 20, (b"G1 X1", b"G4 P0")).to_record()}
     (tmp_path / JOURNAL).write_bytes(encode(job) + encode(insert))
     old = LookRecord(4, 9, 9, "of an earlier print", 10.0, "stop", "why")
     for one in (record(1), record(2, "mend", 0.8), record(3, "pause", None), old):
