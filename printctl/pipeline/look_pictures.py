@@ -52,7 +52,10 @@ def look_pictures(print_folder: Path) -> dict[str, bytes]:
     count = (
         f"{len(looks)} looks" if len(shown) == len(looks) else f"{len(shown)} of {len(looks)} looks"
     )
-    caption = f"print/{count} in their order: blue mended or flow corrected, red paused or stopped"
+    caption = (
+        f"print/{count} in their order, each with the share that had ink: blue mended or flow "
+        "corrected, red paused or stopped"
+    )
     return {f"print/{_CURVE}": look_figure(rows), caption: strip}
 
 
@@ -71,7 +74,7 @@ def look_rows(looks: Sequence[LookRecord], inserts: Sequence[Insert]) -> list[Lo
                 _share(look.found.get("seen_share")),
                 mended=insert is not None and len(insert.lines) > 0,
                 flow=flow if changed else None,
-                held=look.decision in ("pause", "stop"),
+                held=insert is None and look.decision in ("pause", "stop"),
             )
         )
     return rows

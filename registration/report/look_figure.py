@@ -33,7 +33,7 @@ class LookRow:
     flow : float or None
         Flow factor that was put in force after it; None where it stayed.
     held : bool
-        Whether the print was paused or stopped by it.
+        Whether the print was paused or stopped by it, and nothing was written.
     """
 
     number: int

@@ -24,7 +24,7 @@ def record(number: int, decision: str = "go_on", coverage: float | None = 1.0) -
 
 def test_rows_tell_what_the_journal_says_was_done() -> None:
     """A proposed mend that never came into the job isn't one."""
-    looks = [record(1, "mend"), record(2, "pause", None), record(3), record(4)]
+    looks = [record(1, "mend"), record(2, "pause", None), record(3), record(4, "pause")]
     inserts = [
         Insert(1, 9, (b"G1 X1",)),
         Insert(3, 30, (), "drift", 1.1),

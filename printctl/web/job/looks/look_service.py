@@ -6,12 +6,10 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from printctl.link.find_link import alive
 from printctl.link.states import LinkState, Status
 from printctl.observe.look_words import outcome_words, proposal_words, seen_words
 from printctl.observe.records import (
     ANSWERS,
-    OBSERVER_LOCK,
     Answer,
     LookRecord,
     answer_look,
@@ -160,9 +158,4 @@ def _refuse_unheard(heard: PrintReport, found: LookTold) -> None:
             f"the print doesn't wait for a word on look {number} (it is "
             f"{heard.status.state.value}); nothing was done. Words are {', '.join(ANSWERS)}, while "
             "it is paused by that look"
-        )
-    if not alive(heard.folder, OBSERVER_LOCK):
-        raise ConflictError(
-            f"no observer is at work in {heard.folder}, so nobody would act on the answer (its "
-            "observer.log may say why): resume the print, which goes on without, or cancel it"
         )
