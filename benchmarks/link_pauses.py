@@ -31,19 +31,19 @@ NOISE = BreakingTroubles(noise=0.0004, drop_ok=0.001, delay=0.001)
 
 @dataclass
 class User:
-    """Wishes something at random whenever there is news, and answers each pause.
+    """Requests something at random whenever there is news, and answers each pause.
 
     Attributes
     ----------
     rng : Generator
-    wishes : int
+    requests : int
         How many are left.
     pauses, changes : int
         Pauses that were resumed; of them those with a new syringe.
     """
 
     rng: np.random.Generator
-    wishes: int
+    requests: int
     streamer: Streamer | None = None
     pauses: int = 0
     changes: int = 0
@@ -55,13 +55,13 @@ class User:
             return
         if status.state is LinkState.PAUSED:
             self._answer(streamer)
-        elif status.state is LinkState.PRINTING and self.wishes and self.rng.random() < 0.05:
-            self.wishes -= 1
+        elif status.state is LinkState.PRINTING and self.requests and self.rng.random() < 0.05:
+            self.requests -= 1
             last = status.lines_done > 0.8 * status.lines_total  # no mark may be ahead
-            wish = "now" if last else self.rng.choice(["now", "layer", "reload"])
-            if wish == "now":
+            request = "now" if last else self.rng.choice(["now", "layer", "reload"])
+            if request == "now":
                 streamer.pause()
-            elif wish == "layer":
+            elif request == "layer":
                 streamer.pause(MarkKind.LAYER)
             else:
                 streamer.reload()
@@ -121,7 +121,7 @@ def pause_rows(seeds: int, folder: Path) -> Iterator[Row]:
     file = layers(12, 60)
     beside = slipped = pauses = changes = done = 0
     for seed in range(seeds):
-        user = User(np.random.default_rng(1000 + seed), wishes=8)
+        user = User(np.random.default_rng(1000 + seed), requests=8)
         made = Print(file, folder, seed, user.hear, NOISE)
         user.streamer = made.streamer
         status = made.run()

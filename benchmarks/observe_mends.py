@@ -52,10 +52,15 @@ class Planned:
 
     Attributes
     ----------
+    example : str
     layer_mm : float or None
         None for an embedded one.
     place_mm : tuple, mm
         From the part's frame to the printer's.
+    edge_mm : float, mm
+        Of voxels.
+    changes : tuple of (str, str)
+        What is replaced in the example's recipe.
     """
 
     name: str
@@ -64,6 +69,8 @@ class Planned:
     layer_mm: float | None
     place_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     edge_mm: float = 0.03
+    example: str = ""
+    changes: tuple[tuple[str, str], ...] = ()
 
     @property
     def mark(self) -> MarkKind:
@@ -75,6 +82,14 @@ JOBS = (
     Planned("planar_fresh", "collagen_fresh", "fresh_150um", 0.06, (92.0, 96.0, 1.0), 0.015),
     Planned("planar_tree", "gelatin_sacrificial", "30g_50mm", None),
     Planned("ring_closed_loop", "gelatin_sacrificial", "30g", None),
+    Planned(
+        "tree_of_99_vessels",
+        "gelatin_sacrificial",
+        "30g_50mm",
+        None,
+        example="planar_tree",
+        changes=(("terminals: 30", "terminals: 50"), ("[16, 8, 3]", "[16, 12, 8]")),
+    ),
 )
 
 
@@ -83,7 +98,7 @@ def mend_rows(planned: Planned, quick: bool) -> Iterator[dict[str, Any]]:
     count = 8 if quick else 60
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "run"
-        _plan(planned.name, folder)
+        _plan(planned, folder)
         rng = np.random.default_rng(26)
         results = [_one(planned, folder, rng) for _ in range(count)]
     judged = [one for one, _, _ in results if one is not None]
@@ -110,21 +125,18 @@ def mend_rows(planned: Planned, quick: bool) -> Iterator[dict[str, Any]]:
     yield row(f"{name}: slowest plan", round(seconds, 2), "CPU s")
 
 
-def _plan(name: str, folder: Path) -> None:
-    words = [
-        sys.executable,
-        "-m",
-        "printctl",
-        "run",
-        f"examples/{name}.yaml",
-        "--until",
-        "toolpath",
-    ]
+def _plan(planned: Planned, folder: Path) -> None:
+    text = (ROOT / "examples" / f"{planned.example or planned.name}.yaml").read_text()
+    for old, new in planned.changes:
+        text = text.replace(old, new)
+    recipe = folder.with_suffix(".yaml")
+    recipe.write_text(text)
+    words = [sys.executable, "-m", "printctl", "run", str(recipe), "--until", "toolpath"]
     done = subprocess.run(
         [*words, "--out", str(folder)], cwd=ROOT, capture_output=True, check=False
     )
     if done.returncode:
-        raise RuntimeError(f"{name} can't be planned: {done.stderr.decode()[-500:]}")
+        raise RuntimeError(f"{planned.name} can't be planned: {done.stderr.decode()[-500:]}")
 
 
 def _one(

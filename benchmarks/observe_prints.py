@@ -60,7 +60,8 @@ def job_text() -> bytes:
     e = 0.0
     for layer in range(LAYERS):
         z = Z0 + layer * LAYER_MM
-        for k, off in enumerate(np.arange(0.0, SIZE_MM + 1e-9, PITCH_MM)):
+        aside = PITCH_MM / 2 * (layer // 2 % 2)  # no line lies along the one below it
+        for k, off in enumerate(np.arange(aside, SIZE_MM + 1e-9, PITCH_MM)):
             a, b = np.array([0.0, off]), np.array([SIZE_MM, off])
             if layer % 2:
                 a, b = a[::-1], b[::-1]

@@ -19,7 +19,7 @@ def atomic_replacement(path: Path) -> Iterator[Path]:
     Raises
     ------
     OSError
-        When the disk is full or the folder can't be written.
+        When the disk is full or the folder can't be written; it names ``path``.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
@@ -28,6 +28,10 @@ def atomic_replacement(path: Path) -> Iterator[Path]:
         with draft.open("rb+") as handle:
             os.fsync(handle.fileno())
         draft.replace(path)
+    except OSError as exc:
+        if exc.filename in (None, str(draft), draft):  # a full disk says no name by itself
+            exc.filename = str(path)
+        raise
     finally:
         draft.unlink(missing_ok=True)
 

@@ -10,6 +10,7 @@ from firmware_profiles.dispensers import MeasuredFlow, Plunger, Pneumatic
 from firmware_profiles.dispensing import SteadyFlow, steady_flow
 from firmware_profiles.errors import ProfileError
 from firmware_profiles.facts import Facts, Span
+from firmware_profiles.filament_support import supported_diameter_mm, weight_in_bath_n_m3
 from firmware_profiles.file_controller import FileController
 from firmware_profiles.heads import MOST_HEADS, Head, Offset
 from firmware_profiles.load import load, read_keys, shipped
@@ -50,6 +51,8 @@ __all__ = [
     "read_keys",
     "shipped",
     "steady_flow",
+    "supported_diameter_mm",
     "wall_stress_pa",
+    "weight_in_bath_n_m3",
     "yield_pressure_pa",
 ]

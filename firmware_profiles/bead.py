@@ -16,11 +16,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles.bead_shape import BeadShape
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _SIDE: Final = 1 - math.pi / 4
 """What a round side leaves empty of the square of half the height, over both sides."""

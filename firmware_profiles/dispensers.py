@@ -4,26 +4,23 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from firmware_profiles.commands import SwitchCommand, switch_words
+from firmware_profiles.strict_model import StrictModel
 
 Kilopascal = Annotated[float, Field(gt=0, le=2000, allow_inf_nan=False)]
 Delay = Annotated[float, Field(ge=0, le=5, allow_inf_nan=False)]
 
 
-class Plunger(BaseModel):
+class Plunger(StrictModel):
     """A plunger that E moves, E in mm of its travel."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     kind: Literal["plunger"] = "plunger"
 
 
-class MeasuredFlow(BaseModel):
+class MeasuredFlow(StrictModel):
     """What came out, by weight; good for this pressure, ink and needle alone."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     flow_ul_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     pressure_kpa: Kilopascal
@@ -31,13 +28,11 @@ class MeasuredFlow(BaseModel):
     needle: str = Field(min_length=1, description="The needle profile's `name`.")
 
 
-class Pneumatic(BaseModel):
+class Pneumatic(StrictModel):
     """Air on the ink, let in by a valve that G-code switches; the pressure is set by hand.
 
     The flow follows from pressure, needle and ink, so the writing speed follows from the flow.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     kind: Literal["pneumatic"]
     pressure_kpa: Kilopascal = Field(description="What the regulator is set to, above ambient.")

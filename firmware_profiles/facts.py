@@ -7,7 +7,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, Field, model_validator
+
+from firmware_profiles.strict_model import StrictModel
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -17,10 +19,8 @@ Trigger = Literal["neutral_ph", "calcium", "thrombin"]
 CommandName = Annotated[str, Field(pattern=r"^([GMT]\d+|[A-Za-z]+_\w+)$")]
 
 
-class Facts(BaseModel):
+class Facts(StrictModel):
     """Base of all profiles: unknown keys are refused, values can't be changed."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: str = Field(min_length=1, description="Name shown to the user.")
     source: str = Field(min_length=1, description="Where the numbers come from.")
@@ -44,10 +44,8 @@ class Facts(BaseModel):
         return self
 
 
-class Span(BaseModel):
+class Span(StrictModel):
     """Lowest and highest value."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     low: Annotated[float, Field(allow_inf_nan=False)]
     high: Annotated[float, Field(allow_inf_nan=False)]

@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from firmware_profiles.commands import is_output
 from firmware_profiles.dispensers import Dispenser, Pneumatic
 from firmware_profiles.families.registry import family_names, find_family
+from firmware_profiles.strict_model import StrictModel
 
 
-class FileController(BaseModel):
+class FileController(StrictModel):
     """Which controller of a family that loads files, and which of its axes pushes the ink."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     controller: Annotated[str, Field(min_length=1, max_length=40)] = Field(
         description="One of those that the firmware's family has, such as a3200 (AeroBasic: "

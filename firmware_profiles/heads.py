@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from firmware_profiles.commands import SwitchCommand
 from firmware_profiles.families.registry import find_family
+from firmware_profiles.strict_model import StrictModel
 
 MOST_HEADS = 8
 Length = Annotated[float, Field(ge=-500, le=500, allow_inf_nan=False)]
@@ -23,10 +24,8 @@ SelectCommand = Annotated[
 """The firmware family says how it must be (`HeadFacts.select`)."""
 
 
-class Offset(BaseModel):
+class Offset(StrictModel):
     """Of a head's tip from the first head's, both lowered, mm."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     x: Length = 0.0
     y: Length = 0.0
@@ -38,10 +37,8 @@ class Offset(BaseModel):
         return self.x, self.y, self.z
 
 
-class Head(BaseModel):
+class Head(StrictModel):
     """One of several heads. What it doesn't say of its plunger is the printer's own."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: str = Field(min_length=1, max_length=40)
     select: SelectCommand = Field(description="Makes it the one that E moves; moves nothing.")

@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from firmware_profiles.bead_shape import BeadShape, MeasuredExcess
 from firmware_profiles.facts import Celsius, Facts, NonNegative, Positive, Span, Trigger
+from firmware_profiles.strict_model import StrictModel
 
 if TYPE_CHECKING:
     from firmware_profiles.bead import BeadSection
 
 
-class MeasuredLag(BaseModel):
-    """How long the flow takes to follow the plunger; good for this needle and syringe alone."""
+def check_viability(minutes: float | None, source: str | None) -> None:
+    """Raise ValueError for one without the other."""
+    if (minutes is None) != (source is None):
+        raise ValueError(
+            "viability_min and viability_source go together: say how long, and where that "
+            "comes from (a paper, your own live/dead counts)"
+        )
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+
+class MeasuredLag(StrictModel):
+    """How long the flow takes to follow the plunger; good for this needle and syringe alone."""
 
     lag_s: Annotated[float, Field(gt=0, le=100, allow_inf_nan=False)] = Field(
         description="τ of τ dQ/dt = Q_in - Q."
@@ -101,11 +109,7 @@ class Ink(Facts):
 
     @model_validator(mode="after")
     def _a_viability_budget_has_a_source(self) -> Ink:
-        if (self.viability_min is None) != (self.viability_source is None):
-            raise ValueError(
-                "viability_min and viability_source go together: say how long, and where that "
-                "comes from (a paper, your own live/dead counts)"
-            )
+        check_viability(self.viability_min, self.viability_source)
         return self
 
 

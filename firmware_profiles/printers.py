@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from firmware_profiles.commands import SwitchCommand
 from firmware_profiles.dispensers import Dispenser, Plunger, Pneumatic
@@ -17,6 +17,7 @@ from firmware_profiles.file_controller import (
     refuse_family_sections,
 )
 from firmware_profiles.heads import Head, check_heads
+from firmware_profiles.strict_model import StrictModel
 from firmware_profiles.watched_gauges import WatchedGauge
 
 
@@ -29,10 +30,8 @@ def _with_a_family(name: str) -> str:
     return name
 
 
-class Axes(BaseModel):
+class Axes(StrictModel):
     """One number for each axis; e is the plunger."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     x: Positive
     y: Positive

@@ -5,17 +5,16 @@ from __future__ import annotations
 import re
 from typing import Annotated, Final
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
 from firmware_profiles.commands import SwitchCommand
+from firmware_profiles.strict_model import StrictModel
 
 _STOPS: Final = frozenset({"M0", "M1", "M108", "M110", "M112", "M410", "M999"})
 
 
-class WatchedGauge(BaseModel):
+class WatchedGauge(StrictModel):
     """A force, pressure or the like that the firmware tells when it is asked."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     query: SwitchCommand = Field(description="The question, e.g. M871; nothing that moves.")
     regex: Annotated[str, Field(min_length=3, max_length=200)] = Field(

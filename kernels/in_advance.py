@@ -94,12 +94,6 @@ def compiling(
         pool.shutdown(cancel_futures=True)
 
 
-def compile_in_advance(rows: Sequence[NeededKernel], told: Told = lambda done: None) -> int:
-    """Compile ``rows`` into the store; return how many couldn't be."""
-    with compiling(rows, (), told) as failed:
-        return failed
-
-
 def _begin() -> None:
     """Let the parent alone answer Ctrl-C; it ends the others. Clear memory between kernels only."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

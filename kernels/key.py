@@ -40,8 +40,6 @@ _PASSES: Final = 2
 _EXTERNAL: Final = frozenset({"numpy", "math", "cmath", "numba", "builtins"})
 """Packages whose content is decided by their version, which every key holds."""
 
-_READS: Final = frozenset({"LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_FROM_DICT_OR_DEREF"})
-
 _TAKES_CONSTANT: Final = frozenset(dis.hasconst)
 
 _ADDRESS: Final = re.compile(r"\b0x[0-9a-f]{6,}\b")

@@ -11,6 +11,10 @@ does the same again: 0.1 of the compiling time for code that is no different in 
 
 from __future__ import annotations
 
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, Final
 
 import numba
@@ -22,6 +26,27 @@ _KNOWN: Final = ("0.68.",)
 """Versions of numba whose parts, which it calls private, were tried; any other works as it is."""
 _ENVIRONMENT: Final = "_ZN08NumbaEnv"
 """How the names of variables begin that hold a function's environment (``numba/core/base.py``)."""
+
+
+@contextmanager
+def interrupt_held_back() -> Iterator[None]:
+    """Let Ctrl-C count only when what is done inside is done.
+
+    LLVM hands on machine code through a callback, and an exception in a callback is lost: the
+    kernel would have no code, and the interrupt no effect.
+    """
+    usual = signal.getsignal(signal.SIGINT)
+    if usual is None or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 class WaitingLibrary(JITCodeLibrary):
@@ -65,7 +90,8 @@ class WaitingLibrary(JITCodeLibrary):
     def _translate(self) -> None:
         self._translated = True
         self._dynamic_globals.clear()
-        super()._finalize_final_module()
+        with interrupt_held_back():
+            super()._finalize_final_module()
         for one in self._final_module.global_variables:
             if one.name.startswith(_ENVIRONMENT):
                 environment = lookup_environment(one.name)

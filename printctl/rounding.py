@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _QUANTA: Final = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 _SAMPLE: Final = 20_000

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment import Alignment, may_lie_otherwise
 from registration.findings import Findings
 from registration.gauging import VesselGauge, hausdorff_p95_um, summarise
@@ -16,7 +17,7 @@ from registration.gauging.deviation import (
     histogram,
     within_curve,
 )
-from registration.gauging.face_places import Place
+from registration.gauging.face_places import FacePlace
 from registration.geometry import Characteristic, Frame
 from registration.notes import (
     contrast_notes,
@@ -32,8 +33,6 @@ from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import Segmentation
 from registration.uncertainty import ScanErrors
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,7 @@ class RegistrationParts:
         Between our pose and another program's.
     spread : int
         Points on the design from which the scanned surface was looked for.
-    places : tuple of Place
+    places : tuple of FacePlace
         Where the surface away from lumens stands out.
     """
 
@@ -71,7 +70,7 @@ class RegistrationParts:
     is_lumen: bool
     cross_um: float | None
     spread: int
-    places: tuple[Place, ...]
+    places: tuple[FacePlace, ...]
     rigid: FitDeviations
     scaled: FitDeviations
     findings: Findings

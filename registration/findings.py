@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.hemodynamics import FlowConditions
 from design.network import VesselNetwork
 from kernels import helper_thread
+from kernels.arrays import FloatArray
 from registration.alignment import Alignment
 from registration.distance import ModelSurface
 from registration.gauging import (
@@ -47,8 +47,6 @@ from registration.topology import (
     scanned_with,
 )
 from registration.uncertainty import ScanErrors
-
-FloatArray = NDArray[np.float64]
 
 RIM_BLURS = 3.0
 """So many standard deviations of the blur a face is rounded off beside a sharp edge."""

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment import AXES, Alignment
 from registration.gauging import ContrastGauge, VesselGauge
 from registration.scan import Scan
 from registration.segmentation import GelField, Strength
 from registration.uncertainty import LEAST_STEP, MOST_UNEVEN, ROOT_TWO_PI
 from registration.walls_file import WallCalibration
-
-FloatArray = NDArray[np.float64]
 
 LEAST_EXAMINED = 0.98
 """Of the gel; less is said."""

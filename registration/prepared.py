@@ -6,19 +6,17 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from design.solids.solid import Solid
 from kernels import keep_freed_memory
+from kernels.arrays import FloatArray
 from registration.distance import ModelSurface
 from registration.errors import RegistrationError
 from registration.options import RegistrationOptions, segmentation_options
 from registration.scan import Scan
 from registration.segmentation import Segmentation, segment
 from registration.uncertainty import ScanErrors, scan_errors
-
-FloatArray = NDArray[np.float64]
 
 LARGEST_FIELD = 20.0
 """Of the part's longest edge: a field of view larger than that each way shows something else."""

@@ -6,17 +6,17 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.geometry.surface import Surface
 from design.network import VesselNetwork
 from design.solids.solid import Solid
 from kernels import helper_thread
+from kernels.arrays import FloatArray
 from registration.alignment import Alignment, Fit, align, cross_check, later_doubts
 from registration.assemble import FitDeviations, RegistrationParts, assemble
 from registration.findings import Findings, Inspection, inspect
 from registration.gauging import ScannedSurface, deviations, surface_points
-from registration.gauging.face_places import LEAST_UM, Place, ScannedFaces
+from registration.gauging.face_places import LEAST_UM, FacePlace, ScannedFaces
 from registration.gauging.near_lumen import near_lumen
 from registration.geometry import (
     Characteristic,
@@ -34,8 +34,6 @@ from registration.prepared import PreparedScan
 from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import GelEvidence, gel_evidence
-
-FloatArray = NDArray[np.float64]
 
 
 def register_scan(
@@ -145,7 +143,7 @@ class _Measured:
     cross_um : Future of float or None, µm
     spread : int
         Points on the design from which the scanned surface was looked for.
-    places : Future of tuple of Place
+    places : Future of tuple of FacePlace
         Where the surface away from lumens stands out.
     """
 
@@ -153,7 +151,7 @@ class _Measured:
     scaled: FitDeviations
     cross_um: Future[float | None]
     spread: int
-    places: Future[tuple[Place, ...]]
+    places: Future[tuple[FacePlace, ...]]
 
 
 def _measured(case: PreparedScan, alignment: Alignment, other: Executor) -> _Measured:
@@ -167,7 +165,7 @@ def _measured(case: PreparedScan, alignment: Alignment, other: Executor) -> _Mea
     return _Measured(rigid, scaled, cross_um, len(spread), places)
 
 
-def _places(case: PreparedScan, fit: Fit, found: FitDeviations) -> tuple[Place, ...]:
+def _places(case: PreparedScan, fit: Fit, found: FitDeviations) -> tuple[FacePlace, ...]:
     """Where outer faces stand out; none where only lumens were scanned or errors aren't known."""
     segmentation, blur_mm = case.segmentation, case.segmentation.field.blur_mm
     if case.is_lumen or not np.isfinite(case.errors.outer_mm):

@@ -10,16 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry.surface import Surface
+from kernels.arrays import FloatArray
 from registration.alignment import AXES, AlternativePose, Uncertainty
 from registration.gauging import Defect, Deviation, Perfusion, VesselGauge
-from registration.gauging.face_places import Place
+from registration.gauging.face_places import FacePlace
 from registration.geometry import Characteristic, Frame
 from registration.json_ready import json_ready
 from registration.topology import Overlap, Topology
 from registration.uncertainty import quantity, terms
 from registration.walls_file import WallCalibration
-
-FloatArray = NDArray[np.float64]
 
 SIGN = "positive where the lumen, or the outside, reaches beyond the design: too little gel"
 """Of every deviation."""
@@ -84,7 +83,7 @@ class RegistrationReport:
         beyond.
     curve_um, curve_rigid, curve_scaled : (k,) float64
         Tolerances, and the share of the seen surface within each.
-    places : tuple of Place
+    places : tuple of FacePlace
         Where the surface away from lumens stands out, the largest first.
     frame : Frame
         How the part's frame was laid: best fit or datums.
@@ -139,7 +138,7 @@ class RegistrationReport:
     curve_um: FloatArray
     curve_rigid: FloatArray
     curve_scaled: FloatArray
-    places: tuple[Place, ...]
+    places: tuple[FacePlace, ...]
     frame: Frame
     characteristics: tuple[Characteristic, ...]
     vessels: tuple[VesselGauge, ...]

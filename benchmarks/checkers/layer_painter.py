@@ -138,6 +138,7 @@ def lay(
         own = stroke == s
         n = int(own.sum())
         wave = cv2.GaussianBlur(rng.normal(0, 1, (n, 1)), (0, 0), 6.0)[:, 0]
+        wave -= wave.mean()
         width[own] *= 1 + wobble * wave / max(float(wave.std()), 1e-9)
     for s, begin, end in gaps or []:
         width[(stroke == s) & (along > begin) & (along < end)] = 0.0

@@ -45,9 +45,9 @@ class Ink:
 
     def near(self, low: FloatArray, high: FloatArray) -> Ink:
         """Pieces whose axes reach into a box."""
-        inside = np.minimum(self.start, self.end) <= high
-        inside &= np.maximum(self.start, self.end) >= low
-        return self.where(inside.all(axis=1))
+        below = np.minimum(self.start, self.end) <= high
+        above = np.maximum(self.start, self.end) >= low
+        return self.where(np.asarray((below & above).all(axis=1)))
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Stroke:
 
 def lengths(moves: Moves) -> FloatArray:
     """Way of each move, (n,), mm."""
-    return np.linalg.norm(moves.end - moves.start, axis=1)
+    return np.asarray(np.linalg.norm(moves.end - moves.start, axis=1))
 
 
 def written(moves: Moves) -> BoolArray:
@@ -104,7 +104,7 @@ def place_on(stroke: Stroke, moves: Moves, at: float) -> FloatArray:
     k = int(np.clip(np.searchsorted(stroke.arc, at) - 1, 0, len(stroke.moves) - 1))
     share = (at - stroke.arc[k]) / (stroke.arc[k + 1] - stroke.arc[k])
     row = stroke.moves[k]
-    return moves.start[row] + share * (moves.end[row] - moves.start[row])
+    return np.asarray(moves.start[row] + share * (moves.end[row] - moves.start[row]))
 
 
 def parted(ink: Ink, stroke: Stroke, low: float, high: float) -> tuple[Ink, Ink]:

@@ -51,8 +51,8 @@ def ask(job: Path, what: str) -> None:
     record = json.loads((run_folder(job) / "link.json").read_text())
     with socket.socket(socket.AF_UNIX) as client:
         client.connect(record["address"].removeprefix("unix:"))
-        wish = {"do": what, "answer": True, "token": record["token"]}
-        client.sendall(json.dumps(wish).encode() + b"\n")
+        request = {"do": what, "answer": True, "token": record["token"]}
+        client.sendall(json.dumps(request).encode() + b"\n")
         client.recv(1)
 
 

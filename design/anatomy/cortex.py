@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.anatomy.cortex_places import CortexPlaces, depth_along_normal, find_cortex_places
@@ -21,9 +20,8 @@ from design.tissue import Tissue
 from design.vasculature.growth.parts import check_inlet
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.options import GrowthOptions
+from kernels.arrays import FloatArray, IntArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Place = tuple[float, float, float]
 
 ARTERIOLES_PER_MM2 = 1.0

@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 REACH = 0.42
 """Part of a vessel on either side of a node that its curve may take."""

@@ -26,8 +26,7 @@ from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 DEPTH_MARGIN = 1.03
 """Depth of a trunk's axis over its radius, beside the clearance: radii rise a little while trees

@@ -6,19 +6,16 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from design.anatomy.layer import Layer
 from design.errors import GrowthError
+from kernels.arrays import FloatArray, IntArray
 
 BESIDE = 3.0
 """Cost of going on beside a tree, over going away from it."""
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass

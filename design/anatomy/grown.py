@@ -175,17 +175,17 @@ def _attempts(
         # As many again as didn't fit last time.
         spare = min(_MOST_SPARE, best.asked / max(1, best.fit)) if best else 1.0
         each = tuple(_more(one, spare) for one in plan.each)
-        wish = _more(options, spare)
+        settings = _more(options, spare)
         try:
-            trees, _ = grow_from_plan(tissue, replace(plan, wider=wider, each=each), wish)
+            trees, _ = grow_from_plan(tissue, replace(plan, wider=wider, each=each), settings)
         except GrowthError as failed:
             if best is not None:
                 error = failed
                 break
             raise GrowthError(
                 f"{failed}. For the {asked.terminals} terminals asked for, {asked.clearance_mm:g} "
-                f"mm apart, {wish.terminals} are grown {wish.clearance_mm:.3g} mm apart: curves"
-                " and vessels side by side need the room"
+                f"mm apart, {settings.terminals} are grown {settings.clearance_mm:.3g} mm apart: "
+                "curves and vessels side by side need the room"
             ) from failed
         try:
             return fitted(trees)

@@ -10,8 +10,7 @@ from scipy.spatial import cKDTree
 
 from design.anatomy.openness import SurfaceSamples
 from design.errors import TissueError
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _BASAL = 0.5
 """Cosine of the outward normal to the base's direction beyond which a place is the base, not the

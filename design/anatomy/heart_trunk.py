@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.anatomy.graph_trunk import LayerForest, apart_for, cheapest_path, spread_sites
 from design.anatomy.heart_places import HeartPlaces
@@ -15,9 +14,7 @@ from design.anatomy.openness import SurfaceSamples
 from design.anatomy.trunk_lines import outward
 from design.errors import GrowthError
 from design.tissue import Tissue
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 LEFT, RIGHT = 0, 1
 """Numbers of the two coronaries' trees."""

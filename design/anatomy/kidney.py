@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.anatomy.from_trunks import TrunkPlan
@@ -22,8 +21,8 @@ from design.tissue import Demand, Tissue, function_demand
 from design.vasculature.growth.parts import check_inlet
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.options import GrowthOptions
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Place = tuple[float, float, float]
 
 _SAMPLES = 12_000

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.anatomy.openness import SurfaceSamples
 from design.errors import TissueError
 from design.tissue import Tissue
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _SINUS = 0.03
 """Share of the surface, the least open of it, that is the sinus at least."""

@@ -12,9 +12,7 @@ from scipy.spatial import cKDTree
 
 from design.errors import GrowthError
 from design.tissue import Tissue
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 _LINKS = 14
 _LONGEST = 2.6

@@ -22,8 +22,8 @@ from design.tissue import Tissue
 from design.vasculature.growth.parts import check_inlet
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.options import GrowthOptions
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Place = tuple[float, float, float]
 
 NAMES: Final = ("portal_vein", "hepatic_artery", "hepatic_veins")

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.anatomy.openness import SurfaceSamples
 from design.errors import TissueError
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _PORTA = 0.03
 """Share of the surface, the least open of it, in whose middle the porta hepatis lies."""

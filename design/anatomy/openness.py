@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from design.geometry.frames import vectors_across
 from design.tissue import Tissue
 from design.vasculature.growth.surface_points import surface_points
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 RAYS = 40
 """Directions from each place, spread over the half space outside as the cosine to the normal."""
@@ -72,8 +72,8 @@ def _rays_that_leave(
     doi 10.1007/s003710050084).
     """
     local = _hemisphere(RAYS)
-    one, two = _frames(inward)
-    rays = local[:, 0, None] * one[:, None] + local[:, 1, None] * two[:, None]
+    one, two = vectors_across(inward)
+    rays = -local[:, 0, None] * one[:, None] - local[:, 1, None] * two[:, None]
     rays = rays - local[:, 2, None] * inward[:, None]
     low, high = tissue.bounds
     middle, reach = 0.5 * (low + high), 0.51 * float(np.linalg.norm(high - low))
@@ -97,14 +97,6 @@ def _hemisphere(count: int) -> FloatArray:
     n = np.arange(count) + 0.5
     radius, angle = np.sqrt(n / count), 2.0 * pi * n / _GOLDEN
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - n / count)])
-
-
-def _frames(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors across each of ``axis`` (n, 3)."""
-    other = np.eye(3)[np.argmin(np.abs(axis), axis=1)]
-    one = np.cross(axis, other)
-    one /= np.linalg.norm(one, axis=1)[:, None]
-    return one, np.cross(axis, one)
 
 
 def _even(points: FloatArray, inward: FloatArray, values: FloatArray) -> FloatArray:

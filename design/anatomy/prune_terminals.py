@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from design.errors import CrowdedError, GrowthError
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_from_topology, tree_radii
-
-IntArray = NDArray[np.int64]
+from kernels.arrays import IntArray
 
 _STEADY = 4
 """Terminals of a vessel that hardly changes when one beside it is taken away."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.anatomy.sink import moved_tree
 from design.anatomy.trunk_lines import outward
@@ -14,9 +13,7 @@ from design.vasculature.collisions.collide import collisions
 from design.vasculature.growth.forest import forest_to_network
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray
 
 ROUNDS = 40
 _MORE = 1.1

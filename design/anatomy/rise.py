@@ -12,9 +12,8 @@ from design.anatomy.trunk_lines import outward
 from design.tissue import Tissue
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
+from kernels.arrays import FloatArray, IntArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Trees = tuple[VesselTree, ...]
 
 _ROOM = 1.012

@@ -17,9 +17,8 @@ from design.vasculature.collisions.collide import collisions
 from design.vasculature.growth.forest import forest_to_network
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
+from kernels.arrays import FloatArray, IntArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Trees = tuple[VesselTree, ...]
 Misfits = tuple[list[list[int]], IntArray]
 

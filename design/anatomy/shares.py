@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.anatomy.graph_trunk import spread_sites
 from design.tissue import Tissue
 from design.vasculature.growth.territories import demand_points
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _POINTS = 12_000
 _PLACES, _TERMINALS = 24, 40

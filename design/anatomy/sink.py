@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.anatomy.trunk_lines import outward
 from design.tissue import Tissue
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_from_topology, tree_radii
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 ROUNDS = 8
 _A_LITTLE = 1.02

@@ -12,9 +12,7 @@ from scipy.spatial import cKDTree
 from design.anatomy.graph_trunk import LayerForest
 from design.tissue import Tissue
 from design.vasculature.growth.trunk import Trunk, straighten_line
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 ROUNDS = 40
 """Smoothing steps: bends of up to some six places are evened out, larger ones stay."""

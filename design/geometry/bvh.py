@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from design.geometry.hierarchy import DEPTH, build_hierarchy
 from design.geometry.triangles import point_triangle_squared
 from kernels import jit, pjit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 
 class TriangleTree(NamedTuple):

@@ -18,8 +18,7 @@ from design.geometry.bvh import TriangleTree, build_triangle_tree
 from design.geometry.exact_meeting import triangles_meet
 from design.geometry.hierarchy import DEPTH
 from kernels import jit, pjit
-
-IntArray = NDArray[np.int64]
+from kernels.arrays import IntArray
 
 _ROUNDING = 8e-16
 """Of a 3 x 3 determinant over the sum of its terms' sizes: Shewchuk's (7 + 56 ε) ε, rounded up."""

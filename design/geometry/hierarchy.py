@@ -8,13 +8,10 @@ than by cuts through the median, and near a scanned surface too.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.geometry.cuts import enclose, new_workspace, partition_members
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 LEAF = 4
 """Members of a leaf at most: cheaper to ask than to part further."""

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from design.geometry.bvh import TriangleTree, nearest_triangle
 from kernels import jit, pjit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 
 class NearestPoints(NamedTuple):

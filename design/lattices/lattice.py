@@ -46,9 +46,10 @@ def build_lattice(tissue: Tissue, options: LatticeOptions) -> VesselNetwork:
     gap = narrowest(cell) * options.cell_mm - 2.0 * options.manifold_mm
     if gap < options.clearance_mm or gap <= 0.0:
         raise NetworkError(
-            f"{options.kind} of cell_mm {options.cell_mm:g}: channels of manifold_radius_mm "
-            f"{options.manifold_mm:g} leave {gap:.3g} mm between them, clearance_mm "
-            f"{options.clearance_mm:g} is needed; enlarge the cell or narrow the channels"
+            f"{options.kind} of cell_mm {options.cell_mm:g}: the manifolds (channels beside the "
+            f"ports, {2.0 * options.manifold_mm:g} mm wide, by default 1.5 times the others) leave "
+            f"{gap:.3g} mm between them, clearance_mm {options.clearance_mm:g} is needed; enlarge "
+            "the cell, or narrow the channels or the manifolds"
         )
     nodes, bonds = _fitting(tissue, options)
     axis = "xyz".index(options.axis)

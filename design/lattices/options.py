@@ -48,14 +48,14 @@ class LatticeOptions:
         sizes = (self.cell_mm, self.radius_mm, self.manifold_mm)
         if not (all(map(math.isfinite, sizes)) and min(sizes) > 0.0 and self.clearance_mm >= 0.0):
             raise NetworkError(
-                f"lattice: cell_mm {self.cell_mm:g}, radius_mm {self.radius_mm:g} and "
-                f"manifold_radius_mm {self.manifold_mm:g} must be above 0, clearance_mm "
+                f"lattice: cell_mm {self.cell_mm:g} and the radii {self.radius_mm:g} of channels "
+                f"and {self.manifold_mm:g} of manifolds must be above 0, clearance_mm "
                 f"{self.clearance_mm:g} at least 0"
             )
         if self.manifold_mm < self.radius_mm:
             raise NetworkError(
-                f"lattice: manifold_radius_mm {self.manifold_mm:g} is below radius_mm "
-                f"{self.radius_mm:g}; widen the manifold"
+                f"lattice: manifolds (channels beside the ports) {2.0 * self.manifold_mm:g} mm "
+                f"wide are narrower than channels of {2.0 * self.radius_mm:g}; widen the manifolds"
             )
 
     @property

@@ -56,8 +56,8 @@ def find_port(
             return int(node), end
     raise TissueError(
         f"none of the {len(candidates)} nodes at the {'lower' if side < 0 else 'upper'} end along "
-        f"{'xyz'[axis]} has a straight way out for a port of radius {port_radius:g} mm; choose "
-        "another axis, or a smaller manifold_radius_mm"
+        f"{'xyz'[axis]} has a straight way out for a port {2.0 * port_radius:g} mm wide; choose "
+        "another axis, or narrower manifolds"
     )
 
 

@@ -7,6 +7,7 @@ from manifold3d import CrossSection, Manifold
 from numpy.typing import NDArray
 
 from design.errors import SolidError
+from design.geometry.frames import vectors_across
 from design.solids.connector import LUER_TAPER, MALE_TIP_MM, Connector, profiles
 from design.solids.facets import FACET_TOLERANCE_MM, area_factor, facet_count
 from design.solids.manifolds import solid_manifold, subtract, unite
@@ -108,7 +109,4 @@ def _turned(profile: list[tuple[float, float]], what: str) -> Solid:
 
 def _frame(axis: NDArray[np.float64]) -> NDArray[np.float64]:
     """Right-handed unit vectors as columns, the third of them ``axis``."""
-    helper = np.eye(3)[np.argmin(np.abs(axis))]
-    first = np.cross(helper, axis)
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(axis, first), axis])
+    return np.column_stack([*vectors_across(axis), axis])

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _IN: Final = 0.5
 _OUT: Final = -0.53

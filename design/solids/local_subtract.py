@@ -23,9 +23,8 @@ from design.solids.snap import solid_from_manifold
 from design.solids.solid import Solid
 from design.solids.topology import is_closed, surface_genus
 from design.tissue.depth import enclosed
+from kernels.arrays import FloatArray, IntArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _TRIES = 4

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from design.errors import SolidError
 from design.solids.solid import Solid
 from design.solids.topology import edge_faults
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 
 def to_manifold(vertices: FloatArray, faces: NDArray[np.integer], what: str) -> Manifold:

@@ -36,18 +36,27 @@ def text_solid(text: str, height_mm: float, depth_mm: float) -> Solid:
     Raises
     ------
     SolidError
-        When a length isn't above 0, or the text has nothing to be seen.
+        When a length isn't above 0, the text has nothing to be seen, or the font lacks a character.
     """
     if not (height_mm > 0.0 and depth_mm > 0.0):
         raise SolidError(f"text of {height_mm:g} x {depth_mm:g} mm; give lengths above 0")
     if not text.strip():
         raise SolidError(f"text {text!r} has nothing to be seen; give letters or digits")
     # Heavy (a CPU second), and every solid's module loads this one.
-    from matplotlib.font_manager import FontProperties
+    from matplotlib.font_manager import FontProperties, findfont, get_font
     from matplotlib.textpath import TextPath
 
+    font = FontProperties("DejaVu Sans")
+    glyphs = get_font(findfont(font)).get_charmap()
+    lacking = [sign for sign in dict.fromkeys(text) if ord(sign) not in glyphs]
+    if lacking:
+        raise SolidError(
+            f"text {text!r}: DejaVu Sans has no {', '.join(map(repr, lacking))}; write it with "
+            "other characters, in one line"
+        )
+    plain = text.replace("$", r"\$")  # or matplotlib reads a formula
     # 0.729 em is DejaVu's capital height.
-    path = TextPath((0.0, 0.0), text, size=height_mm / 0.729, prop=FontProperties("DejaVu Sans"))
+    path = TextPath((0.0, 0.0), plain, size=height_mm / 0.729, prop=font)
     closed = [np.asarray(outline, dtype=np.float64) for outline in path.to_polygons()]
     outlines = [outline[:-1] for outline in closed if len(outline) > 3]
     section = CrossSection(outlines, FillRule.NonZero)

@@ -21,8 +21,8 @@ from design.solids.mend_meeting import hits
 from design.solids.remesh.halfedges import leaving, twins_of
 from design.solids.topology import corner_fans
 from kernels import jit
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 FaceArray = NDArray[np.int64]
 
 _SHARES = (1 / 256, 1 / 64, 1 / 16, 1 / 4, 1 / 4, 1 / 4, 1.0, 1.0, 1.0)

@@ -6,21 +6,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import SolidError
+from design.geometry.stl_layout import cut_short
 from design.solids.merge import merge_equal
 from design.solids.solid import Solid
-from design.solids.stl import cut_short, read_corners
+from design.solids.stl import read_corners
 from design.solids.surface import sections_solid
 from design.solids.threemf_read import read_plain_3mf
 from design.units import MM_PER, LengthUnit
+from kernels.arrays import FloatArray, IntArray
 
 if TYPE_CHECKING:
     import trimesh
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SUFFIXES: Final = (".stl", ".3mf", ".ply", ".obj", ".off")
 
@@ -109,6 +108,8 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
     import trimesh  # heavy: scipy's statistics, networkx; a binary STL needs none of it
 
     kind = path.suffix.lower()
+    if path.is_dir():
+        raise SolidError(f"{path} is a folder; give a file, one of {', '.join(SUFFIXES)}")
     if kind not in SUFFIXES:
         raise SolidError(f"{path}: {kind or 'no suffix'} isn't one of {', '.join(SUFFIXES)}")
     if kind == ".stl" and (missing := cut_short(path)):

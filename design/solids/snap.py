@@ -21,8 +21,8 @@ from design.solids.manifolds import to_manifold
 from design.solids.mend import mend_surface
 from design.solids.solid import Solid
 from design.solids.topology import edge_faults, faulty_vertices, is_closed
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 FaceArray = NDArray[np.int64]
 
 _STEPS_APART = 8.0

@@ -10,16 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.files import write_bytes
+from design.geometry.stl_layout import START_BYTES, TRIANGLE
 from design.solids.solid import Solid
 from kernels import jit
 
 _HEADER = b"printctl; mm"
 """STL has no field for a unit; the header is the one place to say it."""
-
-_START_BYTES = 84
-"""Header, and how many triangles follow."""
-
-_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def write_stl(path: Path, solid: Solid) -> None:
@@ -30,7 +26,7 @@ def write_stl(path: Path, solid: Solid) -> None:
     OSError
         When the file can't be written.
     """
-    triangles = np.zeros(len(solid.faces), dtype=_TRIANGLE)
+    triangles = np.zeros(len(solid.faces), dtype=TRIANGLE)
     numbers = _numbers(np.ascontiguousarray(solid.vertices), np.ascontiguousarray(solid.faces))
     triangles["normal"] = numbers[:, 0]
     triangles["corners"] = numbers[:, 1:]
@@ -55,23 +51,6 @@ def _numbers(vertices: Any, faces: Any) -> Any:
     return out
 
 
-def cut_short(path: Path) -> str:
-    """Say what is missing of a binary STL whose header counts more than it holds; else empty.
-
-    Raises
-    ------
-    OSError
-        When the file can't be opened.
-    """
-    with path.open("rb") as file:
-        start = file.read(_START_BYTES)
-    held = (path.stat().st_size - _START_BYTES) // _TRIANGLE.itemsize
-    count = int.from_bytes(start[80:84], "little")
-    if len(start) < _START_BYTES or start.lstrip().startswith(b"solid") or held >= count:
-        return ""
-    return f"the file is cut short: its header counts {count} triangles, and it holds {held}"
-
-
 def read_corners(path: Path) -> NDArray[np.float64] | None:
     """Corners (n, 3, 3) of a binary STL's triangles; None where the file isn't exactly one.
 
@@ -88,7 +67,7 @@ def read_float32(path: Path) -> NDArray[np.float32] | None:
     """As `read_corners`, in the file's own precision and not copied."""
     data = path.read_bytes()
     count = int.from_bytes(data[80:84], "little")
-    if count == 0 or len(data) != _START_BYTES + count * _TRIANGLE.itemsize:
+    if count == 0 or len(data) != START_BYTES + count * TRIANGLE.itemsize:
         return None
-    triangles = np.frombuffer(data, _TRIANGLE, count, _START_BYTES)
+    triangles = np.frombuffer(data, TRIANGLE, count, START_BYTES)
     return np.asarray(triangles["corners"])

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.solids.twins import corner_fan_numbers, count_shells, pair_half_edges
-
-IntArray = NDArray[np.int64]
+from kernels.arrays import IntArray
 
 
 @dataclass(frozen=True)

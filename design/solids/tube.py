@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from design.geometry.frames import vectors_across
 from design.solids.facets import area_factor, dome_profile
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 FaceArray = NDArray[np.int64]
 EndShape = Literal["flat", "round"]
 
@@ -74,7 +75,7 @@ def straight_tubes(
     """
     direction = points[:, 1] - points[:, 0]
     direction /= np.linalg.norm(direction, axis=1)[:, None]
-    first, second = _cross_frames(direction)
+    first, second = vectors_across(direction)
     angle = 2.0 * np.pi * np.arange(facets)[:, None] / facets
     across = np.cos(angle) * first[:, None] + np.sin(angle) * second[:, None]
     rings = points[:, :, None] + area_factor(facets) * radius[:, :, None, None] * across[:, None]
@@ -86,15 +87,6 @@ def straight_tubes(
     return vertices, _faces(stack.shape[1], facets)
 
 
-def _cross_frames(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """As `cross_frame`, for each of ``axis`` (n, 3)."""
-    helper = np.zeros_like(axis)
-    helper[np.arange(len(axis)), np.argmin(np.abs(axis), axis=1)] = 1.0
-    first = np.cross(helper, axis)
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    return first, np.cross(axis, first)
-
-
 def unit_rings(direction: FloatArray, facets: int) -> FloatArray:
     """Vectors from the axis to each ring's vertices for radius 1, (k + 1, facets, 3).
 
@@ -103,7 +95,7 @@ def unit_rings(direction: FloatArray, facets: int) -> FloatArray:
     """
     angle = 2.0 * np.pi * np.arange(facets) / facets
     along = np.empty((len(direction) + 1, facets, 3))
-    first, second = cross_frame(direction[0])
+    first, second = vectors_across(direction[0])
     across = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
     along[0] = across
     for bend, (before, after) in enumerate(pairwise(direction), 1):
@@ -114,18 +106,6 @@ def unit_rings(direction: FloatArray, facets: int) -> FloatArray:
         across = across - 2.0 * np.outer(lean, normal)
     along[-1] = across
     return along
-
-
-def cross_frame(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors that make a right-handed frame with ``axis``.
-
-    The same for ``axis`` and its opposite up to order, so that collinear tubes share vertices.
-    """
-    helper = np.zeros(3)
-    helper[np.argmin(np.abs(axis))] = 1.0
-    first = np.cross(helper, axis)
-    first /= np.linalg.norm(first)
-    return first, np.cross(axis, first)
 
 
 def _cap(

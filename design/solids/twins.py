@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
-
-IntArray = NDArray[np.int64]
+from kernels.arrays import IntArray
 
 
 def pair_half_edges(faces: NDArray[np.integer]) -> IntArray:

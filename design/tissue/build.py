@@ -20,8 +20,7 @@ from design.tissue.bricks import fill_bricks, winding
 from design.tissue.columns import Columns, cross_columns
 from design.tissue.grid import SignedDistanceGrid, mix, read
 from kernels import jit, pjit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _HALF_DIAGONAL = 0.5 * BRICK * sqrt(3.0)
 

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from design.errors import TissueError
 from design.tissue.grid import SignedDistanceGrid
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 
 class Demand(Protocol):

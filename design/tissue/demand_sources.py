@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import TissueError
 from design.tissue.demand import (
@@ -19,8 +18,7 @@ from design.tissue.demand import (
 )
 from design.tissue.images import VolumeImage
 from design.tissue.tissue import Tissue
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _PROBES = 250_000
 """Quasi-random places in the bounding box, over which means and maxima are taken."""

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from design.tissue.arrays import BRICK, GridArrays
 from design.tissue.depth import depth_along
 from kernels import jit, pjit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 
 @jit
@@ -94,12 +93,6 @@ class SignedDistanceGrid:
     def spacing_mm(self) -> float:
         """Distance between fine samples, mm."""
         return float(self.arrays.spacing)
-
-    @property
-    def megabytes(self) -> float:
-        """Memory of the samples, MB."""
-        a = self.arrays
-        return (a.coarse.nbytes + a.brick.nbytes + a.samples.nbytes) / 1e6
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Signed distance (n,) at ``points`` (n, 3), mm; negative inside."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 from manifold3d import Manifold
 
 from design.errors import TissueError
 from design.geometry.surface import Surface
+from design.tissue.manifolds import arrays_of
 
 # Semi-axes and centres of a heart 60 mm long, mm; z points to the base.
 LEFT_OUTER = (20.0, 20.0, 44.0)
@@ -38,9 +38,7 @@ def biventricle(length_mm: float = 60.0, sides: int = 96) -> Surface:
     body = walls.trim_by_plane((0.0, 0.0, -1.0), -BASE_Z)
     body = body.translate((0.0, 0.0, LEFT_OUTER[2]))
     scale = length_mm / (LEFT_OUTER[2] + BASE_Z)
-    mesh = body.scale((scale, scale, scale)).to_mesh64()
-    vertices = np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3]
-    return Surface(np.ascontiguousarray(vertices), np.asarray(mesh.tri_verts, dtype=np.int32))
+    return Surface(*arrays_of(body.scale((scale, scale, scale))))
 
 
 def _ellipsoid(axes: tuple[float, float, float], sides: int) -> Manifold:

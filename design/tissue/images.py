@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from design.errors import TissueError
 from design.tissue.tiff_stack import read_tiff
 from design.units import MM_PER, LengthUnit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 IMAGE_SUFFIXES: Final = (".nii", ".nii.gz", ".nrrd", ".tif", ".tiff")
 

@@ -7,6 +7,7 @@ from manifold3d import Manifold
 
 from design.errors import TissueError
 from design.geometry.surface import Surface
+from design.tissue.manifolds import arrays_of
 
 WIDTH, THICKNESS = 0.5, 0.42
 """Of the bean, over its length."""
@@ -30,11 +31,11 @@ def kidney(length_mm: float = 60.0, sides: int = 96) -> Surface:
     """
     if not length_mm > 0:
         raise TissueError(f"kidney: length_mm is {length_mm:g}; give a length above 0")
-    mesh = Manifold.sphere(1.0, sides).to_mesh64()
-    x, y, z = 0.5 * np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3].T
+    ball, faces = arrays_of(Manifold.sphere(1.0, sides))
+    x, y, z = 0.5 * ball.T
     z = THICKNESS * z
     dent = np.clip(-2.0 * x, 0.0, None) ** 2
     dent *= np.exp(-0.5 * ((y / SINUS_HEIGHT) ** 2 + (z / SINUS_THICKNESS) ** 2))
     x = WIDTH * x + SINUS_DEPTH * dent - BEND * (2.0 * y) ** 2
     points = length_mm * np.column_stack([x, y, z - z.min()])
-    return Surface(np.ascontiguousarray(points), np.asarray(mesh.tri_verts, dtype=np.int32))
+    return Surface(np.ascontiguousarray(points), faces)

@@ -7,6 +7,7 @@ from manifold3d import Manifold
 
 from design.errors import TissueError
 from design.geometry.surface import Surface
+from design.tissue.manifolds import arrays_of
 
 DEPTH, HEIGHT = 0.65, 0.62
 """Of the right lobe, over the width."""
@@ -33,12 +34,12 @@ def liver(width_mm: float = 60.0, sides: int = 96) -> Surface:
     """
     if not width_mm > 0:
         raise TissueError(f"liver: width_mm is {width_mm:g}; give a width above 0")
-    mesh = Manifold.sphere(1.0, sides).to_mesh64()
-    x, y, z = 0.5 * np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3].T
+    ball, faces = arrays_of(Manifold.sphere(1.0, sides))
+    x, y, z = 0.5 * ball.T
     dent = HOLLOW * np.clip(-2.0 * z, 0.0, None) ** 2
     dent *= np.exp(-0.5 * (x**2 + y**2) / HOLLOW_SPREAD**2)
     groove = GROOVE * np.clip(-2.0 * y, 0.0, None) ** 2 * np.exp(-0.5 * (x / GROOVE_SPREAD) ** 2)
     thick = 1.0 - TAPER * (x + 0.5)
     y, z = thick * (DEPTH * y + groove), thick * (HEIGHT * z + dent)
     points = width_mm * np.column_stack([x, y, z - z.min()])
-    return Surface(np.ascontiguousarray(points), np.asarray(mesh.tri_verts, dtype=np.int32))
+    return Surface(np.ascontiguousarray(points), faces)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from design.errors import TissueError
+from design.geometry.stl_layout import cut_short
 from design.geometry.surface import Surface
 from design.tissue.repair import repair_surface
 from design.tissue.spacing import SpacingRule
@@ -107,6 +108,8 @@ def check_file(path: Path, unit: LengthUnit, suffixes: tuple[str, ...]) -> None:
     """Raise `TissueError` for an unknown unit or suffix, or a file that isn't there."""
     if unit not in MM_PER:
         raise TissueError(f"unit {unit!r} of {path} isn't one of {', '.join(MM_PER)}")
+    if path.is_dir():
+        raise TissueError(f"{path} is a folder; give a file, one of {', '.join(suffixes)}")
     if not path.name.lower().endswith(suffixes):
         raise TissueError(
             f"{path}: {path.suffix or 'no suffix'} isn't one of {', '.join(suffixes)}"
@@ -118,11 +121,15 @@ def check_file(path: Path, unit: LengthUnit, suffixes: tuple[str, ...]) -> None:
 def _read(path: Path) -> trimesh.Trimesh:
     import trimesh  # heavy, and few who name a tissue read one
 
+    if path.suffix.lower() == ".stl" and (missing := cut_short(path)):
+        raise TissueError(f"{path}: {missing}; export or copy it again")
     # trimesh's readers raise whatever their parsers do, KeyError and struct.error included.
     try:
         mesh = trimesh.load_mesh(path, process=False)
     except Exception as error:
-        raise TissueError(f"{path}: can't be read as a mesh ({error}); export it again") from error
+        # An STL that isn't binary asks for what tells a text's encoding, which isn't installed.
+        why = "neither binary nor plain text" if isinstance(error, ImportError) else error
+        raise TissueError(f"{path}: can't be read as a mesh ({why}); export it again") from error
     if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
         raise TissueError(f"{path}: mesh is empty: it has no faces; give a closed surface")
     return mesh

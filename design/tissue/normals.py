@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _LEAST_WEIGHT = 1e-3
 """Added to each edge's weight: a weight of 0 would be no edge."""

@@ -18,8 +18,7 @@ from design.tissue.shells import enclosures, shells_of
 from design.tissue.spacing import SpacingRule
 from design.tissue.surface import SizeLimits, tissue_from_surface
 from design.tissue.tissue import Tissue
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _TRIED = 20_000
 """Points drawn in a part's bounds when its mean demand is measured."""

@@ -6,11 +6,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import TissueError
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 POINT_SUFFIXES: Final = (".ply", ".xyz", ".txt", ".csv")
 

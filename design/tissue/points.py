@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from design.errors import TissueError
 from design.geometry import build_triangle_tree, nearest_distances
+from design.geometry.frames import vectors_across
 from design.geometry.surface import Surface
 from design.tissue.blend import blend
 from design.tissue.closed import format_points
@@ -30,8 +31,7 @@ from design.tissue.point_files import POINT_SUFFIXES, read_points
 from design.tissue.shells import shells_of
 from design.tissue.surface import SizeLimits, check_size
 from design.units import MM_PER, LengthUnit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _LEAST = 100
 _NEIGHBOURS = 14
@@ -171,10 +171,7 @@ def _cloud(points: FloatArray, normals: FloatArray | None) -> tuple[Cloud, list[
 
 def _frames(normals: FloatArray) -> FloatArray:
     """Two tangents and the normal of each point, (n, 3, 3), as rows."""
-    other = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    one = np.cross(normals, other)
-    one /= np.linalg.norm(one, axis=1)[:, None]
-    return np.stack([one, np.cross(normals, one), normals], axis=1)
+    return np.stack([*vectors_across(normals), normals], axis=1)
 
 
 def _fit(cloud: Cloud, hermite: bool) -> FloatArray:

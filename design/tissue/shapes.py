@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from design.errors import TissueError
 from design.geometry.surface import Surface
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 
 def block(size_mm: tuple[float, float, float]) -> Surface:

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import TissueError
 from design.tissue.arrays import BRICK
 from design.tissue.columns import cross_columns
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 BRICKS_PER_FACE_AREA = 2.2
 """Bricks that a surface touches, per brick's face area of it (measured: 1.9 to 2.2)."""

@@ -16,8 +16,7 @@ from design.tissue.columns import Columns
 from design.tissue.spacing import SpacingRule, choose_spacing, wall_thickness
 from design.tissue.tissue import Tissue
 from design.units import MM_PER, LengthUnit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -94,8 +93,9 @@ def check_size(vertices: FloatArray, unit: LengthUnit, limits: SizeLimits) -> No
     ]
     hint = f"with unit {' or '.join(fitting)} it would fit" if fitting else "no unit makes it fit"
     raise TissueError(
-        f"mesh is {size:.4g} mm long (read as {unit}), outside {limits.smallest_mm:g} to "
-        f"{limits.largest_mm:g} mm; {hint}. State the file's unit, or widen the size limits"
+        f"tissue is {size:.4g} mm long (read as {unit}), outside {limits.smallest_mm:g} to "
+        f"{limits.largest_mm:g} mm; {hint}. Of a file, state its unit or widen its size limits; of "
+        "a shape, correct its lengths"
     )
 
 

@@ -15,6 +15,7 @@ from manifold3d import Manifold, OpType
 from numpy.typing import NDArray
 
 from design.errors import TissueError
+from design.geometry.frames import vectors_across
 from design.geometry.surface import Surface
 from design.tissue.closed import face_areas
 from design.tissue.manifolds import arrays_of, manifold_of, surface_of
@@ -202,10 +203,7 @@ def _rod(zone: CylinderZone, name: str, sign: int) -> Manifold:
     sides = _sides(zone.radius_mm)
     radius = zone.radius_mm / cos(pi / sides) if sign > 0 else zone.radius_mm
     axis = way / length
-    other = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    across = np.cross(axis, other)
-    across /= np.linalg.norm(across)
-    frame = np.column_stack([across, np.cross(axis, across), axis, zone.from_mm])
+    frame = np.column_stack([*vectors_across(axis), axis, zone.from_mm])
     return Manifold.cylinder(length, radius, radius, sides).transform(frame)
 
 

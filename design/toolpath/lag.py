@@ -18,12 +18,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.toolpath.checks import require_positive
 from design.toolpath.toolpath import FloatArray, IntArray, MoveKind, Toolpath
-
-BoolArray = NDArray[np.bool_]
+from kernels.arrays import BoolArray
 
 PER_LAG: Final = 8
 """Moves in a time constant where the flow changes."""

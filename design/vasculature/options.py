@@ -8,14 +8,13 @@ from math import pi
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.units import PA_PER_MMHG
 from design.vasculature.limits import Limits, check_angles, joint_limits
 from design.vasculature.penalty import DepthPenalty, PenaltyFunction
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Angles = tuple[float, float]
 
 

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.tissue.grid import mix
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 SAMPLES_AT_MOST = 2_000_000
 """Of a penalty: on the tissue's own spacing where that takes no more, else on a wider one."""

@@ -13,8 +13,8 @@ from design.errors import GrowthError
 from design.vasculature.tree import VesselTree
 from design.vasculature.viscosity import ROUNDS, SETTLED, relative_viscosity
 from kernels import jit
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
 
 

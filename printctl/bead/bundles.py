@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import IntArray
 from printctl.bead.vessels import VesselDiameters
-
-IntArray = NDArray[np.int64]
 
 
 def merge_bundles(found: VesselDiameters, owner: IntArray) -> VesselDiameters:

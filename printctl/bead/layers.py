@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import IntArray
 from printctl.bead.predict import InkPrediction
 from sim.bead import Bead
-
-IntArray = NDArray[np.int64]
 
 
 def layer_rows(found: InkPrediction) -> list[dict[str, Any]]:

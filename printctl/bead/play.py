@@ -9,15 +9,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from printctl.bead.predict import InkPrediction
 from printctl.bead.vessels import VesselDiameters
 from registration.report.gcode import Act
 from registration.report.play import Playback, PlayNote, PlayRows, thin_playback
 from sim.bead import swell
 from sim.deposit.levels import written_levels
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 DROP_UL: Final = 1e-3
 """Less ink in one place while the needle stands is no drop; a nanolitre is 0.12 mm wide."""

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.toolpath import MoveKind
 from firmware_profiles import Ink, Needle, Printer, Syringe, steady_flow
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.bead.lag import ChosenLag, lag_of
 from printctl.errors import UsageError
 from printctl.gcode_view.line_map import LineMap
@@ -23,10 +23,6 @@ from sim.deposit.laid import Style
 from sim.dry_run.run import DryRun
 from sim.heads.valve import as_plunger, flowing
 from sim.motion.executed import ExecutedMotion
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 SMOOTHING_MM: Final = 1.0
 """As the simulated deposit has it, where no lag is known."""

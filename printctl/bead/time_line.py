@@ -11,14 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from design.files import write_bytes
+from kernels.arrays import FloatArray
 from printctl.bead.predict import InkPrediction
 from registration.report.drawing import styled
 from registration.report.svg import ACCENT, INK, MUTED, RULE
-
-FloatArray = NDArray[np.float64]
 
 SIZE_IN: Final = (11.0, 6.6)
 DPI: Final = 120

@@ -6,13 +6,10 @@ from dataclasses import dataclass, fields
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 from sim.bead import Bead
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 WITHIN: Final = 0.05
 """Of the design: what the written diameter should keep along a tapered vessel."""

@@ -14,12 +14,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
+from kernels.arrays import FloatArray
 from printctl.errors import UsageError
 
-FloatArray = NDArray[np.float64]
 LEVEL = 0.95
 
 

@@ -20,13 +20,12 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from kernels.arrays import FloatArray
 from printctl.calibration.estimate import Estimate, quantile, reading_variance
 from printctl.errors import UsageError
 
-FloatArray = NDArray[np.float64]
 Bead = Literal["flat", "round"]
 SETTLED: Final = 0.5
 """Part of the first, slow stretch that is left out: the prime's own transient."""

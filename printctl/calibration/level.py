@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from printctl.calibration.estimate import Estimate, LineFit, fit_line, quantile
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

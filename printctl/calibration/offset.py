@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from kernels.arrays import FloatArray
 from printctl.calibration.estimate import Estimate, quantile, reading_variance
 from printctl.errors import UsageError
-
-FloatArray = NDArray[np.float64]
 
 
 def fit_offset(

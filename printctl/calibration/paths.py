@@ -8,13 +8,13 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from design.toolpath import MoveBuilder, Toolpath
 from firmware_profiles import Syringe
+from kernels.arrays import FloatArray
 from printctl.calibration.lag import LagPattern
 
-FloatArray = NDArray[np.float64]
 Axis = Literal["x", "y", "z", "e"]
 _LIFT_MM = 2.0
 

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles import Printer, Syringe
+from kernels.arrays import FloatArray
 from printctl.calibration.estimate import Estimate, LineFit, fit_line
 from printctl.errors import UsageError
 
-FloatArray = NDArray[np.float64]
 _ALIKE: Final = 0.05
 
 

@@ -11,7 +11,7 @@ from design.hemodynamics.dye import dye_front
 from design.network import VesselNetwork
 from design.units import UL_S_PER_ML_MIN, LengthUnit
 from printctl.cli.options import messages, print_json, print_lines
-from printctl.dye import CURVES, FRONT, PICTURE, Place, lumens_of, write_front
+from printctl.dye import CURVES, FRONT, PICTURE, VesselPlace, lumens_of, write_front
 from printctl.errors import UsageError
 from registration.dye.predict import carrying_flow, solve_without_closed
 
@@ -75,12 +75,12 @@ def predict_front(asked: FrontOptions, as_json: bool) -> None:
     print_lines(*lines, *(str(asked.out / name) for name in (FRONT, CURVES, PICTURE)))
 
 
-def _place(text: str, network: VesselNetwork) -> Place:
+def _place(text: str, network: VesselNetwork) -> VesselPlace:
     vessel, _, share = text.partition(":")
     try:
-        place = Place(int(vessel), float(share or 1.0))
+        place = VesselPlace(int(vessel), float(share or 1.0))
     except ValueError:
-        place = Place(-1, np.nan)
+        place = VesselPlace(-1, np.nan)
     if not (0 <= place.vessel < network.vessel_count and 0.0 <= place.share <= 1.0):
         raise UsageError(
             f"--at {text} isn't a place; give VESSEL:SHARE with a vessel from 0 to "

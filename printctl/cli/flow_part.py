@@ -62,6 +62,10 @@ def _outlet(asked: Mapping[str, Any]) -> dict[str, Any]:
     given = {key: value for key, value in behind.items() if value is not None}
     found: dict[str, Any] = {"outlet": given} if given else {}
     if asked["outlets"] is not None:
+        if not Path(asked["outlets"]).is_file():
+            raise UsageError(
+                f"--outlets {asked['outlets']} isn't there, or no file; check the path"
+            )
         found["outlets"] = str(Path(asked["outlets"]).resolve())
     return found
 
@@ -81,6 +85,8 @@ def _fluid(path: Any) -> dict[str, Any]:
         return {}
     try:
         found = read_yaml(Path(path).read_text(encoding="utf-8"))
+    except OSError as exc:
+        raise UsageError(f"--fluid {path} can't be read: {exc.strerror}; check the path") from exc
     except (yaml.YAMLError, UnicodeDecodeError) as exc:
         raise UsageError(f"{path} isn't YAML: {exc}; write model: carreau and its numbers") from exc
     if not isinstance(found, dict):
@@ -92,7 +98,8 @@ def _losses(asked: Mapping[str, Any]) -> dict[str, Any]:
     stenoses = []
     for text in asked["stenosis"] or ():
         vessel, share, length = _numbers(text, "--stenosis", "VESSEL,SHARE,MM", 3)
-        stenoses.append({"vessel": vessel, "diameter_share": share, "length_mm": length})
+        number = int(vessel) if vessel.is_integer() else vessel
+        stenoses.append({"vessel": number, "diameter_share": share, "length_mm": length})
     if asked["junction_k"] is None and not stenoses:
         return {}
     return {"losses": {"junction_k": asked["junction_k"] or 0.0, "stenoses": stenoses}}
@@ -111,6 +118,8 @@ def _numbers(text: str, option: str, form: str, count: int) -> tuple[float, ...]
 def _pulse(asked: Mapping[str, Any]) -> dict[str, Any]:
     names = ("amplitude_ml_min", "amplitude_mmhg", "shape", *_FOR_WAVES, "profile", "steps")
     table = asked["waveform"]
+    if table is not None and not Path(table).is_file():
+        raise UsageError(f"--waveform {table} isn't there, or no file; check the path")
     return {
         **{key: asked[key] for key in names},
         "table": None if table is None else str(Path(table).resolve()),

@@ -11,7 +11,13 @@ from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import UsageError
 from printctl.observe.look_words import proposal_words, seen_words
-from printctl.observe.records import LookRecord, answer_look, look_folder, read_looks
+from printctl.observe.records import (
+    LookRecord,
+    answer_look,
+    look_folder,
+    read_looks,
+    refuse_unheard,
+)
 
 
 def looks(run: RunArg, as_json: JsonFlag = False) -> None:
@@ -49,6 +55,7 @@ def answer(
     try:
         if not found:
             raise ValueError(f"nobody has looked at the print in {folder}")
+        refuse_unheard(folder)
         answer_look(folder, found[-1].number, word)
     except ValueError as exc:
         raise UsageError(str(exc)) from exc

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from firmware_profiles import Needle, load
 from printctl.cli.options import JsonFlag, messages, print_json, print_lines, three_numbers
@@ -103,20 +104,21 @@ def tip(
 def _views(
     pictures: list[Path],
     frames: list[CameraFrame],
-    places: np.ndarray,
+    places: NDArray[np.float64],
     rod: Needle,
     reach_mm: float,
     ground: Path | None,
 ) -> tuple[list[TipView], list[str]]:
     """Pictures in which the tip is found, and what is said of the others."""
     images = [decoded(path) for path in pictures]
-    behind = [None] * len(images) if ground is None else [decoded(ground)] * len(images)
+    scene = None if ground is None else decoded(ground)
+    behind: list[NDArray[Any] | None] = [scene] * len(images)
     if ground is None:
         for one in {id(each): each for each in frames}.values():
             own = [n for n, each in enumerate(frames) if each is one]
             picked = grounds([images[n] for n in own], one, places[own], rod.outer_mm, reach_mm)
-            for n, scene in zip(own, picked, strict=True):
-                behind[n] = scene
+            for n, other in zip(own, picked, strict=True):
+                behind[n] = other
     views, missed = [], []
     for n, path in enumerate(pictures):
         try:

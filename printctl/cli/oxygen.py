@@ -106,7 +106,7 @@ def oxygen(
     for note in source.notes:
         messages().print(note, style="dim", markup=False)
     files = (NUMBERS, TABLE, FIELD, SLICE)
-    print_lines(hypoxia(found), *_lines(found), *(str(out / name) for name in files))
+    print_lines(hypoxia(found, part), *_lines(found), *(str(out / name) for name in files))
 
 
 def _told(fraction: float, note: str = "") -> None:

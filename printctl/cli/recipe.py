@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-import yaml
 
 from design.files import write_text
+from firmware_profiles.yaml_file import read_yaml
 from printctl.cli.options import RecipeArg, print_json, print_lines, print_note
 from printctl.errors import UsageError
 from printctl.recipe import SCHEMA, Recipe, parse_recipe
@@ -50,7 +50,7 @@ def migrate(
         return
     text = file.read_text(encoding="utf-8")
     made = migrated_text(text, steps)
-    parse_recipe(yaml.safe_load(made), f"{file}, once migrated,")
+    parse_recipe(read_yaml(made), f"{file}, once migrated,")
     if out is None:
         kept = _backup(file, data["schema"])
         write_text(kept, text)

@@ -9,6 +9,7 @@ import typer
 from printctl.cli.options import JsonFlag
 from printctl.cli.station_options import FolderOption, print_status, the_station
 from printctl.errors import UsageError
+from printctl.set_up.by_name import read_dish_centre
 
 
 def _said(what: str) -> Any:
@@ -43,7 +44,7 @@ def mount(
         "ink": ink,
         "dish": dish,
         "bath": bath,
-        "dish_centre_mm": None if dish_centre is None else _two(dish_centre),
+        "dish_centre_mm": None if dish_centre is None else read_dish_centre(dish_centre),
         "bath_level_mm": bath_level,
         "plunger_mm": plunger,
     }
@@ -51,11 +52,3 @@ def mount(
     if not said:
         raise UsageError("nothing is named; give --needle, --dish or the like")
     print_status(the_station(folder).mount(**said), as_json)
-
-
-def _two(text: str) -> tuple[float, float]:
-    try:
-        x, y = (float(part) for part in text.split(","))
-    except ValueError as exc:
-        raise UsageError(f"--dish-centre {text!r} isn't X,Y in mm; write it like 100,100") from exc
-    return x, y

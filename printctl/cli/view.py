@@ -93,10 +93,10 @@ def view(
         found = view_gcode(source, page, png, asked)
     else:
         drive = Drive(inlet_flow_ml_min, viscosity_mpa_s)
-        wish = NetworkViewOptions(
+        settings = NetworkViewOptions(
             colour, seen_from, width, palette, unit, tissue, tissue_unit, drive, most_pieces
         )
-        found = view_network(source, page, png, wish)
+        found = view_network(source, page, png, settings)
     _finish(*found, open_page, as_json)
 
 

@@ -59,7 +59,7 @@ def is_gcode(source: Path) -> bool:
 
 
 def view_gcode(
-    source: Path, page: Path | None, png: Path | None, wish: GcodeViewOptions
+    source: Path, page: Path | None, png: Path | None, settings: GcodeViewOptions
 ) -> tuple[dict[str, Path], tuple[str, ...]]:
     """Write the page and the picture that are asked for.
 
@@ -74,44 +74,46 @@ def view_gcode(
     UsageError
         When the file can't be shown, or not as asked.
     """
-    _check_model(wish, png)
-    job = _read(source, wish)
-    outlines = _outlines(job, wish)
-    colouring = _chosen(job, wish.colour, source)
-    layer = _layer(job, wish.layer, source)
+    _check_model(settings, png)
+    job = _read(source, settings)
+    outlines = _outlines(job, settings)
+    colouring = _chosen(job, settings.colour, source)
+    layer = _layer(job, settings.layer, source)
     written: dict[str, Path] = {}
     if png is not None:
         outline = None if outlines is None else outlines.at(layer)
-        write_bytes(png, draw_layer(job, layer, colouring, wish.width, wish.palette, outline))
+        write_bytes(
+            png, draw_layer(job, layer, colouring, settings.width, settings.palette, outline)
+        )
         written["picture"] = png
     if page is not None:
-        first = PLAIN if outlines is not None and wish.colour is None else colouring
+        first = PLAIN if outlines is not None and settings.colour is None else colouring
         write_gcode_html(page, job, GcodePage(first.key, layer), outlines)
         written["page"] = page
     return written, job.notes
 
 
-def _check_model(wish: GcodeViewOptions, png: Path | None) -> None:
-    if wish.model is None and wish.unit is not None:
-        raise UsageError(f"--unit {wish.unit}: it is for a network, or of the --model; drop it")
-    if wish.model is None and wish.place is not None:
-        raise UsageError(f"--place {wish.place}: it is of the --model; give one, or drop it")
-    if wish.model is not None and wish.colour is not None and png is not None:
+def _check_model(settings: GcodeViewOptions, png: Path | None) -> None:
+    if settings.model is None and settings.unit is not None:
+        raise UsageError(f"--unit {settings.unit}: it is for a network, or of the --model; drop it")
+    if settings.model is None and settings.place is not None:
+        raise UsageError(f"--place {settings.place}: it is of the --model; give one, or drop it")
+    if settings.model is not None and settings.colour is not None and png is not None:
         raise UsageError("--colour and --model both colour the picture; give one")
 
 
-def _outlines(job: GcodeJob, wish: GcodeViewOptions) -> PartOutlines | None:
-    part = read_part(wish.model, None, wish.unit)
+def _outlines(job: GcodeJob, settings: GcodeViewOptions) -> PartOutlines | None:
+    part = read_part(settings.model, None, settings.unit)
     if part is None:
         return None
     if job.layers.passes:
-        raise UsageError(f"--model {wish.model}: {job.name} isn't written in layers")
-    place = None if wish.place is None else np.array(three_numbers(wish.place, "--place"))
+        raise UsageError(f"--model {settings.model}: {job.name} isn't written in layers")
+    place = None if settings.place is None else np.array(three_numbers(settings.place, "--place"))
     return PartOutlines(job, part, place)
 
 
-def _read(source: Path, wish: GcodeViewOptions) -> GcodeJob:
-    pushing = _pushing(wish)
+def _read(source: Path, settings: GcodeViewOptions) -> GcodeJob:
+    pushing = _pushing(settings)
     data = read_gcode_file(source)
     if not data.strip():
         raise UsageError(f"{source} is empty; give a G-code file with moves")
@@ -122,22 +124,25 @@ def _read(source: Path, wish: GcodeViewOptions) -> GcodeJob:
     return read_job(data, source.name, pushing, line_map)
 
 
-def _pushing(wish: GcodeViewOptions) -> Pushing:
-    printer = load(Printer, wish.printer or _PRINTER)
-    if wish.filament_mm is not None and wish.syringe is not None:
+def _pushing(settings: GcodeViewOptions) -> Pushing:
+    printer = load(Printer, settings.printer or _PRINTER)
+    if settings.filament_mm is not None and settings.syringe is not None:
         raise UsageError("--filament-mm and --syringe both say what E is counted in; give one")
     if printer.pneumatic is not None:
-        for option, value in (("--filament-mm", wish.filament_mm), ("--syringe", wish.syringe)):
+        for option, value in (
+            ("--filament-mm", settings.filament_mm),
+            ("--syringe", settings.syringe),
+        ):
             if value is not None:
                 raise UsageError(f"{option}: {printer.name} has no plunger; give --flow-ul-s")
-    elif wish.flow_ul_s is not None:
+    elif settings.flow_ul_s is not None:
         raise UsageError(
             f"--flow-ul-s: {printer.name} has a plunger, whose E says what flows; name a printer "
             "with a pneumatic head (--printer)"
         )
-    syringe = load(Syringe, wish.syringe or _SYRINGE)
-    bore, said = wish.filament_mm, "--filament-mm"
-    if wish.syringe is not None:
+    syringe = load(Syringe, settings.syringe or _SYRINGE)
+    bore, said = settings.filament_mm, "--filament-mm"
+    if settings.syringe is not None:
         bore, said = syringe.inner_mm, syringe.name
     return Pushing(
         printer=printer,
@@ -145,8 +150,8 @@ def _pushing(wish: GcodeViewOptions) -> Pushing:
         bore_said=said,
         syringe_mm=syringe.inner_mm,
         syringe_said=f"{syringe.name}, as neither the file nor --syringe says another",
-        flow_ul_s=wish.flow_ul_s,
-        layer_mm=None if wish.layer_um is None else wish.layer_um * 1e-3,
+        flow_ul_s=settings.flow_ul_s,
+        layer_mm=None if settings.layer_um is None else settings.layer_um * 1e-3,
     )
 
 

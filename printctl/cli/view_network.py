@@ -47,7 +47,7 @@ class NetworkViewOptions:
 
 
 def view_network(
-    source: Path, page: Path | None, png: Path | None, wish: NetworkViewOptions
+    source: Path, page: Path | None, png: Path | None, settings: NetworkViewOptions
 ) -> tuple[dict[str, Path], tuple[str, ...]]:
     """Write the page and the picture that are asked for.
 
@@ -62,19 +62,19 @@ def view_network(
     UsageError
         When the network can't be shown, or not as asked.
     """
-    loaded = load_source(source, wish.unit, wish.drive)
-    surface = _tissue(wish.tissue, wish.tissue_unit, loaded)
+    loaded = load_source(source, settings.unit, settings.drive)
+    surface = _tissue(settings.tissue, settings.tissue_unit, loaded)
     known = quantities(loaded.network, loaded.known)
-    chosen = _chosen(known, wish.colour or _telling(loaded.network), source)
+    chosen = _chosen(known, settings.colour or _telling(loaded.network), source)
     written: dict[str, Path] = {}
     if png is not None:
         messages().print("drawing ...")
-        options = PictureOptions(wish.seen_from, wish.width, wish.palette)
+        options = PictureOptions(settings.seen_from, settings.width, settings.palette)
         flow = loaded.known.flow.get("flow_ml_min")
         write_bytes(png, draw_picture(loaded.network, chosen, surface, options, flow))
         written["picture"] = png
     if page is not None:
-        content = NetworkPage(loaded.name, chosen.key, loaded.notes, wish.most_pieces)
+        content = NetworkPage(loaded.name, chosen.key, loaded.notes, settings.most_pieces)
         write_network_html(page, loaded.network, known, _shown(surface), content)
         written["page"] = page
     return written, loaded.notes

@@ -3,7 +3,7 @@
 Goes in: a network or a run. Comes out: arrival of dye, as files. Begin with `outputs.py`.
 """
 
-from printctl.dye.outputs import CURVES, FRONT, PICTURE, Place, write_front
-from printctl.dye.source import Lumens, lumens_of
+from printctl.dye.outputs import CURVES, FRONT, PICTURE, VesselPlace, write_front
+from printctl.dye.source import DyeLumens, lumens_of
 
-__all__ = ["CURVES", "FRONT", "PICTURE", "Lumens", "Place", "lumens_of", "write_front"]
+__all__ = ["CURVES", "FRONT", "PICTURE", "DyeLumens", "VesselPlace", "lumens_of", "write_front"]

@@ -24,7 +24,7 @@ _SPAN: Final = 3.0
 
 
 @dataclass(frozen=True)
-class Place:
+class VesselPlace:
     """A place on a vessel: which, and the share of its length from its first node."""
 
     vessel: int
@@ -36,14 +36,14 @@ def write_front(
     network: VesselNetwork,
     carried: CarryingFlow,
     front: DyeFront,
-    places: Sequence[Place],
+    places: Sequence[VesselPlace],
     interval_s: float,
 ) -> dict[str, Any]:
     """Write `FRONT`, `CURVES` and `PICTURE`; return the main numbers.
 
     Parameters
     ----------
-    places : sequence of Place
+    places : sequence of VesselPlace
         Of the curves; where none is given, the ends of the vessels, or of those that end at an
         outlet where there are many.
     interval_s : float, s
@@ -74,12 +74,12 @@ def write_front(
     }  # fmt: skip
 
 
-def ends(network: VesselNetwork, front: DyeFront) -> list[Place]:
+def ends(network: VesselNetwork, front: DyeFront) -> list[VesselPlace]:
     """Where dye leaves vessels: all of them, or those at the network's ends, at most fifty."""
     known = np.isfinite(front.mean_leaves_s)
     if known.sum() > _MOST_CURVES:
         known &= (network.degree()[network.vessel_nodes] == 1).any(axis=1)
-    return [Place(int(vessel), 1.0) for vessel in np.flatnonzero(known)[:_MOST_CURVES]]
+    return [VesselPlace(int(vessel), 1.0) for vessel in np.flatnonzero(known)[:_MOST_CURVES]]
 
 
 def _write_curves(
@@ -87,7 +87,7 @@ def _write_curves(
     network: VesselNetwork,
     carried: CarryingFlow,
     front: DyeFront,
-    places: Sequence[Place],
+    places: Sequence[VesselPlace],
 ) -> None:
     """``time_s``, and the section's mean of each place after a step of 1 at the inlets."""
     vessel = np.array([place.vessel for place in places], dtype=np.int64)
@@ -105,7 +105,7 @@ def _write_curves(
     write_columns(path, columns)
 
 
-def volume_share(network: VesselNetwork, places: Sequence[Place]) -> FloatArray:
+def volume_share(network: VesselNetwork, places: Sequence[VesselPlace]) -> FloatArray:
     """Share of each place's vessel's volume before it, from its first node, (n,)."""
     found = []
     for place in places:

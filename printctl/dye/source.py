@@ -9,12 +9,13 @@ import numpy as np
 
 from design.network import VesselNetwork
 from design.units import UL_S_PER_ML_MIN, LengthUnit
-from printctl.flow.as_printed import printed_lumens, read_rows
+from printctl.flow.as_printed import printed_lumens, read_print
 from printctl.networks import Drive, load_source
+from registration.gauging import with_printed_lengths
 
 
 @dataclass(frozen=True)
-class Lumens:
+class DyeLumens:
     """A network, what of it is closed, and what runs into it.
 
     Attributes
@@ -31,7 +32,7 @@ class Lumens:
     flow_ml_min: float | None
 
 
-def lumens_of(model: Path, unit: LengthUnit | None, as_printed: bool) -> Lumens:
+def lumens_of(model: Path, unit: LengthUnit | None, as_printed: bool) -> DyeLumens:
     """Read a run folder or a network's file.
 
     Raises
@@ -45,7 +46,8 @@ def lumens_of(model: Path, unit: LengthUnit | None, as_printed: bool) -> Lumens:
         first = np.isin(source.network.vessel_nodes[:, 0], source.network.inlets())
         flow = float(source.known.flow["flow_ul_s"][first].sum()) / UL_S_PER_ML_MIN
     if not as_printed:
-        return Lumens(source.network, (), flow)
-    printed = printed_lumens(source.network, read_rows(model))
+        return DyeLumens(source.network, (), flow)
+    rows, scale = read_print(model)
+    printed = printed_lumens(source.network, rows)
     closed = tuple(np.flatnonzero(printed.closed).tolist())
-    return Lumens(printed.network, closed, flow)
+    return DyeLumens(with_printed_lengths(printed.network, scale), closed, flow)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.toolpath.correction import Corrections, Stretch
+from kernels.arrays import FloatArray
 from printctl.compensation import (
     CompensationFile,
     GainPart,
@@ -35,8 +35,6 @@ from printctl.feedback.whole_part import (
     pool_prints,
     radial,
 )
-
-FloatArray = NDArray[np.float64]
 
 LEAST_UM = 1.0
 """Smaller local corrections aren't written: a tenth of a usual printer's step."""

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc, stdtrit
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 from printctl.feedback.readings import LEAST_SECTIONS, Reading
 from printctl.feedback.size import OFFSET_VOXELS, projector_across
 from printctl.feedback.whole_part import NORMAL_95, VESSEL_VOXELS, Radial
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _STEPS = 50

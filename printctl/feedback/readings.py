@@ -11,14 +11,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from design.toolpath.correction import Corrections, Stretch
+from kernels.arrays import BoolArray, FloatArray
 from printctl.feedback.evidence import Print
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 WHOLE_VESSEL = 0.8
 """A change over more of a vessel's sections than this is the vessel's own size."""

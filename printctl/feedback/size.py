@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from printctl.feedback.evidence import Print
 from printctl.feedback.readings import Reading
 from printctl.feedback.whole_part import BIAS_VOXELS, NORMAL_95
-
-FloatArray = NDArray[np.float64]
 
 OFFSET_VOXELS = 0.1
 """Standard deviation of a lumen's place that repeats in every scan: one wall is lit otherwise than

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from kernels.arrays import FloatArray
 from printctl.feedback.readings import LEAST_SECTIONS, Reading
-
-FloatArray = NDArray[np.float64]
 
 NORMAL_95 = 1.96
 BIAS_VOXELS = 0.5

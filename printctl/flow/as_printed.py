@@ -48,8 +48,14 @@ class PrintedNetwork:
     measured: np.ndarray[Any, np.dtype[np.bool_]]
 
 
-def read_rows(folder: Path) -> list[dict[str, Any]]:
-    """What registration says of each vessel.
+def read_print(folder: Path) -> tuple[list[dict[str, Any]], FloatArray]:
+    """Read what registration says of each vessel, and the print's size over the design's.
+
+    Returns
+    -------
+    rows : list of dict
+    scale : (3,) float64
+        Along x, y, z; 1 where the registration has none.
 
     Raises
     ------
@@ -63,10 +69,11 @@ def read_rows(folder: Path) -> list[dict[str, Any]]:
             f"there is none at {path}; register a scan first, or leave --as-printed out"
         )
     try:
-        rows = json.loads(path.read_text(encoding="utf-8"))["vessels"]
-    except (ValueError, KeyError, TypeError) as exc:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        scale = np.array(found.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64).reshape(3)
+        return list(found["vessels"]), scale
+    except (ValueError, KeyError, TypeError, AttributeError) as exc:
         raise UsageError(f"{path} can't be read ({exc}); register the scan again") from exc
-    return list(rows)
 
 
 def printed_lumens(network: VesselNetwork, rows: Sequence[Mapping[str, Any]]) -> PrintedNetwork:

@@ -24,11 +24,10 @@ from design.network_files.csv_format import read_network_csv
 from printctl.errors import UsageError
 from printctl.flow.as_printed import (
     OpenPart,
-    PrintedNetwork,
     even_radii,
     open_part,
     printed_lumens,
-    read_rows,
+    read_print,
 )
 from printctl.flow.conditions import pulsatile_conditions, steady_conditions
 from printctl.flow.one_d import one_d_options
@@ -59,6 +58,7 @@ from printctl.recipe.space import ThreeDPart
 from printctl.recipe.waves import OneDPart
 from printctl.run_folder.artefacts import NETWORK
 from printctl.run_folder.manifest import Manifest
+from registration.gauging import with_printed_lengths
 
 AS_PRINTED, SUMMARY = "flow_as_printed.csv", "flow_as_printed.json"
 
@@ -124,16 +124,18 @@ def solve_as_printed(
     if case.part.three_d is not None:
         load_engine()  # Missing, it is better told before minutes of work.
     design = read_network_csv(case.folder / NETWORK, unit="mm")
-    rows = read_rows(case.folder)
+    rows, scale = read_print(case.folder)
     printed = printed_lumens(design, rows)
-    part = open_part(printed, design)
+    on_design = open_part(printed, design)
+    part = replace(on_design, network=with_printed_lengths(on_design.network, scale))
     tell("intervals of 0D flow")
     pairs = {"0D": _steady(case, design, part, lumen_errors(rows))}
     if case.part.one_d is not None:
         tell("1D flow")
         pairs["1D"] = _waves(case, case.part.one_d, design, part)
     if case.part.three_d is not None:
-        pairs["3D"] = _space(case, case.part.three_d, design, (printed, part), tell)
+        lumens = on_design if case.scanned else part  # `scanned_lumen` moves the axes itself
+        pairs["3D"] = _space(case, case.part.three_d, design, lumens, tell)
     pairs |= {name: _with_ends(pairs["0D"], pair) for name, pair in pairs.items() if name != "0D"}
     summary = printed_summary(printed, pairs, shear_band(case.part))
     summary["interval_95"] = _intervals_said(pairs["0D"])
@@ -190,10 +192,10 @@ def _space(
     case: PrintedCase,
     how: ThreeDPart,
     design: VesselNetwork,
-    found: tuple[PrintedNetwork, OpenPart],
+    part: OpenPart,
     tell: Callable[[str], None],
 ) -> Pair:
-    conditions, (_, part) = _conditions(case, design), found
+    conditions = _conditions(case, design)
     tell("3D flow as designed")
     designed = in_space(design, mesh_of(design, how, case.fillet_ratio), conditions, how)
     tell("3D flow as printed")

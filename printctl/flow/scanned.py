@@ -12,6 +12,7 @@ from manifold3d import Manifold
 
 from design.errors import FlowError
 from design.geometry.surface import Surface
+from design.hemodynamics.three_d.cut_ends import manifold_arrays
 from design.hemodynamics.three_d.lumen_mesh import MeshPort
 from design.hemodynamics.three_d.wall import free_ends
 from design.network import FloatArray, VesselNetwork
@@ -19,7 +20,7 @@ from design.solids.denoise import denoised
 from design.solids.lumen import lumen_solid
 from design.solids.manifolds import solid_manifold, to_manifold
 from printctl.errors import UsageError
-from printctl.flow.scanned_size import arrays_of, facing, set_out
+from printctl.flow.scanned_size import facing, set_out
 from printctl.run_folder.artefacts import NUMBERS
 from printctl.run_folder.registration_files import DEVIATION, load_deviation
 
@@ -81,7 +82,7 @@ def scanned_lumen(folder: Path, network: VesselNetwork) -> ScannedLumen:
     for port in free_ends(placed):
         lumen = _drawn_out(lumen, port, _INSET_VOXELS * voxel)
     _check_size(lumen, placed)
-    return ScannedLumen(Surface(*arrays_of(lumen)), placed)
+    return ScannedLumen(Surface(*manifold_arrays(lumen)), placed)
 
 
 def _numbers(folder: Path) -> dict[str, Any]:

@@ -8,10 +8,12 @@ import numpy as np
 from manifold3d import Manifold
 from scipy.spatial import cKDTree
 
+from design.geometry.frames import vectors_across
 from design.hemodynamics.probes import clear_parts
 from design.hemodynamics.three_d.axes import axis_places
+from design.hemodynamics.three_d.cut_ends import manifold_arrays
 from design.hemodynamics.three_d.facets import corner_normals
-from design.network import FloatArray, IntArray, VesselNetwork
+from design.network import FloatArray, VesselNetwork
 from design.solids.manifolds import to_manifold
 
 _APART: Final = 0.25
@@ -32,7 +34,7 @@ def set_out(lumen: Manifold, network: VesselNetwork) -> Manifold:
     registration's diameters have that undone, and say how large σ² is.
     """
     squared = blur_squared(lumen, network)
-    points, faces = arrays_of(lumen)
+    points, faces = manifold_arrays(lumen)
     axis, apart, _ = axis_places(network, _APART)
     radius = apart[cKDTree(axis).query(points, workers=1)[1]] / _APART
     normals, at_faces = np.zeros_like(points), corner_normals(points, faces)
@@ -68,10 +70,7 @@ def blur_squared(lumen: Manifold, network: VesselNetwork) -> float:
 
 def facing(lumen: Manifold, place: FloatArray, way: FloatArray) -> tuple[Manifold, FloatArray]:
     """The lumen seen from a place along the unit vector ``way``, and the (3, 4) that takes back."""
-    least = np.eye(3)[int(np.argmin(np.abs(way)))]
-    first = np.cross(way, least)
-    first /= np.linalg.norm(first)
-    turn = np.column_stack([first, np.cross(way, first), way])
+    turn = np.column_stack([*vectors_across(way), way])
     return lumen.transform(np.column_stack([turn.T, -turn.T @ place])), np.column_stack(
         [turn, place]
     )
@@ -86,10 +85,3 @@ def _section_radius(lumen: Manifold, place: FloatArray, way: FloatArray) -> floa
         if low_x < 0.0 < high_x and low_y < 0.0 < high_y:
             areas.append(part.area())
     return float(np.sqrt(min(areas) / np.pi)) if areas else 0.0
-
-
-def arrays_of(lumen: Manifold) -> tuple[FloatArray, IntArray]:
-    """Vertices (n, 3), mm, and faces (f, 3)."""
-    mesh = lumen.to_mesh64()
-    points = np.array(mesh.vert_properties[:, :3], dtype=np.float64)
-    return points, np.array(mesh.tri_verts, dtype=np.int64)

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from printctl.gcode_view.pushing import Pushing
 from printctl.gcode_view.rows import Rows
 from printctl.rounding import last_digit_mm
 from registration.report.gcode import Act
 from sim.program.gcode import Program
 from sim.reading.comments import Comments
-
-FloatArray = NDArray[np.float64]
 
 
 def plunger_doses(

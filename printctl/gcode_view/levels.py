@@ -5,13 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from registration.report.gcode import Layers
 from sim.reading.comments import Comments
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 LEVEL_MM: Final = 5e-3
 """Written heights closer than this are one level (two steps of a usual z axis)."""

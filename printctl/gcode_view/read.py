@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
+from kernels.arrays import FloatArray, IntArray
 from printctl.errors import UsageError
 from printctl.gcode_view.doses import plunger_doses, valve_doses
 from printctl.gcode_view.levels import fill_rows, is_flat, make_layers
@@ -25,9 +26,6 @@ from sim.heads.valve import Valve, read_with_valve
 from sim.program.gcode import Program, code
 from sim.program.modal import BAD, MOVE
 from sim.reading.comments import Comments, declared_start, plain_lines, read_comments
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _LIFT_MM: Final = 1e-3
 _VOLUMES: Final = re.compile(rb"\nM200 D[1-9]")

@@ -8,14 +8,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.report.gcode import Act
 from sim.heads.valve import Valve
 from sim.program.gcode import Program
 from sim.program.modal import DWELL, HOME, MOVE
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 _STILL_MM: Final = 1e-9
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from kernels.arrays import BoolArray, FloatArray
 
 
 def cross_sections(

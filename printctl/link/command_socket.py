@@ -2,8 +2,8 @@
 
 A client sends objects with ``do`` (and ``token`` where the socket is TCP). ``status`` and
 ``subscribe`` are answered by ``{"event": "status", ...}``, what can't be done by
-``{"event": "refused", "message": ..., "error": ...}``, a wish with ``answer`` set that can, by
-``heard``. ``kill`` and ``detach`` every command socket knows; further wishes are a kind's own.
+``{"event": "refused", "message": ..., "error": ...}``, a request with ``answer`` set that can, by
+``heard``. ``kill`` and ``detach`` every command socket knows; further requests are a kind's own.
 
 One thread serves all clients and never waits for any: sockets are non-blocking, and a client that
 doesn't read what it is sent is dropped. ``kill`` is handed to a thread that was started in
@@ -92,7 +92,7 @@ def forget(address: str) -> None:
 class SocketServer(ABC):
     """Serves clients in a thread of its own, from `start` to `finish`.
 
-    A subclass says what may be requested (`wishes`), what a client is told (`told`) and what
+    A subclass says what may be requested (`requests`), what a client is told (`told`) and what
     `kill` is.
 
     Attributes
@@ -120,7 +120,7 @@ class SocketServer(ABC):
             "subscribe": self._subscribe,
             "kill": self._do_kill,
             "detach": self._do_detach,
-            **self.wishes(),
+            **self.requests(),
         }
         self._selector = selectors.DefaultSelector()
         self._waker, self._woken = socket.socketpair()
@@ -149,8 +149,8 @@ class SocketServer(ABC):
         """Status as a JSON object."""
 
     @abstractmethod
-    def wishes(self) -> Mapping[str, Callable[[ClientPlace, dict[str, Any]], None]]:
-        """What grants each wish; raises `LinkError` for one that can't be granted."""
+    def requests(self) -> Mapping[str, Callable[[ClientPlace, dict[str, Any]], None]]:
+        """What grants each request; raises `LinkError` for one that can't be granted."""
 
     # --- for any thread ------------------------------------------------------------------------
 
@@ -276,32 +276,32 @@ class SocketServer(ABC):
 
     def _answer(self, guest: ClientPlace, line: bytes) -> None:
         try:
-            wish = json.loads(line)
-            if not secrets.compare_digest(str(wish.get("token", "")), self.token):
+            request = json.loads(line)
+            if not secrets.compare_digest(str(request.get("token", "")), self.token):
                 self.post(guest, {"event": "refused", "message": "wrong token"})
                 return
-            grant = self._granted[wish["do"]]
+            grant = self._granted[request["do"]]
             guest.known = True
-            grant(guest, wish)
-            if wish.get("answer"):
-                self.post(guest, {"event": "heard", "do": wish["do"]})
+            grant(guest, request)
+            if request.get("answer"):
+                self.post(guest, {"event": "heard", "do": request["do"]})
         except LinkError as exc:
             error = type(exc).__name__
             self.post(guest, {"event": "refused", "message": str(exc), "error": error})
         except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
             self.post(guest, {"event": "refused", "message": f"can't read {line[:80]!r}"})
 
-    def _subscribe(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
+    def _subscribe(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         guest.subscribed = True
         self.post(guest, {"event": "status", **self.told()})
 
-    def _status(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
+    def _status(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         self.post(guest, {"event": "status", "asked": True, **self.told()})
 
-    def _do_kill(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
+    def _do_kill(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         self._kill.set()
 
-    def _do_detach(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
+    def _do_detach(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         guest.subscribed = False
 
     def _deliver(self) -> None:

@@ -61,14 +61,14 @@ class Connection:
         return self._socket is not None
 
     def send(self, do: str, **values: Any) -> None:
-        """Send a wish; without effect when the print is over, which `wait` tells."""
+        """Send a request; without effect when the print is over, which `wait` tells."""
         if not self._post(do, **values):
             self.detach()
             if self.reach():
                 self._post(do, **values)
 
     def ask(self, do: str, **values: Any) -> None:
-        """Send a wish and hear that it was understood; without effect when the print is over."""
+        """Send a request and hear that it was understood; without effect when the print is over."""
         self.send(do, answer=True, **values)
         for message in self.messages(ANSWER_LIMIT_S):
             self.take(message)

@@ -14,7 +14,7 @@
     ├── AlreadyPrinting         a link process already owns this folder
     ├── HistoryError            the index of past prints can't be used
     │   └── NoSuchPrint         no print, or more than one, has that id
-    ├── Refused                 a wish that can't be granted as the print stands; it goes on
+    ├── Refused                 a request that can't be granted as the print stands; it goes on
     └── NoLink                  nothing to attach to, or the link process doesn't answer
 """
 
@@ -70,7 +70,7 @@ class NoSuchPrint(HistoryError):  # noqa: N818
 
 
 class Refused(LinkError):  # noqa: N818
-    """A wish that can't be granted as the print stands: the user's mistake, not the printer's."""
+    """A request that can't be granted as the print stands: a mistake of the user's."""
 
 
 class NoLink(LinkError):  # noqa: N818

@@ -1,4 +1,4 @@
-"""What a job's own moves keep to, as its checks judged: hull across, heights, plunger's speed."""
+"""Limits that a job's own moves keep to: hull across, heights, speed of the plunger."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ class TunableBaud(Protocol):
 
 
 @dataclass(frozen=True)
-class Place:
+class PrinterPort:
     """Port and baud rate at which a printer answers.
 
     Attributes
@@ -139,7 +139,7 @@ def _described(port: PortInfo) -> str:
     return f"{port.device} ({told})" if told else port.device
 
 
-def locate(port: str, baud: int | str | None, printer: Printer) -> Place:
+def locate(port: str, baud: int | str | None, printer: Printer) -> PrinterPort:
     """Find port and baud rate where one or both are `AUTO`; opens the port for `AUTO` rates only.
 
     Parameters
@@ -159,13 +159,13 @@ def locate(port: str, baud: int | str | None, printer: Printer) -> Place:
     """
     name = named_port(port, printer)
     if baud != AUTO:
-        return Place(name, int(baud or printer.baud))
+        return PrinterPort(name, int(baud or printer.baud))
     rates = rates_to_try(printer)
     wire = open_port(name, printer, rates[0])
     try:
         if isinstance(wire, SerialTransport):
-            return Place(name, sweep(wire, rates, RealClock(), printer.resets_on_connect))
-        return Place(name, rates[0])  # TCP: whoever bridges it has chosen the rate
+            return PrinterPort(name, sweep(wire, rates, RealClock(), printer.resets_on_connect))
+        return PrinterPort(name, rates[0])  # TCP: whoever bridges it has chosen the rate
     except HandshakeError as exc:
         raise HandshakeError(f"{name}: {exc}") from exc
     finally:

@@ -1,8 +1,8 @@
 """Command socket server of one print's link process.
 
-Besides what every command socket knows (`printctl.link.command_socket`) a client may wish ``stop``,
-``pause`` (with ``after``: layer, vessel or nothing), ``reload`` (with ``head``, of several),
-``resume`` (with ``change``, the fields of `NewSyringe`, or ``unchanged``), ``alive``, and
+Besides what every command socket knows (`printctl.link.command_socket`) a client may request
+``stop``, ``pause`` (with ``after``: layer, vessel or nothing), ``reload`` (with ``head``, of
+several), ``resume`` (with ``change``, the fields of `NewSyringe`, or ``unchanged``), ``alive``, and
 ``command`` (with ``text``), which is answered by
 ``{"event": "reply", "command": ..., "lines": [...]}``.
 
@@ -51,8 +51,8 @@ class Server(SocketServer):
         """The print's status."""
         return self.streamer.status.to_dict()
 
-    def wishes(self) -> Mapping[str, Callable[[ClientPlace, dict[str, Any]], None]]:
-        """What else may be wished of a print."""
+    def requests(self) -> Mapping[str, Callable[[ClientPlace, dict[str, Any]], None]]:
+        """What else may be requested of a print."""
         return {
             "stop": self._do_stop,
             "pause": self._do_pause,
@@ -68,28 +68,30 @@ class Server(SocketServer):
         """Tell all subscribers; from any thread, never waiting."""
         self.tell_all(status.to_dict())
 
-    def _do_stop(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
+    def _do_stop(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         self.streamer.stop()
 
-    def _do_pause(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
-        after = wish.get("after")
+    def _do_pause(self, guest: ClientPlace, request: dict[str, Any]) -> None:
+        after = request.get("after")
         self.streamer.pause(MarkKind(after) if after else None)
         self.publish(self.streamer.status)
 
-    def _do_reload(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
-        head = wish.get("head")
+    def _do_reload(self, guest: ClientPlace, request: dict[str, Any]) -> None:
+        head = request.get("head")
         self.streamer.reload(*(() if head is None else (int(head),)))
         self.publish(self.streamer.status)
 
-    def _do_resume(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
-        change = wish.get("change")
-        self.streamer.resume(NewSyringe(**change) if change else None, bool(wish.get("unchanged")))
+    def _do_resume(self, guest: ClientPlace, request: dict[str, Any]) -> None:
+        change = request.get("change")
+        self.streamer.resume(
+            NewSyringe(**change) if change else None, bool(request.get("unchanged"))
+        )
 
-    def _do_alive(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
+    def _do_alive(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         self.streamer.alive()
 
-    def _do_command(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
-        text = str(wish["text"])
+    def _do_command(self, guest: ClientPlace, request: dict[str, Any]) -> None:
+        text = str(request["text"])
 
         def done(lines: tuple[bytes, ...]) -> None:
             said = [line.decode("ascii", "backslashreplace") for line in lines]
@@ -97,10 +99,14 @@ class Server(SocketServer):
 
         self.streamer.typed(text, done, partial(self._refuse, guest))
 
-    def _do_insert(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
-        lines, why, flow = wish.get("lines", ()), str(wish.get("why", "")), wish.get("flow")
+    def _do_insert(self, guest: ClientPlace, request: dict[str, Any]) -> None:
+        lines, why, flow = (
+            request.get("lines", ()),
+            str(request.get("why", "")),
+            request.get("flow"),
+        )
         self.streamer.insert(
-            int(wish["look"]),
+            int(request["look"]),
             [str(line) for line in lines],
             why,
             partial(self.post, guest),
@@ -108,10 +114,10 @@ class Server(SocketServer):
             None if flow is None else float(flow),
         )
 
-    def _do_look_done(self, guest: ClientPlace, wish: dict[str, Any]) -> None:
+    def _do_look_done(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         done, refused = partial(self.post, guest), partial(self._refuse, guest)
-        decision, why = LookDecision(wish["decision"]), str(wish.get("why", ""))
-        self.streamer.look_done(int(wish["look"]), decision, why, done, refused)
+        decision, why = LookDecision(request["decision"]), str(request.get("why", ""))
+        self.streamer.look_done(int(request["look"]), decision, why, done, refused)
 
     def _refuse(self, guest: ClientPlace, why: str) -> None:
         self.post(guest, {"event": "refused", "message": why, "error": Refused.__name__})

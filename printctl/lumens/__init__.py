@@ -8,7 +8,7 @@ from printctl.lumens.check import LumenCheck, check_model, check_network
 from printctl.lumens.filament_check import FilamentCheck, check_filaments
 from printctl.lumens.filament_sections import measure_filaments
 from printctl.lumens.filaments import filaments
-from printctl.lumens.leaks import Leak, Lumens, find_leaks
+from printctl.lumens.leaks import DesignedLumens, Leak, find_leaks
 from printctl.lumens.lines import WrittenLines, read_lines, rounded_to_steps
 from printctl.lumens.measure import Openings, measure
 from printctl.lumens.merges import Merge, find_merges
@@ -21,11 +21,11 @@ from printctl.lumens.stations import SectionStations
 from printctl.lumens.trees import network_trees
 
 __all__ = [
+    "DesignedLumens",
     "FilamentCheck",
     "Leak",
     "LumenCheck",
     "LumenReport",
-    "Lumens",
     "Merge",
     "Openings",
     "SectionStations",

@@ -9,7 +9,7 @@ import numpy as np
 
 from design.network import VesselNetwork
 from design.solids import Solid
-from printctl.lumens.leaks import Leak, Lumens, find_leaks
+from printctl.lumens.leaks import DesignedLumens, Leak, find_leaks
 from printctl.lumens.lines import WrittenLines
 from printctl.lumens.measure import measure
 from printctl.lumens.model import model_lumens
@@ -144,7 +144,7 @@ def check_model(
 def _check(
     lines: WrittenLines,
     stations: SectionStations,
-    trees: Lumens,
+    trees: DesignedLumens,
     place: FloatArray,
     stepped: WrittenLines,
     leak_mm: float,

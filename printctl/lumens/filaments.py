@@ -5,14 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from printctl.errors import UsageError
 from printctl.lumens.line_widths import check_width, dose_per_mm
 from sim.deposit.strands import Strands
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 THREAD_MM: Final = 1e-3
 """Thinner filaments are none."""

@@ -54,7 +54,7 @@ class Leak:
 
 
 @dataclass(frozen=True)
-class Lumens:
+class DesignedLumens:
     """Designed lumens, as the search for leaks wants them, in the printer's frame.
 
     Attributes
@@ -88,7 +88,7 @@ class Grid:
     ny: int
 
 
-def find_leaks(lines: WrittenLines, lumens: Lumens, width_mm: float) -> tuple[Leak, ...]:
+def find_leaks(lines: WrittenLines, lumens: DesignedLumens, width_mm: float) -> tuple[Leak, ...]:
     """Ways out of the lumens that a ball of ``width_mm`` could take.
 
     The ball goes sideways within a layer, and up and down where it finds room above or below.
@@ -122,7 +122,9 @@ def _grid(lines: WrittenLines, width: float) -> Grid:
     return Grid(x0 - edge, y0 - edge, pixel, int(count[0]), int(count[1]))
 
 
-def _all_runs(lines: WrittenLines, lumens: Lumens, width: float, grid: Grid) -> list[Pixels]:
+def _all_runs(
+    lines: WrittenLines, lumens: DesignedLumens, width: float, grid: Grid
+) -> list[Pixels]:
     """Runs of each layer, and of an empty one below and above."""
     order = np.argsort(lines.layer, kind="stable")
     line = np.column_stack([lines.start, lines.end, lines.width / 2])[order]
@@ -158,7 +160,7 @@ def _leaks(
     first: IntArray,
     space: IntArray,
     touch: IntArray,
-    lumens: Lumens,
+    lumens: DesignedLumens,
     grid: Grid,
     lines: WrittenLines,
 ) -> tuple[Leak, ...]:
@@ -232,7 +234,7 @@ def _by_spaces(
     return found
 
 
-def _at_mouth(at: FloatArray, lumens: Lumens, edge: float) -> NDArray[np.bool_]:
+def _at_mouth(at: FloatArray, lumens: DesignedLumens, edge: float) -> NDArray[np.bool_]:
     """Whether each place is where a lumen may open."""
     if len(lumens.mouth) == 0 or len(at) == 0:
         return np.zeros(len(at), dtype=np.bool_)

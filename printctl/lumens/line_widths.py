@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from printctl.errors import UsageError
 from sim.reading.comments import plain_lines, read_comments
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 LEVEL_TOLERANCE_MM: Final = 5e-3
 FLAT_MM: Final = 1e-3

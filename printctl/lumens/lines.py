@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
+from kernels.arrays import FloatArray, IntArray
 from printctl.errors import UsageError
 from printctl.lumens.line_widths import (
     LayerHeightComments,
@@ -24,9 +24,6 @@ from printctl.lumens.strokes import origin, plunger_strokes
 from printctl.rounding import last_digit_mm, window_mm
 from sim.deposit.strands import Strands
 from sim.program.gcode import read_gcode
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 ROUNDED: Final = BeadSection()
 MOST_WINDOW_MM: Final = 1.0

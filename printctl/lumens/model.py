@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from design.solids import Solid
 from design.solids.manifolds import solid_manifold
 from printctl.errors import UsageError
-from printctl.lumens.leaks import Grid, Lumens, Pixels
+from printctl.lumens.leaks import DesignedLumens, Grid, Pixels
 from printctl.lumens.lines import WrittenLines
 from printctl.lumens.network import BEYOND, BEYOND_MM
 from printctl.lumens.stations import FloatArray, IntArray, SectionStations
@@ -39,7 +39,7 @@ class _Hole:
 
 def model_lumens(
     solid: Solid, lines: WrittenLines, place_mm: FloatArray
-) -> tuple[SectionStations, Lumens, int]:
+) -> tuple[SectionStations, DesignedLumens, int]:
     """A station for each hole of the part at the middle of each written layer.
 
     Holes that overlap from one layer to the next are one lumen as long as each has one partner;
@@ -118,7 +118,7 @@ def _trees(
     stations: SectionStations,
     lines: WrittenLines,
     place: FloatArray,
-) -> Lumens:
+) -> DesignedLumens:
     """Lumens that fork into one another are a tree; each may open at its ends."""
     margin = margin_mm(lines)
     first = np.searchsorted(np.array([hole.layer for hole in holes]), np.arange(len(lines.low) + 1))
@@ -137,7 +137,7 @@ def _trees(
 
     group = np.concatenate([tree[stations.lumen[ends]], tree[lumen]])
     names = tuple(str(k) for k in range(int(tree.max()) + 1))
-    return Lumens(label, group, names, stations.axis[ends], reach)
+    return DesignedLumens(label, group, names, stations.axis[ends], reach)
 
 
 def _stations(

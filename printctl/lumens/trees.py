@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from design.network import VesselNetwork
-from printctl.lumens.leaks import PIXEL_MM, Grid, Lumens, Pixels
+from printctl.lumens.leaks import PIXEL_MM, DesignedLumens, Grid, Pixels
 from printctl.lumens.lines import WrittenLines
 from printctl.lumens.stations import FloatArray, IntArray
 from sim.lumens.leak_kernels import label_pieces
@@ -21,7 +21,9 @@ def margin_mm(lines: WrittenLines) -> float:
     return float((lines.high - lines.low).max()) / 2 + PIXEL_MM
 
 
-def network_trees(network: VesselNetwork, lines: WrittenLines, place_mm: FloatArray) -> Lumens:
+def network_trees(
+    network: VesselNetwork, lines: WrittenLines, place_mm: FloatArray
+) -> DesignedLumens:
     """Trees of a network. They may open at nodes where one vessel ends, or where trees meet."""
     start, end, r0, r1, vessel = network.pieces()
     margin = margin_mm(lines)
@@ -43,7 +45,7 @@ def network_trees(network: VesselNetwork, lines: WrittenLines, place_mm: FloatAr
         label_pieces(piece, chosen, z, margin, grid.left, grid.bottom, grid.pixel, pixels)
 
     names = tuple(str(number) for number in numbers)
-    return Lumens(label, np.concatenate([group[vessel], tree]), names, at, reach)
+    return DesignedLumens(label, np.concatenate([group[vessel], tree]), names, at, reach)
 
 
 def mouth_pieces(at: FloatArray, reach: FloatArray) -> FloatArray:

@@ -13,16 +13,19 @@ from firmware_profiles.bead import BeadSection
 from printctl.observe.deciding import Evidence, FlowBlocks, InkSupply, judge_supply
 from printctl.observe.deciding.decide import Narrowed
 from printctl.observe.expected import ExpectedInk
-from registration.layer_images import ExpectedLines, LayerFindings, Stations
+from registration.layer_images import ExpectedLines, LayerFindings, Stations, Unseen
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 _BLOCK_S: Final = 1.0
 """Writing time whose widths are one reading of the flow."""
 _BELOW: Final = 3
 """Levels below the judged one that may show through."""
 _LEVEL_MM: Final = 1e-3
+_ABSENT: Final = 0.5
+_TAPER: Final = 2
 
 
 @dataclass(frozen=True)
@@ -108,6 +111,7 @@ def evidence_of(
             for one in found.lumens
             if one.seen
         ),
+        over_old_share=_over_old(stations),
     )
 
 
@@ -130,6 +134,13 @@ def figures(found: LayerFindings, evidence: Evidence) -> dict[str, Any]:
 
 def _number(value: float) -> float | None:
     return round(float(value), 5) if math.isfinite(value) else None
+
+
+def _over_old(stations: Stations) -> float:
+    """Share of the way that isn't seen because it lies over older ink."""
+    whole = float(stations.length_mm.sum())
+    own = float(stations.length_mm[stations.why == Unseen.OLD_INK].sum())
+    return own / whole if whole > 0 else 0.0
 
 
 def _supply(
@@ -166,6 +177,7 @@ def _flow(
 ) -> FlowBlocks:
     """Cross-section seen over expected, a second of writing at a time."""
     told = stations.seen & np.isfinite(stations.width_mm) & (stations.expected_mm > 0)
+    told &= ~_near_absence(stations)
     if not told.any():
         none = np.zeros(0)
         return FlowBlocks(none, none, none, none)
@@ -183,6 +195,14 @@ def _flow(
     common = u_common * mean(slope / np.maximum(u, 1e-12) * stations.expected_mm[told])
     known = np.nan_to_num(np.abs(common), nan=0.0, posinf=0.0)
     return FlowBlocks(mean(time), mean(ratio), np.hypot(scatter, known), mean(ink.factor[row]))
+
+
+def _near_absence(stations: Stations) -> BoolArray:
+    """Places without ink, and the two to either side: where ink stops or begins it tapers."""
+    near = np.asarray(stations.seen & (stations.present < _ABSENT), dtype=np.bool_)
+    for _ in range(_TAPER):
+        near = near | np.append(near[1:], False) | np.insert(near[:-1], 0, False)
+    return near
 
 
 def _area_ratio(

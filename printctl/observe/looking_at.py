@@ -22,11 +22,11 @@ from printctl.observe.devices import DeviceError
 from printctl.observe.expected import ExpectedInk, expected_ink
 from printctl.observe.judging import LayerInk, evidence_of, figures, ink_to_judge
 from printctl.observe.lumen_areas import lumens_at
-from printctl.observe.mending import HeldPrint, MendOptions, Voids, plan_mend
+from printctl.observe.mending import HeldPrint, Voids, checked_mend
 from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.observer import Judged, Look
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import DRAWN, LOOKS
+from printctl.observe.records import DRAWN
 from registration.camera_frame.frame import read_frame
 from registration.layer_images import (
     Appearance,
@@ -69,6 +69,8 @@ class _Held:
     ----------
     look : int
     held : HeldPrint
+    flow : float
+        Factor in force.
     ink : ExpectedInk
     layer : LayerInk
         Ink that the look is about.
@@ -79,6 +81,7 @@ class _Held:
 
     look: int
     held: HeldPrint
+    flow: float
     ink: ExpectedInk
     layer: LayerInk
     lumens: tuple[Lumen, ...]
@@ -139,7 +142,7 @@ class ObservedJob:
             )
             ink = expected_ink(held, job)
             layer = ink_to_judge(ink, look.before, look.done)
-            self._last = _Held(look.number, held, ink, layer, self._lumens(ink, look))
+            self._last = _Held(look.number, held, job.flow, ink, layer, self._lumens(ink, look))
         return self._last
 
     # --- judging ---------------------------------------------------------------------------------
@@ -165,7 +168,7 @@ class ObservedJob:
             least_gap_mm=limits.gap.least_mm,
             left_ul=self._left_ul(at.ink),
         )
-        return Judged(evidence, figures(first, evidence))
+        return Judged(evidence, figures(first, evidence), at.flow)
 
     def _findings(self, at: _Held, path: Path) -> LayerFindings:
         """Findings of a picture; of the first one a drawing is left beside it."""
@@ -176,7 +179,6 @@ class ObservedJob:
                 self.frame,
                 at.layer.lines,
                 lumens=at.lumens,
-                before=self._before(at.look),
                 known=self._appearance,
                 options=self._options(),
             )
@@ -186,11 +188,6 @@ class ObservedJob:
                 cv2.imwrite(str(path.with_name(DRAWN)), drawn)
             at.found[path] = found
         return at.found[path]
-
-    def _before(self, look: int) -> Image | None:
-        """Picture of the look before, in which the layers below are seen."""
-        earlier = sorted((self.folder / LOOKS / f"{look - 1:04d}").glob("picture.*"))
-        return read_picture(earlier[0]) if earlier else None
 
     def _options(self) -> SeeingOptions:
         limits = self.order.limits
@@ -232,7 +229,7 @@ class ObservedJob:
         voids = None
         if self.network is not None:
             voids = Voids.of_network(self.network, np.zeros(3))
-        mend = plan_mend(at.held, [_to_mend(gap, at, flow) for gap in gaps], voids, MendOptions())
+        mend, _ = checked_mend(at.held, [_to_mend(gap, at, flow) for gap in gaps], voids)
         for said in mend.sentences():
             log.info("look %d: %s", look.number, said)
         return [line.decode("ascii") for line in mend.lines]

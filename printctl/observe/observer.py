@@ -64,10 +64,13 @@ class Judged:
     evidence : Evidence
     found : dict
         Figures for the record.
+    flow : float
+        Factor in force, as the job's inserts have it.
     """
 
     evidence: Evidence
     found: dict[str, Any]
+    flow: float = 1.0
 
 
 class PrintLink(Protocol):
@@ -144,7 +147,7 @@ class Observer:
             save_look(self.folder, record)
             self.link.look_done(look.number, "pause", record.why)
             return record
-        decision = self.decider.decide(judged.evidence)
+        decision = self._decided(judged)
         record = replace(
             self._record(look, decision.kind, decision.why, judged.found, begun),
             asked=decision.ask.value if decision.ask else "",
@@ -153,6 +156,10 @@ class Observer:
         save_look(self.folder, record)
         self._act(look, decision)
         return record
+
+    def _decided(self, judged: Judged) -> Decision:
+        self.decider.control.put_in_force(judged.flow)
+        return self.decider.decide(judged.evidence)
 
     def _judged(self, look: Look, place: Path) -> Judged:
         """Judge one picture; where it shows gaps, another of the same has the last word."""
@@ -199,7 +206,7 @@ class Observer:
         place = look_folder(self.folder, look.number)
         pictures = {path.stem: path for path in place.iterdir()}
         judged = self.judge(look, pictures["picture"], pictures.get("again"))
-        self._do_as_told(look, self.decider.decide(judged.evidence))
+        self._do_as_told(look, self._decided(judged))
 
     def _do_as_told(self, look: Look, decision: Decision) -> None:
         answer = self._await_answer(look.number)
@@ -237,15 +244,12 @@ class Observer:
         except Refused as exc:
             log.warning("look %d: %s", look.number, exc)
             return False
-        if decision.factor is not None:
-            self.decider.control.put_in_force(decision.factor)
         return True
 
 
 def _state(decider: Decider) -> dict[str, Any]:
     control = decider.control
     return {
-        "factor": control.factor,
         "log_flow": control.log_flow,
         "variance": control.variance,
         "time_s": control.time_s,
@@ -256,6 +260,6 @@ def _state(decider: Decider) -> dict[str, Any]:
 
 def _restore(decider: Decider, state: dict[str, Any]) -> None:
     control = decider.control
-    control.factor, control.log_flow = state["factor"], state["log_flow"]
+    control.log_flow = state["log_flow"]
     control.variance, control.time_s = state["variance"], state["time_s"]
     decider.unseen, decider.last_shift_mm = state["unseen"], state["last_shift_mm"]

@@ -120,20 +120,29 @@ def answer_look(print_folder: Path, number: int, answer: str) -> None:
     Raises
     ------
     ValueError
-        When there is no such answer, that look asks for none, or no observer would hear it.
+        When there is no such answer, or that look asks for none.
     """
     if answer not in ANSWERS:
         raise ValueError(f"{answer!r} is no answer; say {', '.join(ANSWERS)}")
     asking = [look for look in read_looks(print_folder) if look.number == number and look.asked]
     if not asking:
         raise ValueError(f"look {number} asks for nothing; `printctl observe looks` lists them")
+    path = look_folder(print_folder, number) / _ANSWER
+    write_text(path, json.dumps({"answer": answer}) + "\n")
+
+
+def refuse_unheard(print_folder: Path) -> None:
+    """Refuse an answer that no observer would act on.
+
+    Raises
+    ------
+    ValueError
+    """
     if not alive(print_folder, OBSERVER_LOCK):
         raise ValueError(
             f"no observer is at work in {print_folder}, so nobody would act on the answer (its "
             "observer.log may say why): resume the print, which goes on without, or stop it"
         )
-    path = look_folder(print_folder, number) / _ANSWER
-    write_text(path, json.dumps({"answer": answer}) + "\n")
 
 
 def answer_of(print_folder: Path, number: int) -> Answer | None:

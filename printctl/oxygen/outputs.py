@@ -26,6 +26,7 @@ from printctl.run_folder.artefacts import OXYGEN
 TABLE: Final = OXYGEN
 FIELD: Final = "oxygen.vti"
 SLICE: Final = "oxygen.svg"
+_ASSUMED: Final = ("cells_per_ml", "uptake_mol_per_cell_s")
 CAPTION: Final = (
     "Oxygen in a plane through the middle of the widest hypoxic place, or the one with least "
     "(cross); vessels within a cell of it are light lines, the orange line is the threshold"
@@ -108,13 +109,18 @@ def _rows(table: dict[str, Any]) -> list[dict[str, Any]]:
     return [dict(zip(table, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
-def hypoxia(found: dict[str, Any]) -> str:
-    """The finding in a sentence."""
+def hypoxia(found: dict[str, Any], part: OxygenPart) -> str:
+    """The finding in a sentence, and which of ``part``'s constants are assumptions of ours."""
     x, y, z = found["worst_place_mm"]
+    usual = {key: OxygenPart.model_fields[key].default for key in _ASSUMED}
+    rests = "".join(
+        f"; {key} {value:g} is an assumption, not measured: give yours"
+        for key, value in usual.items()
+        if getattr(part, key) == value
+    )
     word = " the widest such place is " if found["hypoxic_percent"] > 0.0 else " "
     return (
         f"{found['hypoxic_percent']:.3g} % of the tissue is below "
         f"{found['threshold_millimolar']:g} mM; the least is {found['least_millimolar']:.3g} mM,"
-        f"{word}at ({x:g}, {y:g}, {z:g}) mm. Uptake and cell "
-        "density are assumed unless you gave yours"
+        f"{word}at ({x:g}, {y:g}, {z:g}) mm{rests}"
     )

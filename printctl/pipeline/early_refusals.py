@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.refusals import reach_checks
 from printctl.preflight import needle_check
+from printctl.recipe.making import Embedded
 from printctl.set_up.check import refuse_failed
 
 
 def refuse_early(context: RunContext) -> None:
-    """Refuse a network that the needles or the printer can't reach.
+    """Refuse what the needles or the printer can't reach: an embedded network, layers of a part.
 
     The same is asked of the G-code again, which knows of ways and overlaps too.
 
@@ -18,11 +21,13 @@ def refuse_early(context: RunContext) -> None:
     SafetyError
         With every check that failed.
     """
-    low, high = context.written_bounds
-    depth = float(high[2] - low[2])
-    checks = [needle_check(depth, load.needle) for load in context.loads]
+    bounds, checks = context.written_bounds, []
+    embedded = isinstance(context.recipe.toolpath, Embedded)
+    if embedded:
+        depth = float(np.ptp(bounds[:, 2]))
+        checks += [needle_check(depth, load.needle) for load in context.loads]
     if not context.printer.heads:
         # Several heads stand apart from the carriage: their reach is looked at in the G-code.
-        points = context.written_network.points + context.place_mm
-        checks += reach_checks(points, context.printer)
+        points, what = (context.written_network.points, "network") if embedded else (bounds, "part")
+        checks += reach_checks(points + context.place_mm, context.printer, what)
     refuse_failed(checks)

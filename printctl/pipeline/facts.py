@@ -20,13 +20,7 @@ LIBRARIES = ("printctl", "numpy", "scipy", "numba", "manifold3d", "shapely", "tr
 def input_digests(context: RunContext) -> dict[str, str]:
     """SHA-256 of each file that the recipe names."""
     recipe = context.recipe
-    named = [
-        *recipe.tissue.files(),
-        *recipe.vasculature.files(),
-        *recipe.toolpath.files(),
-        *recipe.printer.files(),
-        getattr(recipe.scan, "file", None),
-    ]
+    named = [*recipe.files(), getattr(recipe.scan, "file", None)]
     return context.digests([name for name in named if name])
 
 

@@ -6,7 +6,6 @@ import csv
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
@@ -17,11 +16,10 @@ from design.network_files.vtp_read import read_network_vtp
 from design.network_files.xcavate import read_network_xcavate
 from design.units import PA_PER_MMHG, LengthUnit
 from design.vasculature import DepthPenalty, GrowthOptions, GrowthStage, LoopOptions
+from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
 from printctl.recipe.forest import Forest
 from printctl.recipe.growth import ClosedLoop, GrownNetwork, Growth, PenaltyPart, StagePart
-
-FloatArray = NDArray[np.float64]
 
 
 def growth_options(part: Growth, seed: int, recipe_folder: Path = Path()) -> GrowthOptions:
@@ -154,16 +152,35 @@ def read_terminals(path: Path) -> tuple[FloatArray, FloatArray | None]:
                     f"{path}: columns are {', '.join(names) or 'missing'}; give x_mm, y_mm, z_mm "
                     "and, if wanted, flow in the first line"
                 )
-            table = [_numbers(path, rows.line_num, row, wanted) for row in rows]
+            table = [(rows.line_num, _numbers(path, rows.line_num, row, wanted)) for row in rows]
     except (OSError, UnicodeDecodeError) as exc:
         raise RecipeError(f"terminal_points {path} can't be read: {exc}") from exc
-    values = np.array(table, dtype=np.float64).reshape(-1, len(wanted))
+    _refuse_twins(path, table)
+    values = np.array([row for _, row in table], dtype=np.float64).reshape(-1, len(wanted))
     return values[:, :3], values[:, 3] if len(wanted) == 4 else None
 
 
 def _numbers(path: Path, line: int, row: dict[str, str], wanted: list[str]) -> list[float]:
+    said = [row.get(name) for name in wanted]
     try:
-        return [float(row[name]) for name in wanted]
+        found = [float(row[name]) for name in wanted]
     except (TypeError, ValueError) as exc:
-        said = [row.get(name) for name in wanted]
         raise RecipeError(f"{path}, line {line}: {said} aren't numbers; mend or remove it") from exc
+    if not np.isfinite(found).all():
+        raise RecipeError(f"{path}, line {line}: {said} aren't all finite; mend or remove it")
+    if len(found) == 4 and not found[3] > 0.0:
+        raise RecipeError(f"{path}, line {line}: flow is {found[3]:g}; give one above 0")
+    return found
+
+
+def _refuse_twins(path: Path, table: list[tuple[int, list[float]]]) -> None:
+    """Refuse a point that stands in two lines."""
+    first: dict[tuple[float, ...], int] = {}
+    for line, row in table:
+        other = first.setdefault(tuple(row[:3]), line)
+        if other != line:
+            x, y, z = row[:3]
+            raise RecipeError(
+                f"{path}: the point ({x:g}, {y:g}, {z:g}) mm stands in line {other} and in line "
+                f"{line}; give each once"
+            )

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselKind, VesselNetwork
+from kernels.arrays import IntArray
 from printctl.errors import UsageError
 from printctl.recipe.heads import HeadPart
 from printctl.recipe.making import Fresh
 
-IntArray = NDArray[np.int64]
 _NOBODY = -1
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from design.toolpath.embedded import EmbeddedOptions, supported_diameter_mm
+from design.toolpath.embedded import EmbeddedOptions
 from design.toolpath.fresh import FreshOptions
+from firmware_profiles import supported_diameter_mm
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.head_contents import needle_options
 from printctl.recipe.making import Fresh

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.hemodynamics import scaled_network
 from design.network import VesselNetwork
@@ -18,6 +17,7 @@ from design.network_files.by_suffix import read_network
 from design.toolpath.embedded import EmbeddedOptions, check_thinnest
 from design.toolpath.fresh import FreshOptions, check_lumens
 from firmware_profiles import Bath, Dish, Printer, load
+from kernels.arrays import FloatArray
 from printctl.pipeline.head_contents import Filled, filled_heads, needle_options
 from printctl.pipeline.heads import layer_lines_um, vessel_heads
 from printctl.preflight.mounted_checks import (
@@ -34,8 +34,6 @@ from printctl.recipe.making import Embedded, Fresh
 from printctl.recipe.tissue import Annulus, Block, Cylinder
 from printctl.set_up import PlacedDish
 from printctl.set_up.check import Check, refuse_failed
-
-FloatArray = NDArray[np.float64]
 
 
 def refuse_before(recipe: Recipe, recipe_folder: Path) -> None:
@@ -61,6 +59,7 @@ def refuse_before(recipe: Recipe, recipe_folder: Path) -> None:
     heads = filled_heads(recipe.printer, recipe.toolpath.needle, printer)
     bath = load(Bath, recipe.printer.bath)
     checks = [] if printer.heads else list(_mounted(printer, heads[0], bath))
+    checks += _block_placed(recipe, printer)
     given = recipe.vasculature
     if not isinstance(given, GivenNetwork) or recipe.toolpath.compensation is not None:
         refuse_failed(checks)
@@ -86,6 +85,16 @@ def _mounted(printer: Printer, held: Filled, bath: Bath) -> Iterator[Check]:
         yield from profile_checks(held.syringe)
     yield chemistry_check(held.ink, bath)
     yield from bath_checks(bath)
+
+
+def _block_placed(recipe: Recipe, printer: Printer) -> Iterator[Check]:
+    """Whether a block in layers lies within the printer's travel, where its place is said."""
+    tissue, place = recipe.tissue, recipe.printer.place_mm
+    if printer.heads or place is None or not isinstance(tissue, Block):
+        return
+    if isinstance(recipe.toolpath, Fresh) and not (tissue.keep_out or tissue.keep_within):
+        corners = np.array([(0.0, 0.0, 0.0), tissue.size_mm]) * recipe.print_scale
+        yield from reach_checks(corners + np.array(place), printer, "part")
 
 
 def _depth_mm(recipe: Recipe, network: VesselNetwork) -> float:
@@ -137,27 +146,29 @@ def _size_checks(points: FloatArray, printer: Printer) -> Iterator[Check]:
         )
 
 
-def reach_checks(points: FloatArray, printer: Printer) -> Iterator[Check]:
-    """Whether every point of the axes lies within the printer's travel.
+def reach_checks(points: FloatArray, printer: Printer, what: str = "network") -> Iterator[Check]:
+    """Whether every point lies within the printer's travel.
 
     Parameters
     ----------
     points : (n, 3) float64, mm
-        Printer's frame.
+        Printer's frame; of the axes, or corners of the part.
     printer : Printer
+    what : str
+        Whose points they are, for messages.
     """
     for axis, span in enumerate((printer.x_mm, printer.y_mm, printer.z_mm)):
         name = "xyz"[axis]
         low, high = float(points[:, axis].min()), float(points[:, axis].max())
         for value, limit, end in ((low, span.low, "low"), (high, span.high, "high")):
             yield Check(
-                f"{'least' if end == 'low' else 'greatest'} {name} of the network",
+                f"{'least' if end == 'low' else 'greatest'} {name} of the {what}",
                 value,
                 limit,
                 "mm",
                 bool(np.isfinite(value)) and (value >= limit if end == "low" else value <= limit),
                 f"printer: {name}_mm.{end}",
-                "place the part elsewhere (printer.place_mm)",
+                "place the part elsewhere (printer.place_mm), or take a larger printer",
             )
 
 

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from rich.console import Console
 
+from printctl.errors import UsageError
 from printctl.pipeline.names import (
     DESIGN_NAMES,
     JOB_NAMES,
@@ -38,11 +39,19 @@ def run_recipe(
     Raises
     ------
     UsageError
-        For a stage that isn't known.
+        For a stage that isn't known, or a file that isn't there.
     PrintctlError, DesignError, RegistrationError, LinkError, ProfileError, OSError
         Whatever stopped it; finished stages are kept and reused by the next run.
     """
+    for name in recipe.files():
+        if not (recipe_folder / name).exists():
+            raise UsageError(f"{recipe_folder / name}, which the recipe names, isn't there; "
+                             "check the path, relative to the recipe")  # fmt: skip
     names = WHOLE_NAMES if how.until is None else names_until(how.until)
+    if "solid" in names and "step" in recipe.solid.formats:
+        from design.solids.step import load_occ  # heavy, and few ask for it
+
+        load_occ()  # Missing, it is better told before a tree is grown.
     if JOB_NAMES[0] in names:
         from printctl.pipeline.refusals import refuse_before  # a design needs none of it
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
 from printctl.recipe.defects import (
     BulgePart,
@@ -18,8 +18,6 @@ from printctl.recipe.defects import (
     StenosisPart,
 )
 from sim.scanner import Defect
-
-FloatArray = NDArray[np.float64]
 
 _WIDER = 1.25
 """Gel fills a lumen to so much of its designed radius: lines may have left it wider."""

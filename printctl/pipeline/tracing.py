@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from firmware_profiles import Printer
+from kernels.arrays import FloatArray, IntArray
 from printctl.lumens.strokes import plunger_strokes, valve_strokes
 from registration import RegistrationReport
 from sim.deposit.strands import Strands
 from sim.heads.valve import read_with_valve
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _ALONG_MM = 0.2
 """Places along a defect at which moves beside it are looked for."""

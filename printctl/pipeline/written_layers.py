@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 
 from design.solids import Solid, read_solid
 from design.toolpath.correction import Corrections, Stretch
+from kernels.arrays import FloatArray
 from printctl.compensation import corrections_of_file, load_compensation
 from printctl.errors import UsageError
 from printctl.gcode_view import Pushing, read_job, read_line_map
@@ -22,8 +22,6 @@ from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, LUMEN, PRINTED_WITH, SOLID, SURFACE
 from printctl.run_folder.manifest import MANIFEST, Manifest
 from registration.overlay import LayerLines, layers_of
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

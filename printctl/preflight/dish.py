@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles import Bath, Needle
+from kernels.arrays import FloatArray
 from printctl.preflight.wall_gaps import PlaceNames, hub_check, wall_check
 from printctl.set_up.check import Check
 from printctl.set_up.placed_dish import PlacedDish
 from sim.dry_run.run import DryRun
 from sim.program.modal import MOVE
 
-FloatArray = NDArray[np.float64]
 _TINY_MM: Final = 1e-6
 
 

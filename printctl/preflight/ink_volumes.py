@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles import Printer, ProfileError, steady_flow
+from kernels.arrays import FloatArray
 from printctl.set_up import HeadLoading
 from sim.dry_run.run import DryRun
 from sim.program.modal import MOVE
-
-FloatArray = NDArray[np.float64]
 
 
 def volumes(run: DryRun, printer: Printer, loads: Sequence[HeadLoading]) -> FloatArray:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from design.toolpath.embedded import supported_diameter_mm
-from firmware_profiles import Bath, Ink, Needle
+from firmware_profiles import Bath, Ink, Needle, supported_diameter_mm
 from printctl.preflight.profile_checks import profile_checks
 from printctl.set_up.check import Check
 

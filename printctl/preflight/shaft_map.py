@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from design.toolpath import MoveKind
+from kernels.arrays import FloatArray
 from printctl.errors import UsageError
 from sim.clearance import LineSources, WrittenNetwork
 
-FloatArray = NDArray[np.float64]
 _NETWORK = ("nodes", "vessel_nodes", "offset", "points", "radius")
 
 

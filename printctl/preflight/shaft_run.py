@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from firmware_profiles import Needle, Printer
+from kernels.arrays import FloatArray
 from printctl.preflight.ink_volumes import volumes
 from printctl.preflight.shaft_map import ShaftMap
 from printctl.set_up import HeadLoading
 from sim.clearance import Clearance, NeedleBody, check_clearance, motion_of
 from sim.dry_run.run import DryRun
-
-FloatArray = NDArray[np.float64]
 
 
 def shaft_clearance(

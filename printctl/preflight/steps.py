@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles import Printer, Syringe
 from printctl.rounding import last_digit_mm
@@ -17,9 +16,6 @@ from printctl.set_up.check import Check
 from sim.deposit.strands import Strands
 from sim.dry_run.run import DryRun
 from sim.program.modal import MOVE
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _STILL_MM: Final = 1e-6
 _ROUNDING: Final = 1e-6

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Dish, Needle
+from kernels.arrays import FloatArray
 from printctl.set_up.check import Check
 from printctl.set_up.placed_dish import HUB_MM, WALL_CLEARANCE_MM, PlacedDish
-
-FloatArray = NDArray[np.float64]
 
 
 class PlaceNames(Protocol):

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from design.toolpath.gcode.numbers import decimals_for
 from firmware_profiles import Printer
+from kernels.arrays import FloatArray
 from printctl.set_up.check import Check
 from sim.program.gcode import Program
 from sim.program.modal import MOVE
 
-FloatArray = NDArray[np.float64]
 _ROUNDINGS: Final = 2.5
 """Units of a text's last decimal by which a way may differ: either end, in either file."""
 

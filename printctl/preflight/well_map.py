@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Dish
+from kernels.arrays import FloatArray
 from printctl.preflight.wells import Wells
-
-FloatArray = NDArray[np.float64]
 
 
 def well_arrays(

@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Dish, Needle
+from kernels.arrays import FloatArray, IntArray
 from printctl.preflight.dish import tips_of
 from printctl.preflight.wall_gaps import hub_gap, hub_remedy, wall_gap
 from printctl.set_up import WALL_CLEARANCE_MM, Check, PlacedDish
 from sim.dry_run.run import DryRun
 from sim.program.modal import MOVE
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 _TINY_MM: Final = 1e-6
 
 

@@ -26,8 +26,8 @@ def simulated_printer(
     folder: Path,
     *,
     speed: float = 0.0,
-    faults: Path | None = None,
     journal: Path | None = None,
+    faults: Path | None = None,
 ) -> str:
     """Start a simulated printer and return the port to reach it by.
 
@@ -49,10 +49,10 @@ def simulated_printer(
         For its log and its address.
     speed : float
         Times real time; 0 for virtual time, as fast as it can.
-    faults : Path or None
-        A fault file (`sim.faults.fault_file`).
     journal : Path, optional
         Of the print, which tells what is inserted into the job; the one in ``folder`` by default.
+    faults : Path or None
+        A fault file (`sim.faults.fault_file`).
 
     Raises
     ------

@@ -129,12 +129,12 @@ def _ask(bars: StageBars) -> str:
         return "d"
 
 
-def _obey(wish: str, client: PrintClient) -> None:
-    if wish == "k":
+def _obey(request: str, client: PrintClient) -> None:
+    if request == "k":
         client.kill()
-    elif wish == "s":
+    elif request == "s":
         client.stop()
-    elif wish == "d":
+    elif request == "d":
         client.detach()
         raise PrintctlError(
             f"detached; the print goes on (journal: {client.folder}); "

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
+from firmware_profiles.materials import check_viability
 from printctl.recipe.parts import Part
 
 
@@ -53,11 +54,7 @@ class CarePart(Part):
 
     @model_validator(mode="after")
     def _a_budget_has_a_source(self) -> CarePart:
-        if (self.viability_min is None) != (self.viability_source is None):
-            raise ValueError(
-                "viability_min and viability_source go together: say how long, and where that "
-                "comes from (a paper, your own live/dead counts)"
-            )
+        check_viability(self.viability_min, self.viability_source)
         return self
 
     @model_validator(mode="after")

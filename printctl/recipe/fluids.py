@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from firmware_profiles.strict_model import StrictModel
 
 _MPA_S = Field(gt=0, le=1e6)
 
 
-class FluidSection(BaseModel):
-    """Base of all fluids and losses."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class CarreauPart(FluidSection):
+class CarreauPart(StrictModel):
     """Carreau-Yasuda; without numbers it is blood (Cho & Kensey 1991)."""
 
     model: Literal["carreau"]
@@ -26,7 +22,7 @@ class CarreauPart(FluidSection):
     yasuda: Annotated[float, Field(ge=0.2, le=10)] = 2.0
 
 
-class PowerLawPart(FluidSection):
+class PowerLawPart(StrictModel):
     """τ = K γ̇ⁿ."""
 
     model: Literal["power_law"]
@@ -34,7 +30,7 @@ class PowerLawPart(FluidSection):
     index: Annotated[float, Field(ge=0.1, le=2)]
 
 
-class PriesPart(FluidSection):
+class PriesPart(StrictModel):
     """Blood by the diameter, in vivo (Pries et al. 1994), of one haematocrit everywhere."""
 
     model: Literal["pries_1994"]
@@ -47,7 +43,7 @@ class PriesPart(FluidSection):
 FluidPart = Annotated[CarreauPart | PowerLawPart | PriesPart, Field(discriminator="model")]
 
 
-class StenosisPart(FluidSection):
+class StenosisPart(StrictModel):
     """A short narrow place (Young & Tsai 1973)."""
 
     vessel: Annotated[int, Field(ge=0)]
@@ -55,7 +51,7 @@ class StenosisPart(FluidSection):
     length_mm: Annotated[float, Field(gt=0, le=1000)]
 
 
-class LossPart(FluidSection):
+class LossPart(StrictModel):
     """Pressure lost to inertia in steady flow."""
 
     junction_k: Annotated[float, Field(ge=0, le=100)] = Field(

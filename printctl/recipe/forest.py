@@ -19,7 +19,7 @@ class TreePart(Part):
 
     kind: Literal["artery", "vein", "lymph"]
     terminals: Terminals | None = None
-    pressure_drop_mmhg: Annotated[float, Field(gt=0, le=1000)] | None = None
+    pressure_drop_mmhg: Annotated[float, Field(ge=1e-6, le=1000)] | None = None
     perfusion_ml_min_per_ml: Annotated[float, Field(gt=0, le=100)] | None = None
     smallest_diameter_mm: Annotated[float, Field(gt=0, le=10)] | None = None
     root_mm: Point | None = Field(

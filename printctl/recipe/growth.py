@@ -152,7 +152,7 @@ class Growth(NetworkSection):
     haematocrit: Annotated[float, Field(ge=0, le=0.8)] = Field(
         default=0.45, description="Of the viscosity law pries_1994."
     )
-    pressure_drop_mmhg: Annotated[float, Field(gt=0, le=1000)] = 40.0
+    pressure_drop_mmhg: Annotated[float, Field(ge=1e-6, le=1000)] = 40.0
     perfusion_ml_min_per_ml: Annotated[float, Field(gt=0, le=100)] = 0.8
     smallest_diameter_mm: Annotated[float, Field(gt=0, le=10)] | None = Field(
         default=None, description="Fixes the smallest lumen; the pressure drop follows."

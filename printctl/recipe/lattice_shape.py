@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from design.lattices import LatticeKind, LatticeOptions
+from firmware_profiles.strict_model import StrictModel
 
 _Width = Annotated[float, Field(gt=0, le=100)]
 
 
-class LatticeShape(BaseModel):
+class LatticeShape(StrictModel):
     """A regular lattice clipped to the tissue."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     lattice: LatticeKind
     cell_mm: _Width = Field(description="Edge of the unit cell.")

@@ -108,14 +108,24 @@ def sentence(problem: dict[str, Any], path: Sequence[int | str]) -> str:
     """One line of a refusal: the key's path, what is wrong with which value, and the remedy."""
     place = ".".join(str(part) for part in path)
     if problem["type"] == "union_tag_invalid":
-        tag, choices = problem["ctx"]["tag"], problem["ctx"]["expected_tags"]
-        return f"  {place}: {tag!r} isn't a kind of {place}; choose one of {choices}"
+        return f"  {place}: {_kind_words(problem, place)}"
     message = wording(problem)
     value = problem["input"]
     shown = "" if isinstance(value, dict | BaseModel) else f" (is {_short(value)})"
     remedy = _REMEDIES.get(problem["type"])
     where = f"{place}: " if place else ""
     return f"  {where}{message}{shown}" + (f"; {remedy}" if remedy else "")
+
+
+def _kind_words(problem: dict[str, Any], place: str) -> str:
+    """What is wrong with a section whose kind isn't known."""
+    tag, choices = problem["ctx"]["tag"], problem["ctx"]["expected_tags"]
+    value = problem["input"]
+    if not isinstance(value, dict):
+        return f"must be keys with values (is {_short(value)}), of a kind of {choices}"
+    if tag.lower() == "none":
+        return f"doesn't say its kind; give one of {choices}"
+    return f"{tag!r} isn't a kind of {place}; choose one of {choices}"
 
 
 def _short(value: Any) -> str:

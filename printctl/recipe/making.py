@@ -26,7 +26,7 @@ from printctl.recipe.marks import (
     PrinterName,
     SyringeName,
 )
-from printctl.recipe.parts import Part, Point, Seed, value_given
+from printctl.recipe.parts import Part, Seed, value_given
 from printctl.recipe.priming import PrimePart
 from printctl.recipe.record import RecordPart
 from printctl.recipe.regions import FillingPart, RegionPart
@@ -36,6 +36,7 @@ from registration.judging.tolerance import Tolerances
 
 Percent = Annotated[float, Field(ge=-30, le=30, allow_inf_nan=False)]
 Speed = Annotated[float, Field(gt=0, le=1000)]
+_Place = Annotated[float, Field(ge=-10_000, le=10_000)]
 
 
 CompensationName = Annotated[
@@ -200,7 +201,7 @@ class PrinterPart(Part):
     bath_depth_mm: Annotated[float, Field(gt=0, le=500)] | None = Field(
         default=None, description="How high the dish is filled."
     )
-    place_mm: Point | None = Field(
+    place_mm: tuple[_Place, _Place, _Place] | None = Field(
         default=None,
         description="Where the part's origin stands in the printer's frame; centred by default.",
     )

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import yaml
 
+from firmware_profiles.yaml_file import read_yaml
 from printctl.errors import RecipeError
 
 SCHEMA: Final = 1
@@ -120,7 +121,7 @@ def _rewritten(text: str, change: Change) -> str:
         return text
     key, value = found
     if change.value is not None:
-        old = yaml.safe_load(text[value.start_mark.index : value.end_mark.index])
+        old = read_yaml(text[value.start_mark.index : value.end_mark.index])
         text = _put(text, value, str(yaml.safe_dump(change.value(old))).split("\n")[0])
     return text if change.name is None else _put(text, key, change.name)
 

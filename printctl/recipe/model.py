@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, model_validator
 
@@ -23,6 +23,9 @@ from printctl.recipe.parts import FlowPart, Part, Seed
 from printctl.recipe.plate import PlatePart, check_plate
 from printctl.recipe.solid import SolidPart
 from printctl.recipe.tissue import Block, TissuePart
+
+_PLANAR_BLOCK_MM: Final = (16.0, 8.0, 3.0)
+"""`design.vasculature.PLANAR_BLOCK_MM`, whose package takes seconds to load."""
 
 
 class Recipe(Part):
@@ -56,11 +59,8 @@ class Recipe(Part):
     def _parts_fit(self) -> Recipe:
         if self.plate is not None:
             check_plate(self.printer, self.toolpath)
-        if isinstance(self.vasculature, NamedNetwork) and not isinstance(self.tissue, Block):
-            raise ValueError(
-                "vasculature.design planar_four_vessel is made for a block; "
-                "give tissue: {shape: block, size_mm: [16, 8, 3]}"
-            )
+        if isinstance(self.vasculature, NamedNetwork):
+            self._is_the_design_s_block()
         if isinstance(self.vasculature, Forest):
             self._drains_are_fed(self.vasculature)
         if not isinstance(self.scan, FileScan) and self.printer.port != "simulated":
@@ -70,6 +70,29 @@ class Recipe(Part):
                 "or port: simulated"
             )
         return self
+
+    def files(self) -> list[str]:
+        """Names of the user's files that part, flow, path and print are made from."""
+        tables = (self.flow.outlets, self.flow.pulse and self.flow.pulse.table)
+        return [
+            *self.tissue.files(),
+            *self.vasculature.files(),
+            *(name for name in tables if name),
+            *self.toolpath.files(),
+            *self.printer.files(),
+        ]
+
+    def _is_the_design_s_block(self) -> None:
+        """Refuse any other block: ports and fiducial dimples lie on the faces of this one."""
+        size = self.tissue.size_mm if isinstance(self.tissue, Block) else None
+        if size == _PLANAR_BLOCK_MM:
+            return
+        said = "" if size is None else " of 16 x 8 x 3 mm, not {:g} x {:g} x {:g}".format(*size)
+        raise ValueError(
+            f"vasculature.design planar_four_vessel is made for a block{said}: its ports and "
+            "fiducial dimples lie on that block's faces; give tissue: {shape: block, size_mm: "
+            "[16, 8, 3]}, and print_scale for another size of the whole"
+        )
 
     def _drains_are_fed(self, forest: Forest) -> None:
         """Refuse a vein or lymph without partner whose flow nothing says."""

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from firmware_profiles.strict_model import StrictModel
 from printctl.recipe.fluids import FluidPart, LossPart
 from printctl.recipe.marks import FILE
 from printctl.recipe.pulse import PulseOutlet, PulsePart
@@ -24,10 +25,8 @@ Point = Annotated[
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 
 
-class Part(BaseModel):
+class Part(StrictModel):
     """Base of all sections."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class NetworkSection(Part):

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from firmware_profiles.strict_model import StrictModel
 from printctl.recipe.marks import FILE
 
 Resistance = Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)]
 
 
-class PulseOutlet(BaseModel):
+class PulseOutlet(StrictModel):
     """What lies behind every outlet: a resistance, or with a compliance a Windkessel."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     resistance_mmhg_min_ml: Resistance
     proximal_mmhg_min_ml: Resistance | None = Field(
@@ -32,10 +31,8 @@ class PulseOutlet(BaseModel):
         return self
 
 
-class PulsePart(BaseModel):
+class PulsePart(StrictModel):
     """How the flow at the inlet changes over a cycle, and what the walls give way to."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     amplitude_ml_min: Annotated[float, Field(gt=0, le=10_000)] | None = Field(
         default=None, description="Of a sine about inlet_flow_ml_min."

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from firmware_profiles.strict_model import StrictModel
 from printctl.recipe.lattice_shape import LatticeShape
 
 
-class ThreeDPart(BaseModel):
+class ThreeDPart(StrictModel):
     """How flow is resolved in the lumens' space; all of it may be left out.
 
     Junctions are rounded as `solid.fillet_ratio` says: the lumen that is solved is the one that
     is printed.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     edge_ratio: Annotated[float, Field(ge=0.1, le=1.0)] = Field(
         default=0.7, description="Length of an element's edge over the lumen's radius."
@@ -34,10 +33,8 @@ class ThreeDPart(BaseModel):
     )
 
 
-class ComparePart(BaseModel):
+class ComparePart(StrictModel):
     """Where fidelities are compared: amid every vessel, and at points along one."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     along_vessel: Annotated[int, Field(ge=0)] | None = Field(
         default=None, description="Without it, the longest."

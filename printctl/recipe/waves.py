@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from firmware_profiles.strict_model import StrictModel
 
 
-class OneDPart(BaseModel):
+class OneDPart(StrictModel):
     """How the waves of `flow.pulse` are followed along vessels; all of it may be left out."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     cell_mm: Annotated[float, Field(gt=1e-6, le=1e6)] | None = Field(
         default=None, description="Without it, what a wave runs in 1/800 of a period."

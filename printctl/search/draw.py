@@ -7,12 +7,10 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from printctl.errors import RecipeError
 from printctl.search.model import MOST, Range, SearchFile
-
-FloatArray = NDArray[np.float64]
 
 
 def drawn(search: SearchFile) -> list[dict[str, Any]]:

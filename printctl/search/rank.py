@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from printctl.search.candidates import Candidate
 from printctl.search.model import SearchFile
 from printctl.search.quantities import QUANTITIES
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 State = Literal["good", "beyond limits", "undefined", "refused"]
 _UNSCORED: tuple[float | None, int | None] = (None, None)
 _ORDER: tuple[State, ...] = ("good", "beyond limits", "undefined", "refused")

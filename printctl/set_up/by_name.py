@@ -47,7 +47,7 @@ def set_up(
     bath, dish = mounted.bath, mounted.dish
     standing = None
     if dish is not None:
-        centre = _centre(mounted.dish_centre) if mounted.dish_centre else tip[:2]
+        centre = read_dish_centre(mounted.dish_centre) if mounted.dish_centre else tip[:2]
         standing = PlacedDish(load(Dish, dish), centre, printer.z_mm.low, mounted.bath_depth)
     elif mounted.dish_centre is not None or mounted.bath_depth is not None:
         raise UsageError("--dish-centre and --bath-depth belong to a dish; give --dish")
@@ -97,7 +97,8 @@ def loads_of(
     return tuple(HeadLoading(*part) for part in parts)
 
 
-def _centre(text: str) -> tuple[float, float]:
+def read_dish_centre(text: str) -> tuple[float, float]:
+    """Read the option --dish-centre, X,Y in mm."""
     try:
         x, y = (float(word) for word in text.split(","))
     except ValueError as exc:

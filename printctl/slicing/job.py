@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.toolpath.fresh import FreshLayers, FreshOptions, FreshReport
 from design.toolpath.gcode import (
@@ -20,12 +19,11 @@ from design.toolpath.gcode import (
     stream_gcode,
 )
 from firmware_profiles import Dish, Printer, steady_flow
+from kernels.arrays import FloatArray
 from printctl.errors import UsageError
 from printctl.pipeline.writer_options import gcode_options
 from printctl.set_up import ABOVE_WALL_MM, HeadLoading
 from printctl.slicing.parts import Assembly
-
-FloatArray = NDArray[np.float64]
 
 #: Height of the tip above the part when the job begins, mm.
 _ABOVE_MM: Final = 5.0

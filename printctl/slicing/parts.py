@@ -7,17 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.solids import Solid, read_solid
 from design.solids.manifolds import solid_manifold
 from design.toolpath.fresh import Filling, Region
 from design.units import LengthUnit
 from firmware_profiles import Printer
+from kernels.arrays import FloatArray
 from printctl.errors import UsageError
 from printctl.slicing.modifiers import Modifier
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -46,9 +46,9 @@ CHECK_S: Final = 180.0
 class Station:
     """One client of a station; made by `connect` or `attach`.
 
-    Every wish is done when its call returns, and gives the status after it. What can't be granted
-    raises `printctl.link.errors.Refused`; a station that is gone, `NoLink`; a printer that fails
-    meanwhile, another `LinkError`.
+    Every request is done when its call returns, and gives the status after it. What can't be
+    granted raises `printctl.link.errors.Refused`; a station that is gone, `NoLink`; a printer that
+    fails meanwhile, another `LinkError`.
 
     Attributes
     ----------
@@ -120,11 +120,11 @@ class Station:
 
     def stop_motion(self) -> StationStatus:
         """End a move by hand after at most half a second of it; the position stays known."""
-        return self._wish("stop_motion", SOON_S)
+        return self._request("stop_motion", SOON_S)
 
     def reconnect(self) -> StationStatus:
         """Open the port again and check the printer, after ``halted`` or ``lost``."""
-        return self._wish("reconnect", CHECK_S)
+        return self._request("reconnect", CHECK_S)
 
     # --- moves -----------------------------------------------------------------------------------
 
@@ -136,7 +136,7 @@ class Station:
         Without a speed: 5 mm/s, or what the machine's slowest axis can.
         """
         by = {axis: mm} if isinstance(axis, str) else dict(axis)
-        return self._wish("jog", MOVE_S, by=by, speed_mm_s=speed_mm_s)
+        return self._request("jog", MOVE_S, by=by, speed_mm_s=speed_mm_s)
 
     def move_to(
         self,
@@ -147,21 +147,21 @@ class Station:
         speed_mm_s: float | None = None,
     ) -> StationStatus:
         """Move the tip in a straight line to a place; refused unless the position is trusted."""
-        return self._wish("move_to", MOVE_S, x=x, y=y, z=z, speed_mm_s=speed_mm_s)
+        return self._request("move_to", MOVE_S, x=x, y=y, z=z, speed_mm_s=speed_mm_s)
 
     def home(
         self, axes: Sequence[str] = ("x", "y", "z"), *, needle_off: bool = False
     ) -> StationStatus:
         """Home axes; refused with a needle mounted, unless it is taken off now (``needle_off``)."""
-        return self._wish("home", MOVE_S, axes=list(axes), needle_off=needle_off)
+        return self._request("home", MOVE_S, axes=list(axes), needle_off=needle_off)
 
     def heat(self, name: str, celsius: float) -> StationStatus:
         """Set a heater's target (``nozzle``, ``bed``), 0 for off; doesn't wait for it."""
-        return self._wish("heat", MOVE_S, name=name, celsius=celsius)
+        return self._request("heat", MOVE_S, name=name, celsius=celsius)
 
     def plunger(self, ul: float, ul_s: float | None = None) -> StationStatus:
         """Push (above 0) or draw back so many µL, measured by the syringe mounted."""
-        return self._wish("plunger", MOVE_S, ul=ul, ul_s=ul_s)
+        return self._request("plunger", MOVE_S, ul=ul, ul_s=ul_s)
 
     def command(self, text: str) -> list[str]:
         """Send a line by the console; while a print goes on, through its link. Give the reply."""
@@ -175,17 +175,17 @@ class Station:
         Keys left out stay as they are; ``""`` (or None) takes away. Another needle or dish must be
         touched off anew. A syringe that is named is full, unless ``plunger_mm`` says otherwise.
         """
-        return self._wish("mount", MOVE_S, **said)
+        return self._request("mount", MOVE_S, **said)
 
     def touch_off(self, z: float | None = None, *, foil_mm: float = 0.0) -> StationStatus:
         """Say that the tip touches the floor: here, or at ``z``, less the foil it stands on."""
-        return self._wish("touch_off", MOVE_S, z=z, foil_mm=foil_mm)
+        return self._request("touch_off", MOVE_S, z=z, foil_mm=foil_mm)
 
     def set_position(
         self, x: float | None = None, y: float | None = None, z: float | None = None
     ) -> StationStatus:
         """Tell the printer where its tip stands (G92); nothing moves."""
-        return self._wish("set_position", MOVE_S, x=x, y=y, z=z)
+        return self._request("set_position", MOVE_S, x=x, y=y, z=z)
 
     # --- prints ----------------------------------------------------------------------------------
 
@@ -210,7 +210,7 @@ class Station:
         request_answer(self.folder, "print", CHECK_S, **order_to_json(order))
         return wait_for_first_lines(attach_print(order.folder))
 
-    def _wish(self, do: str, patience_s: float, **values: Any) -> StationStatus:
+    def _request(self, do: str, patience_s: float, **values: Any) -> StationStatus:
         return StationStatus.from_dict(
             request_answer(self.folder, do, patience_s, **values)["status"]
         )

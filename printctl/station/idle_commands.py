@@ -1,6 +1,6 @@
 """Execute manual commands on an idle printer, within limits: move, home, heat, push, touch off.
 
-Each wish takes the values that came over the socket and gives what is answered. What it refuses
+Each request takes the values that came over the socket and gives what is answered. What it refuses
 moves nothing.
 """
 
@@ -36,14 +36,14 @@ AXES: Final = "xyz"
 UNNAMED_UL_S: Final = 1.0
 """Fastest push of an ink that nobody named."""
 MOTIONS: Final = frozenset({"jog", "move_to", "home", "plunger", "command"})
-"""Wishes that move, or may."""
+"""Requests that move, or may."""
 _TINY: Final = 1e-9
 
 Answer = dict[str, Any]
 
 
 class IdleCommands:
-    """Grants wishes one at a time, in the thread that speaks to the printer.
+    """Grants requests one at a time, in the thread that speaks to the printer.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class IdleCommands:
 
     def __init__(self, standby: Standby, known: Knowledge) -> None:
         self.standby, self.known = standby, known
-        self.wishes: Mapping[str, Callable[[dict[str, Any]], Answer]] = {
+        self.requests: Mapping[str, Callable[[dict[str, Any]], Answer]] = {
             "jog": self._jog,
             "move_to": self._move_to,
             "home": self._home,
@@ -66,14 +66,14 @@ class IdleCommands:
 
     # --- motion --------------------------------------------------------------------------------
 
-    def _jog(self, wish: dict[str, Any]) -> Answer:
+    def _jog(self, request: dict[str, Any]) -> Answer:
         at = self._at()
-        by = {str(axis).lower(): _number(mm, f"{axis} mm") for axis, mm in wish["by"].items()}
+        by = {str(axis).lower(): _number(mm, f"{axis} mm") for axis, mm in request["by"].items()}
         _only(by, AXES)
         target = tuple(mm + by.get(axis, 0.0) for axis, mm in zip(AXES, at, strict=True))
-        return self._go((target[0], target[1], target[2]), wish.get("speed_mm_s"))
+        return self._go((target[0], target[1], target[2]), request.get("speed_mm_s"))
 
-    def _move_to(self, wish: dict[str, Any]) -> Answer:
+    def _move_to(self, request: dict[str, Any]) -> Answer:
         at = self._at()
         if not self.known.trusted:
             raise Refused(
@@ -81,12 +81,12 @@ class IdleCommands:
                 "without needle, or tell where the tip is (set_position); small steps (jog) are "
                 "free"
             )
-        given = {axis: wish.get(axis) for axis in AXES}
+        given = {axis: request.get(axis) for axis in AXES}
         target = tuple(
             mm if given[axis] is None else _number(given[axis], axis)
             for axis, mm in zip(AXES, at, strict=True)
         )
-        return self._go((target[0], target[1], target[2]), wish.get("speed_mm_s"))
+        return self._go((target[0], target[1], target[2]), request.get("speed_mm_s"))
 
     def _go(self, target: Place, speed: float | None) -> Answer:
         at, bounds = self._at(), self.known.bounds
@@ -101,11 +101,11 @@ class IdleCommands:
         whole = self.standby.travel(target, mm_s)
         return {"message": "" if whole else "the move was ended before its goal"}
 
-    def _home(self, wish: dict[str, Any]) -> Answer:
-        axes = [str(axis).lower() for axis in wish["axes"]]
+    def _home(self, request: dict[str, Any]) -> Answer:
+        axes = [str(axis).lower() for axis in request["axes"]]
         _only(axes, AXES)
         try:
-            check_homing(replace(self._known, needle_off=bool(wish.get("needle_off"))))
+            check_homing(replace(self._known, needle_off=bool(request.get("needle_off"))))
         except NotAllowed as exc:
             raise Refused(str(exc)) from exc
         self.standby.do("G28 " + " ".join(axis.upper() for axis in axes), "M400")
@@ -128,10 +128,10 @@ class IdleCommands:
         self.standby.do("M420 S0")
         return "homing switched bed levelling on; it was switched off again (M420 S0)"
 
-    def _plunger(self, wish: dict[str, Any]) -> Answer:
-        ul = _number(wish["ul"], "ul")
+    def _plunger(self, request: dict[str, Any]) -> Answer:
+        ul = _number(request["ul"], "ul")
         per_mm, most, why = self._push_limits()
-        speed = _number(wish["ul_s"], "ul_s") if wish.get("ul_s") is not None else most
+        speed = _number(request["ul_s"], "ul_s") if request.get("ul_s") is not None else most
         if not 0 < speed <= most * (1 + _TINY):
             raise Refused(f"{speed:g} µL/s isn't within 0 to {most:g} µL/s ({why})")
         self._within_syringe(ul / per_mm, per_mm)
@@ -196,8 +196,8 @@ class IdleCommands:
 
     # --- heat and console ----------------------------------------------------------------------
 
-    def _heat(self, wish: dict[str, Any]) -> Answer:
-        name, celsius = str(wish["name"]), _number(wish["celsius"], "celsius")
+    def _heat(self, request: dict[str, Any]) -> Answer:
+        name, celsius = str(request["name"]), _number(request["celsius"], "celsius")
         try:
             check_heat(self._known, name, celsius)
         except NotAllowed as exc:
@@ -206,9 +206,9 @@ class IdleCommands:
         self.standby.ask_soon()
         return {}
 
-    def _command(self, wish: dict[str, Any]) -> Answer:
-        """A line of the console; one that moves or heats goes the way of the wish for that."""
-        line = allowed_command(judge(str(wish["text"]), LineOrigin.CONSOLE, self._known))
+    def _command(self, request: dict[str, Any]) -> Answer:
+        """A line of the console; one that moves or heats goes the way of the request for that."""
+        line = allowed_command(judge(str(request["text"]), LineOrigin.CONSOLE, self._known))
         if line.act is LineAction.SEND:
             lines = self.standby.do(line.text)
             self.standby.look()
@@ -230,24 +230,24 @@ class IdleCommands:
 
     # --- where it is ---------------------------------------------------------------------------
 
-    def _touch_off(self, wish: dict[str, Any]) -> Answer:
+    def _touch_off(self, request: dict[str, Any]) -> Answer:
         mounted, at = self.known.mounted, self._at()
         if not mounted.needle or not mounted.dish:
             raise Refused("a floor is touched with a needle in a dish; say which first (mount)")
-        foil = _number(wish.get("foil_mm", 0.0), "foil_mm")
+        foil = _number(request.get("foil_mm", 0.0), "foil_mm")
         if not 0 <= foil <= 2:
             raise Refused(f"a foil of {foil:g} mm isn't within 0 to 2 mm")
-        touched = at[2] if wish.get("z") is None else _number(wish["z"], "z")
+        touched = at[2] if request.get("z") is None else _number(request["z"], "z")
         self.known.mount({"floor_mm": touched - foil})
         return {}
 
-    def _set_position(self, wish: dict[str, Any]) -> Answer:
+    def _set_position(self, request: dict[str, Any]) -> Answer:
         at, printer = self._at(), self.known.printer
-        given = {axis for axis in AXES if wish.get(axis) is not None}
+        given = {axis for axis in AXES if request.get(axis) is not None}
         if not given:
             raise Refused("no axis is given; say x, y or z in mm")
         new = [
-            _number(wish[axis], axis) if axis in given else mm
+            _number(request[axis], axis) if axis in given else mm
             for axis, mm in zip(AXES, at, strict=True)
         ]
         for axis in given:

@@ -23,7 +23,7 @@ ASIDE_MM: Final = 0.05
 """Most between the place where the tip stands and the one that the job declares."""
 
 
-def read_order(wish: dict[str, Any], socket: Socket) -> LinkOrder:
+def read_order(request: dict[str, Any], socket: Socket) -> LinkOrder:
     """Read what `printctl.station.order_json` made.
 
     Raises
@@ -32,21 +32,22 @@ def read_order(wish: dict[str, Any], socket: Socket) -> LinkOrder:
         For another printer than the one that is connected.
     """
     try:
-        asked = load(Printer, str(wish["printer"]))
+        asked = load(Printer, str(request["printer"]))
     except ProfileError as exc:
         raise Refused(str(exc)) from exc
     if asked != socket.printer:
         raise Refused(
-            f"the job is for {asked.name} ({wish['printer']}), connected is {socket.printer.name} "
-            f"({socket.profile}); connect with the profile that the job was made for"
+            f"the job is for {asked.name} ({request['printer']}), connected is "
+            f"{socket.printer.name} ({socket.profile}); connect with the "
+            "profile that the job was made for"
         )
     return LinkOrder(
-        job=Path(wish["job"]),
-        profile=str(wish["printer"]),
+        job=Path(request["job"]),
+        profile=str(request["printer"]),
         port=socket.port,
-        folder=Path(wish["folder"]),
-        retreat=Retreat(**wish["retreat"]),
-        care=Care.from_dict(wish["care"]),
+        folder=Path(request["folder"]),
+        retreat=Retreat(**request["retreat"]),
+        care=Care.from_dict(request["care"]),
     )
 
 

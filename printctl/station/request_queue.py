@@ -77,7 +77,7 @@ class StationRequests:
         if request.do in ALONE and self._alone:
             raise Refused("something moves already; wait for its end, or end it (stop_motion)")
         if len(self._requests) >= QUEUE:
-            raise Refused(f"{QUEUE} wishes wait already; wait for them")
+            raise Refused(f"{QUEUE} requests wait already; wait for them")
         if request.do in ALONE:
             self._alone = True
             if self._speaker.standby is not None:

@@ -1,6 +1,6 @@
 """Command socket server of a station: passes clients' requests on to it, tells its status.
 
-Further wishes are those of `printctl.station.idle_commands`, ``mount``, ``reconnect``, ``print``,
+Further requests are those of `printctl.station.idle_commands`, ``mount``, ``reconnect``, ``print``,
 ``close`` and ``stop_motion``. Each is answered by ``{"event": "reply", "do": ..., "status": ...}``
 once it is done, or by ``refused``.
 """
@@ -31,15 +31,15 @@ class RequestTaker(Protocol):
 
     @property
     def names(self) -> frozenset[str]:
-        """Wishes that are known."""
+        """Requests that are known."""
         ...
 
     def kill(self) -> None:
         """Halt the printer."""
         ...
 
-    def ask(self, do: str, wish: dict[str, Any], say: Say) -> None:
-        """Take a wish; ``say`` is told what is answered, at any time, from any thread."""
+    def ask(self, do: str, request: dict[str, Any], say: Say) -> None:
+        """Take a request; ``say`` is told what is answered, at any time, from any thread."""
         ...
 
 
@@ -62,10 +62,10 @@ class StationServer(SocketServer):
         """The station's status."""
         return self.station.status.to_dict()
 
-    def wishes(self) -> Mapping[str, Callable[[ClientPlace, dict[str, Any]], None]]:
+    def requests(self) -> Mapping[str, Callable[[ClientPlace, dict[str, Any]], None]]:
         """Return what takes each request: the station."""
         return {name: partial(self._hand_on, name) for name in self.station.names}
 
-    def _hand_on(self, name: str, guest: ClientPlace, wish: dict[str, Any]) -> None:
-        wish.pop("answer", None)  # the reply is the answer
-        self.station.ask(name, wish, partial(self.post, guest))
+    def _hand_on(self, name: str, guest: ClientPlace, request: dict[str, Any]) -> None:
+        request.pop("answer", None)  # the reply is the answer
+        self.station.ask(name, request, partial(self.post, guest))

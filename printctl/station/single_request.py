@@ -42,7 +42,7 @@ def open_connection(folder: Path) -> tuple[socket.socket, StationRecord] | None:
 def send_request(
     connection: socket.socket, record: StationRecord, do: str, /, **values: Any
 ) -> None:
-    """Send a wish."""
+    """Send a request."""
     message = {"do": do, "token": record.token, **values}
     connection.sendall(json.dumps(message).encode() + b"\n")
 

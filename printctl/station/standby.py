@@ -134,7 +134,7 @@ class Standby:
         self._poll()
 
     def end(self) -> None:
-        """Take no further part: what another thread wishes of this one is over."""
+        """Take no further part: what another thread asks of this one is over."""
         self._kill.end()
 
     def let_go(self) -> list[str]:

@@ -74,9 +74,9 @@ class StationLoop:
         """Have someone told of each change."""
         self._report.subscribe(on_change)
 
-    def ask(self, do: str, wish: dict[str, Any], say: Say) -> None:
+    def ask(self, do: str, request: dict[str, Any], say: Say) -> None:
         """Take a request; see `StationRequests.ask`."""
-        self._requests.ask(do, wish, say)
+        self._requests.ask(do, request, say)
 
     def leave(self) -> None:
         """Close, because the system shuts down; a print is stopped first."""
@@ -156,7 +156,7 @@ class StationLoop:
             if do == "mount":
                 answer = self._mount(request.values)
             else:
-                answer = self._connection.hands.wishes[do](request.values)
+                answer = self._connection.hands.requests[do](request.values)
         except Refused:
             report.tell(StationState.READY, before)
             raise

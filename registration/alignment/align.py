@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment.choice import PosePoints, thin_points
 from registration.alignment.compare_poses import residuals
 from registration.alignment.doubts import LEAST_SEEN, pose_doubts
@@ -22,8 +22,6 @@ from registration.alignment.search import Search
 from registration.distance import ModelSurface, distance_grid
 from registration.errors import AlignmentError
 from registration.uncertainty import ScanErrors
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,13 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment.compare_poses import compare_poses, deviation_where_different, residuals
 from registration.alignment.fit import Fit, FitFreedom, refine
 from registration.alignment.misfits import OFF_MM
 from registration.alignment.rivals import MIRROR, AlternativePose, describe, design_symmetries
 from registration.alignment.search import Search
-
-FloatArray = NDArray[np.float64]
 
 CANDIDATES, MIRRORED, OWN = 5, 2, 5
 """Poses refined: of the scan, of its mirror image, and by the design's own symmetries."""

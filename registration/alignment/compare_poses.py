@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment.fit import Fit
 from registration.distance import ModelSurface
-
-FloatArray = NDArray[np.float64]
 
 CAP_MM = 0.5
 """Deviations count up to this much when poses are compared."""

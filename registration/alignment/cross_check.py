@@ -8,13 +8,11 @@ from a pose that is off on purpose. Point-to-plane ICP with normals of its own (
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from kernels.arrays import FloatArray
 from registration.alignment.fit import Fit
 from registration.distance import ModelSurface
-
-FloatArray = NDArray[np.float64]
 
 OFF_DEG, OFF_MM = 1.0, np.array([0.1, -0.1, 0.05])
 """Where it starts from, from our pose: about the part's middle, and along x, y, z."""

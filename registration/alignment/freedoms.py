@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment.motion import AXES
-
-FloatArray = NDArray[np.float64]
 
 UNKNOWN_MM = 0.05
 """Half width of the 95 % interval from which a degree of freedom counts as not known."""

@@ -13,14 +13,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from registration.alignment.fit import Fit, FitFreedom, Linearised, facing, linearised
 from registration.distance import ModelSurface
 from registration.uncertainty import Budget, ScanErrors, Term
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 PATCH_MM = 0.5
 """Points of one cell of this edge err together."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment.fit import Fit, evenness, facing
 from registration.alignment.motion import AXES
 from registration.distance import ModelSurface
-
-FloatArray = NDArray[np.float64]
 
 OFF_MM = 0.075
 """A side whose median is off by more contradicts the pose: faces of 3 mm of depth of which one is

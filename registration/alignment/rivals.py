@@ -6,15 +6,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from kernels.arrays import FloatArray
 from registration.alignment.fit import Fit
 from registration.alignment.motion import motion_words
 from registration.alignment.search import Search
 from registration.distance import ModelSurface
-
-FloatArray = NDArray[np.float64]
 
 DESIGN_POINTS = 12_000
 """On the design's surface, to find where two poses differ."""

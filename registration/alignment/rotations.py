@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _PHI, _PSI = np.sqrt(2.0), 1.533751168755204288118041
 

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment.fit import Fit
 from registration.alignment.multistart import descend, losses
 from registration.alignment.options import AlignmentOptions
 from registration.alignment.rotations import spread_rotations
 from registration.distance import DistanceGrid, ModelSurface
-
-FloatArray = NDArray[np.float64]
 
 THIN, MEDIUM = 160, 450
 """Points for the first look at all orientations, and for the first descent."""

@@ -134,7 +134,7 @@ def fit_bundle(bundle: Bundle, start: Start) -> Fitted:
     touched = _touch_errors(bundle, unknown)
     return Fitted(
         view,
-        covariance,
+        np.asarray(covariance, dtype=np.float64),
         _laid(bundle, unknown, _middles(bundle, unknown)),
         float(unknown[_SCALE]) + bundle.insert.scale,
         float(np.sqrt((_corner_errors(bundle, view, unknown) ** 2).sum(axis=2).mean())),

@@ -37,7 +37,7 @@ class FrameCheck:
         Largest shift of what is seen within the dish, at the marks' height; NaN where it can't be
         told.
     u_um : float, µm
-        Its standard uncertainty.
+        Its standard uncertainty, at the worst place of the dish.
     marks : int
         Marks that were compared.
     why : tuple of str
@@ -82,8 +82,8 @@ def check_frame(
     numbers = [frame.insert.numbers[n] for n in marks.index]
     both = [n for n in numbers if n in frame.seen.numbers]
     if len(both) < FEWEST:
-        why = f"{source}: {len(both)} marks are seen that the frame knows ({FEWEST} wanted)"
-        return FrameCheck(False, float("nan"), float("nan"), len(both), (why,))
+        few = f"{source}: {len(both)} marks are seen that the frame knows ({FEWEST} wanted)"
+        return FrameCheck(False, float("nan"), float("nan"), len(both), (few,))
     now = marks.corners[[numbers.index(n) for n in both]]
     then = frame.seen.corners[[frame.seen.numbers.index(n) for n in both]]
     shifts = _Shifts(frame, then, now, both)
@@ -125,9 +125,10 @@ class _Shifts:
         moved = np.linalg.norm(asked @ self.fit, axis=1)
         self.moved_um = float(moved.max())
         noise = max(1.2 * usual, frame.seen.u_px * frame.um_per_px)
-        inner = np.linalg.pinv(terms.T @ (terms * (weight**2)[:, None]))
+        # Marks in one line say nothing beside it: its uncertainty is huge then, not none.
+        inner = np.linalg.inv(terms.T @ (terms * (weight**2)[:, None]) + 1e-6 * np.eye(3))
         spread = np.sqrt(np.einsum("ni,ij,nj->n", asked, inner, asked))
-        self.u_um = float(noise * spread[moved.argmax()])
+        self.u_um = float(noise * spread.max())
 
     def words(self) -> str:
         """What moved, in words."""
@@ -145,7 +146,8 @@ class _Shifts:
 
 def _optics(marks: SeenMarks, frame: CameraFrame) -> tuple[list[str], list[str]]:
     """Reasons and notes by blur and brightness."""
-    why, notes = [], []
+    why: list[str] = []
+    notes: list[str] = []
     then = frame.seen
     if marks.blur_px > _BLURRED[0] * then.blur_px + _BLURRED[1]:
         why.append(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Final
+from typing import Final, Literal
 
 import cv2
 import numpy as np
@@ -252,7 +252,9 @@ def _frame(
     origin = np.linalg.lstsq(
         np.column_stack([drawn, np.ones(len(drawn))]), fitted.marks_mm, rcond=None
     )[0][2]
-    tied = "touched" if ties.touches else "printed" if ties.printed is not None else "insert"
+    tied: Literal["insert", "touched", "printed"] = (
+        "touched" if ties.touches else "insert" if ties.printed is None else "printed"
+    )
     seen = SeenAtFit(
         numbers=tuple(insert.numbers[n] for n in marks.index),
         corners_px=tuple(tuple(map(float, corner.ravel())) for corner in marks.corners),
@@ -265,10 +267,10 @@ def _frame(
         made=made,
         tied=tied,
         lens=lens,
-        turn_vector=tuple(map(float, turn_vector(fitted.view.turn))),
-        eye_mm=tuple(map(float, fitted.view.eye_mm)),
+        turn_vector=_three(turn_vector(fitted.view.turn)),
+        eye_mm=_three(fitted.view.eye_mm),
         covariance=own,
-        middle_mm=tuple(map(float, origin)),
+        middle_mm=_three(origin),
         insert=insert,
         marks_z_slope=(float(level[0]), float(level[1])),
         seen=seen,
@@ -276,3 +278,8 @@ def _frame(
         insert_scale=fitted.scale,
         bath=ties.bath,
     )
+
+
+def _three(values: FloatArray) -> tuple[float, float, float]:
+    x, y, z = map(float, values)
+    return x, y, z

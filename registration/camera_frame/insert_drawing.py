@@ -50,7 +50,9 @@ def write_dots(path: Path, insert: Insert, dots_per_inch: int) -> None:
     OSError
         When the file can't be written.
     """
-    image = Image.fromarray(drawn(insert, dots_per_inch / 25.4)).convert("1", dither=0)
+    image = Image.fromarray(drawn(insert, dots_per_inch / 25.4)).convert(
+        "1", dither=Image.Dither.NONE
+    )
     with atomic_replacement(path) as draft:
         if path.suffix.lower() == ".pdf":
             image.save(draft, "PDF", resolution=float(dots_per_inch))

@@ -129,12 +129,12 @@ class _Strip:
         self.ground = (
             self._sample(patch.ground, patch, axis, inner)
             if patch.ground is not None
-            else np.broadcast_to(np.nanmean(self.outer, axis=1)[:, None], self.inner.shape)
+            else np.broadcast_to(_row_means(self.outer)[:, None], self.inner.shape)
         )
         beyond = (
             self.outer - self._sample(patch.ground, patch, axis, outer)
             if patch.ground is not None
-            else self.outer - np.nanmean(self.outer, axis=1)[:, None]
+            else self.outer - _row_means(self.outer)[:, None]
         )
         spread = beyond - np.nanmedian(beyond)
         self.noise = max(1.4826 * float(np.nanmedian(np.abs(spread))), 0.004)
@@ -196,11 +196,7 @@ class _Strip:
             below = (self.heights < first - 0.6 * self.wide) & (
                 self.heights > first - 1.8 * self.wide
             )
-            level = (
-                np.nanmean(self.inner[below], axis=0)
-                if below.any()
-                else np.full(columns.shape[1], np.nan)
-            )
+            level = _row_means(self.inner[below].T)
             ground = np.broadcast_to(level, part.shape)
         contrast = needle - ground
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -211,3 +207,11 @@ class _Strip:
         sound = (unit[:3].mean(axis=0) < 0.5) & (unit[-3:].mean(axis=0) > 0.5)
         near = (found > heights[0]) & (found < heights[-1])
         return np.where(clear & sound & near, found, np.nan)
+
+
+def _row_means(values: FloatArray) -> FloatArray:
+    """Means (n,) of what is known in each row of (n, m); NaN where nothing is."""
+    known = np.isfinite(values)
+    count = known.sum(axis=1)
+    total = np.where(known, values, 0.0).sum(axis=1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -129,13 +129,7 @@ def tip_patch(
             f"({_LEAST_PX:g} wanted); come nearer, or use more pixels"
         )
     far = reach_mm * px_per_mm
-    highest = min(far + _ABOVE * wide, _BELOW_HUB * length_mm * sine * px_per_mm)
-    if highest < far + _SHORTEST * wide:
-        raise PictureError(
-            f"of a needle of {length_mm:g} mm too little is seen from so far above "
-            f"({np.degrees(np.arcsin(sine)):.0f} degrees from it) to look for its tip within "
-            f"{reach_mm:g} mm; lower --reach-mm, or tilt the camera more"
-        )
+    highest = _highest(far, wide, length_mm * sine * px_per_mm, sine)
     above = np.arange(-far - 2 * wide, highest)
     beside = np.arange(-far - _BESIDE * wide, far + _BESIDE * wide + 1)
     origin = middle + above[0] * up + beside[0] * aside
@@ -160,6 +154,24 @@ def tip_patch(
         taper,
         wide / 2 * abs(float(ray[2])),
     )
+
+
+def _highest(far: float, wide: float, long: float, sine: float) -> float:
+    """How far up the needle is looked at, px; it ends at its hub.
+
+    Raises
+    ------
+    PictureError
+        When too little is left of it, wherever the tip may be.
+    """
+    highest = min(far + _ABOVE * wide, _BELOW_HUB * long)
+    if highest < far + _SHORTEST * wide:
+        raise PictureError(
+            "too little of the needle is seen from so far above "
+            f"({np.degrees(np.arcsin(sine)):.0f} degrees from it) to look for its tip within "
+            f"{far / wide:.1f} of its diameters; lower --reach-mm, or tilt the camera more"
+        )
+    return highest
 
 
 def _cut(image: NDArray[Any], at: FloatArray) -> FloatArray:

@@ -23,8 +23,8 @@ _RAGGED: Final = 0.08
 _BENT: Final = 0.04
 _OFF_WIDTH: Final = 0.06
 """Of the diameter by the profile: another needle, ink on it, or a burr."""
-_WORST: Final = 5.0
-"""Deviation of one picture from all, of its standard uncertainty."""
+_WORST: Final = 4.0
+"""Root mean square deviation of the pictures, of their standard uncertainties."""
 _ROUNDS: Final = 20
 _STEP_MM: Final = 1e-3
 
@@ -106,20 +106,18 @@ def locate_tip(
         raise PictureError("no picture shows the tip; give one or more")
     first = np.full(3, 5.0) if u_first_mm is None else np.asarray(u_first_mm, dtype=np.float64)
     offset, normal, levers = _settled(views, first)
-    left = np.array([_whitened(v, v.frame.under(None).view, offset) for v in views])
-    free = 2 * len(views) - 3
-    misfit = float(np.sqrt((left**2).sum() / free)) if free > 0 else float("nan")
-    covariance = np.linalg.inv(normal)
-    if free > 0:
-        covariance *= max(1.0, misfit) ** 2
-    _refuse_contradiction(left)
-    covariance = covariance + _by_frames(views, offset, covariance, levers)
+    misfit = _misfit(views, offset)
+    _refuse_contradiction(views, first, misfit)
+    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    if misfit > 1:  # not where there is none
+        covariance = covariance * misfit**2
+    whole: FloatArray = covariance + _by_frames(views, offset, covariance, levers)
     wide = np.array([v.seen.width_mm for v in views])
     sure = np.array([v.seen.u_width_mm for v in views]) ** -2.0
     width = float((wide * sure).sum() / sure.sum())
     u_width = float(np.hypot(sure.sum() ** -0.5, 0.01 * width))  # edges of round steel
     return Tip(
-        offset, covariance, width, u_width, _worn(views, width, u_width, outer_mm), misfit,
+        offset, whole, width, u_width, _worn(views, width, u_width, outer_mm), misfit,
         len(views),
     )  # fmt: skip
 
@@ -152,14 +150,28 @@ def _whitened(view: TipView, camera: View, offset: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(lower, np.nan_to_num(off, nan=1e6)))
 
 
-def _refuse_contradiction(left: FloatArray) -> None:
-    worst = np.linalg.norm(left, axis=1)
-    if len(left) > 1 and worst.max() > _WORST * max(1.0, float(np.median(worst)) / 1.2):
-        raise PictureError(
-            f"picture {int(worst.argmax()) + 1} doesn't fit the others: its tip lies "
-            f"{worst.max():.0f} of its standard uncertainties from where they say ({_WORST:g} at "
-            "most). Is its place (--at) right? Does the frame still hold (printctl observe check)?"
-        )
+def _misfit(views: Sequence[TipView], offset: FloatArray) -> float:
+    """Root of the sum of squares over the degrees of freedom; NaN without any."""
+    free = 2 * len(views) - 3
+    left = np.array([_whitened(v, v.frame.under(None).view, offset) for v in views])
+    return float(np.sqrt((left**2).sum() / free)) if free > 0 else float("nan")
+
+
+def _refuse_contradiction(views: Sequence[TipView], first: FloatArray, misfit: float) -> None:
+    """Raise where the pictures can't be of one tip, naming the one without which they can."""
+    if not misfit > _WORST:
+        return
+    rest = []
+    for n in range(len(views)) if len(views) > 2 else ():
+        others = [*views[:n], *views[n + 1 :]]
+        rest.append(_misfit(others, _settled(others, first)[0]))
+    who = "the pictures don't fit each other"
+    if rest and min(rest) < misfit / 2:
+        who = f"picture {int(np.argmin(rest)) + 1} doesn't fit the others"
+    raise PictureError(
+        f"{who}: their tips lie {misfit:.0f} of their standard uncertainties apart ({_WORST:g} at "
+        "most). Are all places (--at) right? Does the frame still hold (printctl observe check)?"
+    )
 
 
 def _by_frames(

@@ -85,7 +85,7 @@ def _rest(
     part: FloatArray, columns: NDArray[np.int64], at: float, wide_px: float, blur: float
 ) -> float:
     """Sum of squares that the best brightness across leaves."""
-    shapes = _shapes(columns - at, wide_px, blur)
+    shapes = _shapes(np.asarray(columns - at, dtype=np.float64), wide_px, blur)
     scale = float(np.ptp(part)) or 1.0
     bend = np.zeros((_HATS - 2, _HATS + 2))
     for n in range(_HATS - 2):

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.comparison.intervals import UNKNOWN, Interval, holm, sd_interval
 from registration.comparison.scans import AXES, GaugedScan
 from registration.comparison.trend import Trend, trend
 from registration.comparison.variance import Components, components, prints_sd
 from registration.comparison.vessels import VesselSpread
-
-FloatArray = NDArray[np.float64]
 
 DAY_S = 86400.0
 

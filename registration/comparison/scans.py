@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.comparison.errors import ComparisonError
 
-FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 AXES: Final = ("x", "y", "z")

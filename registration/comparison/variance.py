@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from kernels.arrays import FloatArray
 from registration.comparison.intervals import (
     LEVEL,
     UNKNOWN,
@@ -23,8 +23,6 @@ from registration.comparison.intervals import (
     mean_interval,
     sd_interval,
 )
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

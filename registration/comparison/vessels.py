@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from kernels.arrays import FloatArray
 from registration.comparison.capability import Capability, capability
 from registration.comparison.intervals import holm, mean_p
 from registration.comparison.scans import GaugedScan
 from registration.comparison.trend import Trend, trend
 from registration.comparison.variance import Components, components
-
-FloatArray = NDArray[np.float64]
 
 SIGNIFICANT = 0.05
 

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from kernels import jit, pjit
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 UNKNOWN = np.empty(0, dtype=np.int64)
 """Guesses of `nearest` where there are none."""

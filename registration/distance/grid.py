@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.distance.surface import ModelSurface
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,9 @@ time.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.geometry import boxes_of, build_hierarchy
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 LONGEST = 0.15
 """Of the diagonal: longer edges are cut. Finer pieces only make more boxes."""

@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.solids.solid import Solid
+from kernels.arrays import FloatArray, IntArray
 from registration.distance.closest import UNKNOWN, nearest
 from registration.distance.curvature import Edges, face_curvature, rim_samples
 from registration.distance.pieces import hierarchy
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.files import write_bytes
+from kernels.arrays import FloatArray
 from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation.filters import binned
-
-FloatArray = NDArray[np.float64]
 
 
 def write_scan_nrrd(

@@ -30,7 +30,12 @@ if TYPE_CHECKING:
     from registration.gauging.ledges import with_ledges
     from registration.gauging.parts import connected_vessels, drop_dead_ends, sub_network
     from registration.gauging.perfusion import Perfusion, with_interval
-    from registration.gauging.printed import MeasuredLumen, network_of_lumens, printed_network
+    from registration.gauging.printed import (
+        MeasuredLumen,
+        network_of_lumens,
+        printed_network,
+        with_printed_lengths,
+    )
     from registration.gauging.trace import VesselTrace, trace_vessels
     from registration.gauging.vessels import VesselGauge, gauge_vessels, without_resistance
 
@@ -65,6 +70,7 @@ __all__ = [
     "trace_vessels",
     "with_interval",
     "with_ledges",
+    "with_printed_lengths",
     "withdraw_sections",
     "without_gel_like",
     "without_resistance",

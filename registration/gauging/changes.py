@@ -20,14 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.gauging.defect import Defect
 from registration.gauging.peak import peak_of
 from registration.gauging.scatter import scatter
 from registration.gauging.sections import RAYS
 from registration.gauging.trace import VesselTrace
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 FALSE_ALARM = 1e-3
 """Probability that a scan without defects shows one."""

@@ -9,15 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.alignment import Fit
 from registration.gauging.trace import VesselTrace
 from registration.segmentation import GelEvidence, are_separable
 from registration.segmentation.evidence import SIGMA_MM
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 CORE = 0.7
 """Of the designed radius: clear of walls that lie somewhat elsewhere."""

@@ -12,13 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry import boxes_of, build_hierarchy
+from kernels.arrays import FloatArray, IntArray
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.distance.closest import UNKNOWN, nearest
 from registration.segmentation import Segmentation
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SAMPLES = 40_000
 """Points spread over the design's surface."""

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.distance import ModelSurface
-
-FloatArray = NDArray[np.float64]
 
 TOLERANCES_UM = (25.0, 50.0, 100.0)
 HISTOGRAM_EDGES_UM = np.arange(-200.0, 201.0, 5.0)

@@ -10,10 +10,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from design.geometry.surface import Surface
+from kernels.arrays import BoolArray, FloatArray
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int32]
-BoolArray = NDArray[np.bool_]
 
 LEAST_UM, _SPREADS = 50.0, 4.0
 """A place's edge is off by this, and by this many robust standard deviations of the faces."""
@@ -29,7 +28,7 @@ _MOST = 20
 
 
 @dataclass(frozen=True)
-class Place:
+class FacePlace:
     """A connected place where the scanned surface is off the design, away from lumens.
 
     Attributes
@@ -69,7 +68,7 @@ class ScannedFaces:
     blur_um: float
     spread_um: float
 
-    def places_off(self) -> tuple[Place, ...]:
+    def places_off(self) -> tuple[FacePlace, ...]:
         """List the connected places that are off the design, largest volume first; at most 20."""
         off = self.deviation_um
         off = np.sign(off) * (np.abs(off) - np.where(self.near_rims, _RIM_BLURS * self.blur_um, 0))
@@ -87,11 +86,11 @@ class ScannedFaces:
         found.sort(key=lambda place: -float(volume[place].sum()))
         return tuple(self._told(place, shares) for place in found[:_MOST])
 
-    def _told(self, place: NDArray[np.intp], shares: FloatArray) -> Place:
+    def _told(self, place: NDArray[np.intp], shares: FloatArray) -> FacePlace:
         here = self.deviation_um[place]
         x, y, z = self.surface.vertices[place[np.abs(here).argmax()]].round(3).tolist()
         size = float(np.sign(here[0]) * np.percentile(np.abs(here), 95))
-        return Place((x, y, z), round(size, 1), round(float(shares[place].sum()), 4))
+        return FacePlace((x, y, z), round(size, 1), round(float(shares[place].sum()), 4))
 
 
 def _connected(faces: IntArray, off: NDArray[np.bool_]) -> list[NDArray[np.intp]]:

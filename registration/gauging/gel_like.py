@@ -19,12 +19,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from design.network import VesselNetwork
+from kernels.arrays import BoolArray, FloatArray
 from registration.alignment import Fit
 from registration.gauging.trace import VesselTrace
 from registration.segmentation import GelEvidence
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 LEAST_SHARE = 0.2
 """Of the step from liquid to gel, in the mean over the core, above the vessel's own quiet liquid.

@@ -13,17 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.gauging.closures import is_missing
 from registration.gauging.defect import Defect
 from registration.gauging.near_walls import near_walls
 from registration.gauging.trace import VesselTrace
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 LEAST_WALL = 0.2
 """Of a section's usual wall: with less there is nothing to average."""

@@ -13,15 +13,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.gauging.sections import independent_rays
 from registration.gauging.trace import VesselTrace
 from registration.gauging.wall_profile import wall_profile
 from registration.segmentation import Segmentation
 from registration.uncertainty import ScanErrors, rectangular
-
-FloatArray = NDArray[np.float64]
 
 ACROSS_LIGHT = 0.5 + 1 / np.pi
 """Mean of n², n the normal's part along the light, over walls within 45 degrees of facing it."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.gauging.deviation import (
     CURVE_UM,
     HISTOGRAM_EDGES_UM,
@@ -17,8 +18,6 @@ from registration.gauging.deviation import (
     summarise,
     within_curve,
 )
-
-FloatArray = NDArray[np.float64]
 
 _REACH_MM = 0.2
 """A face belongs to a lumen when it lies within this, or a third of the radius, of its wall."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 LEAST_MM = 0.1
 """A wall is looked for within half a radius of the design's, and at least this."""

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
+from registration.gauging.planes import across_tangents
 
 _ANGLES = 2 * np.pi * np.arange(16) / 16
 
@@ -66,9 +65,6 @@ class Neighbours:
 
 def _rings(centre: FloatArray, tangent: FloatArray, radius: FloatArray) -> FloatArray:
     """Points (n, 16, 3) on circles across the tangents."""
-    helper = np.where(np.abs(tangent[:, 2:]) < 0.8, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    first = np.cross(helper, tangent)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(tangent, first)
-    circle = np.cos(_ANGLES)[:, None] * first[:, None] + np.sin(_ANGLES)[:, None] * second[:, None]
+    across = across_tangents(tangent)
+    circle = np.cos(_ANGLES)[:, None] * across[:, :1] + np.sin(_ANGLES)[:, None] * across[:, 1:]
     return np.asarray(centre[:, None] + radius[:, None, None] * circle)

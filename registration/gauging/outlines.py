@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.gauging.sections import RAYS, Planes, Sections
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from design.network import VesselNetwork
-
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
+from kernels.arrays import BoolArray, IntArray
 
 
 def connected_vessels(

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from math import erf, pi, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.uncertainty.budget import rectangular
-
-FloatArray = NDArray[np.float64]
 
 _LEAST_KEPT = 0.5
 """Part of its height that a change keeps at least: of one narrower than 1.6 times the blur nothing

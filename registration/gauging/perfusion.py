@@ -6,18 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import FlowError
 from design.hemodynamics import FlowConditions, resistance_at, solve_flow
 from design.network import VesselNetwork
+from kernels.arrays import BoolArray, FloatArray
 from registration.gauging.parts import connected_vessels, sub_network
-from registration.gauging.printed import printed_network
+from registration.gauging.printed import printed_network, with_printed_lengths
 from registration.gauging.trace import VesselTrace
 from registration.uncertainty import SectionErrors, pressure_interval
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 WATER_PA_S = 1e-3
 UNIT_FLOW_UL_S = 1.0
@@ -108,7 +105,9 @@ def perfusion(
         return None
     inlets = driven.inlets or tuple(network.inlets().tolist())
     outlets = driven.outlets or tuple(network.outlets().tolist())
-    as_printed = _stretched(printed_network(network, traces), scale)
+    as_printed = printed_network(network, traces)
+    if scale is not None:
+        as_printed = with_printed_lengths(as_printed, scale)
     closed = np.array([bool((t.seen & ~t.sections.open).any()) for t in traces])
     resistance = resistance_at(as_printed, driven.whole_fluid, designed.flow)
     flow, drop = _flow(as_printed, ~closed, inlets, outlets, driven)
@@ -138,13 +137,6 @@ def perfusion(
 
 def _ratio(printed: float, designed: float) -> float:
     return printed / designed if designed > 0 else float("nan")
-
-
-def _stretched(network: VesselNetwork, scale: FloatArray | None) -> VesselNetwork:
-    """Return a network with its lengths as printed."""
-    if scale is None:
-        return network
-    return replace(network, nodes=network.nodes * scale, points=network.points * scale)
 
 
 def _verdict(fed: BoolArray, whole: BoolArray) -> bool | None:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.gauging.sections import Planes
-
-FloatArray = NDArray[np.float64]
 
 
 def stations(
@@ -52,10 +50,10 @@ def to_scan(centre: FloatArray, tangent: FloatArray, radius: FloatArray, fit: Fi
     Positions follow the fitted map; lengths stay those of the scan, so that diameters are those
     of the print as it is.
     """
-    return Planes(fit.invert(centre), vectors_across(tangent @ fit.rotation), radius)
+    return Planes(fit.invert(centre), across_tangents(tangent @ fit.rotation), radius)
 
 
-def vectors_across(direction: FloatArray) -> FloatArray:
+def across_tangents(direction: FloatArray) -> FloatArray:
     """Two unit vectors across each unit direction (n, 3) and each other, (n, 2, 3)."""
     helper = np.where(np.abs(direction[:, 2:]) < 0.8, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(helper, direction)

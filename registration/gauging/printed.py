@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.gauging.trace import VesselTrace
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -57,6 +55,19 @@ def printed_network(network: VesselNetwork, traces: tuple[VesselTrace, ...]) -> 
 
 def _lumen(trace: VesselTrace) -> MeasuredLumen:
     return MeasuredLumen(trace.centre, trace.radius, trace.diameter, trace.sections.ovality)
+
+
+def with_printed_lengths(network: VesselNetwork, scale: FloatArray) -> VesselNetwork:
+    """The network with its axes stretched to the print's size, radii as they are.
+
+    Parameters
+    ----------
+    network : VesselNetwork
+        On the designed axes.
+    scale : (3,) float64
+        Size of the print over that of the design along x, y, z.
+    """
+    return replace(network, nodes=network.nodes * scale, points=network.points * scale)
 
 
 def network_of_lumens(network: VesselNetwork, lumens: Sequence[MeasuredLumen]) -> VesselNetwork:

@@ -6,12 +6,10 @@ import math
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from kernels import pjit
+from kernels.arrays import FloatArray
 from registration.segmentation.volume import Volume, trilinear
-
-FloatArray = NDArray[np.float64]
 
 
 @pjit

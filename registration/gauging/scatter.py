@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _MAD = 1.4826
 """Standard deviation over median absolute deviation, of normal noise."""

@@ -9,13 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.gauging.ray_kernel import first_walls
 from registration.segmentation.volume import GelField
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 RAYS = 48
 REACH = 2.0

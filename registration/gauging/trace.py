@@ -5,19 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import BoolArray, FloatArray
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging.neighbours import Neighbours
-from registration.gauging.planes import clearances, stations, to_scan, vectors_across
+from registration.gauging.planes import across_tangents, clearances, stations, to_scan
 from registration.gauging.sections import Planes, Sections, cut_sections
 from registration.segmentation import Segmentation
 from registration.segmentation.volume import sample
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _RING, _MOST_OF_RING = 12, 0.75
 """Points around a lumen, and the share of them in the part where it is one of its sections."""
@@ -146,7 +143,7 @@ def _trace(
 ) -> VesselTrace:
     along, centre, tangent, radius = where
     segmentation, fit, neighbours, part = scene
-    rim = centre[:, None] + (radius + border)[:, None, None] * (_CIRCLE @ vectors_across(tangent))
+    rim = centre[:, None] + (radius + border)[:, None, None] * (_CIRCLE @ across_tangents(tangent))
     inside = _inside(part, rim)
     mouths = _mouths(inside, length) * free
     planes = to_scan(centre, tangent, radius, fit)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselKind, VesselNetwork
+from kernels.arrays import BoolArray, FloatArray
 from registration.alignment import Fit, Uncertainty
 from registration.gauging.defect import Defect
 from registration.gauging.near_walls import near_walls
@@ -17,9 +17,6 @@ from registration.gauging.planes import stations
 from registration.gauging.trace import VesselTrace
 from registration.segmentation import Segmentation
 from registration.uncertainty import Budget, ScanErrors, SectionErrors, section_errors
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

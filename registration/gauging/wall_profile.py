@@ -24,10 +24,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import ndtr
 
+from kernels.arrays import FloatArray
 from registration.gauging.trace import VesselTrace
 from registration.segmentation import Segmentation
-
-FloatArray = NDArray[np.float64]
 
 REACH_MM = 0.15
 """Of the profile, to either side; gel's own level is asked for from `GEL_MM` to `FAR_MM`."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-FloatArray = NDArray[np.float64]
+from design.geometry.frames import vectors_across
+from kernels.arrays import FloatArray
 
 _STEPS = 2
 _FIRST = 50
@@ -22,8 +22,7 @@ def minimum_zone(points: FloatArray, middle: FloatArray, direction: FloatArray) 
     """
     centre, axis = np.array(middle, dtype=np.float64), _unit(direction)
     for _ in range(_STEPS):
-        side = _unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
-        other = np.cross(axis, side)
+        side, other = vectors_across(axis)
         away = points - centre
         along, x, y = away @ axis, away @ side, away @ other
         step = _programme(along, x, y)

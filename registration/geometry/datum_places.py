@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.geometry.datum import Datum
 from registration.geometry.datum_rows import named_face
 from registration.geometry.frame import Frame
 from registration.geometry.line import Line
 from registration.geometry.scene import Scene
-
-FloatArray = NDArray[np.float64]
 
 
 def places_of(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.spatial import cKDTree
 
+from kernels.arrays import FloatArray
 from registration.distance import ModelSurface
 from registration.geometry.characteristic import Characteristic, Zone
 from registration.geometry.faces import Face
@@ -15,8 +15,6 @@ from registration.geometry.frame import COVERAGE, Frame
 from registration.geometry.lumen import DRAWS
 from registration.geometry.vessel_rows import SURFACE
 from registration.uncertainty import ScanErrors
-
-FloatArray = NDArray[np.float64]
 
 CUT_OFF_MM = 0.8
 """Of the Gaussian over a face (ISO 4288's and ISO 25178-3's usual nesting index)."""

@@ -9,15 +9,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray, IntArray
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging.design_to_scan import surface_points
 from registration.gauging.near_lumen import near_lumen
 from registration.geometry.planes import LEAST_SHARE, Plane, large_planes, plane_name
 from registration.segmentation import Segmentation
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 POINTS = 60_000
 """Scanned places that are looked at."""

@@ -5,17 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from design.geometry.frames import vectors_across
+from kernels.arrays import FloatArray
 from registration.errors import DatumError
 from registration.geometry.faces import Face
 from registration.geometry.filters import cells
 from registration.geometry.frame import motion
 from registration.geometry.lumen import Lumen
 from registration.geometry.nested import Rows
-from registration.geometry.setting import Setting, light_across, vectors_across
-
-FloatArray = NDArray[np.float64]
+from registration.geometry.setting import Setting, light_across
 
 PATCH_MM = 0.5
 """Surface points nearer than this err together."""

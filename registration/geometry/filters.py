@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 ALPHA = float(np.sqrt(np.log(2) / np.pi))
 """A wave of the cut-off's length keeps half of its amplitude (ISO 16610-21:2011, 4.2)."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment import Fit, Uncertainty
 from registration.uncertainty import ScanErrors
-
-FloatArray = NDArray[np.float64]
 
 IN_PLANE = 2.448
 """Two normal errors of standard deviation 1 lie within this in 95 of 100 cases (Rayleigh)."""

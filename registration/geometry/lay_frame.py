@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.errors import DatumError
 from registration.geometry.datum import Datum
@@ -20,8 +20,6 @@ from registration.geometry.frame import Frame, strains
 from registration.geometry.nested import DatumTwist, free_words, hold
 from registration.geometry.scene import Scene
 from registration.geometry.setting import Setting
-
-FloatArray = NDArray[np.float64]
 
 _STEPS = 5
 

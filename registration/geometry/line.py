@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _STRAIGHT_MM = 0.002
 """A design that leaves a straight line, or one radius, by less has none but rounding."""

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.gauging.outlines import Outlines
 from registration.geometry.filters import closed_filtered, closed_transmission, open_filter
 from registration.geometry.line import Line
 from registration.geometry.section_noise import middle_noise, wall_spectrum
-
-FloatArray = NDArray[np.float64]
 
 UNDULATIONS = 7.0
 """Cut-off round a section, undulations per revolution."""

@@ -5,17 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from design.geometry.frames import vectors_across
+from kernels.arrays import FloatArray
 from registration.geometry.faces import Face
 from registration.geometry.features import plane_rows
 from registration.geometry.filters import open_filter
 from registration.geometry.frame import motion
 from registration.geometry.lumen import Lumen
 from registration.geometry.nested import Rows
-from registration.geometry.setting import Setting, light_across, vectors_across
-
-FloatArray = NDArray[np.float64]
+from registration.geometry.setting import Setting, light_across
 
 MOUTH_DIAMETERS = 2.0
 """Of a vessel that its mouth is told from."""

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 LEAST_HOLD = 0.02
 """Share of its full hold below which a datum doesn't hold a freedom."""

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from registration.distance import ModelSurface
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 LEAST_SHARE = 0.01
 """Of the design's surface, below which a plane is no face."""

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.gauging.outlines import Outlines
 from registration.geometry.designed import designed_mouths
@@ -15,8 +13,6 @@ from registration.geometry.faces import Face
 from registration.geometry.line import Line
 from registration.geometry.lumen import Lumen, lumen
 from registration.uncertainty import ScanErrors
-
-FloatArray = NDArray[np.float64]
 
 LEAST_SEEN = 0.2
 """Share of a face that must be seen for a datum."""

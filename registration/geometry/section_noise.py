@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _LAG = 3
 """Sections between differences, fewer in a short vessel: closer ones share noise by the blur."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.uncertainty import ScanErrors
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -49,10 +47,3 @@ def light_across(there: Setting, u: FloatArray, v: FloatArray) -> tuple[float, f
     beam = there.fit.rotation @ there.errors.beam
     size = light_shift(there)
     return float(size * (beam @ u)), float(size * (beam @ v))
-
-
-def vectors_across(way: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors across a direction."""
-    u = np.cross(way, np.eye(3)[np.abs(way).argmin()])
-    u = u / np.linalg.norm(u)
-    return u, np.cross(way, u)

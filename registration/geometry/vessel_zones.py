@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.geometry.characteristic import Characteristic, Zone
 from registration.geometry.cylinder import minimum_zone
 from registration.geometry.frame import COVERAGE, IN_PLANE, Frame, strains
@@ -25,8 +25,6 @@ from registration.geometry.vessel_rows import (
     without_mouth,
 )
 from registration.uncertainty import BLUR_PART, ScanErrors
-
-FloatArray = NDArray[np.float64]
 
 
 def vessel_zones(

@@ -10,11 +10,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.judging.guard import ORDER, Decision, decide, single_width
 from registration.judging.series import COVERAGE, Series
 from registration.judging.tolerance import Limit, VesselLimits
 
-FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 FeatureName = Literal[

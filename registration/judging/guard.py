@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 Decision = Literal["pass", "undecided", "fail"]
 ORDER: tuple[Decision, ...] = ("pass", "undecided", "fail")

@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray, IntArray
 from registration.judging.features import Band, worst_section
 from registration.judging.guard import ORDER, decide, single_width
 from registration.judging.same_place import SIGN, groups, length
 from registration.judging.tolerance import Limit
 
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 Record = Mapping[str, Any]
 
 BARE: dict[str, Any] = {

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.judging.noise import random_um
 
-FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 COVERAGE = 1.96

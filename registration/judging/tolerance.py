@@ -8,12 +8,10 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselKind, VesselNetwork
+from kernels.arrays import FloatArray
 from registration.errors import RegistrationError
-
-FloatArray = NDArray[np.float64]
 
 
 class ToleranceError(RegistrationError):

@@ -22,6 +22,8 @@ _DRAWN_OUT: Final = 3.0
 _NEAR_MM: Final = 1.2
 """From a line: what lies further off isn't this layer's."""
 _MOST: Final = 200
+_BESIDE_GLARE: Final = 0.1
+"""Of a find's surroundings that aren't seen: more, and it is a fringe of that."""
 _OUTSIDE: Final = 0.25
 """Of a find's level, below which its surroundings lie."""
 
@@ -80,7 +82,7 @@ def find_blobs(
         if kind == "object":
             big[box] |= own
         height = float(smooth[box][own].mean())
-        if not _has_edge(smooth, area, labels, k, stats[k], width_px, height):
+        if not _has_edge(smooth, area, unseen, labels, k, stats[k], width_px, height):
             continue
         at = place.to_printer(middles[k][None])[0]
         blobs.append(
@@ -99,13 +101,14 @@ def find_blobs(
 def _has_edge(
     smooth: FloatImage,
     area: BoolArray,
+    unseen: BoolArray,
     labels: NDArray[np.int32],
     number: int,
     stats: NDArray[np.int32],
     width_px: float,
     height: float,
 ) -> bool:
-    """Whether the bath around a find is much lower: shade that fades has no edge."""
+    """Whether the bath around a find is seen, and much lower: shade that fades has no edge."""
     near, far = (max(1, round(part * width_px)) for part in (0.3, 0.9))
     x, y, wide, high = (int(v) for v in stats[:4])
     box = np.s_[max(0, y - far) : y + high + far, max(0, x - far) : x + wide + far]
@@ -114,6 +117,9 @@ def _has_edge(
         cv2.dilate(own, np.ones((2 * k + 1, 2 * k + 1), np.uint8)) > 0 for k in (near, far)
     )
     ring = outer & ~inner & area[box]
+    beside = outer & (own == 0)
+    if float(unseen[box][beside].mean()) > _BESIDE_GLARE:
+        return False
     return not ring.any() or float(smooth[box][ring].mean()) < _OUTSIDE * height
 
 

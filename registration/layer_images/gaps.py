@@ -13,6 +13,7 @@ from registration.layer_images.ways import Ways
 
 LEAST: Final = 0.6
 """Of the tolerated length: shorter ones aren't told (round ends reach into a gap)."""
+_HIDDEN: Final = 0.06
 _SMOOTH: Final = 0.4
 """Of the tolerated length, over which presence is averaged to find where a gap ends."""
 
@@ -24,6 +25,7 @@ def find_gaps(
     noise: WindowNoise,
     gap_mm: float,
     p_needed: float,
+    strange: FloatArray,
 ) -> tuple[list[Gap], BoolArray]:
     """Return gaps, and places whose surroundings contradict a gap there, (n,).
 
@@ -37,6 +39,9 @@ def find_gaps(
     gap_mm : float, mm
     p_needed : float
         A gap's p-value must be below.
+    strange : (n,) float64
+        Share of each place's surroundings that is neither ink nor bath: what lies on a line there
+        hides it (a needle may be as bright as the bath).
     """
     usual = noise.middle
     smooth = _along(present, good, ways, gap_mm)
@@ -49,7 +54,7 @@ def find_gaps(
         mean = float(present[rows].mean())
         if _only_an_end(ways, rows, end - begin, gap_mm):
             continue
-        if mean < -max(0.6, 5.0 * noise.bath) * usual:
+        if mean < -max(0.6, 5.0 * noise.bath) * usual or strange[rows].mean() > _HIDDEN:
             unclear[rows] = True  # neither ink nor bath
             continue
         p_value = noise.p_value(mean, end - begin)

@@ -7,7 +7,7 @@ as it will. Some of the lines may be missing: only those that look like ink are 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -24,6 +24,7 @@ CORE = np.abs(ACROSS) <= 0.3 + 1e-9
 _SMOOTH = 0.15
 _RIDGE = 0.3
 """Of the bath's mean variance across: noise that its covariance doesn't know of."""
+_STEEP = 0.6
 _LEAST_ODD = 0.1
 """Of the even part's power; a smaller odd part is left out."""
 _MOST = 20_000
@@ -70,12 +71,12 @@ def channel_mix(
         axis=1,
     ).astype(np.float64)
     keep = np.ones(len(ink), dtype=np.bool_)
-    mix = np.ones(count)
+    mix: FloatArray = np.ones(count)
     for _ in range(4):
         mean, inner = _spread(ink[keep])
         within = bath.covariance + inner
         within += 0.02 * np.diag(np.diag(within)) + 1e-12 * np.eye(count)
-        mix = np.linalg.solve(within, mean - bath.mean)
+        mix = np.asarray(np.linalg.solve(within, mean - bath.mean), dtype=np.float64)
         along = (ink - bath.mean) @ mix
         keep = along > 0.5 * np.percentile(along, 80)
         if keep.sum() < 20:
@@ -115,6 +116,8 @@ class Template:
         m0, m1, m2 over `ACROSS`; the strongest place is 1.
     scale : float
         Of the mixed image: what was divided by.
+    slant : float
+        Root of the power of the odd part over that of the even one: light from the side.
     filled : bool
         Whether the middle is about as strong as the strongest place: ink is told by its level, and
         not by its edges alone.
@@ -123,6 +126,12 @@ class Template:
     terms: FloatArray
     scale: float
     filled: bool
+    slant: float = 0.0
+
+    @property
+    def by_edges(self) -> bool:
+        """Whether ink is told by its edges or slopes, and not by its level."""
+        return not self.filled or self.slant > _STEEP
 
     @property
     def values(self) -> FloatArray:
@@ -166,20 +175,20 @@ def learn_template(profiles: FloatImage, usable: BoolArray, angle: FloatArray) -
     """Learn it from profiles (n, 61), where usable (n, 61); some may be of missing lines."""
     values = np.where(usable, profiles, 0.0)
     ink = np.ones(len(profiles), dtype=np.bool_)
-    terms = np.zeros((3, len(ACROSS)))
+    terms, slant = np.zeros((3, len(ACROSS))), 0.0
     for _ in range(5):
-        terms = _terms(values[ink], usable[ink], angle[ink])
+        terms, slant = _terms(values[ink], usable[ink], angle[ink])
         weights, _ = Template(terms, 1.0, True).weights(angle, None)
         present = (profiles * weights).sum(axis=1)
         keep = present > 0.5 * np.percentile(present, 80)
         if keep.sum() < 20 or (keep == ink).all():
             break
         ink = keep
-    return _scaled(terms)
+    return replace(_scaled(terms), slant=slant)
 
 
-def _terms(values: FloatImage, usable: BoolArray, angle: FloatArray) -> FloatArray:
-    """Least squares of all three terms, each profile taken from both of its sides."""
+def _terms(values: FloatImage, usable: BoolArray, angle: FloatArray) -> tuple[FloatArray, float]:
+    """Least squares of all three terms, each profile taken from both of its sides; the slant."""
     turned = np.column_stack([np.ones_like(angle), np.cos(angle), np.sin(angle)])
     back = turned * (1.0, -1.0, -1.0)
     both, mask = turned.T @ values + back.T @ values[:, ::-1], usable
@@ -189,9 +198,11 @@ def _terms(values: FloatImage, usable: BoolArray, angle: FloatArray) -> FloatArr
     power = turned[:, 1:].T @ turned[:, 1:] / len(turned)
     inner = np.linalg.pinv(power + 1e-6 * np.eye(2), rcond=0.05)
     odd = inner @ (both[1:] / number)
-    if (odd[:, WITHIN] ** 2).sum() < _LEAST_ODD * (even[WITHIN] ** 2).sum():
+    power_odd, power_even = (float((v[..., WITHIN] ** 2).sum()) for v in (odd, even))
+    slant = float(np.sqrt(power_odd / max(power_even, 1e-12)))
+    if slant**2 < _LEAST_ODD:
         odd[:] = 0.0
-    return np.where(mask.mean(axis=0) > 0.02, np.vstack([even, odd]), 0.0)
+    return np.where(mask.mean(axis=0) > 0.02, np.vstack([even, odd]), 0.0), slant
 
 
 def _scaled(terms: FloatArray) -> Template:

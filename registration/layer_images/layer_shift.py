@@ -35,10 +35,11 @@ def fit_shift(
         return None
     a, b, own = normal[known], offset_mm[known], stroke[known]
     weight = np.ones(len(b))
-    best, spread = np.zeros(2), float(np.median(np.abs(b))) + 1e-9
+    best: FloatArray = np.zeros(2)
+    spread = float(np.median(np.abs(b))) + 1e-9
     for _ in range(10):
         pull = (spread**2 * _TOGETHER / reach_mm**2) * np.eye(2)
-        best = np.linalg.solve((a.T * weight) @ a + pull, (a.T * weight) @ b)
+        best = np.asarray(np.linalg.solve((a.T * weight) @ a + pull, (a.T * weight) @ b), float)
         off = np.abs(b - a @ best)
         spread = 1.4826 * float(np.median(off)) + 1e-9
         weight = np.minimum(1.0, 1.5 * spread / np.maximum(off, 1e-12))

@@ -85,9 +85,9 @@ def shrunk(channels: FloatImage, size: tuple[int, int]) -> FloatImage:
 
 def _basis(size: tuple[int, int]) -> FloatArray:
     x, y = np.meshgrid(np.linspace(-1, 1, size[0]), np.linspace(-1, 1, size[1]))
-    x, y = x.ravel(), y.ravel()
+    u, v = x.ravel(), y.ravel()
     powers = [(i, n - i) for n in range(_ORDER + 1) for i in range(n, -1, -1)]
-    return np.column_stack([x**i * y**j for i, j in powers])
+    return np.column_stack([u**i * v**j for i, j in powers])
 
 
 def _ink_cells(

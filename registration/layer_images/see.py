@@ -58,8 +58,10 @@ _STEPS_IN_GAP: Final = 4
 _SAME_PX: Final = 0.4
 """A shift that changes by less isn't followed further."""
 _ROUNDS: Final = 3
-_LIT_ASIDE: Final = 0.35
-"""Of a width: uncertainty of where a line lies that light from the side shows."""
+_SLANT: Final = 0.08
+"""Lack of symmetry from which on light from the side must be reckoned with."""
+_LIT_ASIDE: Final = 0.3
+"""Of a width and of the slant: uncertainty of where a line lies that is lit from the side."""
 _MOST_OLD: Final = 0.3
 """Of a line's width over older ink: more, and it is judged against that."""
 
@@ -240,12 +242,30 @@ def _finer(look: _Look, shift: Shift, options: SeeingOptions, work: Working) -> 
 
 
 def _honest(shift: Shift, look: _Look) -> Shift:
-    """Widen the shift of lines lit from the side: their middle isn't seen."""
+    """Widen the shift of lines lit from the side: their middle isn't where it seems."""
     told = look.bath
-    if told is None or not told.template.one_sided:
+    if told is None:
         return shift
-    u = _LIT_ASIDE * float(np.median(look.ways.width))
+    slant, moved = min(told.template.slant, 1.0), np.hypot(shift.dx_mm, shift.dy_mm)
+    u = _LIT_ASIDE * slant * float(np.median(look.ways.width))
+    u = np.hypot(u, 0.5 * float(moved) * min(slant / _SLANT, 1.0))
     return replace(shift, covariance_mm2=shift.covariance_mm2 + u**2 * np.eye(2))
+
+
+def _lit_widths(look: _Look, shift: Shift) -> Widths:
+    """Widen the uncertainty of widths where the shaded sides of lines may look like bath.
+
+    Lines then seem thinner, and moved to the light by half of that. A shift and a deviation that
+    could both come from it are doubted by as much as the profiles' lack of symmetry says.
+    """
+    rows = look.group.first
+    ratio = look.widths.width_mm / look.ways.width[rows]
+    if look.bath is None or not np.isfinite(ratio).any():
+        return look.widths
+    moved = float(np.hypot(shift.dx_mm, shift.dy_mm)) / float(np.median(look.ways.width))
+    off = abs(1.0 - float(np.nanmedian(ratio)))
+    doubt = min(2.0 * moved, off) * min(look.bath.template.slant / _SLANT, 1.5)
+    return replace(look.widths, common=float(np.hypot(look.widths.common, doubt)))
 
 
 def _findings(
@@ -260,8 +280,9 @@ def _findings(
         why[good & under.any(axis=1)] = int(Unseen.HIDDEN)
         good = why == Unseen.SEEN
     gaps = _gaps(look, good, why, places, options)
-    stations = look.group.stations(ways, look.present, why, look.widths)
-    stretches = find_stretches(stations, look.widths, options.width_percent)
+    widths = _lit_widths(look, shift)
+    stations = look.group.stations(ways, look.present, why, widths)
+    stretches = find_stretches(stations, widths, options.width_percent)
     told = look.bath
     usable = told is not None and told.noise is not None and told.template.filled
     lost = look.work.bad | look.work.hidden if told is None else told.strange | look.work.hidden
@@ -275,7 +296,7 @@ def _findings(
         1.0 / look.work.px_per_mm,
         told.bath_spread if told is not None else 1.0,
     )
-    ratio, u_ratio = width_ratio(stations, look.widths)
+    ratio, u_ratio = width_ratio(stations, widths)
     way = ways.step
     seen_mm = float(way[good].sum())
     covered = float((np.clip(look.present[good], 0.0, 1.0) * way[good]).sum())
@@ -302,11 +323,13 @@ def _gaps(
     """Gaps over either background; marks in ``why`` what turns out unclear."""
     found: list[Gap] = []
     needed = options.false_rate / places
+    beside = look.ways.width[:, None] * np.linspace(-1.5, 1.5, 13)
     for told, rows in ((look.bath, ~look.over_old), (look.old, look.over_old)):
         if told is not None and told.noise is not None:
+            around = look.seen.profiles(told.strange.astype(np.float32), beside).mean(axis=1)
             clear = rows & (good if not told.faint else told.why == Unseen.SEEN)
             gaps, unclear = find_gaps(
-                look.present, clear, look.ways, told.noise, options.gap_mm, needed
+                look.present, clear, look.ways, told.noise, options.gap_mm, needed, around
             )
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)

@@ -27,6 +27,8 @@ _LEAST_SEEN = 0.5
 _ROOM = 0.2
 """Of a width: bath that must be seen beside a line for its edge to be one."""
 _END = 0.6
+_MOST_SLANT = 0.6
+"""Of light from the side, from which on edges are of the light, not of the ink."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Grouping:
         first = np.cumsum(count) - count
         return Grouping(of, first + count // 2, count, np.bincount(of, weights=seen).astype(int))
 
-    def mean(self, values: FloatArray, use: BoolArray) -> FloatArray:
+    def mean(self, values: FloatArray | FloatImage, use: BoolArray) -> FloatArray:
         """Mean over the places of each station that are used, (m,) or (m, k); NaN for none."""
         number = np.bincount(self.of, weights=use, minlength=len(self.count))
         flat = values if values.ndim == 2 else values[:, None]
@@ -117,7 +119,7 @@ def station_widths(
 ) -> Widths:
     """Widths where a line is seen over bath with free sides."""
     nothing = np.full(len(group.count), np.nan)
-    if bath is None or bath.noise is None or bath.template.one_sided:
+    if bath is None or bath.noise is None or bath.template.slant > _MOST_SLANT:
         return Widths(nothing, nothing, nothing, 0.0, 0.0)
     px_width = ways.width * work.px_per_mm
     room = 0.5 + _ROOM + 1.5 / px_width
@@ -168,5 +170,5 @@ def _noise(level: FloatImage, tell: BoolArray, sides: Sides, group: Grouping) ->
     return float(np.sqrt(0.5 * (ink**2 + beside**2)))
 
 
-def _spread(values: FloatImage) -> float:
+def _spread(values: FloatArray | FloatImage) -> float:
     return 1.4826 * float(np.median(np.abs(values)))

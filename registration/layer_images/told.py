@@ -37,6 +37,8 @@ from registration.layer_images.working import Mask, Working
 
 _MOST_SATURATED = 0.3
 """Of the lines: more, and it is the ink that is saturated."""
+_INK_SATURATED, _MORE_OFTEN = 0.05, 4.0
+"""Share of the lines, and how many times that of the bath: then it is bright ink, not glare."""
 _FEWEST = 20
 _PLENTY = 15.0
 """A contrast from which on no other mix of the channels is tried."""
@@ -176,7 +178,8 @@ def _by_mix(
     else:
         template = learn_template(profiles[learn], sides.usable()[learn], angle[learn])
     scale = np.float32(template.scale)
-    image, profiles = mixed / scale, profiles / scale
+    image = np.asarray(mixed / scale, dtype=np.float32)
+    profiles = profiles / scale
     free = ((ground.free > 0) & ~strange).astype(np.uint8)
     fakes = _fake_profiles(image, free, ground.work.px_per_mm, width_px, ways, rng)
     texture = not template.filled and fakes is not None
@@ -191,7 +194,7 @@ def _by_mix(
         fake_present = (fakes[0] * own).sum(axis=1).astype(np.float64)
         inner = fakes[0][:, WITHIN]
         bath_spread = 1.4826 * float(np.median(np.abs(inner - np.median(inner))))
-    if not template.filled:
+    if template.by_edges:
         near = np.minimum(sides.left, sides.right) < _ALONE
         why[(why == Unseen.SEEN) & (near | ways.corners())] = int(Unseen.FAINT)
     if template.one_sided:
@@ -206,7 +209,7 @@ def _by_mix(
         contrast = noise.contrast(ground.gap_mm)
         places = max(1.0, float(ways.step[good].sum()) / ground.gap_mm)
         faint = not noise.can_tell(ground.gap_mm, ground.rate / places)
-        odd = faint and not template.filled
+        odd = faint and (template.one_sided or template.by_edges)
         if odd or (faint and not noise.can_tell(_LONG * ground.gap_mm, ground.rate / places)):
             noise = None
     look = Appearance(mix, template.terms * template.scale, template.filled)
@@ -270,8 +273,9 @@ def _log_step(mix: FloatArray, ink: FloatArray, is_log: bool) -> float:
 def _strange(ground: Ground, bath: BathNoise, ink: FloatArray, width_px: float) -> BoolArray:
     found = strange_places(ground.smooth, bath, ink, ground.free, ground.fresh, width_px)
     saturated = ground.work.bad
-    lines = ground.fresh > 0
-    if lines.any() and saturated[lines].mean() < _MOST_SATURATED:
+    on, off = (float(saturated[mask > 0].mean()) for mask in (ground.fresh, ground.fresh == 0))
+    of_ink = on > _INK_SATURATED and on > _MORE_OFTEN * off
+    if not of_ink and on < _MOST_SATURATED:
         found = found | grown(saturated, width_px)
     return found
 

@@ -14,6 +14,7 @@ from registration.layer_images.values import (
     FloatArray,
     FloatImage,
     Frame,
+    Image,
     IntArray,
 )
 
@@ -191,11 +192,9 @@ class Seen:
     def px_per_mm(self) -> float:
         """Root of the pixels in a square millimetre, median."""
         area = np.abs(self.across[:, 0] * self.along[:, 1] - self.across[:, 1] * self.along[:, 0])
-        return float(np.sqrt(np.median(area)))
+        return float(np.sqrt(np.nanmedian(area)))
 
-    def profiles(
-        self, image: FloatImage, across_mm: FloatArray, nearest: bool = False
-    ) -> FloatImage:
+    def profiles(self, image: Image, across_mm: FloatArray, nearest: bool = False) -> FloatImage:
         """Sample an image (h, w) across at (n, u) or (u,) mm, (n, u); borders repeat."""
         u = np.broadcast_to(across_mm, (len(self.at), across_mm.shape[-1]))
         x = (self.at[:, :1] + u * self.across[:, :1]).astype(np.float32)

@@ -20,9 +20,10 @@ _EDGE_PX = 0.15
 """Of a pixel: what the edge's place may be off by in the picture itself."""
 _EDGE_VOXEL = 0.6
 """The same of a voxel, in a map of what an OCT sees first."""
+_SLANTED = 0.06
+"""Of the slant: light from the side moves edges."""
 _MISFIT = 0.1
-_SPREAD = 0.3
-"""A mean profile that fits a line's worse isn't one: its widths aren't told."""
+"""Of a profile's height: one that fits worse isn't a line's, and its widths aren't told."""
 
 
 @dataclass(frozen=True)
@@ -166,13 +167,15 @@ def _true_widths(
         return wide, 0.03, edge_px * px_mm
     alike = good & (np.abs(expected_mm - typical) < 0.15 * typical)
     mean = np.median(profiles[alike], axis=0).astype(np.float64)
+    mean = 0.5 * (mean + mean[::-1])  # light from the side counts on both alike
     near = np.abs(ACROSS) <= 1.2
     shade = fit_shade(ACROSS[near] * typical, [mean[near]], [float(np.median(wide[alike]))], px_mm)
-    if shade.misfit > _MISFIT or shade.spread > _SPREAD:
+    if shade.misfit > _MISFIT:
         return np.full(len(wide), np.nan), 0.0, 0.0
     width = np.where(good, shade.diameter(np.where(good, wide, np.nan)), np.nan)
     bent = float(np.nanmedian(np.abs(width / wide - 1.0)))
     common = float(np.hypot(min(shade.spread, 0.05), 0.2 * bent + 0.3 * _doubt(shade)))
+    common = float(np.hypot(common, _SLANTED * template.slant))
     return width, common, edge_px * px_mm
 
 

@@ -164,10 +164,12 @@ def _channels(part: Image, scale: int) -> tuple[FloatImage, BoolArray]:
     size = (max(1, part.shape[1] // scale), max(1, part.shape[0] // scale))
     fit = values[: size[1] * scale, : size[0] * scale]
     if np.issubdtype(part.dtype, np.floating):
-        bad = ~np.isfinite(fit).all(axis=2)
-        filled = np.where(bad[:, :, None], np.nanmedian(fit), fit).astype(np.float32)
+        if not np.isfinite(fit).any():
+            raise PictureError("the picture holds no finite value where the layer lies")
+        bad = np.asarray(~np.isfinite(fit).all(axis=2))
+        filled = np.asarray(np.where(bad[:, :, None], np.nanmedian(fit), fit), dtype=np.float32)
         return _binned(filled, size), _binned(bad.astype(np.float32), size)[:, :, 0] > 0.25
-    top = int(fit.max())
+    top = max(1, int(fit.max()))
     saturated = _saturated(np.ascontiguousarray(fit), top)
     small = _binned(fit.astype(np.float32), size)
     bad = _binned(saturated, size)[:, :, 0] > _HIT
@@ -187,7 +189,7 @@ def _saturated(fit: Image, top: int) -> Mask:
     return np.asarray(piled if enough else np.zeros_like(piled))
 
 
-def _binned(values: FloatImage, size: tuple[int, int]) -> FloatImage:
+def _binned(values: Image, size: tuple[int, int]) -> FloatImage:
     small = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
     return np.ascontiguousarray(small if small.ndim == 3 else small[:, :, None])
 
@@ -229,7 +231,7 @@ def _drawn(shape: tuple[int, int], ends: FloatArray, wide: FloatArray) -> Mask:
     """Pieces (n, 2, 2) px drawn with round ends, their widths rounded to whole pixels."""
     out = np.zeros(shape, dtype=np.uint8)
     good = np.isfinite(ends).all(axis=(1, 2)) & (np.abs(ends).max(axis=(1, 2)) < 1e6)
-    fixed = np.rint(ends * (1 << _SHIFT)).astype(np.int32)
+    fixed = np.rint(np.where(good[:, None, None], ends, 0.0) * (1 << _SHIFT)).astype(np.int32)
     thick = np.maximum(1, np.rint(wide)).astype(np.int64)
     for each in np.unique(thick[good]):
         pieces: Sequence[NDArray[np.int32]] = list(fixed[good & (thick == each)])

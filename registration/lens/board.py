@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.errors import PictureError
 from registration.lens.decode import decoded
-
-FloatArray = NDArray[np.float64]
 
 FEWEST: Final = 12
 """Corners of a board that must be seen in a picture."""

@@ -92,7 +92,7 @@ def _scaled(
         size_px=size,
         focal_px=focal,
         centre_px=(u, v),
-        distortion=(bent[0], bent[1]) if covariance is None else tuple(bent),
+        distortion=(bent[0], bent[1]) if covariance is None else _five(bent),
         um_per_px=1.0,
         um_per_px_95=(1.0, 1.0),
         off_px=off,
@@ -103,6 +103,11 @@ def _scaled(
     return lens.model_copy(
         update={"um_per_px": scale, "um_per_px_95": (scale - half, scale + half)}
     )
+
+
+def _five(bent: Sequence[float]) -> tuple[float, float, float, float, float]:
+    k1, k2, p1, p2, k3 = bent
+    return k1, k2, p1, p2, k3
 
 
 def _start(focal: float, size: tuple[int, int]) -> FloatArray:

@@ -19,14 +19,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.errors import RegistrationError
 from registration.optics.refraction import refract
 from registration.optics.surface import SampleSurface
 from registration.scan import Scan
-
-FloatArray = NDArray[np.float64]
 
 COVERAGE = 1.96
 """Standard uncertainties in half of a 95 % interval."""

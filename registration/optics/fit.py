@@ -7,16 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import stdtrit
 
+from kernels.arrays import FloatArray
 from registration.errors import SegmentationError
 from registration.optics.beam import COVERAGE, Beam, OctCalibration
 from registration.optics.grid_target import GridView
 from registration.optics.step import Step
-
-FloatArray = NDArray[np.float64]
 
 _NAMES = ("scale_x", "shear", "scale_y", "bow_xx", "bow_xy", "bow_yy", "fan_x", "fan_y")
 _WITHOUT_FAN = 6

@@ -12,12 +12,10 @@ from scipy.spatial import cKDTree
 from skimage.measure import label, regionprops
 from skimage.segmentation import clear_border
 
+from kernels.arrays import FloatArray, IntArray
 from registration.errors import SegmentationError
 from registration.optics.columns import Columns, columns_of
 from registration.scan import Scan
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _CLEAR_DB = 10.0
 _FEWEST = 25

@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.errors import RegistrationError
-
-FloatArray = NDArray[np.float64]
 
 
 def refract(direction: FloatArray, normal: FloatArray, index: float) -> FloatArray:

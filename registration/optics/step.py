@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.errors import SegmentationError
 from registration.optics.columns import columns_of
 from registration.scan import Scan
-
-FloatArray = NDArray[np.float64]
 
 _CLEAR_DB = 10.0
 _ROUNDS = 50

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from kernels.arrays import FloatArray
 from registration.errors import SegmentationError
 from registration.optics.columns import in_decibels, path_per_depth
 from registration.scan import Scan
-
-FloatArray = NDArray[np.float64]
 
 _OVER_NOISE_DB = 6.0
 _LEAST_SHARE = 0.3

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.errors import RegistrationError
 from registration.optics.beam import Beam, OctCalibration
 from registration.optics.columns import path_per_depth
@@ -16,8 +17,6 @@ from registration.optics.surface import SampleSurface
 from registration.optics.warp_kernels import warp
 from registration.readers.storage import empty
 from registration.scan import Scan
-
-FloatArray = NDArray[np.float64]
 
 _STEP = 16
 """Rows and columns between places where the map is worked out; it is smooth."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
+from kernels.arrays import FloatArray
 from registration.overlay.raster import Raster
 from registration.scan import Scan
 from registration.segmentation import Segmentation
@@ -16,7 +17,6 @@ from registration.segmentation.filters import bin_mean
 from registration.segmentation.volume import GelField, Strength
 from registration.views.sampling import trilinear
 
-FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _EDGE_VOXELS: Final = 2

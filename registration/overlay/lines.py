@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.toolpath.correction import Stretch
+from kernels.arrays import FloatArray, IntArray
 from registration.gcode_job import Act, GcodeJob
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _SAME_MM: Final = 2e-3

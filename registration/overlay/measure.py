@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, distance_transform_edt
 
+from kernels.arrays import IntArray
 from registration.overlay.cut import ScanCut
 from registration.overlay.lines import LayerLines
 from registration.overlay.patches import PixelPatch, spots
 from registration.overlay.raster import Raster
 
-IntArray = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 LEAST_SHARE, LEAST_PIXELS = 0.02, 9

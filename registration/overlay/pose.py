@@ -8,16 +8,15 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.solids.solid import Solid
+from kernels.arrays import FloatArray
 from registration.alignment import align
 from registration.distance import ModelSurface
 from registration.errors import AlignmentError, RegistrationError
 from registration.scan import Scan
 from registration.segmentation import Segmentation
 
-FloatArray = NDArray[np.float64]
 FitName = Literal["scaled", "rigid"]
 
 _KEYS: Final[dict[FitName, str]] = {

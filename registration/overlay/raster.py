@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon, contains_xy, prepare
 
+from kernels.arrays import FloatArray
 from registration.overlay.lines import LayerLines
 
-FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 PIXELS_PER_LINE: Final = 6

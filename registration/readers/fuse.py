@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.readers.raw_result import Array
 from registration.readers.storage import empty
 
-FloatArray = NDArray[np.float64]
 FloatVolume = NDArray[np.float32]
 Kind = Literal["tiles", "depth", "layers"]
 

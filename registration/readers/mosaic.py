@@ -21,17 +21,15 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from firmware_profiles.yaml_file import read_yaml
+from kernels.arrays import FloatArray
 from registration.errors import ScanFileError
 from registration.readers.fuse import Kind, fuse
 from registration.readers.metadata import ScanOverrides
 from registration.readers.overlap import Placement, settle
 from registration.readers.read import read_scan
 from registration.scan import Scan
-
-FloatArray = NDArray[np.float64]
 
 _SUFFIXES = (".yaml", ".yml")
 _KINDS: tuple[Kind, ...] = ("tiles", "depth", "layers")

@@ -7,10 +7,9 @@ from numpy.typing import NDArray
 
 from design.geometry.surface import Surface
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.gauging.near_lumen import near_lumen
 from registration.report.surface import ReportSurface
-
-FloatArray = NDArray[np.float64]
 
 
 def split_surfaces(

@@ -10,11 +10,9 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.report.svg import INK, MUTED, PAPER, RULE
-
-FloatArray = NDArray[np.float64]
 
 PANEL_IN: Final = 3.4
 MOST_COLUMNS: Final = 3

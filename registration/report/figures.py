@@ -13,6 +13,7 @@ from matplotlib.colors import Normalize, TwoSlopeNorm, to_rgba
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.picture.colours import DIVERGING, NO_DATA, SEQUENTIAL
 from registration.report.drawing import blank, styled, to_svg
 from registration.report.scaled_lines import (
@@ -23,7 +24,6 @@ from registration.report.scaled_lines import (
 from registration.report.svg import ACCENT, BAD, INK, MUTED, PAPER
 from registration.report.wording import is_number, plain
 
-FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 OUTSIDE: Final = "#b85a14"

@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.report.drawing import styled, to_svg
 from registration.report.svg import ACCENT, INK, MUTED
-
-FloatArray = NDArray[np.float64]
 
 
 def wave_figure(waves: Mapping[str, FloatArray]) -> bytes:

@@ -7,14 +7,13 @@ from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.report.drawing import blank, broken_line, small_multiples, styled, to_svg
 from registration.report.figures import DECIDED, OUTSIDE
 from registration.report.svg import ACCENT, INK, MUTED
 from registration.report.wording import is_number
 
-FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 MOST_PROFILES: Final = 15

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.picture.colours import SEQUENTIAL
 from registration.report.drawing import blank, styled, to_svg
 from registration.report.figures import OUTSIDE
@@ -20,7 +20,6 @@ from registration.report.svg import ACCENT, INK, MUTED, PAPER
 if TYPE_CHECKING:
     from design.hemodynamics.oxygen import OxygenSolution
 
-FloatArray = NDArray[np.float64]
 _MOST_PX = 800
 
 

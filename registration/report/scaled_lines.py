@@ -9,13 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+
+from kernels.arrays import FloatArray
 
 VECTOR_PIECES: Final = 4000
 """Drawings with more lines than this hold them as an embedded picture."""
 HAIR_PT: Final = 0.4
-
-FloatArray = NDArray[np.float64]
 
 
 def draw_scaled_lines(

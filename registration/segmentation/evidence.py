@@ -22,13 +22,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.segmentation.filters import gaussian_weights, normalise, smooth
 from registration.segmentation.glints import Glints, find_glints, no_glints
 from registration.segmentation.local_level import local_level
 from registration.segmentation.volume import GelField, Strength, Volume, sample
 from registration.segmentation.working import probe
 
-FloatArray = NDArray[np.float64]
 FloatVolume = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 

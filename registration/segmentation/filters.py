@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit, pjit
+from kernels.arrays import IntArray
 from registration.scan import Scan
 from registration.segmentation.volume import Volume
 
 FloatVolume = NDArray[np.float32]
-IntArray = NDArray[np.int64]
 Weights = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 
 _PER_DB = np.float32(math.log(10.0) / 10.0)

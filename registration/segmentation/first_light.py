@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from kernels.arrays import FloatArray
 from registration.segmentation.classes import Levels, split_classes
 from registration.segmentation.filters import bin_mean, normalise
 from registration.segmentation.working import Working
 
-FloatArray = NDArray[np.float64]
 FloatVolume = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 

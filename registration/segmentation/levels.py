@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.errors import SegmentationError
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from kernels import pjit
+from kernels.arrays import FloatArray
 from registration.segmentation.filters import gaussian_weights, smooth
 
-FloatArray = NDArray[np.float64]
 FloatVolume = NDArray[np.float32]
 
 LOWEST_MM = 0.36

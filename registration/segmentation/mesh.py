@@ -10,12 +10,11 @@ from scipy.sparse.csgraph import connected_components
 
 from design.geometry.surface import Surface
 from kernels import pjit
+from kernels.arrays import FloatArray
 from registration.errors import SegmentationError
 from registration.segmentation.bright_liquid import DARK
 from registration.segmentation.nets import surface
 from registration.segmentation.volume import GelField, Strength, Volume
-
-FloatArray = NDArray[np.float64]
 
 
 def surface_mesh(

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit, pjit
+from kernels.arrays import FloatArray, IntArray
 from registration.segmentation.volume import Volume
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Rows = NDArray[np.int8]
 
 

@@ -25,11 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from kernels.arrays import FloatArray
 from registration.segmentation.filters import bin_mean
 from registration.segmentation.light import remaining_light, share_of_gel
 from registration.segmentation.working import Working
 
-FloatArray = NDArray[np.float64]
 FloatVolume = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 

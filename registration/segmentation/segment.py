@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry.surface import Surface
+from kernels.arrays import FloatArray
 from registration.errors import SegmentationError
 from registration.scan import Scan
 from registration.segmentation.mesh import surface_mesh
@@ -24,8 +25,6 @@ from registration.segmentation.oct_field import oct_field
 from registration.segmentation.plain_field import plain_field
 from registration.segmentation.volume import GelField, Strength
 from registration.segmentation.working import Working
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

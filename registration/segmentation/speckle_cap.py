@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.special import gammainc, gammaincc, ndtr
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
+
 FloatVolume = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 

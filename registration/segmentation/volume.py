@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Volume = NDArray[np.float32] | NDArray[np.uint16]
 
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.scan import Scan
 from registration.segmentation.filters import Weights, binned, gaussian_weights, smooth
 from registration.segmentation.volume import Volume
 
-FloatArray = NDArray[np.float64]
 FloatVolume = NDArray[np.float32]
 
 

@@ -6,15 +6,13 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from design.network import VesselNetwork
+from kernels.arrays import IntArray
 from registration.topology.euler import Betti, betti_numbers, without_specks
 from registration.topology.grid import LumenGrid
-
-IntArray = NDArray[np.int64]
 
 SPECK_MM = 0.2
 """Parts and hollows smaller than a cube of this edge are noise."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.morphology import remove_small_holes, remove_small_objects
 
-BoolArray = NDArray[np.bool_]
+from kernels.arrays import BoolArray
 
 _FULL = np.ones((3, 3, 3), dtype=np.bool_)
 

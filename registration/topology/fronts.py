@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
+from kernels.arrays import IntArray
 
 FloatVolume = NDArray[np.float32]
 IntVolume = NDArray[np.int32]
-IntArray = NDArray[np.int64]
 T = TypeVar("T", bound=np.generic)
 
 BARRIER = -3

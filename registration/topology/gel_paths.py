@@ -15,15 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.segmentation.evidence import SIGMA_MM, GelEvidence
 from registration.topology.fronts import BARRIER, UNREACHED, grow, meetings
 from registration.topology.grid import LumenGrid
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 OUTSIDE = -1
 MOST_COST = 0.7

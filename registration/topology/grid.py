@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.network import VesselNetwork
+from kernels.arrays import FloatArray
 from registration.alignment import Fit
 from registration.segmentation import GelField
-
-FloatArray = NDArray[np.float64]
 
 MOST_VOXELS = 12_000_000
 """Above this the grid is laid coarser, which `LumenGrid.step_mm` tells."""

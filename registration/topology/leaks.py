@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from design.network import VesselNetwork
+from kernels.arrays import IntArray
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.gauging.changes import bordered
@@ -30,8 +30,6 @@ from registration.topology.grid import LumenGrid
 from registration.topology.path_width import outline_width, width
 from registration.topology.shade import may_be_shade
 from registration.topology.swollen_joints import SwollenJoint, swelling
-
-IntArray = NDArray[np.int64]
 
 _FULL = np.ones((3, 3, 3), dtype=np.bool_)
 

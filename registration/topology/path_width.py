@@ -9,17 +9,15 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from kernels.arrays import FloatArray
 from registration.alignment import Fit
-from registration.gauging.planes import to_scan
+from registration.gauging.planes import across_tangents, to_scan
 from registration.gauging.sections import cut_sections
 from registration.segmentation import GelField
 from registration.segmentation.evidence import GelEvidence
 from registration.topology.gel_paths import Scene
-
-FloatArray = NDArray[np.float64]
 
 _REACH_MM = (0.16, 0.5)
 """Discs are at least and at most so large in radius."""
@@ -130,10 +128,7 @@ def _areas(
     flat = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     flat = flat[(flat**2).sum(axis=1) <= reach**2]
     disc = (flat**2).sum(axis=1) <= radius**2
-    helper = np.where(np.abs(tangent[:, 2:]) < 0.8, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    first = np.cross(helper, tangent)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(tangent, first)
+    first, second = across_tangents(tangent).swapaxes(0, 1)
     places = centre[:, None] + flat[:, :1] * first[:, None] + flat[:, 1:] * second[:, None]
     share = evidence.fine_at(fit.invert(places.reshape(-1, 3))).reshape(places.shape[:2])
     grid = scene.grid

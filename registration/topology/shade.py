@@ -9,16 +9,13 @@ its limit with all that is shaded taken for gel.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray, FloatArray
 from registration.alignment import Fit
 from registration.distance import ModelSurface
 from registration.segmentation.evidence import GLARE, SIGMA_MM
 from registration.segmentation.glints import Glints
 from registration.topology.gel_paths import LeakPath, Scene, mid_evidence
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 def may_be_shade(

@@ -10,18 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from design.network import VesselNetwork
+from kernels.arrays import BoolArray, FloatArray
 from registration.alignment import Fit
 from registration.segmentation import GelField
 from registration.topology.euler import betti_numbers, without_specks
 from registration.topology.gel_paths import OUTSIDE, LeakPath
 from registration.topology.grid import LumenGrid, lay_grid
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _ROUND = 1.25
 """Loops are looked for in a ball about the node, so much larger than the way's farthest place."""

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.uncertainty.sections import OWN_DOF, SectionErrors
-
-FloatArray = NDArray[np.float64]
 
 DRAWS = 4000
 PERCENTILES = (2.5, 97.5)

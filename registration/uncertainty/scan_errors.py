@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.scan import Scan
 from registration.segmentation import Segmentation
 from registration.uncertainty.budget import at_either_end, coverage_factor, rectangular
 from registration.walls_file import WallCalibration
-
-FloatArray = NDArray[np.float64]
 
 INDEX_HALF_WIDTH = 0.02
 """Of the group index without a depth standard: hydrogels and media lie within ± 2 % of water."""

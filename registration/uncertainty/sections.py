@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.uncertainty.budget import Budget, Term, coverage_factor
 from registration.uncertainty.scan_errors import BLUR_PART, ScanErrors
-
-FloatArray = NDArray[np.float64]
 
 OWN_DOF = 40.0
 """Of a section's own noise: independent places on 48 rays, less the harmonics."""

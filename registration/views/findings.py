@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry.surface import Surface
+from kernels.arrays import FloatArray
 from registration.scan import Scan
 from registration.views.mesh_cut import cut_mesh, lines_within
 from registration.views.sampling import Shades
-
-FloatArray = NDArray[np.float64]
 
 _LEAST_MM, _MOST_MM = 0.8, 2.5
 """Half a window's edge."""

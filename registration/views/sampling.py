@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.scan import Scan
-
-FloatArray = NDArray[np.float64]
 
 PERCENTILES = (1.0, 99.0)
 """Of the scan's values, shown black and white."""

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.scan import Scan
 from registration.views.sampling import Shades, trilinear
 
 if TYPE_CHECKING:
     from registration.gauging import VesselGauge
 
-FloatArray = NDArray[np.float64]
 
 MOST_SECTIONS = 1200
 """With a picture: 2 to 3 MB of a page. Beyond it sections that pass are thinned evenly."""

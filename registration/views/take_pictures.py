@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.geometry.surface import Surface
+from kernels.arrays import FloatArray
 from registration.judging import list_findings
 from registration.scan import Scan
 from registration.views.findings import Contours, FindingView, half_window, panel
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from design.solids import Solid
     from registration.result import RegistrationReport
 
-FloatArray = NDArray[np.float64]
 Record = Mapping[str, Any]
 
 MOST_FINDINGS = 40

@@ -19,14 +19,12 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from firmware_profiles.families import family_of
+from kernels.arrays import FloatArray
 from sim.dry_run.run import DryRun
 from sim.program.gcode import Program
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ Settling. A horizontal cylinder of diameter D in a Bingham fluid carries F/L = 1
 moves: 4√2 + 2π, the slip-line limit of a rough cylinder (Randolph & Houlsby, Géotechnique 34 (1984)
 613; for a viscoplastic fluid Tokpavi, Magnin & Jay, J. Non-Newtonian Fluid Mech. 154 (2008) 65).
 Its weight Δϱ g π D²/4 is held, so, up to D = τ_y / (0.066 Δϱ g), which is the 0.07 of the product's
-check (`printctl.preflight.held_check`, Grosskopf et al. 2018), taken here too. What exceeds it
+check (`supported_diameter_mm`, Grosskopf et al. 2018), taken here too. What exceeds it
 drives it against the plastic viscosity μ as in a Newtonian fluid, F/L = 4π μ U / ln(2L/D), slender
 body to leading order (Batchelor, J. Fluid Mech. 44 (1970) 419). Adding both resistances is an
 estimate, uncalibrated.
@@ -23,13 +23,9 @@ from typing import Final
 
 import numpy as np
 
-from firmware_profiles import Bath, Ink, Needle
+from firmware_profiles import Bath, Ink, Needle, supported_diameter_mm, weight_in_bath_n_m3
 from sim.bead.predict import Bead
 
-GRAVITY: Final = 9.81
-"""m/s²."""
-HELD: Final = 0.07
-"""Of the product's check: a filament is held where τ_y ≥ 0.07 Δϱ g D."""
 BEARS: Final = 4 * math.sqrt(2) + 2 * math.pi
 
 
@@ -97,15 +93,13 @@ def settling(bead: Bead, ink: Ink, bath: Bath) -> FilamentHold | None:
         return None
     worst = rows[int(bead.width_mm[rows].argmax())]
     wide = float(bead.width_mm[worst]) * swell(ink)[0]
-    difference = (ink.density_g_cm3 - bath.density_g_cm3) * 1e3
-    weight = abs(difference) * GRAVITY
-    held = math.inf if weight == 0 else bath.yield_stress_pa / (HELD * weight) * 1e3
+    weight, held = weight_in_bath_n_m3(bath, ink), supported_diameter_mm(bath, ink)
     speed: float | None = 0.0
     if wide > held:
         own = bead.stroke == bead.stroke[worst]
         length = float(bead.pieces.length[own & bead.writes].sum())
-        speed = _sinks(bath, weight, wide, length)
-    return FilamentHold(wide, held, int(bead.line[worst]), difference < 0, speed)
+        speed = _sinks(bath, abs(weight), wide, length)
+    return FilamentHold(wide, held, int(bead.line[worst]), weight < 0, speed)
 
 
 def _sinks(bath: Bath, weight_n_m3: float, wide_mm: float, length_mm: float) -> float | None:

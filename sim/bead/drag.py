@@ -15,13 +15,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from kernels.arrays import FloatArray, IntArray
 from sim.bead.predict import Bead
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 REACH: Final = 3.0
 """Radii beyond the needle's surface that are looked at: e^-3 is 5 %."""

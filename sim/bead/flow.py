@@ -12,12 +12,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from sim.bead.nozzle import Nozzle
 from sim.bead.pieces import Pieces
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from sim.motion.executed import ExecutedMotion
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 GAP_S: Final = 1e-6
 """Less between two blocks is rounding."""

@@ -22,18 +22,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from sim.bead.flow import NozzleFlow, nozzle_flow
 from sim.bead.nozzle import Nozzle
 from sim.bead.pieces import Pieces
 from sim.deposit.laid import Style
 from sim.deposit.levels import level_areas, level_heights, written_levels
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 ROUNDED: Final = BeadSection()
 WAY_MM = 1e-9

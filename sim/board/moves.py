@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.board.controller import Controller
-from sim.board.waits import Place, Task, WaitUntil
+from sim.board.waits import Task, WaitFreeSlot, WaitUntil
 from sim.motion.processor_times import BLOCK_S, CORNER_S, TRAPEZOID_S
 from sim.motion.state import Records
 from sim.program.modal import ARC, BAD, arc_points, interpret, speed
@@ -38,7 +38,7 @@ def move(board: Controller) -> Task:
     motion.modal["position"][0] = points[-1]
     feed = float(speed(motion.modal[0]))
     for point in points:
-        yield Place()
+        yield WaitFreeSlot()
         machine.move_to(point, feed, board.work.job_line)
         if len(points) > 1:
             yield WaitUntil(machine.now + ARC_PIECE_S)

@@ -45,7 +45,7 @@ class WaitUntil:
 
 
 @dataclass(frozen=True)
-class Place:
+class WaitFreeSlot:
     """A free place in the planner's ring."""
 
     for_user: bool = False

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
+
+from kernels.arrays import FloatArray
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-FloatArray = NDArray[np.float64]
 
 _SPACING_MM: Final = 0.05
 """Of the places among which the nearest is looked for, before it is made exact."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from sim.clearance.bodies import Ink, Tips
 from sim.clearance.contact import ShaftContact
 from sim.clearance.heads import KINDS, LIFT, Head, kinds_of
@@ -16,8 +17,6 @@ from sim.clearance.motion import NONE, NeedleMotion
 from sim.clearance.pieces import Pieces
 from sim.clearance.result import Clearance
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 Found = NDArray[Any]
 
 

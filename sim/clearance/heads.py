@@ -8,12 +8,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from sim.clearance.motion import NeedleMotion
 from sim.clearance.network import WrittenNetwork
 from sim.clearance.passes import Passes, passes_of
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 WRITE, TRAVEL, LIFT, DESCENT, HEAD_CHANGE = range(5)
 KINDS: Final = ("write", "travel", "lift", "descent", "head change")

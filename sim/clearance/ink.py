@@ -5,16 +5,13 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from sim.clearance.bodies import Ink
 from sim.clearance.heads import Head
 from sim.clearance.motion import NeedleMotion
 from sim.clearance.network import WrittenNetwork
 from sim.clearance.pieces import Pieces
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 WINDOW_MM: Final = 0.5
 """Volume over length is taken over at least so much of a pass: E's digits are coarse in a short

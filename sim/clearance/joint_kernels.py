@@ -10,12 +10,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kernels import jit
+from kernels.arrays import FloatArray
 from sim.clearance.bodies import LEFT, Ink, Joints, Tips
-
-FloatArray = NDArray[np.float64]
 
 WIDEST_MM: Final = 0.025
 """Reach of a place where vessels meet, to either side."""

@@ -7,13 +7,11 @@ from itertools import permutations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from sim.clearance.bodies import Joints
 from sim.clearance.network import WrittenNetwork
 from sim.clearance.overlaps import Overlaps, overlaps_of
-
-FloatArray = NDArray[np.float64]
 
 _GRAIN_MM: Final = 0.05
 _GRAIN_FROM: Final = 0.3183

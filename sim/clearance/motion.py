@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from sim.dry_run.run import DryRun
 from sim.errors import ClearanceError
 from sim.program.modal import MOVE
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 NONE = -1
 
 

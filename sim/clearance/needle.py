@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from sim.errors import ClearanceError
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from sim.clearance.axis import Axis
 from sim.errors import ClearanceError
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 _AT_END_MM: Final = 0.01
 """So near to its end a place on a closed vessel may as well lie at the other one."""

@@ -19,15 +19,11 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from kernels import jit
+from kernels.arrays import FloatArray
 from sim.clearance.bodies import Ink, Joints, Tips
 from sim.clearance.joint_kernels import ink_slope, slack_of, tip_slope
 from sim.clearance.shaft_kernels import approach, span
-
-FloatArray = NDArray[np.float64]
 
 ERROR_MM: Final = 0.002
 ERROR_SHARE: Final = 0.05

@@ -5,17 +5,14 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 from sim.clearance.bodies import Ink, Joints, Tips
 from sim.clearance.joint_kernels import are_related
 from sim.clearance.pair_kernels import pair_approach
 from sim.clearance.shaft_kernels import shaft_distance, span
 from sim.motion.state import Record, Records
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 MOST_SQUARES: Final = 4_000_000
 FOUND: Final = np.dtype(

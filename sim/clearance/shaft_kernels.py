@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kernels import jit
+from kernels.arrays import FloatArray
 from sim.clearance.bodies import Ink, Tips
-
-FloatArray = NDArray[np.float64]
 
 
 @jit

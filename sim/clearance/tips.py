@@ -7,13 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from sim.clearance.bodies import Tips
 from sim.clearance.heads import Head
 from sim.clearance.motion import NONE, NeedleMotion
 from sim.clearance.pieces import Pieces
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 def tips_of(

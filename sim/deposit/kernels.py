@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit, pjit
+from kernels.arrays import FloatArray, IntArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 ByteArray = NDArray[np.uint8]
 
 STRAIGHT = 0.7

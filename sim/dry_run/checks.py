@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from firmware_profiles import Printer, Span
 from firmware_profiles.families import family_of, meanings
 from firmware_profiles.families.grammar import Meaning
+from kernels.arrays import FloatArray
 from sim.errors import LineError
 from sim.heads.state import head_findings
 from sim.motion.stepper import LEAST_RATE
@@ -20,7 +21,6 @@ from sim.reading.file import kinds_of
 from sim.reading.firmware_codes import is_known, is_known_name
 from sim.reading.named_commands import NamedCommand
 
-FloatArray = NDArray[np.float64]
 _TINY_MM: Final = 1e-6
 _MOST_NAMES: Final = 20
 """Unknown codes that get a finding of their own."""

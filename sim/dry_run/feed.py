@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from kernels import jit
+from kernels.arrays import FloatArray
 from sim.board.hardware import Board
 from sim.dry_run.line_times import LineTimes
 from sim.motion.planner import add_move, main_share, next_event, run_until, set_axis, take_head
@@ -17,8 +18,6 @@ from sim.motion.processor_times import BLOCK_S, CORNER_S, TRAPEZOID_S
 from sim.motion.state import LOG, Records, new_planner, new_ring
 from sim.program.gcode import Program
 from sim.program.modal import DWELL, HOME, MOVE, SET_POSITION, SYNC, TOOL
-
-FloatArray = NDArray[np.float64]
 
 LEAST_LOSS: Final = 0.005
 """Share of a file's time below which lost time isn't told."""

@@ -23,10 +23,9 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Printer
 from kernels import jit
+from kernels.arrays import FloatArray
 from sim.program.gcode import Program, code
 from sim.program.modal import MOVE
-
-FloatArray = NDArray[np.float64]
 
 _BITS_PER_BYTE: Final = 10
 _CLOCK_HZ: Final = 16_000_000

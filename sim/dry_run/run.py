@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer
+from kernels.arrays import FloatArray
 from sim.dry_run.checks import check
 from sim.dry_run.cold import extrusion_allowed
 from sim.dry_run.feed import StarvedMotion, run_program, starvation
@@ -31,8 +32,6 @@ from sim.program.modal import MOVE
 from sim.program.written import read_written
 from sim.reading.named_commands import NamedCommand
 from sim.reading.other_lines import Others, other_lines
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ Goes in: a network, its occlusions and flow. Comes out: a video whose answer is 
 
 from sim.dye.camera import DyeCamera
 from sim.dye.film import Disturbance, Dye, DyeFilm, film_frames, write_film
-from sim.dye.lumens import Lumens, Occlusion
+from sim.dye.lumens import DyeVessels, Occlusion
 from sim.dye.transport import DyeFlow, dye_flow
 
 __all__ = [
@@ -15,7 +15,7 @@ __all__ = [
     "DyeCamera",
     "DyeFilm",
     "DyeFlow",
-    "Lumens",
+    "DyeVessels",
     "Occlusion",
     "dye_flow",
     "film_frames",

@@ -17,7 +17,7 @@ IntArray = NDArray[np.int64]
 _STAGNANT = 1e-9
 
 
-class Lumens(Protocol):
+class DyeVessels(Protocol):
     """Vessels as polylines with a radius at each point, mm; see `design.network`."""
 
     @property
@@ -95,7 +95,7 @@ class Stretch:
 
 
 def stretches(
-    lumens: Lumens, occlusions: Sequence[Occlusion]
+    lumens: DyeVessels, occlusions: Sequence[Occlusion]
 ) -> tuple[list[Stretch], dict[int, float]]:
     """All that liquid can stand in, and µL/s that leave at the closed nodes of occlusions.
 

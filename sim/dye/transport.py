@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.dye.lumens import (
+    DyeVessels,
     FloatArray,
     IntArray,
-    Lumens,
     Occlusion,
     Stretch,
     stretch_flow,
@@ -59,7 +59,7 @@ class DyeFlow:
 
 
 def dye_flow(
-    lumens: Lumens,
+    lumens: DyeVessels,
     inflow_ul_s: float,
     occlusions: Sequence[Occlusion] = (),
     feed_ul: float = 0.0,

@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 
 from firmware_profiles import Head, Printer
 from firmware_profiles.families import family_of
+from kernels.arrays import FloatArray
 from sim.heads.valve import CLOSED, UNKNOWN, Valve, read_switch
 from sim.program.finding import Finding
 from sim.program.gcode import Program, code, parse_line
 from sim.program.modal import SET_POSITION, TOOL
 from sim.reading.named_commands import NamedCommand
-
-FloatArray = NDArray[np.float64]
 
 _COUNTS: Final = re.compile(rb"E[-+.\d]")
 

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Pneumatic, Printer
+from kernels.arrays import FloatArray, IntArray
 from sim.errors import GcodeError
 from sim.motion.executed import ExecutedMotion
 from sim.program.gcode import Program, parse_line
@@ -28,9 +29,6 @@ from sim.program.modal import DWELL
 from sim.program.written import read_written
 from sim.reading.named_commands import NamedCommand
 from sim.reading.outputs import output_of
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 OPEN: Final = 1
 CLOSED: Final = 0

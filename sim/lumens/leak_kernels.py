@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 from sim.lumens.ray_kernels import stadium_span
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 ShortArray = NDArray[np.int32]
 
 TISSUE = -1

@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 FLAT: Final = 1e-12
 RIM: Final = 1.0 - 1e-4

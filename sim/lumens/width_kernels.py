@@ -6,13 +6,10 @@ from typing import Final
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from kernels import jit, pjit
+from kernels.arrays import FloatArray, IntArray
 from sim.lumens.ray_kernels import Slabs, first_hit
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 SPIRAL: Final = 40
 """Points tried in a lumen whose axis a line covers."""

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firmware_profiles.families.grammar import ERule
 from kernels import jit
+from kernels.arrays import FloatArray, IntArray
 from sim.encoding import check_text
 from sim.motion.state import Record, Records
 from sim.program.modal import (
@@ -39,9 +39,6 @@ from sim.program.modal import (
     speed,
 )
 from sim.program.words import WORDS, split_words
-
-IntArray = NDArray[np.int64]
-FloatArray = NDArray[np.float64]
 
 NO_COMMAND: Final = 0
 """Code of a line that isn't a command."""

@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles import Printer
+from kernels.arrays import IntArray
 from sim.errors import LineError
 from sim.reading import read_line
-
-IntArray = NDArray[np.int64]
 
 _KIND: Final = re.compile(rb";[ ]*(?:TYPE:|FEATURE:|feature )[ ]*(.*?)[ ]*\Z")
 _HEIGHT: Final = re.compile(rb";[ ]*(?:HEIGHT:|LAYER_HEIGHT:)[ ]*(\d*\.?\d+)")

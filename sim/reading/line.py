@@ -41,11 +41,6 @@ class GcodeLine:
         """The number behind a letter; None without one."""
         return self.words.get(letter)
 
-    @property
-    def argument(self) -> str:
-        """What stands behind the code, as text: the message of M117, a file's name."""
-        return self.text.decode("ascii").partition(" ")[2]
-
 
 BLANK: Final = GcodeLine("", {}, b"")
 """A comment, or nothing."""

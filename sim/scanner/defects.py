@@ -28,10 +28,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from sim.deposit.lay import Deposit
 from sim.errors import ScannerError
-
-FloatArray = NDArray[np.float64]
 
 DefectKind = Literal["bulge", "stenosis", "occlusion", "missing", "leak"]
 

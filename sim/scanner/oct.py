@@ -30,12 +30,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import pjit
+from kernels.arrays import FloatArray
 from sim.deposit.lay import Deposit
 from sim.scanner.output import ScannerOutput, check_range
 from sim.scanner.placing import Placing, place
 from sim.scanner.sampling import blurred, index_map, lookup, random_bits
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

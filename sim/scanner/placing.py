@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from sim.errors import ScannerError
 from sim.scanner.output import check_range
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kernels import jit, pjit
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 ByteArray = NDArray[np.uint8]
 
 

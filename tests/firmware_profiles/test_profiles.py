@@ -59,6 +59,7 @@ def test_own_file_is_loaded_by_path(tmp_path: Path) -> None:
         ({"tip_outer_mm": 0.9, "cone_mm": 5}, "above outer_mm"),
         ({"inner_mm": 0.2, "tip_outer_mm": 0.2, "cone_mm": 5}, "isn't below outer"),
         ({"inner_mm": ".nan"}, "inner_mm"),
+        ({"inner_mm": True}, "inner_mm must be a number"),
     ],
 )
 def test_wrong_value_is_refused_with_its_key(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from kernels import under_way
-from kernels.in_advance import compile_in_advance, compiling, missing
+from kernels.in_advance import compiling, missing
 from kernels.needed import NeededKernel, needed_kernels, resolve_name, types_of
 from kernels.stored import KernelStore
 
@@ -25,13 +25,15 @@ def rows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[NeededKernel]:
 def test_what_is_compiled_is_no_longer_missing(rows: list[NeededKernel], tmp_path: Path) -> None:
     assert missing(rows) == rows
     told: list[int] = []
-    assert compile_in_advance([*rows, WRONG], told.append) == 1
+    with compiling([*rows, WRONG], (), told.append) as failed:
+        assert failed == 1
     assert told == [1, 2, 3]
     assert len(list(tmp_path.rglob("*.nbc"))) >= 2
     assert missing(rows) == []
     _make_older(tmp_path)
     assert missing(rows) == rows, "the sources are younger"
-    assert compile_in_advance(rows) == 0
+    with compiling(rows, ()) as failed:
+        assert failed == 0
     assert missing(rows) == [], "looked at again, and nothing to do"
 
 
@@ -41,7 +43,8 @@ def _make_older(folder: Path) -> None:
 
 
 def test_a_second_kind_of_arguments_is_missing_alone(rows: list[NeededKernel]) -> None:
-    compile_in_advance(rows[:1])
+    with compiling(rows[:1], ()):
+        pass
     other = NeededKernel(rows[0].kernel, "[]", frozenset())
     assert missing([rows[0], other]) == [rows[0], other]
     assert missing(rows[:1]) == []

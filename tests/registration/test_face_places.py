@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from design.geometry.surface import Surface
-from registration.gauging.face_places import Place, ScannedFaces
+from registration.gauging.face_places import FacePlace, ScannedFaces
 from registration.report.sections import place_rows
 
 SIDE, STEP = 200, 0.025
@@ -26,7 +26,7 @@ def face() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return vertices, np.concatenate(triangles).astype(np.int32), 12 * noise.ravel() / noise.std()
 
 
-def listed(off: np.ndarray, rims: np.ndarray | None = None) -> tuple[Place, ...]:
+def listed(off: np.ndarray, rims: np.ndarray | None = None) -> tuple[FacePlace, ...]:
     vertices, triangles, _ = face()
     none = np.zeros(len(off), dtype=bool)
     known = off[np.isfinite(off)]

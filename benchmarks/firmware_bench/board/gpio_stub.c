@@ -101,12 +101,12 @@ int open(const char *path, int flags, ...) {
   return real(is_chip(path) ? "/dev/null" : path, flags, mode);
 }
 
-static int request(struct gpiohandle_request *wish) {
-  int fd = open("/dev/null", O_RDWR | O_CLOEXEC), line = wish->lineoffsets[0];
+static int request(struct gpiohandle_request *asked) {
+  int fd = open("/dev/null", O_RDWR | O_CLOEXEC), line = asked->lineoffsets[0];
   if (fd < 0 || fd >= 1024) return -1;
   line_of_fd[fd] = line + 1;
-  wish->fd = fd;
-  if (wish->flags & GPIOHANDLE_REQUEST_OUTPUT) set_line(line, wish->default_values[0]);
+  asked->fd = fd;
+  if (asked->flags & GPIOHANDLE_REQUEST_OUTPUT) set_line(line, asked->default_values[0]);
   return 0;
 }
 

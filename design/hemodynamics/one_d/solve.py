@@ -42,7 +42,7 @@ Progress = Callable[[int, float], None]
 
 
 @dataclass(frozen=True)
-class Problem:
+class OneDProblem:
     """A network under conditions, cut into cells.
 
     Attributes
@@ -134,7 +134,7 @@ def solve_one_d(
 
 def set_up_problem(
     network: VesselNetwork, conditions: PulsatileConditions, options: OneDOptions
-) -> Problem:
+) -> OneDProblem:
     """Cut the network into cells and find where to begin.
 
     Raises
@@ -151,11 +151,11 @@ def set_up_problem(
     seen = lumped_extremes(network, lumped)
     grid = with_small_changes(grid, seen)
     state = first_state(network, grid, nodes, slot, lumped)
-    return Problem(grid, nodes, slot, waves, period, state, foreseen_rate(grid, seen))
+    return OneDProblem(grid, nodes, slot, waves, period, state, foreseen_rate(grid, seen))
 
 
 def _cycle(
-    problem: Problem, options: OneDOptions, places: Probes, begun: State, rate: float
+    problem: OneDProblem, options: OneDOptions, places: Probes, begun: State, rate: float
 ) -> tuple[Lines, int, float]:
     """March a cycle; again with shorter steps where waves turn out too fast."""
     grid, state = problem.grid, problem.state
@@ -173,7 +173,9 @@ def _cycle(
     raise FlowError("waves get faster with every attempt at a cycle; check the wall and the flow")
 
 
-def _march(problem: Problem, lines: Lines, steps: int, samples: int, work: MarchScratch) -> float:
+def _march(
+    problem: OneDProblem, lines: Lines, steps: int, samples: int, work: MarchScratch
+) -> float:
     """Steps from sample to sample; the greatest rate of waves on the way, cells a second."""
     step, each, rate = problem.period_s / steps, steps // samples, 0.0
     for sample in range(samples):
@@ -196,7 +198,7 @@ def _march(problem: Problem, lines: Lines, steps: int, samples: int, work: March
     return rate
 
 
-def _balance(problem: Problem, begun: State, lines: Lines) -> tuple[float, float]:
+def _balance(problem: OneDProblem, begun: State, lines: Lines) -> tuple[float, float]:
     """How much a cycle changed, and its mass, both relative."""
     grid, state = problem.grid, problem.state
     swing, greatest = lines.ranges()
@@ -215,7 +217,7 @@ def _balance(problem: Problem, begun: State, lines: Lines) -> tuple[float, float
 
 def _solution(
     network: VesselNetwork,
-    problem: Problem,
+    problem: OneDProblem,
     options: OneDOptions,
     lines: Lines,
     change: FloatArray,

@@ -21,7 +21,7 @@ from design.hemodynamics.zero_d.flow import FlowSolution
 from design.network import FloatArray, VesselNetwork
 
 
-class Problem:
+class OxygenProblem:
     """Diffusion and uptake in cells, coupled to vessels; all fields are flat, (cells,).
 
     A cell loses Σ D h (c - c') + g (c - c_bath) + φ V M c/(K + c) - (flux from vessels). Below 0,

@@ -10,7 +10,7 @@ import numpy as np
 from design.errors import FlowError
 from design.hemodynamics.oxygen.conditions import OxygenConditions
 from design.hemodynamics.oxygen.krylov import bicgstab
-from design.hemodynamics.oxygen.problem import Problem
+from design.hemodynamics.oxygen.problem import OxygenProblem
 from design.hemodynamics.oxygen.solution import HALF, OxygenSolution
 from design.hemodynamics.oxygen.tissue_grid import TissueGrid
 from design.hemodynamics.oxygen.transport import sweep
@@ -69,7 +69,7 @@ def solve_oxygen(
     options = options or SolverOptions()
     if not np.abs(flow.flow).max() > 0.0:
         raise FlowError("no vessel carries any flow, and so no oxygen; check the flow first")
-    problem = Problem(network, flow, grid, conditions)
+    problem = OxygenProblem(network, flow, grid, conditions)
     _check(problem)
     c = _begin(grid, conditions, guess)
     steps = cycles = 0
@@ -94,7 +94,7 @@ def solve_oxygen(
     return _solution(problem, c, steps, cycles)
 
 
-def _check(problem: Problem) -> None:
+def _check(problem: OxygenProblem) -> None:
     """Raise where there is nothing to solve for."""
     if not problem.share.max() >= HALF:
         raise FlowError(
@@ -108,7 +108,7 @@ def _check(problem: Problem) -> None:
         )
 
 
-def _scale(problem: Problem, c: FloatArray) -> float:
+def _scale(problem: OxygenProblem, c: FloatArray) -> float:
     """What is taken up, nmol/s; a millionth of what could be where that is next to nothing."""
     return float(max(problem.taken_up(c).sum(), 1e-6 * problem.uptake.sum()))
 
@@ -128,7 +128,7 @@ def _begin(
     return np.where(grid.inside, guess.concentration[np.ix_(*index)], 0.0).ravel()
 
 
-def _solution(problem: Problem, c: FloatArray, steps: int, cycles: int) -> OxygenSolution:
+def _solution(problem: OxygenProblem, c: FloatArray, steps: int, cycles: int) -> OxygenSolution:
     conditions, transport = problem.conditions, problem.transport
     flux, entry, leaves = sweep(
         transport, problem.conductance, problem.around(c), conditions.inlet_millimolar

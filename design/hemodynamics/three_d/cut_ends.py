@@ -9,6 +9,7 @@ import numpy as np
 from manifold3d import Manifold
 
 from design.errors import FlowError
+from design.geometry.frames import vectors_across
 from design.geometry.surface import Surface
 from design.hemodynamics.three_d.lumen_mesh import WALL, MeshPort
 from design.network import FloatArray, IntArray
@@ -85,10 +86,10 @@ def _bodies(vertices: FloatArray, faces: IntArray) -> list[Manifold]:
 
 
 def _cut(body: Manifold, ports: tuple[MeshPort, ...]) -> _Body:
-    points, faces = _arrays(body)
+    points, faces = manifold_arrays(body)
     pieces = []
     for part in subtract(body, [_tool(port) for port in ports]).decompose():
-        corners, triangles = _arrays(part)
+        corners, triangles = manifold_arrays(part)
         label = _labels(corners, triangles, ports)
         if label.any():
             pieces.append(LabelledSurface(corners, triangles, label))
@@ -141,14 +142,12 @@ def _place(port: MeshPort) -> str:
 def _tool(port: MeshPort) -> Manifold:
     """A cylinder beyond a port."""
     size = port.radius_mm
-    least = np.eye(3)[int(np.argmin(np.abs(port.outward)))]
-    first = np.cross(port.outward, least)
-    first /= np.linalg.norm(first)
-    turn = np.column_stack([first, np.cross(port.outward, first), port.outward, port.centre])
+    turn = np.column_stack([*vectors_across(port.outward), port.outward, port.centre])
     return Manifold.cylinder(_DEEP * size, _WIDE * size, _WIDE * size, _SLICES).transform(turn)
 
 
-def _arrays(part: Manifold) -> tuple[FloatArray, IntArray]:
+def manifold_arrays(part: Manifold) -> tuple[FloatArray, IntArray]:
+    """Vertices (n, 3), mm, and faces (f, 3)."""
     mesh = part.to_mesh64()
     points = np.array(mesh.vert_properties[:, :3], dtype=np.float64)
     return points, np.array(mesh.tri_verts, dtype=np.int64)

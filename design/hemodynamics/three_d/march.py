@@ -20,7 +20,7 @@ from design.hemodynamics.three_d.engine_mesh import engine_mesh
 from design.hemodynamics.three_d.inflow import Inflow, inflow_of
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.memory import check_memory
-from design.hemodynamics.three_d.newton import Guide, Problem, newton, solve_newton
+from design.hemodynamics.three_d.newton import FlowProblem, Guide, newton, solve_newton
 from design.hemodynamics.three_d.options import FlowOptions
 from design.hemodynamics.three_d.outlet_laws import OutletLaws
 from design.hemodynamics.three_d.port_plan import PortPlan, pulsatile_plan
@@ -100,7 +100,7 @@ class _Stepper:
         )
         convection = Convection(room, plan.density, plan.outlets) if how.convection else None
         nothing = np.zeros(room.count)
-        self.problem = Problem(
+        self.problem = FlowProblem(
             room, stokes, convection, border, nothing, nothing, np.zeros(len(plan.coupled))
         )
         self.guide = Guide(self.problem, lazy=True)

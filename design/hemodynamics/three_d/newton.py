@@ -25,7 +25,7 @@ _LOADS: Final = ((1.0,), (0.25, 0.5, 0.75, 1.0), tuple(np.linspace(0.1, 1.0, 10)
 
 
 @dataclass(frozen=True)
-class Problem:
+class FlowProblem:
     """A steady system: what is given, and what unknown pressures hang on.
 
     Attributes
@@ -78,7 +78,7 @@ class NewtonSolution:
     krylov: int
 
 
-def solve_newton(problem: Problem, tolerance: float, reynolds: float) -> NewtonSolution:
+def solve_newton(problem: FlowProblem, tolerance: float, reynolds: float) -> NewtonSolution:
     """Solve Stokes flow, then Navier–Stokes from it.
 
     Raises
@@ -109,7 +109,11 @@ def _at(reynolds: float) -> str:
 
 
 def _led(
-    problem: Problem, found: NewtonSolution, loads: tuple[float, ...], limit: float, scale: float
+    problem: FlowProblem,
+    found: NewtonSolution,
+    loads: tuple[float, ...],
+    limit: float,
+    scale: float,
 ) -> NewtonSolution:
     steps = found.krylov
     for share in loads:
@@ -119,7 +123,7 @@ def _led(
 
 
 def newton(
-    problem: Problem,
+    problem: FlowProblem,
     whole: FloatArray,
     share: float,
     limit: float,
@@ -162,7 +166,7 @@ class Guide:
     time step to time step, while the residual falls by it.
     """
 
-    def __init__(self, problem: Problem, *, lazy: bool = False) -> None:
+    def __init__(self, problem: FlowProblem, *, lazy: bool = False) -> None:
         self.problem, self.border, self.lazy, self.krylov = problem, problem.border, lazy, 0
         self.solve = problem.stokes.solve
         self.patience = _PATIENCE_IN_TIME if lazy else _PATIENCE
@@ -213,7 +217,7 @@ class Guide:
 
 
 def _damped(
-    problem: Problem, whole: FloatArray, change: FloatArray, share: float, norm: float
+    problem: FlowProblem, whole: FloatArray, change: FloatArray, share: float, norm: float
 ) -> tuple[FloatArray, FloatArray]:
     """The longest of ever shorter steps that lowers the residual."""
     part = 1.0

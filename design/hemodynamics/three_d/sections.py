@@ -35,7 +35,7 @@ _RULE: Final = 8
 
 
 @dataclass(frozen=True)
-class Place:
+class SectionPlace:
     """A section: its centre (3,) in mm, unit direction (3,) along the vessel, radius in mm."""
 
     centre: FloatArray
@@ -72,7 +72,7 @@ class Section:
         return float(np.vdot(self.pressure, field.pressure[self.tet, :, 0]))
 
 
-def place_of(network: VesselNetwork, vessel: int, fraction: float) -> Place:
+def place_of(network: VesselNetwork, vessel: int, fraction: float) -> SectionPlace:
     """Section square to a vessel at a part of its length; direction over half a radius."""
     points, radius = network.polyline(vessel)
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
@@ -82,10 +82,10 @@ def place_of(network: VesselNetwork, vessel: int, fraction: float) -> Place:
     place, before, after = (
         np.array([np.interp(s, arc, points[:, axis]) for axis in range(3)]) for s in (at, *ends)
     )
-    return Place(place, (after - before) / np.linalg.norm(after - before), here)
+    return SectionPlace(place, (after - before) / np.linalg.norm(after - before), here)
 
 
-def section_of(mesh: LumenMesh, place: Place, order: int) -> Section:
+def section_of(mesh: LumenMesh, place: SectionPlace, order: int) -> Section:
     """Weights of a section for fields of this order.
 
     Near a port the slab lies inside it, since flow is the same there.
@@ -153,7 +153,7 @@ def probe_waves(waves: ThreeDWaves) -> ProbeWaves:
     return ProbeWaves(waves.time_s, waves.section_pressure, waves.section_flow)
 
 
-def _inside(mesh: LumenMesh, place: Place, half: float) -> float:
+def _inside(mesh: LumenMesh, place: SectionPlace, half: float) -> float:
     """Where along the direction the slab's middle lies, so that no port cuts it, mm."""
     for port in mesh.ports:
         lean = float(port.outward @ place.direction)
@@ -165,7 +165,7 @@ def _inside(mesh: LumenMesh, place: Place, half: float) -> float:
     return 0.0
 
 
-def _slab(mesh: LumenMesh, place: Place, middle: float, half: float) -> IntArray:
+def _slab(mesh: LumenMesh, place: SectionPlace, middle: float, half: float) -> IntArray:
     """Elements of the slab that hang together with the one nearest to its centre."""
     centre = place.centre + middle * place.direction
     from_centre = mesh.points - centre

@@ -12,7 +12,7 @@ from design.hemodynamics.three_d.engine import engine_threads
 from design.hemodynamics.three_d.engine_mesh import engine_mesh
 from design.hemodynamics.three_d.lumen_mesh import LumenMesh
 from design.hemodynamics.three_d.memory import check_memory
-from design.hemodynamics.three_d.newton import NewtonSolution, Problem, solve_newton
+from design.hemodynamics.three_d.newton import FlowProblem, NewtonSolution, solve_newton
 from design.hemodynamics.three_d.options import LAMINAR, FlowOptions
 from design.hemodynamics.three_d.port_plan import (
     CoupledPorts,
@@ -78,7 +78,9 @@ def plan_of(
     return steady_plan(mesh, conditions, options.density)
 
 
-def steady_problem(room: Spaces, mesh: LumenMesh, plan: PortPlan, options: FlowOptions) -> Problem:
+def steady_problem(
+    room: Spaces, mesh: LumenMesh, plan: PortPlan, options: FlowOptions
+) -> FlowProblem:
     """The system of the mean conditions."""
     stokes = Stokes(room, plan.viscosity_pa_s)
     start = np.zeros(room.count)
@@ -90,7 +92,7 @@ def steady_problem(room: Spaces, mesh: LumenMesh, plan: PortPlan, options: FlowO
     slope, given = mean_laws(plan.coupled)
     border = BorderBlocks.around(stokes.solve, columns_of(room, plan), slope, room.free)
     convection = Convection(room, plan.density, plan.outlets) if options.convection else None
-    return Problem(room, stokes, convection, border, start, load, given)
+    return FlowProblem(room, stokes, convection, border, start, load, given)
 
 
 def columns_of(room: Spaces, plan: PortPlan) -> FloatArray:

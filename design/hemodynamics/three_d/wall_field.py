@@ -5,14 +5,12 @@ from __future__ import annotations
 from math import inf, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.hemodynamics.three_d.cells import Cells
 from design.network import FloatArray
 from design.solids.smooth.fillet import COLUMNS, rounded_distance, wall_distance
 from kernels import jit
-
-BoolArray = NDArray[np.bool_]
+from kernels.arrays import BoolArray
 
 MOST = 64
 """Pieces, the nearest, that a fillet is made of: those of a finely drawn curve crowd there."""

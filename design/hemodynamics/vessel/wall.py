@@ -52,8 +52,8 @@ class ThinWall:
     poisson: float = 0.5
 
     def __post_init__(self) -> None:
-        _above_zero("young_pa", self.young_pa, "Pa")
-        _above_zero("thickness_mm", self.thickness_mm, "mm")
+        require_above_zero("young_pa", self.young_pa, "Pa")
+        require_above_zero("thickness_mm", self.thickness_mm, "mm")
         _poisson(self.poisson)
 
     def compliance(self, network: VesselNetwork) -> FloatArray:
@@ -80,7 +80,7 @@ class GelWall:
     poisson: float = 0.5
 
     def __post_init__(self) -> None:
-        _above_zero("young_pa", self.young_pa, "Pa")
+        require_above_zero("young_pa", self.young_pa, "Pa")
         _poisson(self.poisson)
 
     def compliance(self, network: VesselNetwork) -> FloatArray:
@@ -116,9 +116,9 @@ class VesselWalls:
 
     def __post_init__(self) -> None:
         for value in self.young_pa.tolist():
-            _above_zero("young_pa", value, "Pa")
+            require_above_zero("young_pa", value, "Pa")
         for value in self.thickness_mm[~np.isnan(self.thickness_mm)].tolist():
-            _above_zero("thickness_mm", value, "mm")
+            require_above_zero("thickness_mm", value, "mm")
         _poisson(self.poisson)
 
     def stiffness(self, vessel: IntArray, radius: FloatArray) -> FloatArray:
@@ -166,7 +166,8 @@ def wave_speed(inertance: FloatArray, compliance: FloatArray, length: FloatArray
         return np.asarray(length / np.sqrt(inertance * compliance))
 
 
-def _above_zero(name: str, value: float, unit: str) -> None:
+def require_above_zero(name: str, value: float, unit: str) -> None:
+    """Raise `FlowError` unless a number is finite and above 0."""
     if not (np.isfinite(value) and value > 0.0):
         raise FlowError(f"{name} is {value:g} {unit}; give a number above 0")
 

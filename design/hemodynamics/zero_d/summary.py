@@ -28,6 +28,7 @@ def flow_summary(
     against what viscosity and losses take, Σ R Q² + Σ Δp Q, relative to the latter.
     ``pressure_drop`` is between the network's extremes, and ``resistance`` that drop over the
     inflow (0 where nothing flows).
+    ``losses_share``, where losses were asked for, is what junctions and stenoses take of power.
     ``poiseuille_holds_share`` counts vessels in which the flow is laminar and developed but for a
     tenth of the length; ``entrance_share_max`` is the greatest such share.
 
@@ -53,10 +54,11 @@ def flow_summary(
     number = reynolds(network, solution, density)
     shear = np.abs(solution.wall_shear)
     dissipated = float(solution.resistance @ solution.flow**2)
-    if solution.loss is not None:
-        dissipated += float(solution.loss @ solution.flow)
+    lost = 0.0 if solution.loss is None else float(solution.loss @ solution.flow)
+    dissipated += lost
     power = float(solution.pressure[ends] @ inflow[ends])
-    return {
+    told = {} if solution.loss is None else {"losses_share": lost / max(dissipated, 1e-300)}
+    return told | {
         "vessel_count": float(network.vessel_count),
         "inflow_ul_s": entering,
         "inflow_ml_min": entering / UL_S_PER_ML_MIN,

@@ -7,13 +7,11 @@ runs the other way in the neighbour. Kernels change the arrays in place.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.solids.twins import pair_half_edges
 from kernels import jit
-
-IntArray = NDArray[np.int64]
+from kernels.arrays import IntArray
 
 
 def twins_of(faces: IntArray) -> IntArray:

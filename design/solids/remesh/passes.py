@@ -8,9 +8,6 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numpy as np
-from numpy.typing import NDArray
-
 from design.solids.remesh.halfedges import (
     apex,
     are_joined,
@@ -23,9 +20,7 @@ from design.solids.remesh.halfedges import (
     valence,
 )
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 LONG = 4.0 / 3.0
 """Of the wanted length: a longer edge is split."""

@@ -6,15 +6,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import SolidError
 from design.geometry.surface import Surface
 from design.solids.remesh import passes
 from design.solids.remesh.halfedges import leaving, twins_of
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 _SPLITS = 30
 """Passes of splitting at most in one round."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.solids.smooth.layout import Layout
 from design.vasculature.collisions.close_pairs import close_pairs
-
-IntArray = NDArray[np.int64]
+from kernels.arrays import IntArray
 
 _CLEARANCE = 0.03
 """Of the thinner radius: a polygon's corners stand that far over its circle."""

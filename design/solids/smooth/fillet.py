@@ -16,11 +16,9 @@ from __future__ import annotations
 from math import inf, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 COLUMNS = 10
 """Of a vessel's row: its first point (3), unit axis (3), length, radius there, slope, cosine."""

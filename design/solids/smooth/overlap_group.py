@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 from design.errors import SolidError
 from design.solids.facets import Facets, facet_count, inscribed_factor
 from design.solids.manifolds import to_manifold, unite
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 FaceArray = NDArray[np.int64]
 
 CLEAR_OF_TUBES = 0.999

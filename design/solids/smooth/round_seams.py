@@ -26,8 +26,8 @@ from design.geometry.crossings import find_crossings
 from design.solids.smooth.fillet import least_step, wall_distance
 from design.solids.smooth.split_edges import Edges, part_faces
 from kernels import jit, pjit
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 FaceArray = NDArray[np.int64]
 
 _GROWS = 1.0 / 3.0

@@ -9,13 +9,8 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numpy as np
-from numpy.typing import NDArray
-
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 _FLAT = 1e-12
 """Height over a triangle's plane that is no height: points of one ring lie on one circle."""

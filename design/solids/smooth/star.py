@@ -9,16 +9,13 @@ vessels are; what remains is to put directions where the surface bends.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.solids.smooth.fillet import shoot
 from design.solids.smooth.star_net import CAP, Junction, Net, inserted, new_net
 from design.solids.smooth.star_parts import refine_directions
 from design.solids.smooth.star_start import cover_in, rings_in, seams_in, start_triangles
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 _ROUNDS = 12
 """Of parting triangles; each takes the error down about threefold."""

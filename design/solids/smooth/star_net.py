@@ -6,13 +6,10 @@ from math import sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.solids.smooth.sphere import insert
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 SEAM = -1
 """Owner of a point that lies on a seam, or on a fillet."""

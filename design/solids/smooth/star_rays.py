@@ -5,13 +5,10 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.solids.smooth.fillet import leaves, wall_distance
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 
 @jit

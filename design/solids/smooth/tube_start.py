@@ -5,12 +5,10 @@ from __future__ import annotations
 from math import cos, inf, pi, sin, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.solids.smooth.fillet import wall_distance
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _AROUND = 24
 """Places around a vessel at which its wall is tried."""

@@ -15,8 +15,7 @@ from scipy.spatial import cKDTree
 from design.errors import ToolpathError
 from design.network import VesselNetwork
 from design.vasculature.collisions.collide import check_network, collisions
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 SLACK_MM = 1e-3
 """Walls thinner by no more than this are as they were."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import ToolpathError
 from design.network import VesselNetwork
 from design.toolpath.correction.stretch import Stretch
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 MOST_STRETCH = 0.10
 """More than this isn't shrinkage, but a wrong unit or a wrong scan."""

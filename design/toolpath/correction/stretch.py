@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.network import VesselNetwork
 from design.solids.solid import Solid
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from design.toolpath.embedded.options import EmbeddedOptions
     from design.toolpath.embedded.plan import EmbeddedPlan, embedded_toolpath, plan_embedded
     from design.toolpath.embedded.report import Crossing, EmbeddedReport, Merged
-    from design.toolpath.embedded.supported_thickness import supported_diameter_mm
 
 __all__ = [
     "Bundles",
@@ -29,7 +28,6 @@ __all__ = [
     "check_vessels",
     "embedded_toolpath",
     "plan_embedded",
-    "supported_diameter_mm",
 ]
 
 __getattr__ = on_demand(__name__)

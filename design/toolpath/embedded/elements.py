@@ -99,14 +99,8 @@ def _without_repeats(line: FloatArray, radius: FloatArray) -> tuple[FloatArray, 
     return line[keep], radius[keep]
 
 
-def straighten_line(line: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Leave out points near the chord of those kept (Douglas & Peucker 1973), radii included."""
-    keep = off_chords(line, radius)
-    return line[keep], radius[keep]
-
-
 def off_chords(line: FloatArray, radius: FloatArray) -> NDArray[np.bool_]:
-    """Which points of a polyline `straighten_line` keeps, (k,)."""
+    """Points off the chords of those kept (Douglas & Peucker 1973, radii included), (k,)."""
     return _near_chords(np.column_stack([line, radius]))
 
 

@@ -85,7 +85,7 @@ def _best_round(scheduler: Scheduler, rules: Rules, joiner: Joiner, way: _Way) -
             best, since = one, 0
         else:
             since += 1
-        first, after = np.array(one.joined.wishes, dtype=np.int64).reshape(-1, 2).T
+        first, after = np.array(one.joined.reorderings, dtype=np.int64).reshape(-1, 2).T
         known, asked = asked, with_more(asked, first, after)
         if len(asked.after) == len(known.after) or since == PATIENCE:
             break

@@ -73,7 +73,7 @@ class JoinedPasses:
     shortened : list of WeakJoint
         Of the overlapped, those with less than asked.
     brushed : list of BrushedOverlap
-    wishes : list of (int, int)
+    reorderings : list of (int, int)
         Elements of which the first, written before the second, would leave room for an overlap.
     """
 
@@ -85,4 +85,4 @@ class JoinedPasses:
     open: list[WeakJoint] = field(default_factory=list)
     shortened: list[WeakJoint] = field(default_factory=list)
     brushed: list[BrushedOverlap] = field(default_factory=list)
-    wishes: list[tuple[int, int]] = field(default_factory=list)
+    reorderings: list[tuple[int, int]] = field(default_factory=list)

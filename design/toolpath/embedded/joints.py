@@ -165,7 +165,7 @@ class _Round:
                 break
         chosen: _Extended | None = whole[-1]
         if not whole[-1].free:
-            self._wish(whole[0], later)
+            self._ask_reordering(whole[0], later)
             chosen = self._harmless(whole, sides, point, reach)
             if chosen is None and not self._scene.strict:
                 chosen = self._least_brushed(whole)
@@ -280,10 +280,10 @@ class _Round:
         open_to = [one for one in whole if not any(bar.entered for bar in one.barred)]
         return min(open_to, key=lambda one: len(one.brushed), default=None)
 
-    def _wish(self, one: _Extended, later: int) -> None:
+    def _ask_reordering(self, one: _Extended, later: int) -> None:
         """What would have to be written in another order."""
-        self._out.wishes += [(later, bar.end) for bar in one.barred]
-        self._out.wishes += [(brush.element, brush.end) for brush in one.brushed]
+        self._out.reorderings += [(later, bar.end) for bar in one.barred]
+        self._out.reorderings += [(brush.element, brush.end) for brush in one.brushed]
 
     def _keep(self, one: _Extended) -> None:
         out, end = self._out, one.end

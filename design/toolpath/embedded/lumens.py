@@ -22,7 +22,7 @@ from design.toolpath.toolpath import FloatArray, IntArray
 Mask = NDArray[np.bool_]
 
 
-class Lumens:
+class LumenGroups:
     """Groups of strands that form one lumen.
 
     Parameters

@@ -17,7 +17,7 @@ from design.toolpath.embedded.improve import order_passes
 from design.toolpath.embedded.joined import JoinedPasses, WeakJoint
 from design.toolpath.embedded.joints import Joiner
 from design.toolpath.embedded.left_out import Leaving
-from design.toolpath.embedded.lumens import Lumens
+from design.toolpath.embedded.lumens import LumenGroups
 from design.toolpath.embedded.meetings import Meetings, at_nodes, with_touches
 from design.toolpath.embedded.needle import Needle
 from design.toolpath.embedded.options import EmbeddedOptions
@@ -70,7 +70,7 @@ class Scene:
     meetings: Meetings
     collisions: Touches
     needle: Needle
-    lumens: Lumens
+    lumens: LumenGroups
 
     @staticmethod
     def of(bundles: Bundles, heads: EmbeddedHeads) -> Scene:
@@ -82,7 +82,7 @@ class Scene:
         elements = elements_of(network, longest_mm(network, heads.tip_mm))
         squares = squares_of(elements, needle.shaft_mm)
         nodes = at_nodes(network, elements)
-        lumens = Lumens(bundles, elements, needle)
+        lumens = LumenGroups(bundles, elements, needle)
         design = bundles.design()
         collisions = touches(design, needle)
         meetings = with_touches(nodes, collisions, elements)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.toolpath.fresh.order_lines import order_lines
 from design.toolpath.fresh.paths import Paths, Role
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
-
-BoolArray = NDArray[np.bool_]
+from kernels.arrays import BoolArray
 
 #: Beginning a larger ring elsewhere than near by costs more way than it is worth.
 SMALL_RING_MM = 3.0

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.toolpath.toolpath import FloatArray, IntArray
 from kernels import jit
-
-BoolArray = NDArray[np.bool_]
+from kernels.arrays import BoolArray
 
 #: Improvement rounds of 2-opt; most layers settle in fewer.
 ROUNDS = 20

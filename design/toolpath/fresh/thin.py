@@ -10,14 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from design.toolpath.fresh.contours import Contours, Samples, sample
 from design.toolpath.fresh.largest_disc import measure_room
 from design.toolpath.fresh.paths import Paths, Role, gather, join
 from design.toolpath.toolpath import FloatArray, IntArray
-
-BoolArray = NDArray[np.bool_]
+from kernels.arrays import BoolArray
 
 #: Samples per line width where the room is measured.
 FINENESS = 4

@@ -6,15 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import NetworkError
 from design.network import VesselNetwork
 from design.vasculature.collisions.close_pairs import close_pairs
 from design.vasculature.collisions.path_length import ways_between
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

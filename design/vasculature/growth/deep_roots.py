@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.tissue import Tissue
 from design.vasculature.growth.surface_points import surface_points
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _SAMPLES = 2000
 _APART = 0.1

@@ -19,8 +19,7 @@ from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import scaled_to_smallest_radius, tree_from_topology
 from design.vasculature.viscosity import ROUNDS, SETTLED
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _APART = 1 << 40
 

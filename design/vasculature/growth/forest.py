@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import DesignError, GrowthError
 from design.network import VesselKind, VesselNetwork
@@ -20,8 +19,7 @@ from design.vasculature.growth.territory import part_tissue
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 STEM_ROOM = 1.5
 """Stems of trees yet to grow are kept clear with this much larger radii."""
@@ -107,12 +105,12 @@ def grow_forest(
     options = [_options(root) for root in roots]
     stems: list[_Stem] = []
     trunks = [root.trunk if isinstance(root, RootSpec) else None for root in roots]
-    for number, (wish, trunk) in enumerate(zip(options, trunks, strict=True)):
+    for number, (settings, trunk) in enumerate(zip(options, trunks, strict=True)):
         if trunk is not None:
             radius = np.full(len(trunk.parent), trunk.root_radius_mm)
             stems.append(_Stem(trunk.proximal, trunk.distal, radius))
             continue
-        options[number] = _with_root(tissue, wish, stems)
+        options[number] = _with_root(tissue, settings, stems)
         stems.append(_stem(tissue, options[number]))
     plots = plots or _territories(tissue, roots, options, stems)
     error: DesignError = GrowthError("not tried")
@@ -121,13 +119,15 @@ def grow_forest(
             # Numbers of its own for each tree: the same points would be taken already.
             TreeGrowth.open(
                 tissue,
-                wish,
+                settings,
                 plot,
-                wish.terminal_spread or _spread(attempt),
+                settings.terminal_spread or _spread(attempt),
                 attempt + ATTEMPTS * number,
                 trunk,
             )
-            for number, (wish, plot, trunk) in enumerate(zip(options, plots, trunks, strict=True))
+            for number, (settings, plot, trunk) in enumerate(
+                zip(options, plots, trunks, strict=True)
+            )
         ]
         try:
             return _grow_all(growths, stems, beside)

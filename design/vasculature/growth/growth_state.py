@@ -70,7 +70,7 @@ class GrowthState:
         if options.root_candidates:
             raise GrowthError(
                 "a root is searched for a tree alone (grow_tree); give each of several trees its "
-                "root_point_mm"
+                "root point"
             )
         given = GivenPoints.of(tissue, options)
         goal = options.terminals + (trunk.tips if given is not None and trunk is not None else 0)
@@ -167,17 +167,17 @@ class GrowthState:
 
     def _enter_stage(self) -> GrowthOptions:
         """Take the parameters of the stage that growth is in, and return them."""
-        stages, wish, now = self.options.stages, self.options, -1
+        stages, settings, now = self.options.stages, self.options, -1
         if stages:
             ends = [stage.terminals for stage in stages[:-1]]
             now = int(np.searchsorted(ends, self.terminals, side="right"))
-            wish = self.options.at_stage(stages[now])
-        self.room = clearances_of(self.tissue, wish)
+            settings = self.options.at_stage(stages[now])
+        self.room = clearances_of(self.tissue, settings)
         if now != self.stage:
             self.stage = now
-            self.sampler = Sampler.by(self.tissue, wish, self.others.owns)
-            self.penalty = sample_penalty(self.tissue, wish.penalty)
-        return wish
+            self.sampler = Sampler.by(self.tissue, settings, self.others.owns)
+            self.penalty = sample_penalty(self.tissue, settings.penalty)
+        return settings
 
     def tree(self) -> VesselTree:
         """The finished tree, its ratios computed afresh; the growth's own arrays are let go."""

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import DesignError, GrowthError, TissueError
 from design.geometry import build_triangle_tree, nearest_distance
@@ -20,8 +19,8 @@ from design.vasculature.growth.unreached import unreached
 from design.vasculature.growth.whole import grow_whole
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
+from kernels.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Place = tuple[float, float, float]
 
 _FAR = 0.1
@@ -190,9 +189,9 @@ def _grown(
             continue
         own = part_tissue(tissue, part)
         flow = options.perfusion_ml_min_per_ml * tissue.volume_mm3 * demand[n] / own.volume_mm3
-        wish = [replace(root, perfusion_ml_min_per_ml=flow) for root in roots[n]]
+        settings = [replace(root, perfusion_ml_min_per_ml=flow) for root in roots[n]]
         try:
-            trees += grow_whole(own, wish, int(count[n]), more_inlets=not inlets_given)
+            trees += grow_whole(own, settings, int(count[n]), more_inlets=not inlets_given)
         except DesignError as error:
             raise TissueError(f"{part} can't be supplied: {error}") from error
     return trees

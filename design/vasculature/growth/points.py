@@ -14,8 +14,7 @@ from design.tissue.demand import UniformDemand
 from design.vasculature.growth.sample import Samples, inside, plain_samples
 from design.vasculature.growth.state import Segments
 from design.vasculature.options import GrowthOptions
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 LEAST_FLOW = 0.05
 """Of a terminal, over the mean terminal's, where flows follow demand."""

@@ -13,7 +13,7 @@ def out_of_room_error(
 ) -> GrowthError:
     """The error that says how many terminals fit, and what might help."""
     smallest = options.smallest_radius_mm
-    wish = f" of radius {smallest:g} mm or more" if smallest else ""
+    wide = f" of radius {smallest:g} mm or more" if smallest else ""
     asked, root = scale.goal, scale.root_radius
     reserved = (
         f" beside a trunk from {root:.3g} mm radius, reserved because {asked} terminals need it"
@@ -21,7 +21,7 @@ def out_of_room_error(
     limits = ", milder limits on angles or flows" if room.limits.on else ""
     hint = " (their thinner trunk leaves more room: more than here may then fit)"
     return GrowthError(
-        f"only {terminals} of {asked} terminals{wish} fit with clearance "
+        f"only {terminals} of {asked} terminals{wide} fit with clearance "
         f"{room.clearance:g} mm{reserved if root else ''}: {patience} points in a "
         f"row found no place; ask for fewer terminals{hint if root else ''}, a smaller "
         f"smallest radius or clearance{limits}"

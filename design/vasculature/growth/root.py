@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import RootError, TissueError
 from design.tissue import Tissue
 from design.vasculature.growth.clearances import Clearances
 from design.vasculature.growth.state import Segments, place, refresh
 from design.vasculature.options import GrowthOptions, Law
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 _STEM_DEPTH = 1.5
 """Depth of the stem's end over what its children need: they leave it sideways."""

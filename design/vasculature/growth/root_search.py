@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import DesignError, GrowthError
 from design.tissue import Tissue
@@ -14,8 +13,7 @@ from design.vasculature.growth.surface_points import surface_points
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 PROBE_TERMINALS = 200
 """Of the small tree grown from each candidate, at most."""

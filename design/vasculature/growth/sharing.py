@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import GrowthError
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 
 def share_terminals(

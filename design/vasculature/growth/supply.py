@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from design.errors import TissueError
 from design.tissue import Part, Tissue, part_demands, part_numbers, parts_of
 from design.vasculature.growth.unreached import Unreached, unreached
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 UNEVEN = 0.1
 """How far a part's flow over its demand may be from 1 before a note says so."""

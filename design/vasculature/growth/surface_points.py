@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.tissue import Tissue
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 
 def surface_points(

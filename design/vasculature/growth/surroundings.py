@@ -14,8 +14,7 @@ from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.growth.state import SEGMENT
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 
 @dataclass(frozen=True)

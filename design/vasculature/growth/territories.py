@@ -16,8 +16,7 @@ from scipy.spatial import KDTree
 
 from design.errors import DesignError
 from design.tissue import Tissue
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 PER_TERMINAL, AT_LEAST, AT_MOST = 400, 100_000, 4_000_000
 """Points by which territories are measured."""

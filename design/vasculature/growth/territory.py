@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.tissue import Tissue
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 SAMPLES = 20_000
 """Points by which volumes are measured: a share of a half is known to 0.4 %."""

@@ -66,8 +66,8 @@ class TreeGrowth(GrowthState):
         if self.trunk is not None:
             self._plant(self.trunk)
             return
-        wish = self._enter_stage()
-        begin, end = stem(self.tissue, wish, self._first_guess(), self.room.wall)
+        settings = self._enter_stage()
+        begin, end = stem(self.tissue, settings, self._first_guess(), self.room.wall)
         self.segments[0]["parent"] = self.segments[0]["left"] = self.segments[0]["right"] = -1
         place(self.segments, 0, tuple(begin), tuple(end))
         refresh(self.segments, 0, law)
@@ -75,7 +75,7 @@ class TreeGrowth(GrowthState):
         if self.others.count and not self._clear(begin, end[None], self._first_guess())[0]:
             raise GrowthError(
                 "the root's stem from ({:.4g}, {:.4g}, {:.4g}) ".format(*begin)
-                + "meets another tree's vessel; choose another root_point_mm or root_direction"
+                + "meets another tree's vessel; choose another place or direction of the root"
             )
         self.progress["count"], self.progress["terminals"] = 1, 1
         if self.options.terminals > 1:
@@ -103,8 +103,8 @@ class TreeGrowth(GrowthState):
                 return
             apart *= 0.85
         raise RootError(
-            "no two branches fit at the end of the root's stem; choose another root_point_mm or "
-            "root_direction, fewer terminals, a smaller smallest radius or clearance"
+            "no two branches fit at the end of the root's stem; choose another place or "
+            "direction of the root, fewer terminals, a smaller smallest radius or clearance"
         )
 
     def _first_guess(self) -> float:
@@ -270,7 +270,7 @@ class TreeGrowth(GrowthState):
         if left == 1 and self.trunk is None:
             raise RootError(
                 "the branches at the root don't fit with their final radii; choose another "
-                "root_point_mm, fewer terminals, a smaller smallest radius or clearance"
+                "place of the root, fewer terminals, a smaller smallest radius or clearance"
             )
         self.progress["count"] = left
         self.progress["terminals"] = self.segments["terminals"][0]

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.errors import GrowthError
 from design.network import VesselNetwork
 from design.vasculature.growth.state import Segments, refresh_all
 from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.tree import VesselTree
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 TOLERANCE = 0.25
 """How far a polyline may be straightened, over its vessel's mean radius."""

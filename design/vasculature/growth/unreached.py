@@ -12,8 +12,7 @@ from scipy.spatial import KDTree
 
 from design.tissue import Tissue
 from design.vasculature.growth.territories import demand_points
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 FAR = 3.0
 """Distance from the nearest terminal, over the typical one, from which on a place is far."""

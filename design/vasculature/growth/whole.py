@@ -20,8 +20,7 @@ from design.vasculature.growth.surroundings import Surroundings
 from design.vasculature.growth.unreached import Probes, probes_for, unreached
 from design.vasculature.options import GrowthOptions
 from design.vasculature.tree import VesselTree
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 ROUNDS = 5
 """Growths with more inlets each time, until all of the tissue is reached."""
@@ -52,11 +51,11 @@ def grow_whole(
         As `grow_forest`.
     """
     few, more = divmod(terminals, len(roots))
-    wish = [replace(root, terminals=few + (n < more)) for n, root in enumerate(roots)]
-    if len(wish) > 1:
-        return grow_forest(tissue, [RootSpec(one, VesselKind.ARTERY) for one in wish])
-    trees: tuple[VesselTree, ...] = (grow_tree(tissue, wish[0]),)
-    return _reaching(tissue, wish[0], trees) if more_inlets else trees
+    settings = [replace(root, terminals=few + (n < more)) for n, root in enumerate(roots)]
+    if len(settings) > 1:
+        return grow_forest(tissue, [RootSpec(one, VesselKind.ARTERY) for one in settings])
+    trees: tuple[VesselTree, ...] = (grow_tree(tissue, settings[0]),)
+    return _reaching(tissue, settings[0], trees) if more_inlets else trees
 
 
 def _reaching(
@@ -65,18 +64,20 @@ def _reaching(
     """Trees from as many inlets as it takes to reach all of the tissue."""
     probes = probes_for(tissue, options.terminals)
     owner = np.zeros(len(probes.points), dtype=np.int64)
-    wish = [options]
+    settings = [options]
     for _ in range(ROUNDS):
         ends = np.concatenate([tree.distal[tree.children[:, 0] < 0] for tree in trees])
         missed = unreached(tissue, ends, probes)[:INLETS_A_ROUND]
         if not missed:
             break
         if len(trees) == 1:
-            wish = [_at(options, trees[0].proximal[0], trees[0].distal[0] - trees[0].proximal[0])]
+            settings = [
+                _at(options, trees[0].proximal[0], trees[0].distal[0] - trees[0].proximal[0])
+            ]
         for place in missed:
-            owner[place.members] = len(wish)
-            wish.append(_root_into(tissue, options, wish, probes, place.members))
-        trees = _from_plots(tissue, wish, probes, owner, options.terminals)
+            owner[place.members] = len(settings)
+            settings.append(_root_into(tissue, options, settings, probes, place.members))
+        trees = _from_plots(tissue, settings, probes, owner, options.terminals)
     if len(trees) == 1:
         return trees
     note = (
@@ -89,20 +90,20 @@ def _reaching(
 
 def _from_plots(
     tissue: Tissue,
-    wish: Sequence[GrowthOptions],
+    settings: Sequence[GrowthOptions],
     probes: Probes,
     owner: NDArray[np.int64],
     terminals: int,
 ) -> tuple[VesselTree, ...]:
     """A tree from each root in its own territory, of the terminals that this asks for."""
-    share = np.bincount(owner, weights=probes.asks, minlength=len(wish)).astype(np.float64)
-    count = share_terminals(share, np.full(len(wish), _LEAST), terminals)
+    share = np.bincount(owner, weights=probes.asks, minlength=len(settings)).astype(np.float64)
+    count = share_terminals(share, np.full(len(settings), _LEAST), terminals)
     nearest = KDTree(probes.points)
     plots = [
         Surroundings(owns=partial(_owned, nearest, owner, n), share=float(count[n] / terminals))
-        for n in range(len(wish))
+        for n in range(len(settings))
     ]
-    roots = [replace(one, terminals=int(k)) for one, k in zip(wish, count, strict=True)]
+    roots = [replace(one, terminals=int(k)) for one, k in zip(settings, count, strict=True)]
     return grow_forest(tissue, roots, plots)
 
 

@@ -14,9 +14,7 @@ from design.vasculature.loops.curves import PIECES, best_curve
 from design.vasculature.loops.routes import RouteObstacles, find_route
 from design.vasculature.loops.tips import Tips
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 FIRST = 24
 """Shapes all weighed for every connection."""

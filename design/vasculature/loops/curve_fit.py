@@ -13,8 +13,7 @@ from design.tissue.arrays import GridArrays
 from design.tissue.depth import depth_along
 from design.vasculature.growth.index import CellIndex, cell_range
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 KIN = 10
 """Vessels behind an end that may be near without colliding: a terminal itself, its parent,

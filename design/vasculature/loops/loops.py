@@ -29,9 +29,7 @@ from design.vasculature.loops.matching import match_terminals
 from design.vasculature.loops.tips import Tips, join_tips, tree_tips
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 _COMFORT = 4.0
 _LONGER = 1.15

@@ -29,9 +29,7 @@ from design.vasculature.loops.loops import (
 )
 from design.vasculature.loops.tips import Tips
 from design.vasculature.tree import VesselTree
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 _ROOMIER = ((2, 0.0), (4, 2.0), (8, 8.0), (16, 32.0))
 """Lengths of the first connections, over what a plain one needs, and least weights of clearance,
@@ -88,8 +86,8 @@ def mix_trees(
     Two arteries that both pervade the tissue, and a vein that drains what they mix::
 
         kinds = [VesselKind.ARTERY, VesselKind.ARTERY, VesselKind.VEIN]
-        wish = GrowthOptions(terminals=40)
-        trees = grow_forest(tissue, [wish, wish, RootSpec(wish, VesselKind.VEIN)])
+        settings = GrowthOptions(terminals=40)
+        trees = grow_forest(tissue, [settings, settings, RootSpec(settings, VesselKind.VEIN)])
         network = mix_trees(tissue, trees, kinds).network
     """
     options = options or LoopOptions()

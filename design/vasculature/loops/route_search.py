@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.loops.curve_fit import Ends, Rule, heading, piece_clear, point_distance
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 NO_WAY, UNDECIDED = 0, -1
 """What a search says that found none: it saw all there is, or its steps ran out."""

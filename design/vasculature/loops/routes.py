@@ -11,8 +11,7 @@ from design.vasculature.growth.index import CellIndex
 from design.vasculature.loops.curve_fit import Ends, Rule, radius_for, weigh
 from design.vasculature.loops.route_search import NO_WAY, UNDECIDED, Lattice, Width, search
 from design.vasculature.loops.spline import relax, spline_points
-
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 ROUTE_PIECES = 100
 """Straight pieces of a route at most."""

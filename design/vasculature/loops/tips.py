@@ -7,15 +7,11 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.vasculature.loops.curve_fit import KIN
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import tree_radii
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-
+from kernels.arrays import FloatArray, IntArray
 
 _TURNS = np.array([0.0, 60.0, -60.0, 120.0, -120.0, 180.0])
 """Around a connection, from the direction in which the other end lies, degrees."""

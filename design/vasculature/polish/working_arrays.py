@@ -24,9 +24,7 @@ from design.vasculature.polish.relax import relax
 from design.vasculature.polish.repair import push_wide
 from design.vasculature.tree import VesselTree
 from design.vasculature.treemath import downward_order, tree_from_topology
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 RESERVES = (1.01, 1.003)
 """Moves must fit with so much larger radii: in the first sweeps of a relaxation, in later ones."""

@@ -28,6 +28,9 @@ from registration.layer_images.values import Gap
 
 Mode = Literal["tell", "ask", "mend"]
 
+_FALTERING: Final = (SupplyState.CLOGGED, SupplyState.EMPTY, SupplyState.INTERMITTENT)
+_HIDDEN: Final = 0.1
+"""Of a layer so little could be seen at best that a look says nothing about the view."""
 _SURE: Final = 3.29
 """Standard uncertainties beyond the tolerance: one in 2,000 by chance, one-sided."""
 
@@ -78,6 +81,8 @@ class Evidence:
     shift_mm, u_shift_mm : float, mm
         How far the layer lies beside its place, and the standard uncertainty.
     narrowed : tuple of Narrowed
+    over_old_share : float
+        Of the way, not seen because it lies over older ink from which nothing tells it.
     """
 
     places: int
@@ -89,6 +94,7 @@ class Evidence:
     shift_mm: float = 0.0
     u_shift_mm: float = 0.0
     narrowed: tuple[Narrowed, ...] = ()
+    over_old_share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -167,10 +173,11 @@ class Decider:
 
     def decide(self, evidence: Evidence) -> Decision:
         """Return what the look calls for, as the mode allows."""
-        counts = evidence.seen_share >= self.limits.least_seen
+        visible = 1.0 - evidence.over_old_share  # what no cleaner view would show doesn't count
+        counts = visible < _HIDDEN or evidence.seen_share >= self.limits.least_seen * visible
         self.unseen = 0 if counts else self.unseen + 1
-        if evidence.supply.state is SupplyState.FLOWING:
-            self.control.learn(evidence.flow)  # thin because it is about to stop is no drift
+        if evidence.supply.state not in _FALTERING:  # thin because it is about to stop is no drift
+            self.control.learn(evidence.flow)
         return self._as_allowed(self._wanted(evidence))
 
     def _wanted(self, evidence: Evidence) -> Decision:
@@ -179,7 +186,9 @@ class Decider:
             found = rule(evidence)
             if found is not None:
                 return found
-        return Decision(DecisionKind.GO_ON, "as expected, within tolerance")
+        told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
+        seen = "as expected, within tolerance" if evidence.seen_share > 0 else "nothing was seen"
+        return Decision(DecisionKind.GO_ON, seen + told * (evidence.over_old_share >= 0.01))
 
     def _as_allowed(self, wanted: Decision) -> Decision:
         mode = self.limits.mend
@@ -239,8 +248,9 @@ class Decider:
         state, control = evidence.supply.state, self.control
         cause = "" if state in (SupplyState.FLOWING, SupplyState.UNKNOWN) else f" ({state})"
         many = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
-        why = f"{many}, {way:.2f} mm in all{cause}"
         factor = None if control.out_of_bounds else control.proposal()
+        corrected = "" if factor is None else f"; flow {control.flow:.0%}: factor {factor:.2f}"
+        why = f"{many}, {way:.2f} mm in all{cause}{corrected}"
         return Decision(DecisionKind.MEND, why, gaps, factor)
 
     def _believed(self, evidence: Evidence) -> tuple[Gap, ...]:

@@ -20,6 +20,8 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 _ABSENT: Final = 0.5
+_STOPPED: Final = 10.0
+"""Times the tolerated volume that must be missing at the end: less is the taper of a line's end."""
 _STEADY: Final = 0.8
 """Share of a run's seen places that must lack ink."""
 
@@ -96,7 +98,7 @@ def judge_supply(
     if not runs:
         return InkSupply(SupplyState.FLOWING, 0.0, None, 0)
     last = runs[-1]
-    if last.stop == len(lacks):
+    if last.stop == len(lacks) and volume[last].sum() >= _STOPPED * least_ul:
         empty = left_ul is not None and left_ul <= least_ul
         state = SupplyState.EMPTY if empty else SupplyState.CLOGGED
         return InkSupply(state, missing, float(volume[last].sum()), len(runs))

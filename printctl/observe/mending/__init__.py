@@ -10,8 +10,10 @@ from printctl.observe.mending.gap import Gap, NotMended, gap_between
 from printctl.observe.mending.held_print import HeldPrint
 from printctl.observe.mending.mend import Mend
 from printctl.observe.mending.options import MendOptions
+from printctl.observe.mending.own_purge import own_purge
 from printctl.observe.mending.patch import Patch
 from printctl.observe.mending.plan import plan_mend
+from printctl.observe.mending.plan_and_check import checked_mend
 from printctl.observe.mending.voids import Voids
 from printctl.observe.mending.written_paths import WrittenPath, written_paths
 
@@ -27,7 +29,9 @@ __all__ = [
     "Voids",
     "WrittenPath",
     "check_mend",
+    "checked_mend",
     "gap_between",
+    "own_purge",
     "plan_mend",
     "written_paths",
 ]

@@ -79,7 +79,12 @@ class MendCheck:
     def passed(self) -> bool:
         """Whether the insert may be sent."""
         clean = not (self.lumens_entered or self.ink_crossed or self.refused or self.beyond_limits)
-        return clean and self.off_mm < _SAME_MM and self.same_modes
+        return clean and self.returns
+
+    @property
+    def returns(self) -> bool:
+        """Whether place, plunger's count and feed at its end are those of its begin."""
+        return self.off_mm < _SAME_MM and self.same_modes
 
     def as_dict(self) -> dict[str, Any]:
         """Return it JSON-ready, ``passed`` included."""

@@ -7,7 +7,6 @@ needle travels, as the job has it. The insert ends where it began: place, plunge
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,20 +162,3 @@ class InsertWriter:
         if places:
             text = text.rstrip("0").rstrip(".")
         return b"0" if text in ("-0", "") else text.encode()
-
-
-def wipe_way(patch: Patch, wipe_mm: float, blocked_mm: Sequence[float] = ()) -> FloatArray:
-    """Return the way on along a path's sound ink behind a patch, (k, 3), mm; empty without room.
-
-    Parameters
-    ----------
-    patch : Patch
-    wipe_mm : float, mm
-    blocked_mm : sequence of float, mm
-        Ways along the path that must not be reached: where other gaps begin.
-    """
-    path, begin = patch.path, patch.to_mm
-    end = min([begin + wipe_mm, path.length_mm, *(b for b in blocked_mm if b >= begin)])
-    if patch.backwards or end - begin < WAY_MM:
-        return np.zeros((0, 3))
-    return path.at(path.cuts(begin, end, least_mm=0.0)[1:])

@@ -1,4 +1,4 @@
-"""What the inserted lines of a grown job do, by its dry run."""
+"""Effects of a grown job's inserted lines, taken from its dry run."""
 
 from __future__ import annotations
 

@@ -8,21 +8,19 @@ from typing import Final
 import numpy as np
 
 from printctl.observe.mending.gap import Gap, NotMended, check_gaps, merged
-from printctl.observe.mending.held_print import WAY_MM, HeldPrint
-from printctl.observe.mending.insert_lines import InsertWriter, wipe_way
+from printctl.observe.mending.held_print import HeldPrint
+from printctl.observe.mending.insert_lines import InsertWriter
 from printctl.observe.mending.insert_run import run_insert
 from printctl.observe.mending.laid_ink import laid_ink
 from printctl.observe.mending.mend import Mend
-from printctl.observe.mending.needle_way import NeedleRows, shaft_contacts
 from printctl.observe.mending.open_voids import open_voids
 from printctl.observe.mending.options import MendOptions
 from printctl.observe.mending.patch import Patch
 from printctl.observe.mending.stretches import Site, patches_of
 from printctl.observe.mending.voids import Voids
+from printctl.observe.mending.whole_way import Spans, cut_out, first_crossing
+from printctl.observe.mending.wipe import wipe_way
 from printctl.observe.mending.written_paths import written_paths
-from sim.program.written import read_written
-
-Spans = list[tuple[int, int]]
 
 _SAME_DEPTH_MM: Final = 0.05
 """Patches that lie no deeper than this are ordered by their travel."""
@@ -91,13 +89,13 @@ def _written(patches: list[Patch], left: list[NotMended], site: Site) -> Mend:
     """The insert of patches whose whole way is free; others are left out."""
     while patches:
         lines, spans = _lines(patches, site)
-        crossing = None if site.layered else _crossing(lines, patches, spans, site)
-        if crossing is None:
+        found = None if site.layered else first_crossing(lines, patches, spans, site)
+        if found is None:
             return _mend(lines, patches, spans, left, site)
-        wrong, said = crossing
-        gap = patches[wrong].gap
-        left = [*left, NotMended(gap.path, gap.from_mm, gap.to_mm, said)]
-        patches = patches[:wrong] + patches[wrong + 1 :]
+        wrong = found.patch
+        pieces, not_mended = cut_out(patches[wrong], found, site.options)
+        left += [not_mended] if not_mended.length_mm > 0 else []
+        patches = patches[:wrong] + pieces + patches[wrong + 1 :]
     return Mend((), (), (), tuple(left), 0.0, 0.0)
 
 
@@ -116,49 +114,9 @@ def _lines(patches: Sequence[Patch], site: Site) -> tuple[list[bytes], Spans]:
         writer.purge(options.purge, max(held.top_mm, high))
     spans = []
     for one in patches:
-        begins = [p.from_mm for p in patches if p.path is one.path and p is not one]
-        wipe = options.wipe_widths * float(one.path.width_mm.max()) if site.layered else 0.0
-        spans.append(writer.patch(one, wipe_way(one, wipe, begins)))
+        spans.append(writer.patch(one, wipe_way(one, patches, site)))
     writer.end()
     return writer.lines, spans
-
-
-def insert_rows(
-    held: HeldPrint, lines: Sequence[bytes], patches: Sequence[Patch], spans: Spans
-) -> NeedleRows:
-    """Return an insert's lines as the needle's moves, read back from their text: a row each."""
-    text = b"\n".join([*held.lines[: held.done], *lines]) + b"\n"
-    program = read_written(text, held.printer, held.start_mm).program
-    rows = np.flatnonzero(program.command >= held.done)
-    tips = np.vstack([held.at_mm, program.target[rows, :3]])
-    way = np.linalg.norm(np.diff(tips, axis=0), axis=1)
-    volume = np.where(way > WAY_MM, np.maximum(program.pushed[rows], 0.0) * held.ul_per_e, 0.0)
-    path = np.full(len(rows), -1, dtype=np.int64)
-    for one, (first, last) in zip(patches, spans, strict=True):
-        path[first:last] = one.path.number
-    return NeedleRows(tips, volume, path)
-
-
-def _crossing(
-    lines: Sequence[bytes], patches: Sequence[Patch], spans: Spans, site: Site
-) -> tuple[int, str] | None:
-    """First patch on whose account the needle would cross ink, and why; None where none is."""
-    held = site.held
-    rows = insert_rows(held, lines, patches, spans)
-    clearance = site.options.clearance_mm
-    contacts = shaft_contacts(rows, site.ink, site.paths, held.needle, clearance)
-    if not contacts:
-        return None
-    row, contact = min(contacts, key=lambda one: one[0])
-    number = next((k for k, span in enumerate(spans) if row <= span[1] + 1), len(spans) - 1)
-    own = [k for k, one in enumerate(patches) if one.path.number == contact.crossed]
-    if row > spans[-1][1] + 1 and own:
-        number = own[-1]  # on the way back it is the patch's ink that is in the way
-    x, y, z = contact.place_mm
-    return number, (
-        f"the needle would go {contact.depth_mm:.3f} mm into written ink at x {x:.2f}, y {y:.2f}, "
-        f"z {z:.2f} mm; mend by hand, or print on"
-    )
 
 
 def _mend(

@@ -124,7 +124,7 @@ def written_paths(held: HeldPrint, until: int | None = None) -> tuple[WrittenPat
     number = np.cumsum(breaks)[chosen]
     width, height = _sections(held, chosen)
     e_per_mm = program.pushed[chosen] / held.way[chosen]
-    found = []
+    found: list[WrittenPath] = []
     for own in np.split(np.arange(len(chosen)), np.flatnonzero(np.diff(number)) + 1):
         row = chosen[own]
         points = np.vstack([program.before[row[:1], :3], program.target[row, :3]])

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.files import write_text
+from kernels.arrays import BoolArray
 from printctl.errors import PrintctlError
 from printctl.link.job import parse_job
 from printctl.pipeline.context import SIMULATED_PORT, RunContext
@@ -42,8 +43,6 @@ from printctl.run_folder.artefacts import GCODE, LINE_MAP
 from sim.clearance import Clearance
 from sim.dry_run.run import DryRun, dry_run
 from sim.program.gcode import Program
-
-BoolArray = NDArray[np.bool_]
 
 
 def dry_run_stage(run: PlateRun) -> Stage:

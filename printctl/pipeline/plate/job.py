@@ -14,6 +14,7 @@ from design.toolpath.file import load_toolpath
 from design.toolpath.gcode import Gcode, add_labels, save_gcode, stream_gcode
 from design.toolpath.gcode.dialect import dialect_of
 from design.toolpath.wells import Trip, place_in_well, with_approach, written_ul
+from kernels.arrays import FloatArray
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.plate.job_map import (
     bundles_of,
@@ -27,7 +28,6 @@ from printctl.pipeline.stages.toolpath import PATH, machine
 from printctl.progress import Report
 from printctl.run_folder.artefacts import GCODE, LINE_MAP
 
-FloatArray = NDArray[np.float64]
 NOWHERE: Final = -1
 """In the map, of a line between wells."""
 

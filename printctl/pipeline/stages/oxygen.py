@@ -16,17 +16,17 @@ from printctl.run_folder.artefacts import NETWORK, SURFACE
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Solve in the print's size, with the print's flow; say on the terminal what is hypoxic."""
-    network = context.network
+    network, part = context.network, context.recipe.oxygen or OxygenPart()
     found = solve_and_write(
         context.folder,
         network,
         solve_flow(network, context.conditions),
         context.tissue,
-        context.recipe.oxygen or OxygenPart(),
+        part,
         report,
         context.recipe.print_scale,
     )
-    context.bars.remark("oxygen", hypoxia(found))
+    context.bars.remark("oxygen", hypoxia(found, part))
     return found, [TABLE, FIELD, SLICE]
 
 

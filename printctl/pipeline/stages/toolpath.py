@@ -41,6 +41,7 @@ from design.toolpath.gcode import (
     stream_gcode,
 )
 from firmware_profiles import Bath, Printer, Syringe
+from kernels.arrays import FloatArray
 from printctl.errors import UsageError
 from printctl.pipeline.apply_compensation import (
     check_compensation,
@@ -63,8 +64,6 @@ from printctl.progress import Report
 from printctl.recipe.making import Embedded, Fresh
 from printctl.run_folder.artefacts import GCODE, LINE_MAP, NETWORK, SOLID, SURFACE
 from printctl.set_up import ABOVE_WALL_MM
-
-FloatArray = NDArray[np.float64]
 
 PATH: Final = "toolpath.npz"
 """Kept of a well, to be laid into the plate's job."""
@@ -118,6 +117,7 @@ def plan(context: RunContext, *, compensated: bool = True) -> PlannedPath:
     part = context.recipe.toolpath
     match part:
         case Fresh():
+            refuse_early(context)
             options = fresh_options(context, part)
             check_compensation(context, max(own.line_width_mm for own in options))
             for own in options:

@@ -44,7 +44,7 @@ class ControlsState(BaseModel):
 
 
 class ControlRequest(BaseModel):
-    """A wish for the controls."""
+    """A request for the controls."""
 
     force: bool = Field(False, description="take them from whoever holds them")
 
@@ -86,8 +86,8 @@ def router(core: Core, wires: Wires) -> APIRouter:
         return _state(core, who)
 
     @routes.post("/controls", summary="Take the controls, or take them over")
-    def take(who: Asking, wish: ControlRequest | None = None) -> ControlsState:
-        core.controls.take(who, force=wish is not None and wish.force)
+    def take(who: Asking, request: ControlRequest | None = None) -> ControlsState:
+        core.controls.take(who, force=request is not None and request.force)
         publish_holder(core)
         return _state(core, who)
 

@@ -40,7 +40,7 @@ PROFILES: Final[dict[str, type[Facts]]] = {
 
 
 @dataclass(frozen=True)
-class Problem:
+class RecipeProblem:
     """Error in a recipe, with its place.
 
     Attributes
@@ -69,12 +69,12 @@ class CheckedRecipe:
         None when the text can't be read.
     recipe : Recipe or None
         None when it can't be used.
-    problems : tuple of Problem
+    problems : tuple of RecipeProblem
     """
 
     data: dict[str, Any] | None
     recipe: Recipe | None
-    problems: tuple[Problem, ...]
+    problems: tuple[RecipeProblem, ...]
 
 
 def check_text(text: str, folder: Path, store: ProfileStore) -> CheckedRecipe:
@@ -91,7 +91,7 @@ def check_text(text: str, folder: Path, store: ProfileStore) -> CheckedRecipe:
     try:
         data = read_text(text)
     except BadRequestError as exc:
-        return CheckedRecipe(None, None, (Problem((), str(exc)),))
+        return CheckedRecipe(None, None, (RecipeProblem((), str(exc)),))
     return check_data(data, folder, store)
 
 
@@ -106,12 +106,12 @@ def check_data(data: dict[str, Any], folder: Path, store: ProfileStore) -> Check
     return CheckedRecipe(data, None if named else recipe, named)
 
 
-def _problem(raw: dict[str, Any], data: dict[str, Any]) -> Problem:
+def _problem(raw: dict[str, Any], data: dict[str, Any]) -> RecipeProblem:
     path = forms.user_path(recipe_form(), data, raw["loc"])
-    return Problem(path, sentence(raw, path).strip())
+    return RecipeProblem(path, sentence(raw, path).strip())
 
 
-def _named(data: dict[str, Any], folder: Path, store: ProfileStore) -> list[Problem]:
+def _named(data: dict[str, Any], folder: Path, store: ProfileStore) -> list[RecipeProblem]:
     """Profiles that aren't there, and files that aren't or lie outside the recipe's folder."""
     found = []
     # Unknown keys are refused by the schema itself.
@@ -125,7 +125,7 @@ def _named(data: dict[str, Any], folder: Path, store: ProfileStore) -> list[Prob
         elif field.node.sort == "file":
             message = _file(value, folder)
         if message:
-            found.append(Problem(path, f"{'.'.join(map(str, path))}: {message}"))
+            found.append(RecipeProblem(path, f"{'.'.join(map(str, path))}: {message}"))
     return found
 
 

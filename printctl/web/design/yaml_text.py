@@ -62,7 +62,7 @@ def rewrite_yaml(text: str, new: dict[str, Any]) -> str:
     """
     try:
         draft = _spliced(text, new)
-        if draft is not None and yaml.safe_load(draft) == new:
+        if draft is not None and read_yaml(draft) == new:
             return draft
     except (yaml.YAMLError, ValueError):
         pass
@@ -89,7 +89,7 @@ _Dumper.ignore_aliases = lambda self, data: True  # type: ignore[method-assign]
 
 def _spliced(text: str, new: dict[str, Any]) -> str | None:
     for _ in range(200):
-        old = yaml.safe_load(text)
+        old = read_yaml(text)
         if old == new:
             return text
         root = yaml.compose(text, Loader=yaml.SafeLoader)

@@ -68,7 +68,7 @@ class Listing:
             words = ui.input(
                 "Search: words, hash, alarm",
                 value=print_filter.words,
-                on_change=self._wish("words"),
+                on_change=self._set_filter("words"),
             )
             words.props(f"{_WAIT} clearable type=search").style("flex:1 1 16em")
             self._select("End", "state", {one: state_words(one) for one in states})
@@ -76,13 +76,15 @@ class Listing:
             self._select("Operator", "who", {one: one for one in people})
             for name, field in (("From day", "since"), ("To day", "until")):
                 day = ui.input(
-                    name, value=getattr(print_filter, field), on_change=self._wish(field)
+                    name, value=getattr(print_filter, field), on_change=self._set_filter(field)
                 )
                 day.props("type=date stack-label")
                 day.style("flex:0 1 11em")
             self._select("Order", "sort", {k.value: v for k, v in ORDERS.items()}, every=False)
             last = ui.checkbox(
-                "last first", value=print_filter.descending, on_change=self._wish("descending")
+                "last first",
+                value=print_filter.descending,
+                on_change=self._set_filter("descending"),
             )
             last.style("min-height:44px")
 
@@ -91,7 +93,7 @@ class Listing:
         named = {value: value} if value else {}
         first = {"": "all"} if every else {}
         made = ui.select({**first, **named, **options}, label=name, value=value)
-        made.on_value_change(self._wish(field))
+        made.on_value_change(self._set_filter(field))
         made.style("flex:0 1 11em")
 
     def _turner(self, words: str, by: int) -> ui.button:
@@ -102,7 +104,7 @@ class Listing:
         made = ui.button(words, on_click=turn).props("outline no-caps")
         return made.style("min-height:44px")
 
-    def _wish(self, field: str) -> Any:
+    def _set_filter(self, field: str) -> Any:
         async def changed(event: Any) -> None:
             value: Any = event.value if event.value is not None else ""
             changes: dict[str, Any] = {field: value}

@@ -8,13 +8,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kernels.arrays import BoolArray, FloatArray, IntArray
 from printctl.gcode_view import LineMap, Reading, read_with_program
 from printctl.web.live.source import JobSource
 from registration.report.gcode import Act
-
-IntArray = NDArray[np.int64]
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 NONE: Final = 65_535
 """Vessel of a move that is of none."""

@@ -74,6 +74,6 @@ class PrinterAccess:
             self._moving.release()
 
     def heard(self, status: StationStatus) -> StationStatus:
-        """Pass on a status that was the answer to a wish."""
+        """Pass on a status that was the answer to a request."""
         self.follower.hear(status)
         return status

@@ -20,7 +20,7 @@ class StartMessage:
         Workspace.
     host : str
     port : int
-        Wished for; another is taken when it is in use.
+        Asked for; another is taken when it is in use.
     page_port : int
         Of the server, whose pages alone may ask.
     scheme : str

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-FloatArray = NDArray[np.float64]
+from kernels.arrays import FloatArray
 
 SIGNIFICANT = 0.05
 

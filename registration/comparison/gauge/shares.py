@@ -13,14 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from kernels.arrays import FloatArray
 from registration.comparison.gauge.squares import MeanSquare, MeanSquares
 from registration.comparison.intervals import LEVEL, UNKNOWN, Interval
 from registration.comparison.variance import difference_interval
 
-FloatArray = NDArray[np.float64]
 Sum = list[tuple[float, MeanSquare]]
 """Weights of mean squares whose sum estimates a variance."""
 

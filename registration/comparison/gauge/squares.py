@@ -13,12 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from kernels.arrays import FloatArray
 from registration.comparison.errors import GaugeStudyError
-
-FloatArray = NDArray[np.float64]
 
 ALPHA = 0.25
 """Above this probability the interaction is pooled with the repeats."""

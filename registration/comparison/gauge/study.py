@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray, IntArray
 from registration.comparison.errors import GaugeStudyError
 from registration.comparison.gauge.claims import Claim, claim, effective_df, residuals
 from registration.comparison.gauge.shares import Shares, shares
 from registration.comparison.gauge.squares import MeanSquares, mean_squares, pooled_squares
 from registration.comparison.scans import GaugedScan
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

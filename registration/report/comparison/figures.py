@@ -9,16 +9,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
+from kernels.arrays import FloatArray
 from registration.comparison import Comparison
 from registration.comparison.overall import Quantity
 from registration.comparison.vessels import SIGNIFICANT, VesselSpread
 from registration.picture.colours import SEQUENTIAL
 from registration.report.drawing import broken_line, small_multiples, styled, to_svg
 from registration.report.svg import ACCENT, INK, MUTED, PAPER
-
-FloatArray = NDArray[np.float64]
 
 OUTSIDE: Final = "#b85a14"
 _LABELLED_IN: Final = (0.8, 0.78)

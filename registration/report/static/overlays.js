@@ -1,7 +1,7 @@
 // Scale bar and axes, drawn over the view each time it is drawn.
 import * as THREE from "three";
 
-const WISHED_PIXELS = 110;
+const ROUGH_PIXELS = 110;
 
 export function startOverlays(stage) {
   const [bar, triad] = ["scalebar", "triad"].map((id) => document.getElementById(id));
@@ -15,7 +15,7 @@ export function startOverlays(stage) {
 
 function drawBar(stage, bar) {
   const scale = stage.pixelsPerMm();
-  const length = roundDown(WISHED_PIXELS / scale);
+  const length = roundDown(ROUGH_PIXELS / scale);
   bar.firstElementChild.style.width = `${length * scale}px`;
   bar.lastElementChild.textContent = length >= 1 ? `${length} mm` : `${Math.round(length * 1000)} µm`;
 }

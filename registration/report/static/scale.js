@@ -121,9 +121,9 @@ export class Scale {
 }
 
 function evens(low, high) {
-  const wish = (high - low) / 4;
-  const power = 10 ** Math.floor(Math.log10(wish));
-  const step = power * [5, 2, 1].find((factor) => factor * power <= wish);
+  const rough = (high - low) / 4;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = power * [5, 2, 1].find((factor) => factor * power <= rough);
   const found = [];
   for (let k = Math.floor(low / step) + 1; k * step < high; k++) found.push(k * step);
   return found;

@@ -15,7 +15,7 @@ import numpy as np
 
 from sim.board.controller import Controller
 from sim.board.machine import Machine
-from sim.board.waits import Place, Task, WaitStandstill
+from sim.board.waits import Task, WaitFreeSlot, WaitStandstill
 from sim.program.gcode import Command
 from sim.program.modal import interpret
 
@@ -38,7 +38,7 @@ def take_tool(board: Controller, command: Command) -> Task:
     machine.use_head(number)
     _rename(machine, begin[:3] + shift)
     if shift.any() and all(machine.homed) and command.values.get("S", 0.0) == 0:
-        yield Place()
+        yield WaitFreeSlot()
         machine.motion.modal["position"] = begin
         machine.move_to(begin, _BACK_MM_S, -1)
         yield WaitStandstill()

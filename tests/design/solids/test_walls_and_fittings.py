@@ -144,6 +144,8 @@ def test_only_one_pose_fits_the_fiducials() -> None:
 def test_bad_marks_are_refused() -> None:
     with pytest.raises(SolidError, match="nothing to be seen"):
         text_solid("  ", 1.0, 1.0)
+    with pytest.raises(SolidError, match="DejaVu Sans has no '心', '\\\\n'"):
+        text_solid("A心\n", 1.0, 1.0)
     with pytest.raises(SolidError, match="along has no length"):
         fiducial_places(np.zeros(3), UP, UP, 5.0)
     with pytest.raises(SolidError, match="wall_mm 0"):

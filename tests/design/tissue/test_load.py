@@ -83,6 +83,15 @@ def test_missing_and_unknown_files_are_refused(tmp_path):
         load_tissue(written(tmp_path / "box.stl"), "parsec")  # type: ignore[arg-type]
 
 
+def test_stl_that_counts_more_than_it_holds_and_a_folder_are_refused(tmp_path):
+    path = tmp_path / "big.stl"
+    path.write_bytes(b"\0" * 80 + b"\xff" * 4 + b"\0" * 500)
+    with pytest.raises(TissueError, match=r"big\.stl: the file is cut short.* counts 4294967295"):
+        load_tissue(path, "mm")
+    with pytest.raises(TissueError, match="is a folder; give a file, one of"):
+        load_tissue(tmp_path, "mm")
+
+
 def test_garbage_is_refused(tmp_path):
     path = tmp_path / "noise.ply"
     path.write_bytes(bytes(range(256)) * 4)

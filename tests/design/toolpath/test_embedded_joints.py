@@ -75,7 +75,7 @@ def test_a_joint_is_open_where_both_sides_are_blocked(monkeypatch):
     (left,) = found.open
     assert (left.vessel, left.other, left.place_mm, left.part) == (RIGHT, LEFT, (0, 0, 0), 0)
     parts = parts_of(HEAD_ON, OPTIONS)
-    first, after = np.array(found.wishes).T
+    first, after = np.array(found.reorderings).T
     assert set(parts.elements.vessel[after].tolist()) == {OVER_LEFT}
     assert set(parts.elements.end[first, 1].tolist()) == {1}
 
@@ -86,7 +86,7 @@ def test_where_both_sides_are_blocked_a_shorter_overlap_closes():
     (weak,) = found.shortened
     assert (weak.vessel, weak.other, weak.part) == (RIGHT, LEFT, pytest.approx(0.5))
     assert found.beyond == pytest.approx([0, 0, 0, REACH / 2])
-    assert found.wishes  # of the next round: another order would leave room for all of it
+    assert found.reorderings  # of the next round: another order would leave room for all of it
 
 
 def test_an_overlap_keeps_clear_of_what_comes_later():

@@ -71,12 +71,12 @@ def test_same_forest_twice_is_the_same_bytes(tissues):
 
 def test_roots_of_a_kind_share_the_tissue_by_their_terminals(tissues):
     tissue = tissues["block"]
-    wishes = [
+    settings = [
         RootSpec(GrowthOptions(terminals=90, root_point_mm=(3.0, 8.0, 0.0))),
         RootSpec(GrowthOptions(terminals=30, root_point_mm=(17.0, 8.0, 0.0))),
         RootSpec(GrowthOptions(terminals=60), VesselKind.VEIN),
     ]
-    left, right, vein = grow_forest(tissue, wishes)
+    left, right, vein = grow_forest(tissue, settings)
     assert left.terminal_flow_ul_s == pytest.approx(right.terminal_flow_ul_s)
     total = 90 * left.terminal_flow_ul_s + 30 * right.terminal_flow_ul_s
     assert total == pytest.approx(60 * vein.terminal_flow_ul_s)

@@ -122,12 +122,12 @@ def test_exported_loops_carry_equal_flow(closed, tmp_path):
 
 @pytest.mark.slow
 def test_several_trees_of_a_side_mix(tissue):
-    wishes = [
+    settings = [
         RootSpec(GrowthOptions(terminals=20, root_point_mm=(3.0, 8.0, 0.0))),
         RootSpec(GrowthOptions(terminals=10, root_point_mm=(17.0, 8.0, 0.0))),
         RootSpec(GrowthOptions(terminals=30), VesselKind.VEIN),
     ]
-    left, right, vein = grow_forest(tissue, wishes)
+    left, right, vein = grow_forest(tissue, settings)
     network = close_loops(tissue, [left, right], vein).network
     assert len(network.inlets()) == 2
     assert len(network.outlets()) == 1

@@ -32,8 +32,8 @@ def torus():
 
 @pytest.fixture(scope="module")
 def web(torus):
-    wish = GrowthOptions(terminals=4)
-    ends, vessels = tree_ends(grow_forest(torus, [wish, wish]))
+    settings = GrowthOptions(terminals=4)
+    ends, vessels = tree_ends(grow_forest(torus, [settings, settings]))
     found = open_web(torus, ends, np.arange(4), vessels, LoopOptions())
     # Nothing in the way but the surface.
     found.capsules["there"] = 0
@@ -163,8 +163,8 @@ def test_what_leads_nowhere_is_pruned_up_to_where_flow_goes_on():
 
 
 def test_a_few_that_find_no_way_are_pruned_and_counted(torus, monkeypatch):
-    wish = GrowthOptions(terminals=40)
-    trees = grow_forest(torus, [RootSpec(wish), RootSpec(wish, VesselKind.VEIN)])
+    settings = GrowthOptions(terminals=40)
+    trees = grow_forest(torus, [RootSpec(settings), RootSpec(settings, VesselKind.VEIN)])
     whole = close_loops(torus, *trees)
     assert (whole.connections, whole.pruned) == (40, 0)
     whole_way = Web.lay_all
@@ -192,8 +192,8 @@ def test_a_few_that_find_no_way_are_pruned_and_counted(torus, monkeypatch):
 
 @pytest.mark.parametrize("seed", [4, 5])
 def test_pieces_leave_few_overlaps_within_joints(torus, seed):
-    wish = GrowthOptions(terminals=60, seed=seed)
-    trees = grow_forest(torus, [RootSpec(wish), RootSpec(wish, VesselKind.VEIN)])
+    settings = GrowthOptions(terminals=60, seed=seed)
+    trees = grow_forest(torus, [RootSpec(settings), RootSpec(settings, VesselKind.VEIN)])
     network = close_loops(torus, *trees).network
     found = collisions(network, 0.0, 0.1)
     assert found.count == 0

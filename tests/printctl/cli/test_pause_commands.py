@@ -161,7 +161,7 @@ def told(words: list[str], monkeypatch, capsys) -> tuple[int, str]:
     return int(left.value.code or 0), capsys.readouterr().err
 
 
-def test_wish_that_cant_be_granted_is_the_users_mistake_not_the_printers(
+def test_request_that_cant_be_granted_is_the_users_mistake_not_the_printers(
     tmp_path, profile, monkeypatch, capsys
 ):
     job = tmp_path / "job.gcode"

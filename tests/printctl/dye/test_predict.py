@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from printctl.dye import Place
+from printctl.dye import VesselPlace
 from printctl.dye.outputs import volume_share
 from tests.design.hemodynamics.networks import network_of
 from tests.system.cli import called as printctl
@@ -79,4 +79,4 @@ def test_half_of_a_cone_s_length_isn_t_half_of_its_volume() -> None:
     network = network_of([[0, 0, 0], [4, 0, 0]], [(0, 1)], 1.0)
     network.radius[1] = 2.0
     expected = (1 + 1.5 + 2.25) / (1 + 2 + 4) / 2
-    assert volume_share(network, [Place(0, 0.5)])[0] == pytest.approx(expected, rel=1e-4)
+    assert volume_share(network, [VesselPlace(0, 0.5)])[0] == pytest.approx(expected, rel=1e-4)

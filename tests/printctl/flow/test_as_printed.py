@@ -255,6 +255,15 @@ def test_a_print_of_another_size_has_the_design_s_wall_shear(run: Path) -> None:
         assert two["0D"][key] == pytest.approx(8.0 * one["0D"][key])
 
 
+def test_lengths_are_the_print_s_as_in_the_verdict(run: Path) -> None:
+    one, _ = solve_as_printed(PrintedCase(run, FlowPart(), 1.0, 0.5), run / "one", print)
+    found = json.loads((run / "registration.json").read_text()) | {"scale": [0.98] * 3}
+    (run / "registration.json").write_text(json.dumps(found))
+    two, _ = solve_as_printed(PrintedCase(run, FlowPart(), 1.0, 0.5), run / "two", print)
+    ratio = two["0D"]["pressure_drop_ratio"] / one["0D"]["pressure_drop_ratio"]
+    assert ratio == pytest.approx(0.98)
+
+
 @pytest.mark.slow
 def test_3d_says_what_0d_says_of_long_vessels(run: Path) -> None:
     pytest.importorskip("ngsolve")

@@ -80,6 +80,8 @@ def test_a_fluid_and_losses_come_from_files_and_options(fork: Path) -> None:
     assert blood["pressure_drop_pa"] > 3.45 * water["pressure_drop_pa"]
     narrow = _flow(fork, "--stenosis", "1,0.3,1", "--junction-k", "1")
     assert narrow["pressure_drop_pa"] > water["pressure_drop_pa"]
+    assert 0 < narrow["losses_share"] < 1
+    assert "losses_share" not in water
     rows = _rows(fork / "flow" / "flow.csv")
     assert float(rows[1]["flow_ml_min"]) < float(rows[2]["flow_ml_min"])
     assert float(rows[1]["loss_pa"]) > 0

@@ -62,9 +62,9 @@ class Script:
             self.on_paused(self.streamer)
 
     def took(self, line: int) -> None:
-        wish = self.at_line.pop(line, None)
-        if wish is not None and self.streamer is not None:
-            wish(self.streamer)
+        request = self.at_line.pop(line, None)
+        if request is not None and self.streamer is not None:
+            request(self.streamer)
 
     @property
     def pauses(self) -> list[Status]:
@@ -124,8 +124,8 @@ def doomed(printer: MarlinPrinter, clock: VirtualClock, last: int, part: float) 
 class Arming(Script):
     """Lets the host die in the ``last``-th write after the print begins to pause."""
 
-    def __init__(self, transport: SimTransport, last: int, part: float, **wishes: Any) -> None:
-        super().__init__(**wishes)
+    def __init__(self, transport: SimTransport, last: int, part: float, **requests: Any) -> None:
+        super().__init__(**requests)
         self._transport, self._last, self._part = transport, last, part
         self.armed = False
 

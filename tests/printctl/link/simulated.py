@@ -39,7 +39,7 @@ def printed(
     data: bytes,
     folder: Path,
     transport: SimTransport,
-    *wishes: str,
+    *requests: str,
     printer: Printer = PRINTER,
     on_status: Callable[[Status], None] = lambda status: None,
     journal: Journal | None = None,
@@ -56,8 +56,8 @@ def printed(
     streamer = Streamer(wiring, parse_job(data, "test.gcode", printer))
     if keep is not None:
         keep.append(streamer)
-    for wish in wishes:
-        getattr(streamer, wish)()
+    for request in requests:
+        getattr(streamer, request)()
     return streamer.run(), streamer
 
 

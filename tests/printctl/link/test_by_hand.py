@@ -41,8 +41,8 @@ class Person:
 
 def printed_with(tmp_path, person: Person, paused: bool = False):
     data = layered(2, 20)
-    wish = (lambda streamer: streamer.pause()) if paused else person
-    script = Script(at_line={12: wish}, on_paused=person.in_pause)
+    request = (lambda streamer: streamer.pause()) if paused else person
+    script = Script(at_line={12: request}, on_paused=person.in_pause)
     printer = Following(parse_job(data, "test.gcode"), script)
     transport = FakeTransport(printer, VirtualClock())
     before = len(printer.numbered)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from printctl.cli.status import waiting_lines
+from printctl.gcode_view.line_map import LineMap
 from printctl.link.errors import JobError
 from printctl.link.find_link import read_outcome
 from printctl.link.grown_text import grown_text
@@ -156,3 +157,12 @@ def test_a_print_that_is_held_for_a_look_may_be_gone_on_with_by_the_operator(tmp
     assert [can[one] for one in ("resume", "pause", "stop", "kill")] == [True] * 4
     assert not can["go_on"]
     assert waiting_lines(status) == ["waits for: a decision on look 3"]
+
+
+def test_a_map_of_lines_follows_what_was_put_in():
+    text = grown_text(GROWN, DATA)
+    own = LineMap(np.arange(DATA.count(b"\n")), of_vessels=False, strand=np.arange(100))
+    grown = own.at_rows(text.file_row)
+    assert grown.source.tolist() == text.file_row
+    assert grown.kind is None
+    assert grown.strand is not None

@@ -31,7 +31,7 @@ FORESEEN = dry_run(DATA, PRINTER, START, cold_extrusion=True).executed
 
 
 class Restless(Script):
-    """A user who wishes something at random whenever there is news."""
+    """A user who asks for something at random whenever there is news."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         super().__init__(on_paused=self.go_on)
@@ -44,10 +44,10 @@ class Restless(Script):
             return
         if self._rng.random() < 0.3 and status.lines_done < JOB.marks.all[-3].index:
             self._left -= 1
-            wish = self._rng.choice(["now", "layer", "reload"])
-            if wish == "now":
+            request = self._rng.choice(["now", "layer", "reload"])
+            if request == "now":
                 streamer.pause()
-            elif wish == "layer":
+            elif request == "layer":
                 streamer.pause(MarkKind.LAYER)
             else:
                 streamer.reload()

@@ -52,7 +52,7 @@ def with_x(lines) -> list[str]:
     return [line for line in lines if " X" in line]
 
 
-WISHES = {
+REQUESTS = {
     "now": lambda streamer: streamer.pause(),
     "layer": lambda streamer: streamer.pause(MarkKind.LAYER),
     "reload": lambda streamer: streamer.reload(),
@@ -80,7 +80,7 @@ def test_paused_at_random_moments_does_every_line_once_and_in_order(tmp_path, se
     count = len(parse_job(data, "a")) - 30
     moments = sorted(rng.choice(np.arange(6, count), size=5, replace=False).tolist())
     script = Script(on_paused=change_or_resume)
-    script.at_line = {line: WISHES[rng.choice(list(WISHES))] for line in moments}
+    script.at_line = {line: REQUESTS[rng.choice(list(REQUESTS))] for line in moments}
     care = Care(checkpoint_s=float(rng.choice([0.0, 0.1])))
     status, job, printer = followed(data, tmp_path, script, care=care, protocol=protocol())
     assert status.state is LinkState.DONE, status
@@ -98,7 +98,7 @@ def test_pauses_on_a_noisy_line_lose_and_double_nothing(tmp_path, seed, protocol
     job = parse_job(layered(6, 25), "test.gcode")
     moments = rng.choice(np.arange(6, len(job) - 40), size=4, replace=False).tolist()
     script = Script(on_paused=change_or_resume)
-    script.at_line = {line: WISHES[rng.choice(list(WISHES))] for line in moments}
+    script.at_line = {line: REQUESTS[rng.choice(list(REQUESTS))] for line in moments}
     printer = Following(job, script)
     transport = FakeTransport(printer, VirtualClock(), rng, noise=0.0004, drop_ok=0.005)
     status = played(
@@ -136,7 +136,7 @@ def test_paused_at_random_moments_moves_as_the_dry_run_foresaw(tmp_path, seed):
     transport = SimTransport(MarlinPrinter(PRINTER, START), clock)
     script = Script(on_paused=change_or_resume)
     when = sorted(rng.uniform(3.5, 9.0, size=3).tolist())
-    kinds = rng.choice(list(WISHES), size=3)
+    kinds = rng.choice(list(REQUESTS), size=3)
     read = transport.read
 
     def reading(timeout: float) -> bytes:
@@ -144,7 +144,7 @@ def test_paused_at_random_moments_moves_as_the_dry_run_foresaw(tmp_path, seed):
             when.pop(0)
             if script.streamer.status.state is LinkState.PRINTING:
                 with contextlib.suppress(LinkError):  # no mark is left ahead
-                    WISHES[kinds[len(when)]](script.streamer)
+                    REQUESTS[kinds[len(when)]](script.streamer)
         return read(timeout)
 
     transport.read = reading  # type: ignore[method-assign]
@@ -166,7 +166,7 @@ def test_paused_at_random_moments_moves_as_the_dry_run_foresaw(tmp_path, seed):
 
 def test_pause_after_a_layer_waits_for_its_mark(tmp_path):
     data = layered(3, 20)
-    script = Script(at_line={12: WISHES["layer"]})
+    script = Script(at_line={12: REQUESTS["layer"]})
     status, job, _ = followed(data, tmp_path, script)
     assert status.state is LinkState.DONE
     assert [one.lines_done for one in script.pauses] == [job.marks.of(MarkKind.LAYER)[0].index]
@@ -176,8 +176,8 @@ def test_pause_after_a_layer_waits_for_its_mark(tmp_path):
 
 
 def test_plunger_that_the_job_has_relieved_is_not_relieved_twice(tmp_path):
-    def relieved_in(name: str, wish: str) -> list[str]:
-        script = Script(at_line={12: WISHES[wish]})
+    def relieved_in(name: str, request: str) -> list[str]:
+        script = Script(at_line={12: REQUESTS[request]})
         (tmp_path / name).mkdir()
         _, _, printer = followed(
             layered(3, 20), tmp_path / name, script, retreat=Retreat(relief_mm=0.1)
@@ -192,18 +192,18 @@ def test_plunger_that_the_job_has_relieved_is_not_relieved_twice(tmp_path):
 def test_pause_after_what_the_job_does_not_mark_is_refused(tmp_path):
     refused = []
 
-    def wish(streamer: Streamer) -> None:
+    def request(streamer: Streamer) -> None:
         with pytest.raises(LinkError, match="marks no end of a vessel after line 11"):
             streamer.pause(MarkKind.VESSEL)
         refused.append(True)
 
-    status, _, _ = followed(layered(2, 20), tmp_path, Script(at_line={12: wish}))
+    status, _, _ = followed(layered(2, 20), tmp_path, Script(at_line={12: request}))
     assert refused
     assert status.state is LinkState.DONE
 
 
 def test_pause_that_is_waited_for_can_be_taken_back(tmp_path):
-    script = Script(at_line={12: WISHES["layer"], 14: lambda streamer: streamer.resume()})
+    script = Script(at_line={12: REQUESTS["layer"], 14: lambda streamer: streamer.resume()})
     status, _, _ = followed(layered(3, 20), tmp_path, script)
     assert status.state is LinkState.DONE
     assert script.pauses == []
@@ -248,7 +248,7 @@ def test_needle_that_was_pushed_aside_in_a_pause_stays_up(tmp_path):
             streamer.command(b"G1 X" + x, lambda lines: streamer.resume())
 
     data = layered(2, 20)
-    script = Script(on_paused=push_then_return, at_line={12: WISHES["now"]})
+    script = Script(on_paused=push_then_return, at_line={12: REQUESTS["now"]})
     job = parse_job(data, "a")
     status, _, printer = followed(data, tmp_path, script)
     assert status.state is LinkState.DONE
@@ -259,7 +259,7 @@ def test_needle_that_was_pushed_aside_in_a_pause_stays_up(tmp_path):
 
 
 def test_extra_prime_is_pushed_and_not_counted(tmp_path):
-    script = Script(at_line={12: WISHES["now"]})
+    script = Script(at_line={12: REQUESTS["now"]})
     retreat = Retreat(relief_mm=0.1, prime_mm=0.05)
     status, job, printer = followed(layered(2, 20), tmp_path, script, retreat=retreat)
     assert status.state is LinkState.DONE

@@ -22,7 +22,7 @@ from printctl.link.clock import VirtualClock
 from printctl.link.errors import HandshakeError, PortError, PortMissing
 from printctl.link.port_detection import (
     AUTO,
-    Place,
+    PrinterPort,
     choose_port,
     locate,
     matches,
@@ -65,8 +65,8 @@ def test_none_is_refused_with_what_there_is():
 
 
 def test_what_is_given_is_not_asked_about():
-    assert locate("/dev/none", 57_600, PRINTER) == Place("/dev/none", 57_600)
-    assert locate("/dev/none", None, PRINTER) == Place("/dev/none", PRINTER.baud)
+    assert locate("/dev/none", 57_600, PRINTER) == PrinterPort("/dev/none", 57_600)
+    assert locate("/dev/none", None, PRINTER) == PrinterPort("/dev/none", PRINTER.baud)
 
 
 @pytest.mark.parametrize("text", ["fast", "-1", "12.5", "9999999999", "²"])

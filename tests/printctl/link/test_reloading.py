@@ -140,15 +140,15 @@ def test_change_that_was_not_begun_is_refused(tmp_path):
     assert said
 
 
-def pausing(transport: SimTransport, script: Script, wish) -> None:
-    """Wish once, in mid-layer."""
-    read, wished = transport.read, []
+def pausing(transport: SimTransport, script: Script, request) -> None:
+    """Ask once, in mid-layer."""
+    read, requested = transport.read, []
 
     def reading(timeout: float) -> bytes:
         streamer = script.streamer
-        if not wished and streamer is not None and streamer.status.lines_done > 30:
-            wished.append(True)
-            wish(streamer)
+        if not requested and streamer is not None and streamer.status.lines_done > 30:
+            requested.append(True)
+            request(streamer)
         return read(timeout)
 
     transport.read = reading  # type: ignore[method-assign]

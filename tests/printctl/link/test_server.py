@@ -20,34 +20,34 @@ from printctl.link.states import LinkState, Status
 
 
 class Spy:
-    """Stands for the channel; notes what was wished."""
+    """Stands for the channel; notes what was requested."""
 
     def __init__(self) -> None:
-        self.wishes: list[str] = []
+        self.requests: list[str] = []
         self.killed = threading.Event()
         self.wiring = SimpleNamespace(printer=load(Printer, "generic_marlin"))
         self.status = Status(LinkState.PRINTING, lines_done=5, lines_total=9)
 
     def stop(self) -> None:
-        self.wishes.append("stop")
+        self.requests.append("stop")
 
     def pause(self, after: MarkKind | None = None) -> None:
         if after is MarkKind.VESSEL:
             raise LinkError("no end of a vessel is marked")
-        self.wishes.append(f"pause after {after}" if after else "pause")
+        self.requests.append(f"pause after {after}" if after else "pause")
 
     def reload(self) -> None:
-        self.wishes.append("reload")
+        self.requests.append("reload")
 
     def resume(self, change: NewSyringe | None = None, unchanged: bool = False) -> None:
-        self.wishes.append(f"resume {change}" if change else "resume")
+        self.requests.append(f"resume {change}" if change else "resume")
 
     def alive(self) -> None:
-        self.wishes.append("alive")
+        self.requests.append("alive")
 
     def typed(self, text: str, done, refused) -> None:
         known = PrinterSituation(Bounds(self.wiring.printer), Phase.PRINTING)
-        self.wishes.append(allowed_command(judge_typed(text, known)).text)
+        self.requests.append(allowed_command(judge_typed(text, known)).text)
         done((b"X:0.00", b"ok"))
 
     def kill(self) -> None:
@@ -97,19 +97,19 @@ def hear(guest: socket.socket) -> dict:
     return json.loads(data)
 
 
-def test_status_and_wishes_arrive(door):
+def test_status_and_requests_arrive(door):
     spy, _, enter, token = door
     guest = enter()
     say(guest, do="status", token=token)
     assert hear(guest)["lines_done"] == 5
-    for wish in ("stop", "pause", "resume"):
-        say(guest, do=wish, token=token)
+    for request in ("stop", "pause", "resume"):
+        say(guest, do=request, token=token)
     say(guest, do="command", text="M114", token=token)
     assert hear(guest) == {"event": "reply", "command": "M114", "lines": ["X:0.00", "ok"]}
-    assert spy.wishes == ["stop", "pause", "resume", "M114"]
+    assert spy.requests == ["stop", "pause", "resume", "M114"]
 
 
-def test_wish_that_asks_for_an_answer_is_heard_or_refused(door):
+def test_request_that_asks_for_an_answer_is_heard_or_refused(door):
     spy, _, enter, token = door
     guest = enter()
     say(guest, do="pause", after="layer", answer=True, token=token)
@@ -124,11 +124,11 @@ def test_wish_that_asks_for_an_answer_is_heard_or_refused(door):
     assert hear(guest)["event"] == "heard"
     say(guest, do="pause", after="lunch", answer=True, token=token)
     assert "can't read" in hear(guest)["message"]
-    for wish in ("reload", "alive"):
-        say(guest, do=wish, answer=True, token=token)
+    for request in ("reload", "alive"):
+        say(guest, do=request, answer=True, token=token)
         assert hear(guest)["event"] == "heard"
     change = NewSyringe(plunger_mm=2.5)
-    assert spy.wishes == ["pause after layer", f"resume {change}", "reload", "alive"]
+    assert spy.requests == ["pause after layer", f"resume {change}", "reload", "alive"]
 
 
 def test_only_subscribers_are_told(door):
@@ -156,7 +156,7 @@ def test_nonsense_is_refused_and_the_door_stays_open(door, line):
     assert hear(guest)["event"] == "refused"
     say(guest, do="status", token=token)
     assert hear(guest)["event"] == "status"
-    assert spy.wishes == []
+    assert spy.requests == []
 
 
 @pytest.mark.parametrize(
@@ -169,19 +169,19 @@ def test_command_that_must_not_be_sent_is_refused(door, text):
     guest = enter()
     say(guest, do="command", text=text, token=token)
     assert hear(guest)["event"] == "refused"
-    assert spy.wishes == []
+    assert spy.requests == []
 
 
 @pytest.mark.parametrize("used", ["NaN", "-1", "1e999", '"1"', "null"])
 def test_syringe_that_is_no_length_is_refused(door, used):
     spy, _, enter, token = door
     guest = enter()
-    wish = f'{{"do": "resume", "token": "{token}", "change": {{"plunger_mm": {used}}}}}\n'
-    guest.sendall(wish.encode())
+    request = f'{{"do": "resume", "token": "{token}", "change": {{"plunger_mm": {used}}}}}\n'
+    guest.sendall(request.encode())
     answer = hear(guest)
     assert answer["event"] == "refused"
     assert "is no length" in answer["message"]
-    assert spy.wishes == []
+    assert spy.requests == []
 
 
 def test_stranger_without_the_token_is_refused(door):
@@ -189,7 +189,7 @@ def test_stranger_without_the_token_is_refused(door):
     guest = enter()
     say(guest, do="stop", token=token + "x")
     assert hear(guest) == {"event": "refused", "message": "wrong token"}
-    assert spy.wishes == []
+    assert spy.requests == []
 
 
 def test_kill_gets_through_beside_guests_that_never_read_or_never_end_a_line(door):
@@ -220,4 +220,4 @@ def test_a_stop_of_who_leaves_at_once_is_heard(tmp_path):
     assert spy.killed.wait(5)
     server.finish()
     forget(address)
-    assert spy.wishes == ["stop"]
+    assert spy.requests == ["stop"]

@@ -146,7 +146,7 @@ def test_a_stop_within_a_path_shuts_the_valve_before_anything_else(tmp_path, whe
 @pytest.mark.parametrize("seed", first_of(range(20), 6))
 def test_paused_at_random_moments_the_same_is_laid_as_without(tmp_path, seed):
     rng = np.random.default_rng(seed)
-    wishes = [
+    requests = [
         lambda streamer: streamer.pause(),
         lambda streamer: streamer.pause(),
         lambda streamer: streamer.pause(MarkKind.LAYER),
@@ -159,7 +159,7 @@ def test_paused_at_random_moments_the_same_is_laid_as_without(tmp_path, seed):
 
     moments = sorted(rng.choice(np.arange(7, len(JOB) - 40), size=4, replace=False).tolist())
     script = Script(on_paused=go_on)
-    script.at_line = {line: wishes[rng.integers(4)] for line in moments}
+    script.at_line = {line: requests[rng.integers(4)] for line in moments}
     status, printer = printed(tmp_path, script, care=Care(checkpoint_s=0.0))
     assert status.state is LinkState.DONE, status
     assert status.alarms == 0

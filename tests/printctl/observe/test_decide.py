@@ -87,3 +87,10 @@ def test_three_blind_looks_pause():
 
 def test_a_flow_beyond_all_bounds_pauses():
     assert decided(flow=flow(0.2, 300)).kind is DecisionKind.PAUSE
+
+
+def test_ink_over_ink_that_nothing_tells_apart_pauses_nobody():
+    decider = Decider(Limits(mend="mend"))
+    found = [decider.decide(evidence(seen_share=0.0, over_old_share=0.98)) for _ in range(4)]
+    assert {one.kind for one in found} == {DecisionKind.GO_ON}
+    assert "older ink" in found[-1].why

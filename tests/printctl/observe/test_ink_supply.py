@@ -24,6 +24,7 @@ def judge(missing, left_ul=None, seen=None):
         ([slice(150, 200)], None, SupplyState.CLOGGED),
         ([slice(150, 200)], 500.0, SupplyState.CLOGGED),
         ([slice(150, 200)], 0.0, SupplyState.EMPTY),
+        ([slice(195, 200)], None, SupplyState.BUBBLE),
         ([slice(70, 90)], None, SupplyState.BUBBLE),
         ([slice(60, 80)], None, SupplyState.LOST_LINE),
         ([slice(60, 80), slice(120, 140)], None, SupplyState.LOST_LINE),
@@ -35,9 +36,9 @@ def test_state(missing, left_ul, state):
 
 
 def test_volumes_are_told():
-    found = judge([slice(20, 30), slice(180, 200)])
-    assert found.missing_ul == pytest.approx(0.3)
-    assert found.since_ul == pytest.approx(0.2)
+    found = judge([slice(20, 30), slice(170, 200)])
+    assert found.missing_ul == pytest.approx(0.4)
+    assert found.since_ul == pytest.approx(0.3)
     assert found.stopped
 
 

@@ -70,6 +70,9 @@ def test_terminals_come_from_a_table_with_or_without_flows(tmp_path: Path) -> No
         ("", r"columns are missing"),
         ("x_mm,y_mm,z_mm\n1,2,3\n1,b,3\n", r"line 3: \['1', 'b', '3'\] aren't numbers"),
         ("x_mm,y_mm,z_mm\n1,2\n", r"line 2: .*None.* aren't numbers"),
+        ("x_mm,y_mm,z_mm\n1,2,nan\n", r"line 2: \['1', '2', 'nan'\] aren't all finite"),
+        ("x_mm,y_mm,z_mm,flow\n1,2,3,-1\n", r"line 2: flow is -1; give one above 0"),
+        ("x_mm,y_mm,z_mm\n1,2,3\n4,5,6\n1,2,3\n", r"\(1, 2, 3\) mm stands in line 2 and in line 4"),
     ],
 )
 def test_a_table_of_another_kind_is_refused(tmp_path: Path, text: str, message: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,11 @@ import pytest
 import yaml
 from rich.console import Console
 
-from design.errors import ToolpathError
+from design.errors import SolidError, ToolpathError
 from design.network import VesselNetwork
 from design.network_files.csv_format import write_network_csv
 from firmware_profiles import Needle, load
-from printctl.errors import SafetyError
+from printctl.errors import SafetyError, UsageError
 from printctl.pipeline.refusals import refuse_before
 from printctl.pipeline.run import design_recipe, toolpath_recipe
 from printctl.recipe import Recipe, parse_recipe
@@ -79,6 +80,12 @@ def test_what_can_be_printed_passes(tmp_path: Path) -> None:
             "greatest x of the network: 204 mm, limit 200",
         ),
         (
+            {"toolpath": {"method": "fresh"}, "printer": {"place_mm": [195, 50, 1]}},
+            network(),
+            SafetyError,
+            "greatest x of the part: 205 mm, limit 200",
+        ),
+        (
             {"print_scale": 30.0, "toolpath": {**EMBEDDED, "needle": "18g"}},
             network(depth_mm=1.0),
             SafetyError,
@@ -111,6 +118,23 @@ def test_a_part_that_cannot_be_printed_is_refused_before_it_is_designed(
     made = recipe(tmp_path, vessels, **parts)
     with pytest.raises(error, match=why):
         toolpath_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
+    assert not (tmp_path / "run").exists()
+
+
+def test_step_without_its_extra_is_refused_before_anything_is_designed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "netgen", None)
+    made = recipe(tmp_path, network(), solid={"formats": ["stl", "step"]})
+    with pytest.raises(SolidError, match=r"pip install 'printctl\[step\]'"):
+        design_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_file_that_is_not_there_is_refused_first(tmp_path: Path) -> None:
+    made = recipe(tmp_path, network(), flow={"outlets": "none.csv"})
+    with pytest.raises(UsageError, match=r"none\.csv, which the recipe names, isn't there"):
+        design_recipe(made, tmp_path, tmp_path / "run", Console(quiet=True))
     assert not (tmp_path / "run").exists()
 
 

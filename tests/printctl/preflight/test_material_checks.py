@@ -8,8 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from design.toolpath.embedded import supported_diameter_mm
-from firmware_profiles import Bath, Dish, Ink, Needle, Printer, Syringe, load, wall_stress_pa
+from firmware_profiles import (
+    Bath,
+    Dish,
+    Ink,
+    Needle,
+    Printer,
+    Syringe,
+    load,
+    supported_diameter_mm,
+    wall_stress_pa,
+)
 from printctl.preflight import (
     Check,
     PlacedDish,

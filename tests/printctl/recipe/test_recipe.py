@@ -8,6 +8,7 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
+from design.vasculature import PLANAR_BLOCK_MM
 from printctl.errors import RecipeError
 from printctl.recipe import load_recipe, parse_recipe
 from printctl.recipe.making import PrinterPart
@@ -59,11 +60,22 @@ def test_every_shipped_recipe_is_valid(path: Path) -> None:
         ("schema", 2, r"schema 2.*up to 1.*update"),
         ("name", "../up", r"name.*\.\./up"),
         ("seed", -1, r"seed.*-1"),
+        ("seed", True, r"seed: must be a whole number \(is True\)"),
+        ("tissue.size_mm", ["16", 8, 3], r"tissue\.size_mm\.0: must be a number \(is '16'\)"),
+        ("print_scale", False, r"print_scale: must be a number"),
+        ("printer.place_mm", [1e9, 0, 0], r"place_mm\.0: must be at most 10000"),
+        ("tissue", "block", r"tissue: must be keys with values \(is 'block'\), of a kind of"),
+        ("tissue", {"size_mm": [1, 1, 1]}, r"tissue: doesn't say its kind; give one of 'mesh'"),
         ("scan.voxel_um", [25, 25, 0.1], r"scan.*0\.1.*1 to 1000"),
         ("toolpath.thinnest_layer_um", 60, r"thinnest_layer_um is 60.*layer_um 60.*lower it"),
         ("toolpath.stair_um", 10, r"stair_um is 10.*give thinnest_layer_um"),
         ("printer.port", "/dev/ttyACM0", r"simulated scan.*ttyACM0.*scan\.file"),
         ("tissue", {"shape": "cylinder", "diameter_mm": 6, "height_mm": 3}, "made for a block"),
+        (
+            "tissue.size_mm",
+            [1, 8, 3],
+            r"a block of 16 x 8 x 3 mm, not 1 x 8 x 3: its ports and fid",
+        ),
     ],
 )
 def test_wrong_recipe_names_place_value_and_remedy(path: str, value: Any, message: str) -> None:
@@ -131,6 +143,17 @@ def test_files_of_regions_are_the_recipe_s_files() -> None:
         {"around_vessels_mm": 1},
     ]
     assert parse_recipe(recipe, "test.yaml").toolpath.files() == ["a.stl"]
+
+
+def test_the_named_design_s_block_is_the_design_s() -> None:
+    parse_recipe(_changed("tissue.size_mm", list(PLANAR_BLOCK_MM)), "test.yaml")
+
+
+def test_numbers_with_an_exponent_alone_are_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "small.yaml"
+    plain = yaml.safe_dump(_changed("print_scale", 0.5)).replace("0.5", "5e-1")
+    path.write_text(plain)
+    assert load_recipe(path).print_scale == 0.5
 
 
 def test_key_written_twice_is_refused_with_both_lines(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ def test_many_small_steps_add_up(at_rest):
 
 
 @pytest.mark.parametrize(
-    ("wish", "why"),
+    ("asked", "why"),
     [
         (lambda s: s.jog("x", 101), "outside 0 to 200 mm"),
         (lambda s: s.move_to(z=-1), "outside 0 to 200 mm"),
@@ -57,9 +57,9 @@ def test_many_small_steps_add_up(at_rest):
         (lambda s: s.reconnect(), "is connected"),
     ],
 )
-def test_refusal_says_why_and_moves_nothing(at_rest, wish, why):
+def test_refusal_says_why_and_moves_nothing(at_rest, asked, why):
     with pytest.raises(Refused, match=why):
-        wish(at_rest)
+        asked(at_rest)
     status = at_rest.status
     assert status.state is StationState.READY
     assert status.position_mm == (100, 100, 50)

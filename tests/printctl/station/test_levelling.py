@@ -45,7 +45,7 @@ def homed(board: Board) -> tuple[dict[str, Any], Standing]:
     """Home X and Y of a printer by hand; return the answer, and it."""
     standing = Standing(MarlinPrinter(PRINTER, START, board))
     hands = IdleCommands(standing, Knowledge(PRINTER))  # type: ignore[arg-type]
-    return hands.wishes["home"]({"axes": "xy"}), standing
+    return hands.requests["home"]({"axes": "xy"}), standing
 
 
 def test_levelling_that_homing_by_hand_switches_on_is_off_again():

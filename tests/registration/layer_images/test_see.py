@@ -188,3 +188,30 @@ def test_a_picture_of_something_else_is_refused() -> None:
         see_layer(painted.picture, painted.frame, away)
     with pytest.raises(PictureError, match="expected \\(rows, columns\\)"):
         see_layer(painted.picture[0], painted.frame, lines)
+
+
+class Plain:
+    """50 px/mm, seen from straight above; places beyond 8 mm nowhere."""
+
+    def to_pixels(self, points_mm: np.ndarray) -> np.ndarray:
+        return np.where(points_mm[:, :1] > 8, np.nan, 50.0 * points_mm[:, :2])
+
+
+@pytest.mark.parametrize("kind", ["noise", "black", "white", "holes"])
+def test_pictures_without_a_layer_tell_nothing_and_break_nothing(kind: str) -> None:
+    noise = np.random.default_rng(1).normal(100, 5, (200, 420))
+    pictures = {
+        "noise": noise.astype(np.uint8),
+        "black": np.zeros((200, 420, 3), np.uint8),
+        "white": np.full((200, 420), 255, np.uint8),
+        "holes": np.where(noise < 97, np.nan, noise).astype(np.float32),
+    }
+    count = np.arange(2)
+    start = np.array([[1.0, 1.0, 0], [1.0, 2.0, 0]])
+    lines = ExpectedLines(
+        start, start + (9.0, 0, 0), np.full(2, 0.3), count, count, np.ones(2, dtype=bool)
+    )
+    findings = see_layer(pictures[kind], Plain(), lines, before=pictures[kind])
+    assert findings.seen_share == 0.0
+    assert not findings.gaps
+    assert annotated(pictures[kind], Plain(), findings).ndim == 3

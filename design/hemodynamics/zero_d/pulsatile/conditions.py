@@ -10,7 +10,7 @@ import numpy as np
 
 from design.errors import FlowError
 from design.hemodynamics.conditions import Supply
-from design.hemodynamics.vessel.wall import RigidWall, Wall
+from design.hemodynamics.vessel.wall import RigidWall, Wall, require_above_zero
 from design.hemodynamics.waveforms import Constant, Waveform
 from design.units import WATER_DENSITY
 
@@ -32,7 +32,7 @@ class ResistanceOutlet:
     distal_pa: float = 0.0
 
     def __post_init__(self) -> None:
-        _positive("resistance", self.resistance, "Pa·s/µL")
+        require_above_zero("resistance", self.resistance, "Pa·s/µL")
         _finite("distal_pa", self.distal_pa)
 
 
@@ -54,9 +54,9 @@ class WindkesselOutlet:
     distal_pa: float = 0.0
 
     def __post_init__(self) -> None:
-        _positive("proximal", self.proximal, "Pa·s/µL")
-        _positive("distal", self.distal, "Pa·s/µL")
-        _positive("compliance", self.compliance, "µL/Pa")
+        require_above_zero("proximal", self.proximal, "Pa·s/µL")
+        require_above_zero("distal", self.distal, "Pa·s/µL")
+        require_above_zero("compliance", self.compliance, "µL/Pa")
         _finite("distal_pa", self.distal_pa)
 
 
@@ -99,13 +99,8 @@ class PulsatileConditions:
     supplies: tuple[Supply, ...] = ()
 
     def __post_init__(self) -> None:
-        _positive("viscosity_pa_s", self.viscosity_pa_s, "Pa·s")
-        _positive("density", self.density, "Pa·s²/mm²")
-
-
-def _positive(name: str, value: float, unit: str) -> None:
-    if not (np.isfinite(value) and value > 0.0):
-        raise FlowError(f"{name} is {value:g} {unit}; give a number above 0")
+        require_above_zero("viscosity_pa_s", self.viscosity_pa_s, "Pa·s")
+        require_above_zero("density", self.density, "Pa·s²/mm²")
 
 
 def _finite(name: str, value: float) -> None:

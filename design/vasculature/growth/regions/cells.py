@@ -14,9 +14,7 @@ from scipy.spatial import KDTree
 from design.tissue import Tissue
 from design.vasculature.growth.points import Sampler
 from design.vasculature.growth.sample import Samples, inside
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray
 
 _ROWS = 1 << 18
 """Centres of cells made at a time."""

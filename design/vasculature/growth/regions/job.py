@@ -6,16 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.vasculature.growth.index import REACH
 from design.vasculature.growth.regions.split import SHARED, Split
 from design.vasculature.growth.regions.store import Store
 from design.vasculature.growth.state import Segments
 from kernels import jit
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

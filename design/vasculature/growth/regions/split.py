@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from design.tissue import Tissue
 from design.vasculature.growth.regions.cells import RegionCells, divide
 from design.vasculature.growth.sharing import share_terminals
 from design.vasculature.growth.state import Segments
 from design.vasculature.growth.territories import demand_points
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from kernels.arrays import FloatArray, IntArray
 
 SHARED = -1
 """Region of segments that feed branches of several regions."""

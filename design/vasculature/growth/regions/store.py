@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from design.vasculature.growth.regions.split import SHARED, Split
 from design.vasculature.growth.state import SEGMENT, Segments
-
-IntArray = NDArray[np.int64]
+from kernels.arrays import IntArray
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from printctl.web.design import form as forms
-from printctl.web.design.checking import CheckedRecipe, Problem
+from printctl.web.design.checking import CheckedRecipe, RecipeProblem
 from printctl.web.design.recipes import Recipes
 from printctl.web.design.schema import recipe_form
 from printctl.web.design.yaml_text import rewrite_yaml
@@ -23,7 +23,7 @@ class Editor:
     text : str
     data : dict
         Of the last text that could be read.
-    problems : tuple of Problem
+    problems : tuple of RecipeProblem
     saved : bool
         Whether the text is in its file; not while it can't be read.
     changed : list of functions
@@ -35,7 +35,7 @@ class Editor:
         self.form = recipe_form()
         self.name, self.text, self._version = "", "", ""
         self.data: dict[str, Any] = {}
-        self.problems: tuple[Problem, ...] = ()
+        self.problems: tuple[RecipeProblem, ...] = ()
         self.saved = True
         self.changed: list[Callable[[bool], None]] = []
 
@@ -96,7 +96,7 @@ class Editor:
         return sum(p.path[: len(path)] == path for p in self.problems)
 
 
-def _without(problem: Problem, path: forms.Path) -> str:
+def _without(problem: RecipeProblem, path: forms.Path) -> str:
     """The message without the path, where it stands at its field."""
     return problem.message.removeprefix(f"{'.'.join(map(str, path))}: ")
 

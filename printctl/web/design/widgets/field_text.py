@@ -6,6 +6,7 @@ from typing import Any
 
 import yaml
 
+from firmware_profiles.yaml_file import read_yaml
 from printctl.web.design.schema import FormField, Node
 
 
@@ -69,6 +70,6 @@ def _number(text: str) -> Any:
 def _value(text: str, sort: str) -> Any:
     bracketed = sort == "list" and not text.startswith("[")
     try:
-        return yaml.safe_load(f"[{text}]" if bracketed else text)
+        return read_yaml(f"[{text}]" if bracketed else text)
     except yaml.YAMLError:
         return text

@@ -16,6 +16,7 @@ from printctl.observe.records import (
     answer_of,
     look_picture,
     read_looks,
+    refuse_unheard,
 )
 from printctl.web.controls import Principal
 from printctl.web.core import Core
@@ -123,6 +124,7 @@ class LookService:
         heard = self._print(job)
         _refuse_unheard(heard, found)
         try:
+            refuse_unheard(heard.folder)
             answer_look(heard.folder, number, word)
         except ValueError as exc:
             raise ConflictError(str(exc)) from exc

@@ -10,13 +10,15 @@ from design.hemodynamics import OneDOptions, PulsatileConditions
 from design.hemodynamics.one_d.grid import Grid
 from design.hemodynamics.one_d.kernels.march import State, advance, make_work
 from design.hemodynamics.one_d.nodes import Nodes
-from design.hemodynamics.one_d.solve import Problem, set_up_problem
+from design.hemodynamics.one_d.solve import OneDProblem, set_up_problem
 from design.network import FloatArray, VesselNetwork
 
 Drive = Callable[[FloatArray], FloatArray]
 
 
-def posed(network: VesselNetwork, conditions: PulsatileConditions, options: OneDOptions) -> Problem:
+def posed(
+    network: VesselNetwork, conditions: PulsatileConditions, options: OneDOptions
+) -> OneDProblem:
     """At rest, whatever the lumped model would begin with, and nothing limited that is small."""
     problem = set_up_problem(network, conditions, options)
     grid = problem.grid

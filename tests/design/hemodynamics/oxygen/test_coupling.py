@@ -11,7 +11,7 @@ from design.errors import FlowError
 from design.hemodynamics import FlowConditions, solve_flow
 from design.hemodynamics.oxygen import OxygenConditions, grid_of_box, solve_oxygen
 from design.hemodynamics.oxygen.elements import cut_vessels, lumen_share
-from design.hemodynamics.oxygen.problem import Problem
+from design.hemodynamics.oxygen.problem import OxygenProblem
 from design.hemodynamics.oxygen.transport import sweep, transport_of
 from design.hemodynamics.oxygen.wall import SMOOTHING, subgrid
 from design.network import FloatArray, VesselNetwork
@@ -22,10 +22,10 @@ BRIDGE = [(0, 1), (1, 2), (1, 3), (2, 3), (2, 4), (3, 4), (4, 5)]
 NODES = [[0.1, 1, 1], [0.5, 1, 1], [1, 1.5, 1], [1, 0.5, 1.2], [1.5, 1, 1], [1.9, 1, 1]]
 
 
-def solved_problem(network: VesselNetwork, cells_per_ml: float = 1e7) -> Problem:
+def solved_problem(network: VesselNetwork, cells_per_ml: float = 1e7) -> OxygenProblem:
     flow = solve_flow(network, FlowConditions(1e-3, inlet_flow_ul_s=0.02))
     grid = grid_of_box(BOX, 0.2)
-    return Problem(network, flow, grid, OxygenConditions(cells_per_ml=cells_per_ml))
+    return OxygenProblem(network, flow, grid, OxygenConditions(cells_per_ml=cells_per_ml))
 
 
 def test_the_subgrid_correction_is_the_mean_over_a_blurred_ring() -> None:

@@ -21,7 +21,7 @@ from design.hemodynamics.three_d import (
     write_flow_vtu,
 )
 from design.hemodynamics.three_d.lagrange import gradients, nodes, quadratic, shapes
-from design.hemodynamics.three_d.sections import Place
+from design.hemodynamics.three_d.sections import SectionPlace
 from design.network import FloatArray
 from tests.design.hemodynamics.networks import network_of
 from tests.design.hemodynamics.three_d.lumens import bend, pipe
@@ -73,19 +73,21 @@ def test_probes_along_a_pipe_find_its_flow_and_pressure() -> None:
 
 def _across(mesh: LumenMesh, turn: float) -> Section:
     where = np.array([turn - turn * np.cos(0.7), 0.0, turn * np.sin(0.7)])
-    return section_of(mesh, Place(where, np.array([np.sin(0.7), 0.0, np.cos(0.7)]), RADIUS), 2)
+    return section_of(
+        mesh, SectionPlace(where, np.array([np.sin(0.7), 0.0, np.cos(0.7)]), RADIUS), 2
+    )
 
 
 def test_a_section_of_a_tight_bend_leaves_the_other_leg_out() -> None:
     """A U whose legs the same plane cuts: one of them only."""
     mesh = bend(2, 16, RADIUS, 1.5, np.pi)
-    place = Place(np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.0, 1.0]), RADIUS)
+    place = SectionPlace(np.array([0.0, 0.0, 0.02]), np.array([0.0, 0.0, 1.0]), RADIUS)
     assert section_of(mesh, place, 2).area == pytest.approx(np.pi * RADIUS**2, rel=0.1)
     assert _across(bend(2, 8), 1.5).area == pytest.approx(np.pi * RADIUS**2, rel=0.05)
 
 
 def test_a_place_outside_the_mesh_is_refused() -> None:
-    place = Place(np.array([5.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), RADIUS)
+    place = SectionPlace(np.array([5.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), RADIUS)
     with pytest.raises(FlowError, match=r"nothing at 5\.000, 0\.000, 1\.000 mm"):
         section_of(pipe(1, 2), place, 2)
 

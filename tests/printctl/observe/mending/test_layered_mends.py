@@ -14,7 +14,9 @@ from printctl.observe.mending import (
     MendOptions,
     Voids,
     check_mend,
+    checked_mend,
     gap_between,
+    own_purge,
     plan_mend,
     written_paths,
 )
@@ -92,6 +94,19 @@ def test_ink_of_a_later_layer_is_never_gone_through(held):
     assert sum(one.length_mm for one in mend.left) == pytest.approx(len(under))
 
 
+def test_a_wipe_stops_where_a_later_layer_begins():
+    job = layered_job(2)
+    z = 5 + 3 * LAYER_MM
+    job.stroke([(104, 100, z), (104, 102.5, z)], "LAYER_END:2")  # over the layer below
+    held = job.held()
+    lower = written_paths(held)[1]
+    along, _ = lower.nearest_mm(np.array([103.0, 101.0, 5 + 2 * LAYER_MM]))
+    for shift in np.arange(-1.0, 1.01, 0.1):
+        gap = Gap(1, along + shift - 0.2, along + shift)
+        mend = plan_mend(held, [gap])
+        assert check_mend(held, mend.lines, [gap]).ink_crossed == 0
+
+
 def test_a_lumen_is_never_entered_and_the_rest_of_the_gap_is_mended(held):
     path = written_paths(held)[-1]
     x, y, z = path.at(np.array([3.0]))[0]
@@ -131,6 +146,20 @@ def test_a_check_sees_what_is_wrong(held, change, field):
     found = check_mend(held, change(list(mend.lines)), [gap])
     assert not found.passed
     assert bool(getattr(found, field)) is (field != "same_modes")
+
+
+def test_a_mend_that_fails_its_check_has_no_lines(held, monkeypatch):
+    gap = Gap(last(held), 1.0, 2.0)
+    mend, check = checked_mend(held, [gap])
+    assert mend.lines
+    assert check.passed
+    wrong = replace(check, lumens_entered=2)
+    monkeypatch.setattr(
+        "printctl.observe.mending.plan_and_check.check_mend", lambda *args, **more: wrong
+    )
+    mend, check = checked_mend(held, [gap])
+    assert (mend.lines, mend.patches) == ((), ())
+    assert "2 pieces of ink in lumens" in mend.left[0].reason
 
 
 def test_a_thin_stretch_is_written_over_only_where_height_allows(held):
@@ -175,6 +204,22 @@ def test_a_print_held_within_a_stroke_goes_on_with_its_plunger_as_it_was():
     assert mend.lines[0].startswith(b"G1 E")  # relieved before it leaves
     assert mend.lines[-3].startswith(b"G1 E")  # and primed where it goes on
     assert check_mend(held, mend.lines, [gap]).passed
+
+
+@pytest.mark.parametrize("wipe", ["G0 X93 Y90 F600", ""])
+def test_the_jobs_own_purge_is_primed_at_again_and_the_link_takes_it(wipe):
+    job = layered_job()
+    job.lines[5:5] = ["G0 X90 Y90 F2400", "G0 Z28 F300", "G1 E0.5 F1.4", "G1 E0.4 F1.4"]
+    job.lines[9:9] = [wipe, "G0 Z31 F300", "G92 E0"]
+    held = job.held()
+    purge = own_purge(held, 1.0)
+    assert purge.place_mm == pytest.approx([90, 90, 28])
+    assert (purge.wipe_mm is not None) == bool(wipe)
+    mend = plan_mend(held, [Gap(last(held), 1.0, 2.0)], options=MendOptions(purge=purge))
+    assert check_mend(held, mend.lines, [Gap(last(held), 1.0, 2.0)]).passed
+    place = InsertPlace(held.place, JobReach.of(held.lines, held.start_mm), held.printer)
+    assert judged_lines([line.decode() for line in mend.lines], place, "insert") == mend.lines
+    assert own_purge(layered_job().held(), 1.0) is None
 
 
 def test_a_gap_between_two_places_is_found_on_its_path(held):

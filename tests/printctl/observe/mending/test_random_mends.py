@@ -7,10 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from printctl.observe.mending import Gap, check_mend, plan_mend, written_paths
+from firmware_profiles.materials import MeasuredLag
+from printctl.observe.mending import Gap, check_mend, checked_mend, plan_mend, written_paths
 from sim.deposit.lay import deposit
 from sim.dry_run.run import dry_run
-from tests.printctl.observe.mending.small_jobs import LAYER_MM, bath_job, layered_job
+from tests.printctl.observe.mending.small_jobs import (
+    LAYER_MM,
+    NEEDLE,
+    SYRINGE,
+    bath_job,
+    layered_job,
+)
 
 VOXEL_MM = 0.05
 
@@ -111,3 +118,26 @@ def test_a_random_gap_is_closed_and_nothing_else_is_touched(layered, seed):
     if length > 1.0:  # round ends of what lies beside it close a shorter one
         assert ink_along(held, [], gap).min() < 0.5
     assert ink_along(held, mend.lines, gap).min() > 0.5
+
+
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=15, deadline=None)
+def test_any_gaps_of_a_print_held_anywhere_pass_their_check(seed):
+    rng = np.random.default_rng(seed)
+    held = held_job(rng, bool(rng.integers(2)))
+    held = replace(held, done=int(rng.integers(held.done - 6, held.done + 1)))
+    lag = MeasuredLag(lag_s=0.3, syringe=SYRINGE.name, needle=NEEDLE.name)
+    held = replace(held, ink=held.ink.model_copy(update={"lag": lag}))
+    paths = written_paths(held)
+    gaps = []
+    for _ in range(rng.integers(1, 4)):
+        path = paths[rng.integers(len(paths))]
+        length = min(path.length_mm, rng.uniform(0.05, 3))
+        low = rng.uniform(0, path.length_mm - length)
+        thin = rng.random() < 0.2
+        gaps.append(Gap(path.number, low, low + length, 0.4 if thin else 1.0, 0.1))
+    mend, check = checked_mend(held, gaps)
+    assert bool(mend.lines) == (check is not None)
+    if check is not None:
+        assert check.passed, check
+        assert check.outside_mm < 0.02

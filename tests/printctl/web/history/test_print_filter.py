@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from printctl.web.history.print_filter import PrintFilter
 
-WISHED = st.builds(
+FILTERS = st.builds(
     PrintFilter,
     words=st.text(max_size=20),
     state=st.sampled_from(["", "done", "killed"]),
@@ -21,7 +21,7 @@ WISHED = st.builds(
 )
 
 
-@given(WISHED, st.integers(0, 10_000))
+@given(FILTERS, st.integers(0, 10_000))
 def test_an_address_says_the_same_as_its_form(print_filter: PrintFilter, page: int) -> None:
     asked = dict(parse_qsl(urlsplit(print_filter.address(page)).query, keep_blank_values=True))
     assert PrintFilter.asked(asked) == (print_filter, page)

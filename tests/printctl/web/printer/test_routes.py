@@ -129,7 +129,7 @@ def test_a_calibration_by_script(api: TestClient) -> None:
     assert found["estimates"]["volume per travel"]["value"] == pytest.approx(17.034, abs=0.01)
 
 
-def test_without_a_printer_every_wish_is_a_conflict(idle: PrinterService) -> None:
+def test_without_a_printer_every_request_is_a_conflict(idle: PrinterService) -> None:
     with client_of(idle) as api:
         for path, body in (
             ("jog", {"axis": "x", "mm": 1}),

@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx.fem import petsc as assembly
 from petsc4py import PETSc
 
-from .problem import Problem, cleared
+from .problem import RanksProblem, cleared
 from .world import WORLD
 
 MULTIGRID = {
@@ -26,7 +26,7 @@ MULTIGRID = {
 class LinearSolver:
     """Solves with a problem's Jacobian and its groups of ports, and counts iterations."""
 
-    def __init__(self, problem: Problem, matrix: Any, kind: str, tolerance: float) -> None:
+    def __init__(self, problem: RanksProblem, matrix: Any, kind: str, tolerance: float) -> None:
         self.problem, self.matrix, self.iterations = problem, matrix, 0
         self.solver = PETSc.KSP().create(WORLD)
         self.solver.setOperators(matrix)
@@ -79,7 +79,7 @@ def _factorise(solver: Any) -> None:
     inner.getFactorMatrix().setMumpsIcntl(14, 80)  # per cent more room, for pivots
 
 
-def _precondition(solver: Any, problem: Problem, tolerance: float) -> None:
+def _precondition(solver: Any, problem: RanksProblem, tolerance: float) -> None:
     """Upper block triangle: multigrid for velocity, mass by viscosity for the Schur complement.
 
     The Laplace form leaves the three velocities uncoupled, which scalar multigrid wants.
@@ -109,7 +109,7 @@ def _precondition(solver: Any, problem: Problem, tolerance: float) -> None:
         options["fieldsplit_u_pc_type"] = "gamg"
 
 
-def _indices(problem: Problem, unknown: Any) -> Any:
+def _indices(problem: RanksProblem, unknown: Any) -> Any:
     """A field's unknowns of this rank, numbered over all ranks."""
     dofmap = problem.space.dofmap
     start = dofmap.index_map.local_range[0] * dofmap.index_map_bs

@@ -9,14 +9,14 @@ import numpy as np
 from dolfinx.fem import petsc as assembly
 
 from .linear import LinearSolver
-from .problem import Problem, residual
+from .problem import RanksProblem, residual
 from .world import say
 
 MOST_STEPS = 30
 INEXACT = 1e-3  # of a linear solve whose matrix the next step replaces
 
 
-def newton(problem: Problem, kind: str, tolerance: float) -> list[dict[str, Any]]:
+def newton(problem: RanksProblem, kind: str, tolerance: float) -> list[dict[str, Any]]:
     """Solve until the residual is ``tolerance`` of the lift's; a row a step.
 
     Raises

@@ -28,7 +28,7 @@ class Field:
 
 
 @dataclass(frozen=True)
-class Problem:
+class RanksProblem:
     """Forms, unknowns, what is given; loads of a unit pressure at each port and each group.
 
     `group_pressure`, an array that is changed in place, holds the groups' unknowns.
@@ -61,7 +61,7 @@ class Problem:
         return int(self.space.dofmap.index_map.size_global * self.space.dofmap.index_map_bs)
 
 
-def problem_of(folder: Path, case: dict[str, Any]) -> Problem:
+def problem_of(folder: Path, case: dict[str, Any]) -> RanksProblem:
     """Read a case and set its forms up."""
     domain = distributed(folder)
     node = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)
@@ -85,7 +85,7 @@ def problem_of(folder: Path, case: dict[str, Any]) -> Problem:
     given = fem.dirichletbc(value, at, space.sub(0))
     forms = _forms(case, space, solution, faces)
     groups = [together([loads[k] for k in group["ports"]]) for group in case["groups"]]
-    return Problem(case, space, velocity, pressure, solution, given, np.asarray(at[0]), *forms,
+    return RanksProblem(case, space, velocity, pressure, solution, given, np.asarray(at[0]), *forms,
                    faces, loads, groups, np.zeros(len(groups)))  # fmt: skip
 
 
@@ -127,13 +127,13 @@ def summed(form: Any) -> Any:
     return vector
 
 
-def flows(problem: Problem, loads: list[Any]) -> Any:
+def flows(problem: RanksProblem, loads: list[Any]) -> Any:
     """Out of each port or group, µL/s."""
     values = problem.solution.x.array[: problem.owned]
     return np.array([WORLD.allreduce(float(load.array @ values)) for load in loads])
 
 
-def residual(problem: Problem) -> tuple[Any, Any]:
+def residual(problem: RanksProblem) -> tuple[Any, Any]:
     """What the weak form leaves, 0 where a velocity is given; and what the groups' laws leave."""
     left = summed(problem.residual)
     for port, load in zip(problem.case["ports"], problem.loads, strict=True):
@@ -146,7 +146,7 @@ def residual(problem: Problem) -> tuple[Any, Any]:
     return cleared(problem, left), laws_left
 
 
-def cleared(problem: Problem, vector: Any) -> Any:
+def cleared(problem: RanksProblem, vector: Any) -> Any:
     """``vector`` with 0 where a velocity is given."""
     own = problem.given_unknown[problem.given_unknown < problem.owned]
     vector.array[own] = 0.0

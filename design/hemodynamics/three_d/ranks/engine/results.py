@@ -12,11 +12,11 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from .problem import Field, Problem, flows
+from .problem import Field, RanksProblem, flows
 from .world import WORLD
 
 
-def port_rows(problem: Problem) -> list[dict[str, Any]]:
+def port_rows(problem: RanksProblem) -> list[dict[str, Any]]:
     """Flow out of each port and mean pressure over it."""
     pressure = ufl.split(problem.solution)[1]
     one = fem.Constant(problem.space.mesh, PETSc.ScalarType(1.0))
@@ -38,7 +38,7 @@ def port_rows(problem: Problem) -> list[dict[str, Any]]:
     return found
 
 
-def write_field(path: Path, problem: Problem, field: Field, shape: tuple[int, ...]) -> None:
+def write_field(path: Path, problem: RanksProblem, field: Field, shape: tuple[int, ...]) -> None:
     """Write a field at the file's nodes, from the first rank."""
     values = problem.solution.x.array[field.unknown].reshape(-1, *shape[1:])
     parts = WORLD.gather((field.node, values))

@@ -1,0 +1,185 @@
+"""Observer: what is said to the link after each decision, devices that fail, deaths in between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from printctl.link.errors import Refused
+from printctl.observe.deciding import (
+    Decider,
+    Evidence,
+    FlowBlocks,
+    FlowControl,
+    InkSupply,
+    Limits,
+    SupplyState,
+)
+from printctl.observe.devices import DeviceError
+from printctl.observe.observer import Judged, Look, Observer
+from printctl.observe.records import answer_look, read_looks
+from registration.layer_images.values import Gap
+
+GAP = Gap(2, 0.0, 1.0, (0.0, 0.0), (1.0, 0.0), 0.01, 1e-12)
+LOOK = Look(1, 100, 100, 0, "end of layer 0")
+
+
+@dataclass
+class FakeLink:
+    """Notes what is said; refuses inserts where told to."""
+
+    refuses: bool = False
+    said: list[tuple] = field(default_factory=list)
+
+    def insert(self, look, lines, why, flow=None):
+        if self.refuses:
+            raise Refused("the gate says no")
+        self.said.append(("insert", look, tuple(lines), flow))
+
+    def look_done(self, look, decision, why):
+        self.said.append((decision, look))
+
+    def resume(self):
+        self.said.append(("resume",))
+
+    def stop(self):
+        self.said.append(("stop",))
+
+
+def evidence(gaps=(), ratio=1.0):
+    full = np.full(30, ratio)
+    flow = FlowBlocks(np.arange(30.0), full, np.full(30, 0.02), np.ones(30))
+    return Evidence(400, gaps, None, InkSupply(SupplyState.FLOWING, 0, None, 0), flow, 0.9)
+
+
+@dataclass
+class Bench:
+    """An observer between fakes."""
+
+    folder: Path
+    mode: str = "mend"
+    gaps: tuple = ()
+    ratio: float = 1.0
+    again: bool = True
+    refuses: bool = False
+    hangs: bool = False
+    over: bool = False
+    pictures: list[str] = field(default_factory=list)
+
+    def __post_init__(self):
+        self.link = FakeLink(self.refuses)
+        self.observer = self.another()
+
+    def another(self) -> Observer:
+        """An observer that knows nothing but the files."""
+        return Observer(
+            self.folder, self.link, self.acquire, self.judge, lambda *_: ["G1 X1 E1"],
+            Decider(Limits(mend=self.mode), FlowControl()), lambda _: self.over,
+        )  # fmt: skip
+
+    def acquire(self, out):
+        if self.hangs:
+            raise DeviceError("the camera gave no picture within 20 s")
+        self.pictures.append(out.name)
+        path = out.with_suffix(".png")
+        path.touch()
+        return path
+
+    def judge(self, look, picture, again):
+        seen = self.gaps if again is None or self.again else ()
+        one = evidence(self.gaps, self.ratio)
+        second = None if again is None else seen
+        return Judged(Evidence(**{**vars(one), "second": second}), {"seen_share": 0.9})
+
+
+def test_a_sound_layer_needs_one_picture(tmp_path):
+    bench = Bench(tmp_path)
+    bench.observer.look(LOOK)
+    assert bench.link.said == [("go_on", 1)]
+    assert bench.pictures == ["picture"]
+
+
+def test_a_gap_in_two_pictures_is_mended_and_told(tmp_path):
+    bench = Bench(tmp_path, gaps=(GAP,))
+    record = bench.observer.look(LOOK)
+    assert bench.link.said == [("insert", 1, ("G1 X1 E1",), None), ("go_on", 1)]
+    assert bench.pictures == ["picture", "again"]
+    assert record.decision == "mend"
+    assert read_looks(tmp_path) == [record]
+
+
+def test_a_gap_in_one_picture_alone_isnt(tmp_path):
+    bench = Bench(tmp_path, gaps=(GAP,), again=False)
+    bench.observer.look(LOOK)
+    assert bench.link.said == [("go_on", 1)]
+
+
+def test_the_flow_is_corrected_without_lines(tmp_path):
+    bench = Bench(tmp_path, ratio=0.8)
+    bench.observer.look(LOOK)
+    (kind, _, lines, flow), done = bench.link.said
+    assert (kind, lines, done) == ("insert", (), ("go_on", 1))
+    assert flow == pytest.approx(1.25, abs=0.02)
+
+
+def test_a_refused_insert_pauses(tmp_path):
+    bench = Bench(tmp_path, gaps=(GAP,), refuses=True)
+    bench.observer.look(LOOK)
+    assert bench.link.said == [("pause", 1)]
+
+
+def test_a_device_that_hangs_pauses(tmp_path):
+    bench = Bench(tmp_path, hangs=True)
+    assert "no picture" in bench.observer.look(LOOK).why
+    assert bench.link.said == [("pause", 1)]
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("approve", [("insert", 1, ("G1 X1 E1",), None), ("resume",)]),
+        ("go_on", [("resume",)]),
+        ("stop", [("stop",)]),
+    ],
+)
+def test_an_asked_operator_has_the_word(tmp_path, monkeypatch, word, said):
+    bench = Bench(tmp_path, mode="ask", gaps=(GAP,))
+    monkeypatch.setattr(bench.link, "look_done", _answering(bench, word))
+    bench.observer.look(LOOK)
+    assert bench.link.said == [("pause", 1), *said]
+
+
+def _answering(bench, word):
+    def look_done(look, decision, why):
+        bench.link.said.append((decision, look))
+        answer_look(bench.folder, look, word)
+
+    return look_done
+
+
+def test_a_print_that_went_on_by_itself_is_let_be(tmp_path):
+    bench = Bench(tmp_path, mode="ask", gaps=(GAP,), over=True)
+    bench.observer.look(LOOK)
+    assert bench.link.said == [("pause", 1)]
+
+
+def test_another_observer_asks_again_by_the_pictures(tmp_path):
+    bench = Bench(tmp_path, mode="ask", gaps=(GAP,), over=True)
+    bench.observer.look(LOOK)
+    answer_look(tmp_path, 1, "approve")
+    other = bench.another()
+    other.remember(1)
+    other.ask_again(LOOK)
+    assert bench.link.said[1:] == [("insert", 1, ("G1 X1 E1",), None), ("resume",)]
+    assert bench.pictures == ["picture", "again"]
+
+
+def test_another_observer_knows_the_flow(tmp_path):
+    bench = Bench(tmp_path, ratio=0.8)
+    bench.observer.look(LOOK)
+    other = bench.another()
+    other.remember(2)
+    assert other.decider.control.flow == bench.observer.decider.control.flow != 1.0
