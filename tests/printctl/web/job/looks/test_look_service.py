@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import os
-import time
 from pathlib import Path
 
 import pytest
@@ -12,6 +11,8 @@ from PIL import Image
 
 from printctl.observe.records import answer_of, look_folder, save_look
 from printctl.web.errors import ConflictError, NotFoundError
+from printctl.web.job.looks.look_service import LookTold
+from tests.printctl.web.job.camera.pictures import until
 from tests.printctl.web.job.conftest import OPERATOR, OTHER
 from tests.printctl.web.job.looks.held import JOB, picture, print_held_for_a_look, record
 from tests.printctl.web.serving import PAGE, served
@@ -19,12 +20,16 @@ from tests.printctl.web.serving import PAGE, served
 pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 
 
+def waiting(looks: list[LookTold]) -> list[LookTold]:
+    """The looks, once the service has heard that the print is paused by one; else none."""
+    return looks if looks[0].waits else []
+
+
 def test_a_look_that_asks_is_answered_once_by_who_holds_the_controls(core, service):
     with print_held_for_a_look(core.workspace) as client:
         folder = core.workspace.print_folder(JOB)
         save_look(folder, record(2, at=1.0))  # of an earlier print in the same folder
-        (found,) = service.looks.looks(JOB)
-        assert found.waits
+        (found,) = until(lambda: waiting(service.looks.looks(JOB)))
         told = found.to_dict()
         assert told["proposed"] == "write again what is missing, flow factor 1.06"
         assert told["outcome"] == "asks to write again what is missing"
@@ -48,11 +53,11 @@ def test_a_look_that_asks_is_answered_once_by_who_holds_the_controls(core, servi
 def test_an_answer_that_nobody_hears_is_refused(core, service):
     with print_held_for_a_look(core.workspace, observed=False):
         folder = core.workspace.print_folder(JOB)
+        until(lambda: waiting(service.looks.looks(JOB)))
         with pytest.raises(ConflictError, match="no observer is at work"):
             service.looks.answer(OPERATOR, JOB, 1, "go_on")
         service.hands.cancel(JOB)
-        while not service.heard(JOB).status.ended:
-            time.sleep(0.05)
+        until(lambda: service.heard(JOB).status.ended)
         with pytest.raises(ConflictError, match="doesn't wait for a word on look 1"):
             service.looks.answer(OPERATOR, JOB, 1, "go_on")
         assert answer_of(folder, 1) is None
@@ -76,8 +81,9 @@ def test_looks_and_small_pictures_come_by_rest_and_answers_only_with_a_token(tmp
         )
         assert said.status_code == 401
         headers = {"Authorization": f"Bearer {app.gate.token}", "Origin": PAGE}
+        until(lambda: client.get(place, headers=headers).json()[0]["waits"])
         (look,) = client.get(place, headers=headers).json()
-        assert (look["number"], look["asked"], look["waits"]) == (1, "mend", True)
+        assert (look["number"], look["asked"]) == (1, "mend")
         answer = client.get(f"{place}/1/picture?width=300", headers=headers)
         assert answer.headers["content-type"] == "image/jpeg"
         with Image.open(io.BytesIO(answer.content)) as small:
