@@ -29,7 +29,7 @@ def test_a_look_that_asks_is_shown_and_approved(browser: Any, tmp_path: Path) ->
     ):
         folder = workspace.print_folder(JOB)
         page = shown(browser, f"{server.url}/job?job={JOB}", viewport=WIDE)
-        page.get_by_text("Look 1, after").wait_for()
+        page.get_by_text("Look 1 at the end of layer 1", exact=True).wait_for()
         page.get_by_text("Proposed: write again what is missing, flow factor 1.06").wait_for()
         page.wait_for_function("document.querySelector('.job-looks .job-look').naturalWidth")
         page.wait_for_function("document.querySelector('.job-strip img')?.naturalWidth === 240")
@@ -40,7 +40,7 @@ def test_a_look_that_asks_is_shown_and_approved(browser: Any, tmp_path: Path) ->
         assert answer_of(folder, 1) == "approve"
         assert not page.get_by_role("button", name="Go on without").is_visible()
         client.resume()  # as the observer does
-        page.get_by_text("Look 2, after").wait_for()
+        page.get_by_text(": a picture is taken and judged").wait_for()
         page.get_by_text("1: mended, approved").wait_for()
         picture(folder, 2)
         save_look(folder, record(2))
