@@ -76,6 +76,7 @@ def print_held_for_a_look(workspace: Workspace, observed: bool = True) -> Iterat
             if not client.status.ended:
                 client.stop()
                 client.wait(30)
+            client.detach()
 
 
 def _until(client: PrintClient, state: LinkState) -> None:
