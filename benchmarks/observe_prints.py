@@ -193,7 +193,8 @@ def observed(folder: Path, faults: InkFaults, camera: Path, path: Path) -> World
     Journal(folder / JOURNAL).close()
     seen = load_camera(camera)
     order = ObserverOrder(
-        job=str(path), profile=PRINTER, syringe=SYRINGE, ink=INK, needle=NEEDLE, embedded=False,
+        job=str(path), profile=PRINTER, syringe=SYRINGE, ink=INK, needle=NEEDLE,
+        embedded=False, oct=False,
         frame="", device=DeviceSettings("simulated", extra={"camera": str(camera)}),
         limits=Limits(mend="mend"),
     )  # fmt: skip

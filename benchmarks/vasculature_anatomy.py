@@ -243,7 +243,7 @@ def _zero(name: str, count: int) -> Row:
 
 
 def _most(name: str, value: float, limit: float) -> Row:
-    return row(name, value, "relative", f"< {limit:g}", value < limit)
+    return row(name, float(value), "relative", f"< {limit:g}", bool(value < limit))
 
 
 def turned_scaled(stl: Path, out: Path, scale: float) -> Path:

@@ -18,6 +18,7 @@ from design.errors import GrowthError
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.vasculature.growth.parts import check_inlet
+from design.vasculature.growth.supply import check_one_part
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.options import GrowthOptions
 from kernels.arrays import FloatArray, IntArray
@@ -87,6 +88,7 @@ def grow_cortex(
     if ends < 6:
         raise GrowthError(f"{options.terminals} terminals are too few for a cortex; ask for 48")
     check_inlet(tissue, "pial_artery", anatomy.entry_mm)
+    check_one_part(tissue)
     samples = sample_surface(tissue, _SAMPLES, options.seed)
     way = None if anatomy.pial_direction is None else np.array(anatomy.pial_direction)
     places = find_cortex_places(tissue, samples, way, anatomy.thickness_mm)
@@ -194,9 +196,9 @@ def _begin(layer: Layer, entry: Place | None) -> int:
 
 def _notes(places: CortexPlaces, rule: ArterioleRule, entry: FloatArray) -> tuple[str, ...]:
     say = "({:.3g}, {:.3g}, {:.3g})"
+    way = "all ways" if places.closed else f"towards {say.format(*places.outward)}"
     return (
-        f"the pial side was taken to look towards {say.format(*places.outward)}; the artery enters "
-        f"at {say.format(*entry)} mm",
+        f"the pial side was taken to look {way}; the artery enters at {say.format(*entry)} mm",
         f"the grey matter is {places.thickness_mm:.3g} mm thick; {rule.count:.2g} arterioles per "
         "mm² were asked for",
     )

@@ -20,6 +20,9 @@ _SHEET = 0.2
 """Thickness over the extent above which a shape is no sheet: all its surface is pial."""
 
 
+_ALL_WAYS = 0.1
+"""Length of a side's mean normal below which it looks all ways."""
+
 _ALIKE = 0.95
 """Share of the larger side from which on two count as equally large."""
 
@@ -36,11 +39,14 @@ class CortexPlaces:
         Mean normal of that side, a unit vector.
     thickness_mm : float
         Median along the normal, or as it is given.
+    closed : bool
+        Whether that side looks all ways, as a hemisphere's does: it has no mean normal.
     """
 
     pial: IntArray
     outward: FloatArray
     thickness_mm: float
+    closed: bool = False
 
 
 def find_cortex_places(
@@ -81,10 +87,12 @@ def find_cortex_places(
     pial = sides[best]
     deep = every[pial]
     outward = normal[best]
+    length = float(np.linalg.norm(outward))
     return CortexPlaces(
         pial,
-        outward / max(float(np.linalg.norm(outward)), 1e-12),
+        outward / max(length, 1e-12),
         float(np.median(deep)) if thickness_mm is None else thickness_mm,
+        length < _ALL_WAYS * len(pial),
     )
 
 

@@ -20,6 +20,12 @@ STRAIGHT = np.radians(9.0)
 TAKE_OFF = np.radians(20.0)
 """Turn by which each of two equal children leaves its parent."""
 
+ROOM = 3.0
+"""Radii about a joint within which curves are made of few pieces: there walls are joined."""
+
+NEAR = np.radians(18.0)
+"""Turns that stay as they are there."""
+
 PASSES = 3
 """Corner cuttings (Chaikin 1974, doi 10.1016/0146-664X(74)90028-8); each halves the turns."""
 
@@ -77,9 +83,11 @@ def curve_tree(
     Lines
         Where each of its segments comes from; segment ``i`` ends at node ``i + 1``.
     """
-    lines = _cut_joints(tree, main, forked, reach, least)
+    room = ROOM * tree_radii(tree)
+    room = np.where(tree.parent >= 0, room[np.maximum(tree.parent, 0)], room)
+    lines = _cut_joints(tree, main, forked, reach, least, room)
     for _ in range(PASSES):
-        lines = _cut_bends(lines, _main_nodes(lines), least)
+        lines = _cut_bends(lines, _main_nodes(lines), least, room)
     return _rebuilt(tree, lines), lines
 
 
@@ -105,6 +113,7 @@ def _cut_joints(
     forked: NDArray[np.bool_],
     reach: FloatArray,
     least: FloatArray,
+    room: FloatArray,
 ) -> Lines:
     """Cut the corner at each node where the main line turns; the node moves onto the cut.
 
@@ -115,9 +124,10 @@ def _cut_joints(
     way = (tree.distal - tree.proximal) / length[:, None]
     upper = np.flatnonzero((main >= 0) & ~forked)
     lower = main[upper]
-    bends = _angle(way[upper], way[lower]) > least[upper]
-    upper, lower = upper[bends], lower[bends]
     cut = REACH * reach[upper] * np.minimum(length[upper], length[lower])
+    low = np.where(cut < room[upper], np.maximum(least[upper], NEAR), least[upper])
+    bends = _angle(way[upper], way[lower]) > low
+    upper, lower, cut = upper[bends], lower[bends], cut[bends]
     # Nodes beside a joint: before it on the upper segment, after it on a lower one.
     before, after = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
     before[upper] = tree.distal[upper] - cut[:, None] * way[upper]
@@ -171,12 +181,20 @@ def _main_nodes(lines: Lines) -> IntArray:
     return np.where(count == 1, only, -1)
 
 
-def _cut_bends(lines: Lines, only: IntArray, least: FloatArray) -> Lines:
-    """Put two nodes in place of each that is no joint and turns."""
+def _cut_bends(lines: Lines, only: IntArray, least: FloatArray, room: FloatArray) -> Lines:
+    """Put two nodes in place of each that is no joint and turns.
+
+    Nodes nearer than ``room`` (s,), mm, to a joint turn by `NEAR` before they are.
+    """
     at = np.flatnonzero((only >= 0) & (lines.parent >= 0))
     here = lines.points[at]
     before, after = here - lines.points[lines.parent[at]], lines.points[only[at]] - here
-    turning = _angle(before, after) > least[lines.origin[at]]
+    joint = np.bincount(lines.parent[lines.parent >= 0], minlength=len(lines.parent)) > 1
+    wide = room[lines.origin[at]]
+    near = joint[lines.parent[at]] & (np.linalg.norm(before, axis=1) < wide)
+    near |= joint[only[at]] & (np.linalg.norm(after, axis=1) < wide)
+    low = least[lines.origin[at]]
+    turning = _angle(before, after) > np.where(near, np.maximum(low, NEAR), low)
     at, here, before, after = at[turning], here[turning], before[turning], after[turning]
     length = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
     step = 0.25 * length[:, None]

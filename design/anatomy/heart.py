@@ -18,6 +18,7 @@ from design.errors import GrowthError
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.vasculature.growth.parts import check_inlet
+from design.vasculature.growth.supply import check_one_part
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.options import GrowthOptions
 
@@ -77,6 +78,7 @@ def grow_heart(
             f"{options.terminals} terminals are too few for two coronaries and their branches; "
             "ask for 24 at least"
         )
+    check_one_part(tissue)
     samples = sample_surface(tissue, _SAMPLES, options.seed)
     places = find_heart_places(samples, _vector(anatomy.base), _vector(anatomy.right))
     layer = heart_layer(tissue, samples, places, max(1.0, anatomy.trunk_depth_mm))

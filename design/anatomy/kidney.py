@@ -19,6 +19,7 @@ from design.errors import GrowthError
 from design.network import VesselKind
 from design.tissue import Demand, Tissue, function_demand
 from design.vasculature.growth.parts import check_inlet
+from design.vasculature.growth.supply import check_one_part
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.options import GrowthOptions
 from kernels.arrays import FloatArray
@@ -82,7 +83,8 @@ def grow_kidney(
     ends = min(anatomy.trunk_ends, options.terminals // 4)
     if ends < 6:
         raise GrowthError(f"{options.terminals} terminals are too few for a kidney; ask for 24")
-    samples = sample_surface(tissue, _SAMPLES, options.seed)
+    check_one_part(tissue)
+    samples = sample_surface(tissue, _SAMPLES, options.seed, cavities=False)
     volume, _ = demand_points(tissue, _VOLUME, options.seed)
     check_inlet(tissue, "hilum", anatomy.hilum_mm)
     entry = None if anatomy.hilum_mm is None else np.array(anatomy.hilum_mm)

@@ -95,6 +95,8 @@ def find_kidney_places(
     if entry is not None:
         at = int(np.argmin(np.linalg.norm(samples.points - entry, axis=1)))
     out = samples.way_out[inner].sum(axis=0)
+    if not np.linalg.norm(out) > 0.0:
+        out = -samples.inward[at]  # of a sinus so narrow that no ray leaves it
     depth = cKDTree(capsule).query(volume)[0]
     return KidneyPlaces(
         samples.points[at],

@@ -20,6 +20,7 @@ from design.errors import GrowthError
 from design.network import VesselKind
 from design.tissue import Tissue
 from design.vasculature.growth.parts import check_inlet
+from design.vasculature.growth.supply import check_one_part
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.options import GrowthOptions
 from kernels.arrays import FloatArray
@@ -80,7 +81,8 @@ def grow_liver(
         raise GrowthError(f"{options.terminals} terminals are too few for a liver; ask for 24")
     check_inlet(tissue, "porta_hepatis", anatomy.porta_mm)
     check_inlet(tissue, "vena_cava", anatomy.cava_mm)
-    samples = sample_surface(tissue, _SAMPLES, options.seed)
+    check_one_part(tissue)
+    samples = sample_surface(tissue, _SAMPLES, options.seed, cavities=False)
     volume, _ = demand_points(tissue, _VOLUME, options.seed)
     given = (None if at is None else np.array(at) for at in (anatomy.porta_mm, anatomy.cava_mm))
     places = find_liver_places(samples, tissue.volume_mm3, *given)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi, sqrt
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from design.geometry.frames import vectors_across
-from design.tissue import Tissue
+from design.tissue import Tissue, without_cavities
 from design.vasculature.growth.surface_points import surface_points
 from kernels.arrays import FloatArray
 
@@ -52,11 +52,20 @@ class SurfaceSamples:
         return self.openness > OPEN
 
 
-def sample_surface(tissue: Tissue, count: int, seed: int = 1) -> SurfaceSamples:
+def sample_surface(
+    tissue: Tissue, count: int, seed: int = 1, cavities: bool = True
+) -> SurfaceSamples:
     """Spread places over the surface and find how open each is.
 
     The result depends on the shape alone, not on how its surface is cut into triangles.
+
+    Parameters
+    ----------
+    cavities : bool
+        Whether walls of closed cavities (a cyst) get places, too.
     """
+    if not cavities:
+        tissue = replace(tissue, surface=without_cavities(tissue.surface))
     points, inward = surface_points(tissue, count, np.random.default_rng([seed, 0xA7]))
     leaves, rays = _rays_that_leave(tissue, points, inward)
     way_out: FloatArray = np.einsum("nr,nrx->nx", leaves, rays) / RAYS

@@ -13,6 +13,7 @@ import numpy as np
 
 from design.errors import SolidError
 from design.network import FloatArray, IntArray, VesselNetwork
+from design.solids.facets import Facets
 
 _WIDTH_RATIO = 0.9
 """Least ratio of the radii of two ends that are joined; below it the wider one's ball covers the
@@ -55,8 +56,8 @@ def mitre_excess(cosine: FloatArray, radius: FloatArray | float) -> FloatArray:
     return excess
 
 
-def link_vessels(network: VesselNetwork, tolerance_mm: float) -> list[Chain]:
-    """Join the vessels of ``network`` where a mitre is within ``tolerance_mm`` of a ball.
+def link_vessels(network: VesselNetwork, facets_of: Facets) -> list[Chain]:
+    """Join the vessels of ``network`` where a mitre is as near to a ball as a facet may be.
 
     Only where two vessels meet: at a junction of more the union is made of all of them.
 
@@ -66,7 +67,7 @@ def link_vessels(network: VesselNetwork, tolerance_mm: float) -> list[Chain]:
         For a vessel of zero length.
     """
     vessels = [_vessel_chain(network, vessel) for vessel in range(network.vessel_count)]
-    partner = _partners(network, vessels, tolerance_mm)
+    partner = _partners(network, vessels, facets_of)
     chains: list[Chain] = []
     seen: set[int] = set()
     # First those that begin at an unjoined end; what then remains are closed rings.
@@ -89,7 +90,7 @@ def _vessel_chain(network: VesselNetwork, vessel: int) -> Chain:
     return Chain(points, radius, node)
 
 
-def _partners(network: VesselNetwork, vessels: list[Chain], tolerance_mm: float) -> dict[End, End]:
+def _partners(network: VesselNetwork, vessels: list[Chain], facets_of: Facets) -> dict[End, End]:
     """The end that continues each joined end, at nodes of two ends."""
     at_node: dict[int, list[End]] = defaultdict(list)
     for vessel, nodes in enumerate(network.vessel_nodes.tolist()):
@@ -102,7 +103,7 @@ def _partners(network: VesselNetwork, vessels: list[Chain], tolerance_mm: float)
         one, two = (_outward(vessels[vessel], end) for vessel, end in ends)
         thin, wide = sorted(float(vessels[vessel].radius[-end]) for vessel, end in ends)
         cosine = -float(one @ two)
-        gentle = cosine > 0.0 and mitre_excess(np.array(cosine), wide) <= tolerance_mm
+        gentle = cosine > 0.0 and mitre_excess(np.array(cosine), wide) <= facets_of.at(wide)
         if gentle and thin >= _WIDTH_RATIO * wide:
             partner[ends[0]], partner[ends[1]] = ends[1], ends[0]
     return partner

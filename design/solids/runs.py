@@ -9,6 +9,7 @@ import numpy as np
 
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.chains import Chain, link_vessels, mitre_excess
+from design.solids.facets import Facets
 
 _LEAST_LENGTH_LEFT = 0.1
 """Share of a piece that its two mitres must leave on the inside of the bend."""
@@ -32,8 +33,8 @@ class Balls:
     radius: FloatArray
 
 
-def split_runs(network: VesselNetwork, tolerance_mm: float) -> tuple[list[Chain], Balls]:
-    """Cut the network's chains where a mitre would differ from a ball by over ``tolerance_mm``.
+def split_runs(network: VesselNetwork, facets_of: Facets) -> tuple[list[Chain], Balls]:
+    """Cut the network's chains where a mitre would differ from a ball by more than a facet may.
 
     A mitre also eats r tan(θ/2) of both its pieces on the inside of the bend, which must leave a
     tenth of them; where it doesn't, the chain is cut too.
@@ -47,11 +48,11 @@ def split_runs(network: VesselNetwork, tolerance_mm: float) -> tuple[list[Chain]
     passing = np.zeros(len(network.nodes), dtype=np.int64)
     centre: list[FloatArray] = []
     radius: list[float] = []
-    for chain in link_vessels(network, tolerance_mm):
+    for chain in link_vessels(network, facets_of):
         if len(chain.points) == 2:  # most of a grown tree's
             runs.append(chain)
             continue
-        cuts = _sharp_bends(chain, tolerance_mm)
+        cuts = _sharp_bends(chain, facets_of)
         inner = np.setdiff1d(np.arange(1, len(chain.points) - 1), cuts)
         np.add.at(passing, chain.node[inner][chain.node[inner] >= 0], 2)
         within = [cut for cut in cuts if chain.node[cut] < 0]
@@ -68,7 +69,7 @@ def split_runs(network: VesselNetwork, tolerance_mm: float) -> tuple[list[Chain]
     )
 
 
-def _sharp_bends(chain: Chain, tolerance_mm: float) -> list[int]:
+def _sharp_bends(chain: Chain, facets_of: Facets) -> list[int]:
     """Inner points at which the chain must be cut."""
     if len(chain.points) < 3:
         return []
@@ -77,7 +78,9 @@ def _sharp_bends(chain: Chain, tolerance_mm: float) -> list[int]:
     direction = step / length[:, None]
     cosine = np.clip(np.sum(direction[:-1] * direction[1:], axis=1), -1.0, 1.0)
     radius = chain.radius[1:-1]
-    cut = mitre_excess(cosine, radius) > tolerance_mm
+    cut = mitre_excess(cosine, radius) > np.maximum(
+        facets_of.tolerance_mm, facets_of.ratio * radius
+    )
     with np.errstate(divide="ignore"):
         eaten = np.where(cut, 0.0, radius * np.sqrt((1.0 - cosine) / (1.0 + cosine)))
     # A piece whose two mitres would meet loses both: cheap, and right whatever the order.

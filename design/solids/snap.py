@@ -89,6 +89,13 @@ def solid_from_mesh(
     snapped, kept = snap_mesh(vertices, faces)
     if len(kept) and is_closed(kept):
         return Solid(snapped, kept.astype(np.int32))
+    if len(kept):
+        # Where a few vertices alone touch, all others stay as they are.
+        step = _STEPS_APART * float(np.spacing(np.float32(np.abs(vertices).max())))
+        snapped, kept = snap_mesh(_draw_apart(vertices, faces, step), faces)
+        if is_closed(kept):
+            solid = Solid(snapped, kept.astype(np.int32))
+            return mended_solid(solid)[0] if mend else solid
     if manifold is not None:
         return solid_from_manifold(manifold, what, mend=mend)
     used, renumbered = np.unique(faces, return_inverse=True)

@@ -9,6 +9,7 @@ import numpy as np
 
 from design.network import FloatArray, IntArray, VesselNetwork
 from design.solids.chains import Chain
+from design.solids.facets import Facets
 from design.solids.lumen import extend_ends, extended_ends
 from design.solids.runs import split_runs
 from design.solids.smooth.overlap_group import CLEAR_OF_TUBES
@@ -51,7 +52,7 @@ def step_pieces(
     extend_ends_mm, extend_nodes
         As `lumen_solid` has them.
     """
-    runs, _ = split_runs(network, _MITRED_MM)
+    runs, _ = split_runs(network, Facets(_MITRED_MM))
     drawn = extended_ends(network, extend_ends_mm, extend_nodes)
     runs = [simpler(extend_ends(run, drawn)) for run in runs]
     at: dict[bytes, list[tuple[int, int]]] = defaultdict(list)

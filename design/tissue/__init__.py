@@ -20,7 +20,14 @@ from design.tissue.kidney_shape import kidney
 from design.tissue.labels import label_surface, load_label_surface
 from design.tissue.liver_shape import liver
 from design.tissue.load import load_surface, load_tissue
-from design.tissue.parts import Part, part_demands, part_numbers, part_tissue, parts_of
+from design.tissue.parts import (
+    Part,
+    part_demands,
+    part_numbers,
+    part_tissue,
+    parts_of,
+    without_cavities,
+)
 from design.tissue.points import load_point_surface, point_surface
 from design.tissue.repair import repair_surface
 from design.tissue.shapes import annulus, block, cylinder, folded_cortex
@@ -80,5 +87,6 @@ __all__ = [
     "read_image",
     "repair_surface",
     "tissue_from_surface",
+    "without_cavities",
     "zone_surface",
 ]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from design.errors import TissueError
 from design.geometry import build_triangle_tree
+from design.geometry.surface import Surface
 from design.tissue.closed import FaceArray, enclosed_volume
 from design.tissue.demand import UNIFORM, Demand
 from design.tissue.depth import enclosed
@@ -77,6 +78,15 @@ def parts_of(tissue: Tissue) -> tuple[Part, ...]:
     volume = np.bincount(owner, weights=signed, minlength=count)
     order = solid[np.argsort(-volume[solid], kind="stable")]
     return tuple(_part(points, faces[owner[shell] == n], float(volume[n])) for n in order)
+
+
+def without_cavities(surface: Surface) -> Surface:
+    """The surface without the walls of closed cavities; as it is where it has none."""
+    points, faces = surface.vertices, surface.faces
+    shell = shells_of(points, faces)
+    signed = [enclosed_volume(points, faces[shell == n]) for n in range(int(shell.max()) + 1)]
+    outer = np.array(signed)[shell] > 0
+    return surface if outer.all() else replace(surface, faces=np.ascontiguousarray(faces[outer]))
 
 
 def _part(points: FloatArray, faces: FaceArray, volume_mm3: float) -> Part:

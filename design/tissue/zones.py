@@ -155,7 +155,7 @@ def _pieces(body: Manifold) -> list[str]:
     more = ", …" if len(solid) > 4 else ""
     return [
         f"the zones cut the tissue into {len(solid)} pieces ({shares}{more} of it); each wants "
-        "vessels of its own (inlets: each_part)"
+        "vessels of its own (inlets: each_part; with a template a recipe for each)"
     ]
 
 

@@ -180,9 +180,9 @@ class GrowthOptions:
                 raise GrowthError("terminal_flows needs terminal_points_mm; give both")
             return
         at = np.asarray(points, dtype=np.float64)
-        if at.ndim != 2 or at.shape[1] != 3 or len(at) < 2 or not np.isfinite(at).all():
+        if at.ndim != 2 or at.shape[1] != 3 or not len(at) or not np.isfinite(at).all():
             raise GrowthError(
-                f"terminal_points_mm is of shape {at.shape}; give at least two points of three "
+                f"terminal_points_mm is of shape {at.shape}; give at least one point of three "
                 "finite numbers each"
             )
         if len(np.unique(at, axis=0)) < len(at):

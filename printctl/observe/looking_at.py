@@ -18,7 +18,6 @@ from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.link.job import Job, load_job
 from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL
-from printctl.observe.devices import DeviceError
 from printctl.observe.expected import ExpectedInk, expected_ink
 from printctl.observe.judging import LayerInk, evidence_of, figures, ink_to_judge
 from printctl.observe.lumen_areas import lumens_at
@@ -27,10 +26,9 @@ from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.observer import Judged, Look
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import DRAWN
-from registration.camera_frame.frame import read_frame
+from printctl.observe.views import open_view
 from registration.layer_images import (
     Appearance,
-    Frame,
     Gap,
     LayerFindings,
     Lumen,
@@ -38,27 +36,9 @@ from registration.layer_images import (
     annotated,
     see_layer,
 )
-from sim.camera.camera_file import load_camera
-from sim.camera.optics import Camera
 
 log = logging.getLogger(__name__)
 Image = NDArray[Any]
-
-
-@dataclass(frozen=True)
-class SimulatedFrame:
-    """Frame of a simulated camera, exact.
-
-    Attributes
-    ----------
-    camera : Camera
-    """
-
-    camera: Camera
-
-    def to_pixels(self, points_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Pixels (n, 2) of places (n, 3), mm."""
-        return self.camera.pixels(points_mm)
 
 
 @dataclass
@@ -103,13 +83,6 @@ class ObservedJob:
     order: ObserverOrder
     _appearance: Appearance | None = None
     _last: _Held | None = None
-
-    @cached_property
-    def frame(self) -> Frame:
-        """The camera's; a simulated camera's own geometry where nobody calibrated it."""
-        if not self.order.frame:
-            return SimulatedFrame(load_camera(Path(self.order.device.extra["camera"])).camera)
-        return read_frame(Path(self.order.frame))
 
     @cached_property
     def network(self) -> VesselNetwork | None:
@@ -173,10 +146,10 @@ class ObservedJob:
     def _findings(self, at: _Held, path: Path) -> LayerFindings:
         """Findings of a picture; of the first one a drawing is left beside it."""
         if path not in at.found:
-            image = read_picture(path)
+            image, frame = open_view(path, self.order, *_slab(at))
             found = see_layer(
                 image,
-                self.frame,
+                frame,
                 at.layer.lines,
                 lumens=at.lumens,
                 known=self._appearance,
@@ -184,7 +157,7 @@ class ObservedJob:
             )
             if not at.found:
                 self._appearance = found.appearance or self._appearance
-                drawn = annotated(image, self.frame, found)
+                drawn = annotated(image, frame, found)
                 cv2.imwrite(str(path.with_name(DRAWN)), drawn)
             at.found[path] = found
         return at.found[path]
@@ -235,23 +208,23 @@ class ObservedJob:
         return [line.decode("ascii") for line in mend.lines]
 
 
+def _slab(at: _Held) -> tuple[float, float]:
+    """Middle and thickness of the layer that is looked at, mm; of all filaments in a bath."""
+    ink, rows = at.ink, at.layer.row[at.layer.lines.fresh]
+    if not len(rows):
+        return 0.0, 1.0
+    top = float(ink.end[rows, 2].max())
+    if ink.style == "layered":
+        thick = float(np.median(ink.height_mm[rows]))
+        return top - thick / 2, thick
+    low = float((ink.end[rows, 2] - ink.height_mm[rows] / 2).min())
+    high = float((ink.end[rows, 2] + ink.height_mm[rows] / 2).max())
+    return (low + high) / 2, high - low
+
+
 def _to_mend(gap: Gap, at: _Held, flow: float) -> MendGap:
     """Gap on its path, with what the flow was corrected by since it was to be written."""
     own = at.ink.stroke == gap.stroke
     before = float(at.ink.factor[own][0])
     end = min(gap.to_mm, at.ink.paths[gap.stroke].length_mm)
     return MendGap(gap.stroke, max(gap.from_mm, 0.0), end, flow=flow / before)
-
-
-def read_picture(path: Path) -> Image:
-    """Read a picture of any depth.
-
-    Raises
-    ------
-    DeviceError
-        When it isn't one.
-    """
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise DeviceError(f"{path} isn't a picture that can be read (PNG, TIFF, JPEG)")
-    return np.asarray(image)

@@ -26,6 +26,8 @@ class ObserverOrder:
         Printer, by name or path.
     syringe, ink, needle : str
         Profiles, by name or path.
+    oct : bool
+        Whether the device gives volumes; else pictures.
     embedded : bool
         Filaments in a bath; else layers.
     capacity_ul : float or None, µL
@@ -45,6 +47,7 @@ class ObserverOrder:
     ink: str
     needle: str
     embedded: bool
+    oct: bool
     frame: str
     device: DeviceSettings
     capacity_ul: float | None = None

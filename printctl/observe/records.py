@@ -23,6 +23,7 @@ _ANSWER: Final = "answer.json"
 OBSERVER_LOCK: Final = "observer.lock"
 """Held in the print's folder while an observer is at work."""
 DRAWN: Final = "seen.png"
+_PICTURES: Final = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,10 @@ def look_picture(print_folder: Path, number: int) -> Path | None:
     """Return a look's picture with what was found drawn in, else as it was taken; None for none."""
     place = print_folder / LOOKS / f"{number:04d}"
     drawn = place / DRAWN
-    return drawn if drawn.is_file() else next(iter(sorted(place.glob("picture.*"))), None)
+    if drawn.is_file():
+        return drawn
+    taken = (path for path in sorted(place.glob("picture.*")) if path.suffix.lower() in _PICTURES)
+    return next(taken, None)
 
 
 def answer_look(print_folder: Path, number: int, answer: str) -> None:

@@ -11,6 +11,7 @@ import yaml
 
 from design.files import write_text
 from design.network_files.csv_format import write_network_csv
+from kernels.arrays import FloatArray
 from printctl.errors import UsageError
 from printctl.link.detached_process import spawn
 from printctl.link.marks import MarkKind
@@ -18,16 +19,19 @@ from printctl.observe.deciding import FlowLimits, GapTest, Limits
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.order import ObserverOrder
 from printctl.pipeline.context import RunContext
-from printctl.printing import usable_mm
+from printctl.printing import SIMULATED, usable_mm
 from printctl.printing.executed_note import EXECUTED
 from printctl.recipe.making import Embedded
 from printctl.recipe.observe import ObservePart
 from printctl.run_folder.artefacts import GCODE
 
 NETWORK_FILE: Final = "observed_network.csv"
-CAMERA_FILE: Final = "simulated_camera.yaml"
+DEVICE_FILE: Final = "simulated_device.yaml"
 _MARGIN_MM: Final = 2.0
 _PICTURE_PX: Final = 2000
+_ABOVE_MM: Final = 0.3
+_OCT_ACROSS: Final = 500
+_OCT_SIDE_UM, _OCT_DEEP_UM = 20.0, 12.0
 _INTERVAL: Final = re.compile(r"(\d+(?:\.\d+)?) *(mm|min|s)")
 _SECONDS: Final = {"min": 60.0, "s": 1.0}
 
@@ -63,11 +67,10 @@ def refuse_unobservable(context: RunContext) -> None:
         )
     if context.recipe.plate is not None:
         raise UsageError("observe: a plate's prints can't be observed yet; leave observe out")
-    simulated = context.recipe.printer.port == "simulated"
-    if part.device == "simulated" and not simulated:
+    if not part.source and context.recipe.printer.port != SIMULATED:
         raise UsageError(
-            f"observe: device simulated sees the simulated printer, but port is "
-            f"{context.recipe.printer.port}; name a camera or a folder"
+            f"observe: no source is named, which means a simulated {part.device}, but port is "
+            f"{context.recipe.printer.port}; name the {part.device} (source)"
         )
 
 
@@ -92,6 +95,7 @@ def _order(context: RunContext, part: ObservePart, folder: Path) -> ObserverOrde
         ink=recipe.printer.ink,
         needle=recipe.toolpath.needle,
         embedded=isinstance(recipe.toolpath, Embedded),
+        oct=part.device == "oct",
         frame="" if part.frame is None else str((context.recipe_folder / part.frame).resolve()),
         device=_device(context, part, folder),
         capacity_ul=usable_mm(syringe, context.printer) * syringe.area_mm2,
@@ -116,44 +120,56 @@ def _limits(part: ObservePart) -> Limits:
 
 def _device(context: RunContext, part: ObservePart, folder: Path) -> DeviceSettings:
     limit_s = 0.8 * part.limit_s
-    if part.device == "simulated":
-        return DeviceSettings("simulated", limit_s=limit_s, extra=_twin(context, folder))
-    if part.device == "camera":
-        return DeviceSettings("camera", part.source, limit_s=limit_s)
-    if part.device == "folder":
-        source = str((context.recipe_folder / part.source).resolve())
-        return DeviceSettings("folder", source, limit_s=limit_s)
-    return DeviceSettings("command", part.source, limit_s=limit_s)
+    if not part.source:
+        return DeviceSettings("simulated", limit_s=limit_s, extra=_twin(context, part, folder))
+    if "{out}" in part.source:
+        return DeviceSettings("command", part.source, limit_s=limit_s)
+    place = context.recipe_folder / part.source
+    if part.device == "oct" or place.is_dir():
+        return DeviceSettings("folder", str(place.resolve()), limit_s=limit_s)
+    return DeviceSettings("camera", part.source, limit_s=limit_s)
 
 
-def _twin(context: RunContext, folder: Path) -> dict[str, str]:
-    """Files of the simulated camera, which looks straight at the part from above."""
+def _twin(context: RunContext, part: ObservePart, folder: Path) -> dict[str, str]:
+    """Files of the simulated device, which looks straight at the part from above."""
     low, high = context.written_bounds + context.place_mm
-    wide = float((high - low)[:2].max()) + 2 * _MARGIN_MM
-    middle = ((low + high) / 2).tolist()
     recipe = context.recipe
-    style = "embedded" if isinstance(recipe.toolpath, Embedded) else "layered"
-    layer = None if style == "embedded" else getattr(recipe.toolpath, "even_layer_mm", None)
-    said = {
-        "camera": {
-            "size_px": [_PICTURE_PX, _PICTURE_PX],
-            "um_per_px": 1000.0 * wide / _PICTURE_PX,
-            "target_mm": [middle[0], middle[1], float(high[2])],
-            "tilt_deg": 8.0,
-            "distortion": [-0.08, 0.02, 0.0005, -0.0003, 0.0],
-        },
-        "scene": {"ink": {"colour": [70, 90, 150], "density_per_mm": 4.0}},  # ink with a dye
-        "laid": {
-            "printer": recipe.printer.profile,
-            "syringe": recipe.printer.syringe,
-            "ink": recipe.printer.ink,
-            "style": style,
-            "layer_mm": layer,
-        },
+    embedded = isinstance(recipe.toolpath, Embedded)
+    laid = {
+        "printer": recipe.printer.profile,
+        "syringe": recipe.printer.syringe,
+        "ink": recipe.printer.ink,
+        "style": "embedded" if embedded else "layered",
+        "layer_mm": None if embedded else getattr(recipe.toolpath, "even_layer_mm", None),
     }
-    path = folder / CAMERA_FILE
-    write_text(path, yaml.safe_dump(said, sort_keys=False))
-    found = {"camera": str(path.resolve()), "record": str((context.folder / EXECUTED).resolve())}
+    box = (low - _MARGIN_MM, high + _MARGIN_MM)
+    seen = _oct_view(*box) if part.device == "oct" else _camera_view(*box)
+    path = folder / DEVICE_FILE
+    write_text(path, yaml.safe_dump({**seen, "laid": laid}, sort_keys=False))
+    record = str((context.folder / EXECUTED).resolve())
+    found = {part.device: str(path.resolve()), "record": record}
     if recipe.printer.faults is not None:
         found["faults"] = str((context.recipe_folder / recipe.printer.faults).resolve())
     return found
+
+
+def _camera_view(low: FloatArray, high: FloatArray) -> dict[str, Any]:
+    """A camera over a box, and ink with a dye."""
+    middle = (low + high) / 2
+    return {
+        "camera": {
+            "size_px": [_PICTURE_PX, _PICTURE_PX],
+            "um_per_px": 1000.0 * float((high - low)[:2].max()) / _PICTURE_PX,
+            "target_mm": [float(middle[0]), float(middle[1]), float(high[2]) - _MARGIN_MM],
+            "tilt_deg": 8.0,
+            "distortion": [-0.08, 0.02, 0.0005, -0.0003, 0.0],
+        },
+        "scene": {"ink": {"colour": [70, 90, 150], "density_per_mm": 4.0}},
+    }
+
+
+def _oct_view(low: FloatArray, high: FloatArray) -> dict[str, Any]:
+    """A scan of a box, from a little above what is printed."""
+    top = [float(high[0]), float(high[1]), float(high[2]) - _MARGIN_MM + _ABOVE_MM]
+    side = max(_OCT_SIDE_UM, 1000.0 * float((high - low)[:2].max()) / _OCT_ACROSS)
+    return {"low_mm": low.tolist(), "high_mm": top, "voxel_um": [side, side, _OCT_DEEP_UM]}

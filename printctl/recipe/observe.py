@@ -12,7 +12,7 @@ from printctl.recipe.parts import Part, Point
 
 _EVERY: Final = re.compile(r"(layer|vessel)|(\d+(?:\.\d+)?) *(mm|min|s)")
 
-DeviceName = Literal["camera", "oct", "laser_line", "folder", "command", "simulated"]
+DeviceName = Literal["camera", "oct"]
 
 
 def _known_interval(text: str) -> str:
@@ -47,14 +47,15 @@ class ObservePart(Part):
     device: DeviceName
     source: str = Field(
         default="",
-        description="Of a camera its number or address; of a folder its path; of a command its "
-        "words, {out} for the file that it writes.",
-    )
-    lens: str | None = Field(
-        default=None, description="File of `printctl calibrate camera`.", json_schema_extra=FILE
+        description="Number or address of a camera; a folder into which the device's own program "
+        "writes; or that program's command, with {out} for the file to write. Without it, what the "
+        "simulated printer laid is seen by a simulated device.",
     )
     frame: str | None = Field(
-        default=None, description="File of `printctl observe frame`.", json_schema_extra=FILE
+        default=None,
+        description="Which place of the printer a pixel shows: file of `printctl observe frame`; "
+        "of an OCT a file with printer_to_scan.",
+        json_schema_extra=FILE,
     )
     every: Annotated[str, AfterValidator(_known_interval)] = Field(
         default="layer",
@@ -79,21 +80,15 @@ class ObservePart(Part):
     )
 
     @model_validator(mode="after")
-    def _device_has_a_source(self) -> ObservePart:
-        if self.device in ("folder", "command", "oct", "laser_line") and not self.source:
-            what = "a path" if self.device == "folder" else "a command or a folder's path"
-            raise ValueError(f"device {self.device} needs source: {what}")
-        return self
-
-    @model_validator(mode="after")
-    def _camera_has_a_frame(self) -> ObservePart:
-        if self.device in ("camera", "folder", "command") and self.frame is None:
+    def _real_device_has_a_frame(self) -> ObservePart:
+        if self.source and self.frame is None:
+            how = "`printctl observe frame`" if self.device == "camera" else "printer_to_scan"
             raise ValueError(
-                f"device {self.device} needs frame: the file by which pixels become millimetres "
-                "(`printctl observe frame`)"
+                f"device {self.device} with a source needs frame: the file by which what it sees "
+                f"becomes millimetres of the printer ({how})"
             )
         return self
 
     def files(self) -> list[str]:
         """Names of the user's files that it is made from."""
-        return [name for name in (self.lens, self.frame) if name is not None]
+        return [] if self.frame is None else [self.frame]

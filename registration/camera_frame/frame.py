@@ -10,15 +10,14 @@ from typing import Annotated, Literal
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
-from firmware_profiles.yaml_file import read_yaml
 from registration.camera_frame.insert import Insert
 from registration.camera_frame.projection import View, meet, project
 from registration.camera_frame.turning import turned
-from registration.errors import PictureError
 from registration.lens import Lens
+from registration.lens.model_file import read_model
 
 FloatArray = NDArray[np.float64]
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -267,14 +266,4 @@ def read_frame(path: Path) -> CameraFrame:
     PictureError
         When the file is missing, or isn't one.
     """
-    remedy = "`printctl observe frame` writes one"
-    try:
-        return CameraFrame.model_validate(read_yaml(path.read_text(encoding="utf-8")))
-    except OSError as exc:
-        raise PictureError(f"--frame {path} can't be read: {exc.strerror}; {remedy}") from exc
-    except (yaml.YAMLError, UnicodeDecodeError) as exc:
-        raise PictureError(f"--frame {path} isn't YAML ({exc}); {remedy}") from exc
-    except ValidationError as exc:
-        first = exc.errors()[0]
-        place = ".".join(map(str, first["loc"])) or "the file"
-        raise PictureError(f"--frame {path}: {place}: {first['msg']}; {remedy}") from exc
+    return read_model(path, CameraFrame, "--frame", "printctl observe frame")

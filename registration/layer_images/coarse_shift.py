@@ -10,9 +10,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from registration.layer_images.light import shrunk
 from registration.layer_images.values import FloatArray, FloatImage
-from registration.layer_images.working import Mask
+from registration.layer_images.working import Mask, shrunk
 
 _GOOD = 0.6
 """Of the best score, at which a nearer place is taken."""

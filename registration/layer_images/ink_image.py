@@ -168,7 +168,7 @@ class Template:
 
 def angle_of(seen: Seen) -> FloatArray:
     """Direction of "to the left" in the picture, (n,)."""
-    return np.arctan2(seen.across[:, 1], seen.across[:, 0])
+    return np.nan_to_num(np.arctan2(seen.across[:, 1], seen.across[:, 0]))
 
 
 def learn_template(profiles: FloatImage, usable: BoolArray, angle: FloatArray) -> Template:

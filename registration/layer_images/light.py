@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage
-from registration.layer_images.working import Mask
+from registration.layer_images.working import Mask, shrunk
 
 _CELL_MM = 0.5
 _ORDER = 4
@@ -68,19 +68,10 @@ def _cells(
     """Mean (cells, c) where the mask is set, and which share that is, (cells,)."""
     weight = mask.astype(np.float32)
     share = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
-    weighted = channels * weight[:, :, None]
-    total = shrunk(weighted, size).reshape(size[0] * size[1], -1).astype(np.float64)
+    total = shrunk(channels * weight[:, :, None], size)
+    total = total.reshape(size[0] * size[1], -1).astype(np.float64)
     flat = share.ravel().astype(np.float64)
     return total / np.maximum(flat, 1e-9)[:, None], flat
-
-
-def shrunk(channels: FloatImage, size: tuple[int, int]) -> FloatImage:
-    """Return channels (h, w, c) as means over larger pixels; OpenCV takes four at a time."""
-    each = [
-        cv2.resize(np.ascontiguousarray(channels[:, :, c]), size, interpolation=cv2.INTER_AREA)
-        for c in range(channels.shape[2])
-    ]
-    return np.dstack(each)
 
 
 def _basis(size: tuple[int, int]) -> FloatArray:
@@ -138,9 +129,11 @@ def _robust(design: FloatArray, values: FloatArray, weight: FloatArray) -> Float
     a, b, w = design[use], values[use], weight[use]
     pull = 1e-6 * w.sum() * np.eye(design.shape[1])
     own = w
-    best = np.zeros(design.shape[1])
+    best: FloatArray = np.zeros(design.shape[1])
+    if not len(b):
+        return best
     for _ in range(8):
-        best = np.linalg.solve((a.T * own) @ a + pull, (a.T * own) @ b)
+        best = np.linalg.lstsq((a.T * own) @ a + pull, (a.T * own) @ b, rcond=None)[0]
         off = np.abs(b - a @ best)
         limit = 1.5 * 1.4826 * float(np.median(off)) + 1e-9
         own = w * np.minimum(1.0, limit / np.maximum(off, 1e-12))

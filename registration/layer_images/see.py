@@ -23,7 +23,7 @@ import numpy as np
 from registration.layer_images.blobs import find_blobs
 from registration.layer_images.coarse_shift import coarse_shift
 from registration.layer_images.gaps import find_gaps, merged
-from registration.layer_images.ink_image import ACROSS, smoothed
+from registration.layer_images.ink_image import ACROSS, angle_of, smoothed
 from registration.layer_images.layer_shift import fit_shift
 from registration.layer_images.light import flattened
 from registration.layer_images.lumens_seen import see_lumens
@@ -31,7 +31,7 @@ from registration.layer_images.plane_map import PlaneMap
 from registration.layer_images.presence import INK, Sides
 from registration.layer_images.stations import Grouping, station_widths
 from registration.layer_images.stretches import find_stretches, width_ratio
-from registration.layer_images.told import Ground, Told, differs_enough, reasons, tell_ink
+from registration.layer_images.told import ASIDE, Ground, Told, differs_enough, reasons, tell_ink
 from registration.layer_images.values import (
     Appearance,
     Blob,
@@ -58,6 +58,11 @@ _STEPS_IN_GAP: Final = 4
 _SAME_PX: Final = 0.4
 """A shift that changes by less isn't followed further."""
 _ROUNDS: Final = 3
+_EDGES_RATE: Final = 1e-4
+"""Ink that is told by its edges or slopes must be missing by so much more surely."""
+_ALIKE: Final = 0.95
+_FEWEST_ALIKE: Final = 12
+_LEAST_ALIKE: Final = 0.8
 _SLANT: Final = 0.08
 """Lack of symmetry from which on light from the side must be reckoned with."""
 _LIT_ASIDE: Final = 0.3
@@ -328,9 +333,13 @@ def _gaps(
         if told is not None and told.noise is not None:
             around = look.seen.profiles(told.strange.astype(np.float32), beside).mean(axis=1)
             clear = rows & (good if not told.faint else told.why == Unseen.SEEN)
+            # Slopes and edges scatter with the light, not with noise alone.
+            certain = needed * (_EDGES_RATE if told.template.by_edges else 1.0)
             gaps, unclear = find_gaps(
-                look.present, clear, look.ways, told.noise, options.gap_mm, needed, around
+                look.present, clear, look.ways, told.noise, options.gap_mm, certain, around
             )
+            if told.template.slant > ASIDE:
+                gaps = [gap for gap in gaps if not _lit_along(look, gap, clear, why)]
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)
             noise = told.noise
@@ -338,6 +347,23 @@ def _gaps(
             doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
             why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
     return found
+
+
+def _lit_along(look: _Look, gap: Gap, clear: BoolArray, why: IntArray) -> bool:
+    """Whether other lines of the gap's direction show no ink either; marks that as unclear.
+
+    Under light from the side a line of one direction may be as bright as the bath.
+    """
+    ways, angle = look.ways, angle_of(look.seen)
+    rows = (ways.stroke == gap.stroke) & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
+    if not rows.any():
+        return False
+    own = np.exp(1j * angle[rows]).mean()
+    alike = clear & ~rows & (np.real(np.exp(1j * angle) * np.conj(own)) > _ALIKE * abs(own))
+    if alike.sum() >= _FEWEST_ALIKE and (look.present[alike] > INK).mean() > _LEAST_ALIKE:
+        return False
+    why[rows] = int(Unseen.UNCLEAR)
+    return True
 
 
 def _blobs(look: _Look, options: SeeingOptions) -> tuple[tuple[Blob, ...], BoolArray]:

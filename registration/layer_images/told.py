@@ -48,6 +48,8 @@ _LONG = 6.0
 """Tolerated gaps: a length of which one must be told, for a look to be worth anything."""
 _ALONE = 0.8
 """Widths to the next ink: nearer, and edges by which ink is told may be missing."""
+ASIDE = 0.1
+"""Slant from which on each direction must show ink of its own."""
 _SECTORS = 12
 _LEAST_INK = 0.7
 _WEAK = 0.4
@@ -197,7 +199,7 @@ def _by_mix(
     if template.by_edges:
         near = np.minimum(sides.left, sides.right) < _ALONE
         why[(why == Unseen.SEEN) & (near | ways.corners())] = int(Unseen.FAINT)
-    if template.one_sided:
+    if template.one_sided or template.slant > ASIDE:
         why[(why == Unseen.SEEN) & _unlearned(angle, present)] = int(Unseen.FAINT)
     good = use & (why == Unseen.SEEN)
     noise, contrast = (
@@ -273,11 +275,16 @@ def _log_step(mix: FloatArray, ink: FloatArray, is_log: bool) -> float:
 def _strange(ground: Ground, bath: BathNoise, ink: FloatArray, width_px: float) -> BoolArray:
     found = strange_places(ground.smooth, bath, ink, ground.free, ground.fresh, width_px)
     saturated = ground.work.bad
-    on, off = (float(saturated[mask > 0].mean()) for mask in (ground.fresh, ground.fresh == 0))
+    lines = ground.fresh > 0
+    on, off = (_share(saturated, mask) for mask in (lines, ~lines))
     of_ink = on > _INK_SATURATED and on > _MORE_OFTEN * off
     if not of_ink and on < _MOST_SATURATED:
         found = found | grown(saturated, width_px)
     return found
+
+
+def _share(flags: BoolArray, where: BoolArray) -> float:
+    return float(flags[where].mean()) if where.any() else 0.0
 
 
 def _ink_level(level: FloatArray, spread: float) -> float:

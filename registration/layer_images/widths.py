@@ -7,6 +7,7 @@ from the mean profile: how much light the ink takes, and how sharp the picture i
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,9 @@ _EDGE_PX = 0.15
 """Of a pixel: what the edge's place may be off by in the picture itself."""
 _EDGE_VOXEL = 0.6
 """The same of a voxel, in a map of what an OCT sees first."""
+_MOST_SPREAD = 0.15
+_THIN, _THIN_INK = 0.08, 0.5
+"""Relative doubt of ink so thin (μ d below the second) that its rims may look like bath."""
 _SLANTED = 0.06
 """Of the slant: light from the side moves edges."""
 _MISFIT = 0.1
@@ -174,8 +178,11 @@ def _true_widths(
         return np.full(len(wide), np.nan), 0.0, 0.0
     width = np.where(good, shade.diameter(np.where(good, wide, np.nan)), np.nan)
     bent = float(np.nanmedian(np.abs(width / wide - 1.0)))
-    common = float(np.hypot(min(shade.spread, 0.05), 0.2 * bent + 0.3 * _doubt(shade)))
-    common = float(np.hypot(common, _SLANTED * template.slant))
+    # An opaque line's μ is free: its spread says nothing.
+    spread = min(shade.spread, 0.05 if shade.opaque(typical) else _MOST_SPREAD)
+    common = float(np.hypot(spread, 0.2 * bent + 0.3 * _doubt(shade)))
+    thin = _THIN if shade.per_mm * typical < _THIN_INK else 0.0
+    common = math.hypot(common, _SLANTED * template.slant, thin)
     return width, common, edge_px * px_mm
 
 

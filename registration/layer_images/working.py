@@ -176,6 +176,15 @@ def _channels(part: Image, scale: int) -> tuple[FloatImage, BoolArray]:
     return np.log(small + _FLOOR * top), bad
 
 
+def shrunk(values: FloatImage, size: tuple[int, int]) -> FloatImage:
+    """Channels (h, w, c) averaged to a size (columns, rows); OpenCV takes four at a time."""
+    parts = [
+        cv2.resize(np.ascontiguousarray(values[:, :, c]), size, interpolation=cv2.INTER_AREA)
+        for c in range(values.shape[2])
+    ]
+    return np.stack(parts, axis=2)
+
+
 def _saturated(fit: Image, top: int) -> Mask:
     """Where all channels hold the sensor's highest value: 255, or 0 for none."""
     full = top >= 250 if fit.dtype == np.uint8 else top >= 1000
@@ -190,7 +199,8 @@ def _saturated(fit: Image, top: int) -> Mask:
 
 
 def _binned(values: Image, size: tuple[int, int]) -> FloatImage:
-    small = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
+    many = values.ndim == 3 and values.shape[2] > 4
+    small = shrunk(values, size) if many else cv2.resize(values, size, interpolation=cv2.INTER_AREA)
     return np.ascontiguousarray(small if small.ndim == 3 else small[:, :, None])
 
 

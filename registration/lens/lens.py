@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from design.files import write_text
-from firmware_profiles.yaml_file import read_yaml
 from registration.errors import PictureError
+from registration.lens.model_file import read_model
 
 FloatArray = NDArray[np.float64]
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -143,14 +143,4 @@ def read_lens(path: Path) -> Lens:
     PictureError
         When the file is missing, or isn't one.
     """
-    remedy = "`printctl calibrate camera` writes one"
-    try:
-        return Lens.model_validate(read_yaml(path.read_text(encoding="utf-8")))
-    except OSError as exc:
-        raise PictureError(f"--camera {path} can't be read: {exc.strerror}; {remedy}") from exc
-    except (yaml.YAMLError, UnicodeDecodeError) as exc:
-        raise PictureError(f"--camera {path} isn't YAML ({exc}); {remedy}") from exc
-    except ValidationError as exc:
-        first = exc.errors()[0]
-        place = ".".join(map(str, first["loc"])) or "the file"
-        raise PictureError(f"--camera {path}: {place}: {first['msg']}; {remedy}") from exc
+    return read_model(path, Lens, "--camera", "printctl calibrate camera")

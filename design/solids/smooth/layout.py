@@ -86,7 +86,7 @@ def lay_out(
     network: VesselNetwork, facets_of: Facets, fillet_ratio: float, fillet_mm: float | None
 ) -> Layout:
     """Part a network into runs and junctions, and give each its fillet and reach."""
-    runs, balls = split_runs(network, facets_of.tolerance_mm)
+    runs, balls = split_runs(network, facets_of)
     facets = [facets_of.count(float(run.radius.max())) for run in runs]
     meeting: dict[bytes, list[End]] = defaultdict(list)
     for index, run in enumerate(runs):

@@ -124,7 +124,7 @@ class GivenPoints:
             out = np.flatnonzero(away >= 0.0)
             raise GrowthError(
                 f"{len(out)} of {len(at)} given terminals lie outside the tissue: "
-                f"{_named(at, out, away)} from it; move them inside, or check the file's unit"
+                f"{named_points(at, out, away)} from it; move them inside, or check the file's unit"
             )
         return cls(at, flow / flow.mean(), np.zeros(len(at), dtype=np.int64))
 
@@ -150,12 +150,13 @@ class GivenPoints:
         depth = -tissue.grid.distance(self.at)
         return GrowthError(
             f"{len(which)} of {len(self.at)} given terminals can't be joined: "
-            f"{_named(self.at, which, depth)} below the surface; move them apart or deeper, "
+            f"{named_points(self.at, which, depth)} below the surface; move them apart or deeper, "
             "or ask for thinner vessels or less clearance"
         )
 
 
-def _named(at: FloatArray, which: NDArray[np.int64], away: FloatArray) -> str:
+def named_points(at: FloatArray, which: NDArray[np.int64], away: FloatArray) -> str:
+    """Number, place and distance (n,), mm, of the first few of ``which`` points (n, 3)."""
     parts = [
         f"number {n} at ({at[n, 0]:.4g}, {at[n, 1]:.4g}, {at[n, 2]:.4g}) mm, {away[n]:.3g} mm"
         for n in which[:NAMED]

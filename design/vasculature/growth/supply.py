@@ -16,6 +16,15 @@ from kernels.arrays import FloatArray
 UNEVEN = 0.1
 """How far a part's flow over its demand may be from 1 before a note says so."""
 
+_BY_TREE = (
+    "With grow: tree and no template write inlets: each_part under vasculature, or give each part "
+    "an inlet; else make a recipe of its own for each part, or take the part out of the mesh"
+)
+_BY_TEMPLATE = (
+    "A template serves one part: make a recipe of its own for each (keep_within under tissue takes "
+    "a part), take the part out of the mesh, or leave anatomy out and write inlets: each_part"
+)
+
 
 @dataclass(frozen=True)
 class PartSupply:
@@ -114,15 +123,29 @@ def supply_notes(supply: Sequence[PartSupply], most: int = 4) -> tuple[str, ...]
     return tuple(notes)
 
 
-def no_inlet(parts: Sequence[Part], left: Sequence[int], most: int = 3) -> str:
+def check_one_part(tissue: Tissue) -> None:
+    """Refuse a tissue of which a template's vessels would supply one part alone.
+
+    Raises
+    ------
+    TissueError
+        Where perfusion is wanted in several parts; by size and place.
+    """
+    parts = parts_of(tissue)
+    asking = np.flatnonzero(part_demands(tissue, parts) > 0).tolist()
+    if len(asking) > 1:
+        raise TissueError(no_inlet(parts, asking[1:], advice=_BY_TEMPLATE))
+
+
+def no_inlet(
+    parts: Sequence[Part], left: Sequence[int], most: int = 3, advice: str = _BY_TREE
+) -> str:
     """The message on parts that no inlet leads to."""
     said = ", ".join(str(parts[n]) for n in left[:most])
     more = f" and {len(left) - most} more" if len(left) > most else ""
     return (
         f"the tissue has {len(parts)} separate parts, and vessels that enter one can't reach "
-        f"another: no vessel ends in {said}{more}. With grow: tree write inlets: each_part "
-        "under vasculature, or give each part an inlet; else make a recipe of its own for each "
-        "part, or take the part out of the mesh"
+        f"another: no vessel ends in {said}{more}. {advice}"
     )
 
 

@@ -17,6 +17,7 @@ from design.vasculature.growth.refusals import out_of_room_error
 from design.vasculature.growth.retip import retip_thin
 from design.vasculature.growth.root import lengthen_stem, stem, stem_is_short
 from design.vasculature.growth.sample import Samples
+from design.vasculature.growth.sole import sole_end
 from design.vasculature.growth.start import first_pair
 from design.vasculature.growth.state import place, refresh
 from design.vasculature.growth.step import (
@@ -29,6 +30,7 @@ from design.vasculature.growth.step import (
 )
 from design.vasculature.growth.trunk import Trunk
 from design.vasculature.tree import VesselTree
+from kernels.arrays import FloatArray
 
 ROUNDS = 20
 """Audits and repairs at most."""
@@ -80,10 +82,36 @@ class TreeGrowth(GrowthState):
         self.progress["count"], self.progress["terminals"] = 1, 1
         if self.options.terminals > 1:
             self._first_pair()
+        else:
+            end = self._sole_end(begin, end)
+            place(self.segments, 0, tuple(begin), tuple(end))
+            refresh(self.segments, 0, law)
         derive_radii(self.segments, self.progress, law, self.scale)
 
+    def _sole_end(self, begin: FloatArray, end: FloatArray) -> FloatArray:
+        """Where the one terminal ends: as given, else in the middle of what it supplies.
+
+        A root direction that is given is kept.
+        """
+        radius = self._first_guess()
+        samples = self._samples(_CHUNK).at
+        middle = samples.mean(axis=0) if len(samples) else end
+        if self.given is not None:
+            ends = samples
+        elif self.options.root_direction is not None:
+            ends = begin + np.linspace(1.0, self._far(begin, end), _CHUNK)[:, None] * (end - begin)
+        else:
+            ends = np.concatenate([samples, end[None]])
+        if self.others.count:
+            ends = ends[self._clear(begin, ends, radius)]
+        return sole_end(self.tissue, begin, ends, middle, radius + self.room.wall)
+
+    def _far(self, begin: FloatArray, end: FloatArray) -> float:
+        """Factor by which the stem is as long as the tissue."""
+        across = float(np.linalg.norm(np.ptp(self.tissue.bounds, axis=0)))
+        return max(1.0, across / float(np.linalg.norm(end - begin)))
+
     def _plant(self, trunk: Trunk) -> None:
-        trunk.check(self.goal, self.options)
         trunk.plant(self.segments, self.options.law)
         self.progress["count"], self.progress["terminals"] = len(trunk.parent), trunk.tips
         derive_radii(self.segments, self.progress, self.options.law, self.scale)

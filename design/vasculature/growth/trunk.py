@@ -8,6 +8,8 @@ import numpy as np
 
 from design.errors import GrowthError
 from design.network import VesselNetwork
+from design.tissue import Tissue
+from design.vasculature.growth.points import named_points
 from design.vasculature.growth.state import Segments, refresh_all
 from design.vasculature.options import GrowthOptions, Law
 from design.vasculature.tree import VesselTree
@@ -49,7 +51,7 @@ class Trunk:
         """Terminals that it has of its own."""
         return int((self.children[:, 0] < 0).sum())
 
-    def check(self, goal: int, options: GrowthOptions) -> None:
+    def check(self, goal: int, options: GrowthOptions, tissue: Tissue) -> None:
         """Refuse what can't be grown from it.
 
         Raises
@@ -67,6 +69,20 @@ class Trunk:
                 "a trunk goes straight on where a branch leaves it, but turn_angle_degrees asks "
                 f"for {options.turn_angle_degrees[0]:g} at least; let it begin at 0"
             )
+        self._check_ends(tissue)
+
+    def _check_ends(self, tissue: Tissue) -> None:
+        """Refuse ends outside the tissue: each would be a terminal that perfuses nothing."""
+        ends = self.distal[self.children[:, 0] < 0]
+        out = np.flatnonzero(~tissue.contains(ends))
+        if not len(out):
+            return
+        raise GrowthError(
+            f"{len(out)} of the trunk's {len(ends)} ends lie outside the tissue: "
+            f"{named_points(ends, out, tissue.grid.distance(ends))} from it. Each would count as a "
+            "terminal and perfuse nothing: take those branches away or let them end in the tissue; "
+            "if all lie outside, check the trunk's unit and place"
+        )
 
     def plant(self, segments: Segments, law: Law) -> None:
         """Lay it out as the first segments of a growing tree."""

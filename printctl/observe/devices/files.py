@@ -74,13 +74,14 @@ def simulated_picture(settings: DeviceSettings, out: Path) -> Path:
     ValueError
         When nothing was recorded yet.
     """
-    path = out.with_suffix(".png")
+    device = "oct" if "oct" in settings.extra else "camera"
+    path = out.with_suffix(".npz" if device == "oct" else ".png")
     look = 2 * int(out.parent.name) + (out.name != "picture")  # another noise in each picture
-    command = [sys.executable, "-m", "sim", "camera", "--out", str(path), "--look", str(look)]
+    command = [sys.executable, "-m", "sim", device, "--out", str(path), "--look", str(look)]
     for name, value in settings.extra.items():
         command += [f"--{name}", str(value)]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
     if done.returncode:
         last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
-        raise ValueError(f"the simulated camera failed: {last[0]}")
+        raise ValueError(f"the simulated {device} failed: {last[0]}")
     return path

@@ -12,6 +12,7 @@ from design.anatomy.cortex import CortexAnatomy, grow_cortex
 from design.anatomy.grown import AnatomicTrees
 from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
+from design.anatomy.kidney_places import find_kidney_places
 from design.anatomy.liver import LiverAnatomy, grow_liver
 from design.anatomy.liver_places import find_liver_places
 from design.anatomy.network import curved_network
@@ -25,6 +26,7 @@ from design.tissue import kidney as kidney_shape
 from design.tissue import liver as liver_shape
 from design.vasculature import GrowthOptions
 from design.vasculature.collisions.collide import collisions
+from design.vasculature.growth.territories import demand_points
 from design.vasculature.treemath import tree_radii
 
 HEART = GrowthOptions(terminals=160, clearance_mm=0.05, murray_exponent=2.5, pressure_drop_pa=1100)
@@ -286,3 +288,32 @@ def test_a_ball_has_no_hilum_and_its_base_is_called_a_guess():
         grow_kidney(ball(), KIDNEY)
     found = grow_heart(ball(), HEART, HeartAnatomy(trunk_ends=40))
     assert any("guesses" in note for note in found.notes)
+
+
+def with_shell(outer: trimesh.Trimesh, inner: trimesh.Trimesh) -> Tissue:
+    both = trimesh.util.concatenate([outer, inner])
+    return tissue_from_surface(both.vertices, both.faces)
+
+
+def test_a_closed_cavity_is_no_hilum():
+    cavity = trimesh.creation.icosphere(3, 7.0)
+    cavity.invert()
+    hollow = with_shell(trimesh.creation.icosphere(3, 15.0), cavity)
+    with pytest.raises(TissueError, match="no hilum is found"):
+        grow_kidney(hollow, KIDNEY)
+    shape, cyst = kidney_shape(44.0), trimesh.creation.icosphere(2, 1.5)
+    cyst.invert()
+    cyst.apply_translation([4.0, 10.0, 8.0])
+    sick = with_shell(trimesh.Trimesh(shape.vertices, shape.faces), cyst)
+    samples = sample_surface(sick, 3000, cavities=False)
+    volume, _ = demand_points(sick, 3000, 1)
+    places = find_kidney_places(sick, samples, volume)
+    np.testing.assert_allclose(places.hilum, [-1.0, 0.0, 0.0], atol=0.05)
+
+
+@pytest.mark.parametrize("grow", [grow_heart, grow_kidney, grow_liver, grow_cortex])
+def test_a_template_in_two_parts_is_refused_at_once_and_advises_what_it_can_do(grow):
+    one, two = trimesh.creation.box((10, 10, 10)), trimesh.creation.box((6, 6, 6))
+    two.apply_translation((20, 0, 0))
+    with pytest.raises(TissueError, match=r"216 mm³ around \(20, 0, 0\).* A template serves one"):
+        grow(with_shell(one, two), GrowthOptions(terminals=100))

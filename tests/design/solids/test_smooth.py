@@ -9,6 +9,7 @@ from scipy.spatial import ConvexHull
 from design.errors import SolidError
 from design.solids import Solid, block_solid, lumen_solid, network_genus, surface_genus
 from design.solids.facets import Facets
+from design.solids.smooth import assemble
 from design.solids.smooth.assemble import sew_parts
 from design.solids.smooth.fillet import rounded_distance, shoot, wall_rows
 from design.solids.smooth.layout import lay_out
@@ -217,6 +218,34 @@ def test_a_crowd_is_sewn_to_the_plain_tubes_around_it(length: float) -> None:
     assert sum(layout.swallowed) < 5
     assert is_closed(faces)
     assert surface_genus(lumen_solid(network).faces) == (0, 1)
+
+
+def test_a_surface_left_open_takes_in_only_the_vessels_around(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A gap at one group of junctions isn't a reason to unite the whole network."""
+    nodes = [[-4, 0, 0], [0, 0, 0], [0.4, 0, 0], [5, 0, 0], [3, 3, 0], [-1.5, -3, 0]]
+    nodes += [[9, 2, 0], [9, -2, 0], [14, 5, 0], [14, 0, 0]]
+    ends = [(0, 1), (1, 2), (2, 3), (1, 4), (2, 5), (3, 6), (3, 7), (6, 8), (6, 9)]
+    network = channels(nodes, ends, [0.5] * 3 + [0.1, 0.1] + [0.4] * 4)
+    layout = lay_out(network, Facets(), 0.0, None)
+    joined = layout.joint_of()
+    shapes: list[tuple[EndShape, EndShape]] = [
+        ("flat" if (run, 0) in joined else "round", "flat" if (run, 1) in joined else "round")
+        for run in range(len(ends))
+    ]
+    real, gaps = assemble._open_places, [np.array([[-0.1, 0.5, 0.0]])]
+    monkeypatch.setattr(assemble, "_open_places", lambda done: gaps.pop() if gaps else real(done))
+    assert is_closed(sew_parts(layout, shapes).surface()[1])
+    assert layout.swallowed == [True] * 7 + [False] * 2
+
+
+def test_a_bend_within_a_facets_tolerance_is_mitred() -> None:
+    points = np.array([[0, 0, 0], [5, 0, 0], [9.5, 2, 0.0]])
+    bent = channels(points, [(0, 1), (1, 2)], [0.5, 0.5])
+    assert [
+        len(lay_out(bent, facets, 0.0, None).runs) for facets in (Facets(), Facets(ratio=0.05))
+    ] == [2, 1]
 
 
 def test_curved_and_tapered_vessels_meet() -> None:

@@ -267,3 +267,19 @@ def test_one_and_two_terminals_are_trees_too(tissues):
     for terminals in (1, 2, 3):
         tree = grow_tree(tissues["block"], GrowthOptions(terminals=terminals))
         assert (tree.children[:, 0] < 0).sum() == terminals
+
+
+def test_one_terminal_ends_in_the_middle_of_what_it_supplies(tissues):
+    tree = grow_tree(tissues["block"], GrowthOptions(terminals=1))
+    middle = tissues["block"].bounds.mean(axis=0)
+    assert np.linalg.norm(tree.distal[0] - middle) < 1.0
+    # A direction that is given is kept; where a hole is in the way, the vessel ends before it.
+    kept = grow_tree(
+        tissues["block"],
+        GrowthOptions(terminals=1, root_point_mm=(10, 8, 12), root_direction=(1, 0, -1)),
+    )
+    np.testing.assert_allclose(kept.distal[0] - kept.proximal[0], [3, 0, -3], atol=0.3)
+    ring = grow_tree(tissues["torus"], GrowthOptions(terminals=1))
+    part = np.linspace(0.1, 1.0, 50)[:, None]
+    way = ring.proximal[0] + part * (ring.distal[0] - ring.proximal[0])
+    assert tissues["torus"].contains(way).all()

@@ -177,6 +177,19 @@ def test_a_trunk_with_too_many_ends_or_another_root_is_refused(box, bent):
         grow_tree(box, GrowthOptions(terminals=9, root_candidates=3), trunk=bent)
 
 
+def test_a_trunk_with_an_end_outside_the_tissue_is_refused_with_its_place(box):
+    nodes = np.array([[1.0, 8, 6], [6.0, 8, 6], [15.0, 12, 6], [15.0, 4, -3]])
+    trunk = VesselNetwork.from_segments(
+        nodes,
+        np.array([[0, 1], [1, 2], [1, 3]]),
+        np.full(3, 0.4),
+        np.zeros(3, int),
+        np.zeros(3, int),
+    )
+    with pytest.raises(GrowthError, match=r"1 of the trunk's 2 ends .*\(15, 4, -3\) mm, 3 mm from"):
+        grow_tree(box, GrowthOptions(terminals=20), trunk=trunk)
+
+
 def test_each_stage_keeps_its_own_parameters(box):
     stages = (
         GrowthStage(40, length_to_radius=8.0, turn_angle_degrees=(0.0, 60.0), clearance_mm=0.3),

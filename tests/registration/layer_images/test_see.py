@@ -105,8 +105,9 @@ def test_lines_over_older_ink_are_not_seen_without_a_sign() -> None:
     assert (findings.stations.why == Unseen.OLD_INK).all()
 
 
-def test_the_picture_before_takes_texture_away() -> None:
-    scene = Scene(26, contrast=0.25)
+@pytest.mark.parametrize("colour", [0, 1])
+def test_the_picture_before_takes_texture_away(colour: int) -> None:
+    scene = Scene((26, 24)[colour], contrast=0.25)
     painted, empty = scene.paint(((1, 1.0, 1.4),)), scene.paint(((-1, 0, 0),), ratio=1e-6)
     rough = np.random.default_rng(2).normal(0, 12, painted.picture.shape)
     now, before = (

@@ -1,0 +1,125 @@
+"""Open what a device gave: a picture with its camera's frame, or an OCT volume as a height map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from firmware_profiles.yaml_file import read_yaml
+from kernels.arrays import FloatArray
+from printctl.errors import UsageError
+from printctl.observe.devices import DeviceError
+from printctl.observe.order import ObserverOrder
+from registration.camera_frame.frame import read_frame
+from registration.layer_images import Frame, height_map
+from registration.readers.read import read_scan
+from sim.camera.camera_file import load_camera
+from sim.camera.optics import Camera
+
+Image = NDArray[Any]
+
+_PICTURES: Final = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp"})
+OWN_FRAME: Final = "printer_to_scan"
+"""Where a simulated OCT's file has its frame."""
+
+
+@dataclass(frozen=True)
+class SimulatedFrame:
+    """Frame of a simulated camera, exact.
+
+    Attributes
+    ----------
+    camera : Camera
+    """
+
+    camera: Camera
+
+    def to_pixels(self, points_mm: FloatArray) -> FloatArray:
+        """Pixels (n, 2) of places (n, 3), mm."""
+        return self.camera.pixels(points_mm)
+
+
+def open_view(
+    path: Path, order: ObserverOrder, middle_z_mm: float, thickness_mm: float
+) -> tuple[Image, Frame]:
+    """Return a picture and where the printer's places lie in it.
+
+    Parameters
+    ----------
+    path : Path
+        A picture, or a scan in any format that registration reads.
+    order : ObserverOrder
+        Names the frame's file.
+    middle_z_mm, thickness_mm : float, mm
+        Of the layer that is looked at; of a volume that slab counts.
+
+    Raises
+    ------
+    DeviceError
+        When the file is neither.
+    UsageError
+        When the frame can't be read.
+    """
+    if order.oct:
+        return height_map(read_scan(path), _oct_frame(path, order), middle_z_mm, thickness_mm)
+    return read_picture(path), camera_frame(order)
+
+
+def camera_frame(order: ObserverOrder) -> Frame:
+    """Return the camera's frame; a simulated camera's own where nobody calibrated it."""
+    return _camera_frame(order.frame, order.device.extra.get("camera", ""))
+
+
+@lru_cache(maxsize=1)
+def _camera_frame(frame: str, simulated: str) -> Frame:
+    if frame:
+        return read_frame(Path(frame))
+    return SimulatedFrame(load_camera(Path(simulated)).camera)
+
+
+def _oct_frame(path: Path, order: ObserverOrder) -> FloatArray:
+    if order.frame:
+        return read_oct_frame(Path(order.frame))
+    with np.load(path) as file:
+        return np.asarray(file[OWN_FRAME], dtype=np.float64)
+
+
+def read_oct_frame(path: Path) -> FloatArray:
+    """Read a YAML file with ``printer_to_scan``, (4, 4): the printer's mm to the scan's mm.
+
+    Raises
+    ------
+    UsageError
+        When there is none, or it isn't a matrix.
+    """
+    try:
+        matrix = np.array(read_yaml(path.read_text(encoding="utf-8"))[OWN_FRAME], dtype=float)
+    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError) as exc:
+        raise UsageError(
+            f"observe.frame {path} can't be read ({exc}); for an OCT it is a YAML file with "
+            f"{OWN_FRAME}: four rows of four numbers, mm"
+        ) from exc
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise UsageError(f"observe.frame {path}: {OWN_FRAME} isn't four rows of four numbers")
+    return np.asarray(matrix)
+
+
+def read_picture(path: Path) -> Image:
+    """Read a picture of any depth.
+
+    Raises
+    ------
+    DeviceError
+        When it isn't one.
+    """
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.suffix in _PICTURES else None
+    if image is None:
+        raise DeviceError(f"{path} isn't a picture that can be read (PNG, TIFF, JPEG)")
+    return np.asarray(image)
