@@ -44,8 +44,8 @@ def record(number: int, decision: str = "go_on", asked: str = "", at: float = 0.
     why = "1 gap, 0.62 mm in all" if asked else "as expected, within tolerance"
     found = {"seen_share": 0.97, "coverage": 0.91 if asked else 0.995, "gaps": []}
     return LookRecord(
-        number, 10 * number, 10 * number, f"end of layer {number}", at or time.time(), decision, why,
-        asked, 1.06 if asked else None, found,
+        number, 10 * number, 10 * number, f"end of layer {number}", at or time.time(), decision,
+        why, asked, 1.06 if asked else None, found,
     )  # fmt: skip
 
 
