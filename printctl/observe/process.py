@@ -21,9 +21,8 @@ from printctl.observe.devices import acquire
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Look, Observer
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import answer_of, read_looks
+from printctl.observe.records import OBSERVER_LOCK, answer_of, read_looks
 
-LOCK: Final = "observer.lock"
 LOG: Final = "observer.log"
 log = logging.getLogger(__name__)
 
@@ -71,7 +70,7 @@ def observe(folder: Path) -> None:
     order = ObserverOrder.load(folder)
     handled: set[int] = set()  # what was said before a look ended is heard after it
     with (
-        hold_folder(folder, LOCK, "an observer is at work"),
+        hold_folder(folder, OBSERVER_LOCK, "an observer is at work"),
         attach(folder) as words,
         attach(folder) as events,
     ):

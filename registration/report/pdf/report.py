@@ -197,7 +197,7 @@ def _zones(registration: Mapping[str, Any]) -> list[Flowable]:
     ]
 
 
-_PICTURED = ("registration", "design", "flow", "fidelities", "oxygen", "toolpath", "other")
+_PICTURED = ("registration", "design", "flow", "fidelities", "oxygen", "toolpath", "print", "other")
 
 
 def _pictures(drawn: Figures) -> list[Flowable]:
