@@ -1,4 +1,4 @@
-"""Simulated OCT over the dish of a print that goes on: one scan of a fixed field, its file."""
+"""Simulate an OCT scan of a fixed field during a print; save it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decimals of X, Y, Z from motor steps; E has 7, and the largest push one move may have."""
+"""Decimal places of G-code axes from motor steps; largest E value per move."""
 
 from __future__ import annotations
 
