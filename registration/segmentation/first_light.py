@@ -1,4 +1,4 @@
-"""First estimate of light reaching OCT voxels, fitted alternately with gel classes."""
+"""First estimate of light reaching OCT voxels, fitted alternately with gel and liquid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decimal places of G-code axes from motor steps; largest E value per move."""
+"""Decimals of G-code axes from motor steps; largest plunger travel per move."""
 
 from __future__ import annotations
 
