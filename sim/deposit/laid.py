@@ -1,4 +1,4 @@
-"""Compute the ink deposited in the dish by executed motion, with ink faults.
+"""Compute ink deposited in the dish by executed motion, with ink faults.
 
 The simulated scanner and the simulated camera both take it from here, so that they show the same
 ink. Levels and heights of layers are those of the sound lines: a clog doesn't change where the

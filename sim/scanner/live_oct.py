@@ -1,4 +1,4 @@
-"""Simulate an OCT scan of a fixed field during a print; save it."""
+"""Simulate an OCT scan of a fixed field during a print."""
 
 from __future__ import annotations
 
