@@ -21,7 +21,7 @@ from printctl.observe.devices import acquire
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Look, Observer
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import OBSERVER_LOCK, answer_of, read_looks
+from printctl.observe.records import OBSERVER_LOCK, read_looks
 
 LOG: Final = "observer.log"
 log = logging.getLogger(__name__)
@@ -114,9 +114,8 @@ def _look(observer: Observer, told: dict[str, Any], folder: Path) -> None:
 
 
 def _asked(folder: Path, number: int) -> bool:
-    """Whether a look's record asks the operator for something that isn't answered."""
-    asks = any(one.number == number and one.asked for one in read_looks(folder))
-    return asks and answer_of(folder, number) is None
+    """Whether a look's record asks the operator for something."""
+    return any(one.number == number and one.asked for one in read_looks(folder))
 
 
 def look_of(told: dict[str, Any], folder: Path) -> Look:
