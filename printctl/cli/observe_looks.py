@@ -21,7 +21,10 @@ from printctl.observe.records import (
 
 
 def looks(run: RunArg, as_json: JsonFlag = False) -> None:
-    """List the looks at a print: what was found, decided and asked."""
+    """List the looks at a print: what was found, decided and asked.
+
+    Pictures, with what was expected and found drawn in, are in the print's folder, under looks.
+    """
     folder = print_folder(run)
     found = read_looks(folder)
     if as_json:
@@ -49,7 +52,11 @@ def answer(
         ),
     ],
 ) -> None:
-    """Answer the last look of a print that waits for the operator's word."""
+    """Answer the last look of a print that waits for the operator's word.
+
+    A look asks where something is to be written (observe.mend: ask), or where no ink came: clear
+    the needle first. `printctl observe looks` says what is proposed.
+    """
     folder = print_folder(run)
     found = read_looks(folder)
     try:
