@@ -9,7 +9,7 @@ PAGES = -m "browser and not slow" $$(grep -rlw browser tests --include='test_*.p
 PYTEST = $(BIN)/python -m pytest -p tests.forks
 # Without kept bytecode each process compiles all that it imports: three CPU seconds for SciPy and numba.
 unexport PYTHONDONTWRITEBYTECODE
-.PHONY: serve demo test pytest pytest-all kernels ci-environment test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-paper bench-search bench-operator bench-firmware docs gallery dist test-dist audit clean
+.PHONY: serve demo test pytest pytest-all kernels ci-environment test-slow test-browser lint bench bench-vasculature bench-tissue bench-link bench-solids bench-registration bench-embedded bench-flow bench-paper bench-search bench-operator bench-firmware bench-observe docs gallery dist test-dist audit clean
 
 demo: $(VENV)/.ready
 	$(BIN)/printctl run examples/planar_fresh.yaml
@@ -93,6 +93,10 @@ bench-firmware: $(VENV)/.ready-test
 	@$(BIN)/python -m benchmarks.firmware_bench $(if $(MARLIN),--marlin $(MARLIN)) \
 	  $(if $(MARLIN_WITHOUT_PARSER),--marlin-without-parser $(MARLIN_WITHOUT_PARSER)) \
 	  $(if $(MARLIN_FAST),--marlin-fast $(MARLIN_FAST)) $(if $(KLIPPER),--klipper $(KLIPPER)) $(BENCH)
+
+# Observed prints: what is seen, frames, mends, whole prints, kills; half an hour.
+bench-observe: $(VENV)/.ready-test
+	@for name in seeing camera frames mends prints faults; do $(BIN)/python -m benchmarks.observe_$$name; done
 
 # The user guide, in site/: opens without a network. Fails on a dead link, as CI does.
 docs: $(VENV)/.ready-docs

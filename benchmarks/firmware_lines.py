@@ -32,7 +32,7 @@ from sim.dry_run.run import dry_run
 from sim.errors import LineError
 from sim.families.marlin.printer import MarlinPrinter
 from sim.program.modal import BAD
-from sim.program.written import read_written
+from sim.program.read_program import read_written
 from sim.reading import read_line
 
 PRINTER = load(Printer, "marlin_avr")

@@ -1,4 +1,4 @@
-"""Call functions in a second Python process while this one goes on."""
+"""Call functions in a second Python process, without blocking this one."""
 
 from __future__ import annotations
 

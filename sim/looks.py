@@ -19,7 +19,7 @@ from firmware_profiles import ProfileError
 from kernels import keep_freed_memory
 from sim.camera.camera_file import load_camera
 from sim.camera.paint import paint
-from sim.deposit.of_record import ink_of_record, read_record
+from sim.deposit.recorded_ink import ink_of_record, read_record
 from sim.errors import CameraError, ScannerError, SimError
 from sim.motion.executed import ExecutedMotion
 from sim.scanner.live_oct import live_scan, load_oct, write_live_scan

@@ -1,4 +1,4 @@
-"""Find when each vessel of a grown network appears, by generation or by terminal, for films."""
+"""Order in which vessels of a grown network appear, for growth animations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Save and load a toolpath as an `.npz` file, to be combined with others in one print job."""
+"""Save and load a toolpath as an `.npz` file."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ class WeighingOptions:
     needle: Needle
 
 
-def open_rows(head: Pneumatic, doses_ul: list[float], flow: float) -> list[list[str]]:
+def timed_dose_rows(head: Pneumatic, doses_ul: list[float], flow: float) -> list[list[str]]:
     """Rows of the sheet: seconds from the opening command to the closing one, and a blank."""
     wait_s = np.ceil(head.opening_delay_s * 1e3) / 1e3
     return [[f"{round(dose / flow, 3) + wait_s:.3f}", ""] for dose in doses_ul]

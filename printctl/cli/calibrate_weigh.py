@@ -10,7 +10,7 @@ import typer
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
 from printctl.calibration import weighing_path
 from printctl.calibration.results import weighing_of, weighing_result
-from printctl.cli.calibrate_air import WeighingOptions, open_rows, weigh_flow
+from printctl.cli.calibrate_air import WeighingOptions, timed_dose_rows, weigh_flow
 from printctl.cli.calibrate_files import Job, write_mended, write_test
 from printctl.cli.calibrate_options import (
     At,
@@ -61,7 +61,7 @@ def weigh(
         if gcode is not None:
             path = weighing_path(volumes, flow, wait)
             job = Job(gcode, path, machine, filled, three_numbers(at, "--at"), doses=True)
-            write_test(job, ("open_s", "mass_mg"), open_rows(what.head, volumes, flow), {})
+            write_test(job, ("open_s", "mass_mg"), timed_dose_rows(what.head, volumes, flow), {})
             return
         data = read_csv_argument(readings, ("open_s", "mass_mg"))
         weigh_flow(what, data, (density, density_error), write, as_json)

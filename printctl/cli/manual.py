@@ -188,6 +188,13 @@ MANUAL: Final[Mapping[str, Manual]] = {
         )
     ),
     "observe check": Manual(("printctl observe check now.png --frame frame.yaml",), REFUSED),
+    "observe looks": Manual(("printctl observe looks runs/my_run",)),
+    "observe answer": Manual(
+        (
+            "printctl observe answer runs/my_run approve",
+            "printctl observe answer runs/my_run go_on",
+        )
+    ),
     "observe tip": Manual(
         (
             "printctl observe tip a.png b.png --at 85,95,12 --at 115,105,12 --needle 25g "

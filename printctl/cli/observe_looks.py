@@ -10,11 +10,21 @@ import typer
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import UsageError
-from printctl.observe.records import LookRecord, answer_look, look_folder, read_looks
+from printctl.observe.look_words import proposal_words, seen_words
+from printctl.observe.records import (
+    LookRecord,
+    answer_look,
+    look_folder,
+    read_looks,
+    refuse_unheard,
+)
 
 
 def looks(run: RunArg, as_json: JsonFlag = False) -> None:
-    """List the looks at a print: what was found, decided and asked."""
+    """List the looks at a print: what was found, decided and asked.
+
+    Pictures, with what was expected and found drawn in, are in the print's folder, under looks.
+    """
     folder = print_folder(run)
     found = read_looks(folder)
     if as_json:
@@ -26,7 +36,7 @@ def looks(run: RunArg, as_json: JsonFlag = False) -> None:
     last = found[-1]
     if last.asked:
         print_lines(
-            f"look {last.number} asks to {_ASKED[last.asked]}: see "
+            f"look {last.number} asks to {proposal_words(last)}: see "
             f"{look_folder(folder, last.number)}, then `printctl observe answer RUN approve` (or "
             "go_on, stop)"
         )
@@ -42,22 +52,24 @@ def answer(
         ),
     ],
 ) -> None:
-    """Answer the last look of a print that waits for the operator's word."""
+    """Answer the last look of a print that waits for the operator's word.
+
+    A look asks where something is to be written (observe.mend: ask), or where no ink came: clear
+    the needle first. `printctl observe looks` says what is proposed.
+    """
     folder = print_folder(run)
     found = read_looks(folder)
     try:
         if not found:
             raise ValueError(f"nobody has looked at the print in {folder}")
+        refuse_unheard(folder)
         answer_look(folder, found[-1].number, word)
     except ValueError as exc:
         raise UsageError(str(exc)) from exc
     print_lines(f"look {found[-1].number}: {word}; `printctl status` tells what the print does")
 
 
-_ASKED = {"mend": "mend what is missing", "flow": "correct the flow", "pause": "wait"}
-
-
 def _words(look: LookRecord) -> str:
-    seen = look.found.get("seen_share")
-    share = "" if seen is None else f", {seen:.0%} seen"
+    seen = seen_words(look)
+    share = f", {seen}" if seen else ""
     return f"look {look.number} ({look.mark}){share}: {look.decision}: {look.why}"

@@ -10,10 +10,9 @@ from typing import Any
 
 from printctl.errors import UsageError
 from printctl.link.print_identity import print_identity
-from printctl.pipeline.stages.printing import JOURNAL_FOLDER
 from printctl.pipeline.verdict import verdict
+from printctl.run_folder.artefacts import JOURNAL_FOLDER, NUMBERS
 from printctl.run_folder.artefacts import JSON as REPORT
-from printctl.run_folder.artefacts import NUMBERS
 from registration.comparison import GaugedScan, Origin, gauged_scan
 from registration.judging import judge_plain
 

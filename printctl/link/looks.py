@@ -1,4 +1,4 @@
-"""Hold a print for a look at what was written, until a client or the operator has decided.
+"""Hold a print for inspection until a client or the operator decides.
 
 A look is held as a pause is: nothing in flight, motors at rest, place compared, valve shut or
 plunger relieved, needle out of the bath. It ends by a word: go on, pause, stop. Where none comes

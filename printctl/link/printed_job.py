@@ -1,4 +1,4 @@
-"""Read the job of a print from its file, with what was put in while it was printed."""
+"""Read a print's job from its file, with lines inserted during printing."""
 
 from __future__ import annotations
 

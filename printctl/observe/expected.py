@@ -78,7 +78,8 @@ def expected_ink(held: HeldPrint, job: Job) -> ExpectedInk:
     """
     paths = written_paths(held)
     if not paths:
-        return _of_pieces((), *np.zeros((4, 0)), held)
+        none = np.zeros(0)
+        return _of_pieces((), none, none, none, none, held)
     factor = flow_factors(job)[np.concatenate([one.command for one in paths])]
     area = np.concatenate([one.e_per_mm for one in paths]) * _ul_per_e(held) / factor
     feed = np.concatenate([one.feed_mm_s for one in paths])

@@ -6,7 +6,7 @@ import logging
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import cv2
 import numpy as np
@@ -25,6 +25,7 @@ from printctl.observe.mending import HeldPrint, Voids, checked_mend
 from printctl.observe.mending.gap import Gap as MendGap
 from printctl.observe.observer import Judged, Look
 from printctl.observe.order import ObserverOrder
+from printctl.observe.records import DRAWN
 from printctl.observe.views import open_view
 from registration.layer_images import (
     Appearance,
@@ -38,7 +39,6 @@ from registration.layer_images import (
 
 log = logging.getLogger(__name__)
 Image = NDArray[Any]
-DRAWN: Final = "seen.png"
 
 
 @dataclass

@@ -21,9 +21,8 @@ from printctl.observe.devices import acquire
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Look, Observer
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import answer_of, read_looks
+from printctl.observe.records import OBSERVER_LOCK, read_looks
 
-LOCK: Final = "observer.lock"
 LOG: Final = "observer.log"
 log = logging.getLogger(__name__)
 
@@ -71,7 +70,7 @@ def observe(folder: Path) -> None:
     order = ObserverOrder.load(folder)
     handled: set[int] = set()  # what was said before a look ended is heard after it
     with (
-        hold_folder(folder, LOCK, "an observer is at work"),
+        hold_folder(folder, OBSERVER_LOCK, "an observer is at work"),
         attach(folder) as words,
         attach(folder) as events,
     ):
@@ -115,9 +114,8 @@ def _look(observer: Observer, told: dict[str, Any], folder: Path) -> None:
 
 
 def _asked(folder: Path, number: int) -> bool:
-    """Whether a look's record asks the operator for something that isn't answered."""
-    asks = any(one.number == number and one.asked for one in read_looks(folder))
-    return asks and answer_of(folder, number) is None
+    """Whether a look's record asks the operator for something."""
+    return any(one.number == number and one.asked for one in read_looks(folder))
 
 
 def look_of(told: dict[str, Any], folder: Path) -> Look:

@@ -14,10 +14,16 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from design.files import write_text
+from printctl.link.find_link import alive
 
 Answer = Literal["approve", "go_on", "stop"]
 ANSWERS: Final[tuple[Answer, ...]] = ("approve", "go_on", "stop")
 LOOKS: Final = "looks"
+_ANSWER: Final = "answer.json"
+OBSERVER_LOCK: Final = "observer.lock"
+"""Held in the print's folder while an observer is at work."""
+DRAWN: Final = "seen.png"
+_PICTURES: Final = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 
 
 @dataclass(frozen=True)
@@ -70,7 +76,7 @@ def look_folder(print_folder: Path, number: int) -> Path:
 
 
 def save_look(print_folder: Path, record: LookRecord) -> None:
-    """Write a look's record.
+    """Write a look's record; an answer to an earlier print's look of this number is taken away.
 
     Raises
     ------
@@ -78,18 +84,38 @@ def save_look(print_folder: Path, record: LookRecord) -> None:
         When the disk is full.
     """
     path = look_folder(print_folder, record.number) / "look.json"
+    path.with_name(_ANSWER).unlink(missing_ok=True)
     write_text(path, json.dumps(asdict(record), indent=1, allow_nan=False) + "\n")
 
 
-def read_looks(print_folder: Path) -> list[LookRecord]:
-    """Return the looks that were judged, in their order; what can't be read is left out."""
+def read_looks(print_folder: Path, since: float = 0.0) -> list[LookRecord]:
+    """Return the looks that were judged, in their order; what can't be read is left out.
+
+    Parameters
+    ----------
+    print_folder : Path
+    since : float, s since 1970
+        Begin of the print: earlier looks are of an earlier print in the folder.
+    """
     found = []
     for path in sorted((print_folder / LOOKS).glob("*/look.json")):
         try:
-            found.append(LookRecord(**json.loads(path.read_text(encoding="utf-8"))))
+            look = LookRecord(**json.loads(path.read_text(encoding="utf-8")))
         except (OSError, ValueError, TypeError):
             continue
+        if look.at >= since:
+            found.append(look)
     return found
+
+
+def look_picture(print_folder: Path, number: int) -> Path | None:
+    """Return a look's picture with what was found drawn in, else as it was taken; None for none."""
+    place = print_folder / LOOKS / f"{number:04d}"
+    drawn = place / DRAWN
+    if drawn.is_file():
+        return drawn
+    taken = (path for path in sorted(place.glob("picture.*")) if path.suffix.lower() in _PICTURES)
+    return next(taken, None)
 
 
 def answer_look(print_folder: Path, number: int, answer: str) -> None:
@@ -105,13 +131,27 @@ def answer_look(print_folder: Path, number: int, answer: str) -> None:
     asking = [look for look in read_looks(print_folder) if look.number == number and look.asked]
     if not asking:
         raise ValueError(f"look {number} asks for nothing; `printctl observe looks` lists them")
-    path = look_folder(print_folder, number) / "answer.json"
+    path = look_folder(print_folder, number) / _ANSWER
     write_text(path, json.dumps({"answer": answer}) + "\n")
+
+
+def refuse_unheard(print_folder: Path) -> None:
+    """Refuse an answer that no observer would act on.
+
+    Raises
+    ------
+    ValueError
+    """
+    if not alive(print_folder, OBSERVER_LOCK):
+        raise ValueError(
+            f"no observer is at work in {print_folder}, so nobody would act on the answer (its "
+            "observer.log may say why): resume the print, which goes on without, or stop it"
+        )
 
 
 def answer_of(print_folder: Path, number: int) -> Answer | None:
     """Return the operator's word on a look; None while there is none."""
-    path = print_folder / LOOKS / f"{number:04d}" / "answer.json"
+    path = print_folder / LOOKS / f"{number:04d}" / _ANSWER
     try:
         answer = json.loads(path.read_text(encoding="utf-8"))["answer"]
     except (OSError, ValueError, KeyError):

@@ -12,14 +12,13 @@ import yaml
 from design.files import write_text
 from design.network_files.csv_format import write_network_csv
 from kernels.arrays import FloatArray
-from printctl.errors import UsageError
 from printctl.link.detached_process import spawn
 from printctl.link.marks import MarkKind
 from printctl.observe.deciding import FlowLimits, GapTest, Limits
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.order import ObserverOrder
 from printctl.pipeline.context import RunContext
-from printctl.printing import SIMULATED, usable_mm
+from printctl.printing import usable_mm
 from printctl.printing.executed_note import EXECUTED
 from printctl.recipe.making import Embedded
 from printctl.recipe.observe import ObservePart
@@ -48,30 +47,6 @@ def look_care(part: ObservePart | None) -> dict[str, Any]:
     if unit == "mm":
         return {**care, "look_every_mm": number}
     return {**care, "look_every_s": number * _SECONDS[unit]}
-
-
-def refuse_unobservable(context: RunContext) -> None:
-    """Refuse what an observer can't do, before anything is made.
-
-    Raises
-    ------
-    UsageError
-    """
-    part, printer = context.recipe.observe, context.printer
-    if part is None:
-        return
-    if printer.heads or printer.pneumatic is not None:
-        raise UsageError(
-            f"observe: {printer.name} has several heads or a valve, and mends are written for one "
-            "plunger; leave observe out"
-        )
-    if context.recipe.plate is not None:
-        raise UsageError("observe: a plate's prints can't be observed yet; leave observe out")
-    if not part.source and context.recipe.printer.port != SIMULATED:
-        raise UsageError(
-            f"observe: no source is named, which means a simulated {part.device}, but port is "
-            f"{context.recipe.printer.port}; name the {part.device} (source)"
-        )
 
 
 def start_observer(context: RunContext, folder: Path) -> None:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy import float64
     from numpy.typing import NDArray
 
@@ -31,6 +33,8 @@ class PageParts:
         Figures that are drawn already.
     origin : dict or None
         What the PDF says of the files; None for a page alone.
+    observed : Path or None
+        Folder of the print, with the looks at it; None where there are none.
     """
 
     data: dict[str, Any]
@@ -40,3 +44,4 @@ class PageParts:
     views: Views
     drawn: dict[str, bytes]
     origin: dict[str, Any] | None
+    observed: Path | None = None

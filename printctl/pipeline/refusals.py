@@ -20,6 +20,7 @@ from firmware_profiles import Bath, Dish, Printer, load
 from kernels.arrays import FloatArray
 from printctl.pipeline.head_contents import Filled, filled_heads, needle_options
 from printctl.pipeline.heads import layer_lines_um, vessel_heads
+from printctl.pipeline.observable import refuse_unobservable
 from printctl.preflight.mounted_checks import (
     bath_checks,
     chemistry_check,
@@ -49,13 +50,15 @@ def refuse_before(recipe: Recipe, recipe_folder: Path) -> None:
     ToolpathError
         For a vessel that the needle or the layers can't make.
     UsageError
-        For heads that the printer hasn't, or a vessel that no head writes.
+        For heads that the printer hasn't, a vessel that no head writes, or a print that can't be
+        observed as asked.
     NetworkError, ProfileError, OSError
         When a file is wrong or can't be read.
     """
+    printer = load(Printer, recipe.printer.profile)
+    refuse_unobservable(recipe, printer)
     if recipe.plate is not None:
         return
-    printer = load(Printer, recipe.printer.profile)
     heads = filled_heads(recipe.printer, recipe.toolpath.needle, printer)
     bath = load(Bath, recipe.printer.bath)
     checks = [] if printer.heads else list(_mounted(printer, heads[0], bath))

@@ -13,12 +13,14 @@ from design.files import write_text
 from design.measures.morphometry import network_strahler_orders
 from design.network import VesselNetwork
 from design.solids import Solid
+from printctl.link.print_identity import print_identity
+from printctl.observe.records import LOOKS
 from printctl.pipeline.facts import scan_origin
 from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.pipeline.page_parts import PageParts
 from printctl.pipeline.verdict import verdict
 from printctl.recipe.record import RecordPart
-from printctl.run_folder.artefacts import NUMBERS
+from printctl.run_folder.artefacts import JOURNAL_FOLDER, NUMBERS
 from printctl.run_folder.registration_files import (
     DEVIATION,
     design_facts,
@@ -130,7 +132,16 @@ class RegisteredScan:
         surfaces = pack_surfaces(self._surfaces())
         origin = scan_origin(self.source, self.network) if pdf else None
         orders = network_strahler_orders(self.vessels)
-        return PageParts(data, surfaces, self.vessels, orders, views, drawn.result(), origin)
+        return PageParts(
+            data, surfaces, self.vessels, orders, views, drawn.result(), origin, self._observed()
+        )
+
+    def _observed(self) -> Path | None:
+        """Folder of the print that was scanned, where it was observed."""
+        folder = self.model / JOURNAL_FOLDER
+        if self.printed is None or not (folder / LOOKS).is_dir():
+            return None
+        return folder if print_identity(folder) == self.printed else None
 
     def _surfaces(self) -> list[ReportSurface]:
         vertices, deviation_um = scaled_vertices(self.found), self.found.scaled_deviation_um

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from printctl.pipeline.look_pictures import look_pictures
 from printctl.pipeline.page_parts import PageParts
 from printctl.run_folder.artefacts import HTML, NUMBERS, PDF
 from registration.report import all_figures, network_drawing, write_report_html
@@ -17,7 +18,8 @@ __all__ = ["all_figures", "network_drawing", "write_pages"]
 def write_pages(folder: Path, parts: PageParts) -> None:
     """Write the HTML page, and the PDF where it is asked for, into a folder."""
     # Drawn once for page and PDF.
-    drawn = all_figures(parts.data, parts.network, parts.drawn, parts.views)
+    given = parts.drawn | ({} if parts.observed is None else look_pictures(parts.observed))
+    drawn = all_figures(parts.data, parts.network, given, parts.views)
     shown = {**parts.data, "numbers_file": NUMBERS, "strahler_orders": parts.orders}
     write_report_html(folder / HTML, shown, parts.surfaces, parts.network, drawn, views=parts.views)
     if parts.origin is not None:

@@ -80,6 +80,7 @@ class Recipe(Part):
             *(name for name in tables if name),
             *self.toolpath.files(),
             *self.printer.files(),
+            *(self.observe.files() if self.observe is not None else ()),
         ]
 
     def _is_the_design_s_block(self) -> None:

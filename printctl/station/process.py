@@ -1,4 +1,4 @@
-"""Run a station in a process of its own, sole owner of the port, between and during prints.
+"""Run a station as a separate process that owns the printer's port.
 
 It is started detached (a session of its own), ignores Ctrl-C and hang-ups, and goes on when the
 program that started it dies. It ends when it is closed.

@@ -1,4 +1,4 @@
-"""Send one request to a station over a connection of its own."""
+"""Send one request to a station over a separate connection."""
 
 from __future__ import annotations
 

@@ -8,12 +8,15 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from registration.layer_images.presence import END, INK, WindowNoise
-from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray
+from registration.layer_images.values import BoolArray, FloatArray, Gap, IntArray, Unseen
 from registration.layer_images.ways import Ways
 
 LEAST: Final = 0.6
 """Of the tolerated length: shorter ones aren't told (round ends reach into a gap)."""
 _HIDDEN: Final = 0.06
+_ALIKE: Final = 0.95
+_FEWEST_ALIKE: Final = 12
+_LEAST_ALIKE: Final = 0.8
 _SMOOTH: Final = 0.4
 """Of the tolerated length, over which presence is averaged to find where a gap ends."""
 
@@ -147,3 +150,26 @@ def merged(gaps: list[Gap], ways: Ways) -> tuple[Gap, ...]:
                 continue
         out.append(gap)
     return tuple(out)
+
+
+def lit_along(
+    gap: Gap,
+    ways: Ways,
+    angle: FloatArray,
+    present: FloatArray,
+    clear: BoolArray,
+    why: IntArray,
+) -> bool:
+    """Whether other lines of the gap's direction show no ink either; marks that as unclear.
+
+    Under light from the side a line of one direction may be as bright as the bath.
+    """
+    rows = (ways.stroke == gap.stroke) & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
+    if not rows.any():
+        return False
+    own = np.exp(1j * angle[rows]).mean()
+    alike = clear & ~rows & (np.real(np.exp(1j * angle) * np.conj(own)) > _ALIKE * abs(own))
+    if alike.sum() >= _FEWEST_ALIKE and (present[alike] > INK).mean() > _LEAST_ALIKE:
+        return False
+    why[rows] = int(Unseen.UNCLEAR)
+    return True

@@ -23,7 +23,7 @@ import numpy as np
 from registration.errors import PictureError
 from registration.layer_images.blobs import find_blobs
 from registration.layer_images.coarse_shift import coarse_shift
-from registration.layer_images.gaps import find_gaps, merged
+from registration.layer_images.gaps import find_gaps, lit_along, merged
 from registration.layer_images.ink_image import ACROSS, angle_of, smoothed
 from registration.layer_images.layer_shift import fit_shift
 from registration.layer_images.light import flattened
@@ -31,7 +31,7 @@ from registration.layer_images.lumens_seen import see_lumens
 from registration.layer_images.plane_map import PlaneMap
 from registration.layer_images.presence import INK, Sides
 from registration.layer_images.stations import Grouping, station_widths
-from registration.layer_images.step_height import begins_with_a_step, tell_by_height
+from registration.layer_images.step_height import stepped, tell_by_height
 from registration.layer_images.stretches import find_stretches, width_ratio
 from registration.layer_images.told import ASIDE, Ground, Told, differs_enough, reasons, tell_ink
 from registration.layer_images.values import (
@@ -62,9 +62,6 @@ _SAME_PX: Final = 0.4
 _ROUNDS: Final = 3
 _EDGES_RATE: Final = 1e-4
 """Ink that is told by its edges or slopes must be missing by so much more surely."""
-_ALIKE: Final = 0.95
-_FEWEST_ALIKE: Final = 12
-_LEAST_ALIKE: Final = 0.8
 _SLANT: Final = 0.08
 """Lack of symmetry from which on light from the side must be reckoned with."""
 _LIT_ASIDE: Final = 0.3
@@ -365,9 +362,14 @@ def _gaps(
                 look.present, clear, look.ways, told.noise, options.gap_mm, certain, around
             )
             if told.template.slant > ASIDE:
-                gaps = [gap for gap in gaps if not _lit_along(look, gap, clear, why)]
+                angle = angle_of(look.seen)
+                gaps = [
+                    gap
+                    for gap in gaps
+                    if not lit_along(gap, look.ways, angle, look.present, clear, why)
+                ]
             if look.by_height and told is look.old:
-                gaps, doubtful = _stepped(look, gaps, clear)
+                gaps, doubtful = stepped(gaps, look.present, clear, look.ways)
                 unclear |= doubtful
             found += gaps
             why[unclear] = int(Unseen.UNCLEAR)
@@ -376,35 +378,6 @@ def _gaps(
             doubt = good & rows & (look.plain < INK * noise.middle) & (look.present > INK)
             why[doubt & (look.plain < 0.25 * noise.middle)] = int(Unseen.UNCLEAR)
     return found
-
-
-def _stepped(look: _Look, gaps: list[Gap], clear: BoolArray) -> tuple[list[Gap], BoolArray]:
-    """Gaps where the surface steps down, and the places of all others, (n,)."""
-    kept, doubtful = [], np.zeros(len(look.ways), dtype=np.bool_)
-    for gap in gaps:
-        if begins_with_a_step(gap, look.present, clear, look.ways):
-            kept.append(gap)
-        else:
-            own, along = look.ways.stroke == gap.stroke, look.ways.along
-            doubtful |= own & (along >= gap.from_mm) & (along <= gap.to_mm)
-    return kept, doubtful
-
-
-def _lit_along(look: _Look, gap: Gap, clear: BoolArray, why: IntArray) -> bool:
-    """Whether other lines of the gap's direction show no ink either; marks that as unclear.
-
-    Under light from the side a line of one direction may be as bright as the bath.
-    """
-    ways, angle = look.ways, angle_of(look.seen)
-    rows = (ways.stroke == gap.stroke) & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
-    if not rows.any():
-        return False
-    own = np.exp(1j * angle[rows]).mean()
-    alike = clear & ~rows & (np.real(np.exp(1j * angle) * np.conj(own)) > _ALIKE * abs(own))
-    if alike.sum() >= _FEWEST_ALIKE and (look.present[alike] > INK).mean() > _LEAST_ALIKE:
-        return False
-    why[rows] = int(Unseen.UNCLEAR)
-    return True
 
 
 def _blobs(look: _Look, options: SeeingOptions) -> tuple[tuple[Blob, ...], BoolArray]:

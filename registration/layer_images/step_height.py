@@ -175,7 +175,21 @@ def _level(height: FloatArray, point: FloatArray, use: BoolArray) -> FloatArray 
     return np.where(np.abs(level - 0.5) < _OFF, level, np.nan)
 
 
-def begins_with_a_step(gap: Gap, present: FloatArray, good: BoolArray, ways: Ways) -> bool:
+def stepped(
+    gaps: list[Gap], present: FloatArray, good: BoolArray, ways: Ways
+) -> tuple[list[Gap], BoolArray]:
+    """Return gaps where the surface steps down, and the places of all others, (n,)."""
+    kept, doubtful = [], np.zeros(len(ways), dtype=np.bool_)
+    for gap in gaps:
+        if _begins_with_a_step(gap, present, good, ways):
+            kept.append(gap)
+        else:
+            own = ways.stroke == gap.stroke
+            doubtful |= own & (ways.along >= gap.from_mm) & (ways.along <= gap.to_mm)
+    return kept, doubtful
+
+
+def _begins_with_a_step(gap: Gap, present: FloatArray, good: BoolArray, ways: Ways) -> bool:
     """Whether the surface steps down at a gap's begin and end, where the stroke goes on there."""
     own = good & (ways.stroke == gap.stroke)
     along = ways.along

@@ -1,4 +1,4 @@
-"""First estimate of the light reaching each OCT voxel, fitted in turns with gel and liquid."""
+"""First estimate of light reaching OCT voxels, fitted alternately with gel and liquid."""
 
 from __future__ import annotations
 

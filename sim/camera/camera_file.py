@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict
 
 from sim.camera.optics import Camera
 from sim.camera.scene import Scene
-from sim.deposit.of_record import InkSource
+from sim.deposit.recorded_ink import InkSource
 from sim.errors import CameraError
 from sim.model_file import read_model
 

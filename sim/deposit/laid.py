@@ -1,4 +1,4 @@
-"""Compute what ink lies in the dish after executed motion, faults of the ink included.
+"""Compute ink deposited in the dish by executed motion, with ink faults.
 
 The simulated scanner and the simulated camera both take it from here, so that they show the same
 ink. Levels and heights of layers are those of the sound lines: a clog doesn't change where the

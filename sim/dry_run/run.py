@@ -29,7 +29,7 @@ from sim.motion.executed_log import executed_motion
 from sim.program.finding import Finding
 from sim.program.gcode import Program
 from sim.program.modal import MOVE
-from sim.program.written import read_written
+from sim.program.read_program import read_written
 from sim.reading.named_commands import NamedCommand
 from sim.reading.other_lines import Others, other_lines
 

@@ -1,4 +1,4 @@
-"""Faults of the ink that develop while a simulated print goes on: the fault file's list `ink`.
+"""Ink faults during a simulated print, from the fault file's list `ink`.
 
 ::
 

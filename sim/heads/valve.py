@@ -26,7 +26,7 @@ from sim.errors import GcodeError
 from sim.motion.executed import ExecutedMotion
 from sim.program.gcode import Program, parse_line
 from sim.program.modal import DWELL
-from sim.program.written import read_written
+from sim.program.read_program import read_written
 from sim.reading.named_commands import NamedCommand
 from sim.reading.outputs import output_of
 

@@ -1,4 +1,4 @@
-"""Refuse valid G-code lines that firmwares of one family interpret differently."""
+"""Refuse G-code lines that firmwares interpret differently, or with meaningless values."""
 
 from __future__ import annotations
 

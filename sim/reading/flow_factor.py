@@ -1,4 +1,4 @@
-"""Job lines with their doses multiplied by a factor, as a correction of the flow wants them.
+"""Multiply plunger travel of writing moves in job lines by a factor.
 
 Only moves that write are changed: those that push the plunger on a way of the tip. What moves the
 plunger alone (drawing back, priming) keeps its length. The count of E goes on from where it was; a

@@ -1,4 +1,4 @@
-"""Simulated OCT over the dish of a print that goes on: one scan of a fixed field, its file."""
+"""Simulate an OCT scan of a fixed field during a print."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from sim.deposit.laid import Laid
 from sim.deposit.lay import deposit_of_laid
-from sim.deposit.of_record import InkSource
+from sim.deposit.recorded_ink import InkSource
 from sim.errors import ScannerError
 from sim.model_file import read_model
 from sim.scanner.oct import OctOptions, simulate_oct

@@ -1,4 +1,4 @@
-"""Serve the simulated printer as a process of its own: port, loop, kernels compiled ahead.
+"""Serve the simulated printer as a separate process on a port.
 
 Goes in: a profile and a port. Comes out: a process that any host can print on. Begin with
 `serve.py`.

@@ -1,4 +1,4 @@
-"""Read what was inserted into a job from the journal of the host that prints it.
+"""Read lines inserted into a job, from the print host's journal.
 
 The format is `printctl.link.journal`'s, written down here once more, because a simulated printer
 imports nothing of its host: ``<crc32 of the JSON, 8 hex digits> <JSON>`` a line, records with

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from design.toolpath.checks import require_not_negative, require_positive
-from design.toolpath.gcode.load import HeadLoad
+from design.toolpath.gcode.head_load import HeadLoad
 from design.toolpath.toolpath import IntArray
 
 

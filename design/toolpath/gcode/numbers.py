@@ -1,4 +1,4 @@
-"""Decimals of X, Y, Z from motor steps; E has 7, and the largest push one move may have."""
+"""Decimals of G-code axes from motor steps; largest plunger travel per move."""
 
 from __future__ import annotations
 

@@ -33,8 +33,9 @@ class GapTest:
     second_rate: float = 0.01
 
     def significant(self, gap: Gap, places: int) -> bool:
-        """Whether a gap is long enough, and believed among ``places`` tested."""
-        return gap.length_mm >= self.least_mm and gap.p_value * max(places, 1) <= self.rate
+        """Whether a gap is long enough (its ends are unsure), and believed among ``places``."""
+        longest = gap.length_mm + 2.0 * gap.u_mm
+        return longest >= self.least_mm and gap.p_value * max(places, 1) <= self.rate
 
 
 def confirmed_gaps(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -36,23 +38,35 @@ def acquire(settings: DeviceSettings, out: Path, since: float) -> Path:
         When there is none within the limit; the message says why and what to do.
     """
     command = [sys.executable, "-m", "printctl.observe.devices", settings.to_json(), str(out)]
+    process = subprocess.Popen(
+        [*command, f"{since:.3f}"],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        start_new_session=True,
+    )
     try:
-        done = subprocess.run(
-            [*command, f"{since:.3f}"],
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=settings.limit_s,
-            check=False,
-        )
+        said, why = process.communicate(timeout=settings.limit_s)
     except subprocess.TimeoutExpired as exc:
         raise DeviceError(
             f"the {settings.kind} gave no picture within {settings.limit_s:g} s; is it connected, "
             "switched on and free (no other program)?"
         ) from exc
-    said = done.stdout.strip().splitlines()
-    if done.returncode or not said:
-        why = done.stderr.strip().splitlines()
-        raise DeviceError(why[-1] if why else f"the {settings.kind} failed without a word")
-    return Path(said[-1])
+    finally:
+        _end(process)
+    if process.returncode or not said.strip():
+        last = why.strip().splitlines()
+        raise DeviceError(last[-1] if last else f"the {settings.kind} failed without a word")
+    return Path(said.strip().splitlines()[-1])
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    """End a process, and a device's own program that it has started."""
+    if process.poll() is not None:
+        return
+    if hasattr(os, "killpg"):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.kill()
+    process.communicate()  # closes its pipes

@@ -18,7 +18,7 @@ from printctl.observe.mending.errors import MendError
 from sim.deposit.levels import written_levels
 from sim.program.gcode import Program
 from sim.program.modal import MOVE
-from sim.program.written import read_written
+from sim.program.read_program import read_written
 from sim.reading.comments import declared_start
 
 FloatArray = NDArray[np.float64]

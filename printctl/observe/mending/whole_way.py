@@ -15,7 +15,7 @@ from printctl.observe.mending.options import MendOptions
 from printctl.observe.mending.patch import Patch
 from printctl.observe.mending.stretches import Site
 from sim.clearance import ShaftContact
-from sim.program.written import read_written
+from sim.program.read_program import read_written
 
 Spans = list[tuple[int, int]]
 """Lines of an insert that write each patch: the first, and the one behind the last."""

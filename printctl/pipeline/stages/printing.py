@@ -32,11 +32,11 @@ from printctl.printing import (
 from printctl.printing.executed_note import is_complete_record
 from printctl.progress import Report
 from printctl.recipe.making import SimulatedScan
-from printctl.run_folder.artefacts import GCODE
+from printctl.run_folder.artefacts import GCODE, JOURNAL_FOLDER
 from printctl.run_folder.manifest import digest_file
 from sim.motion.executed import ExecutedMotion
 
-EXECUTED, JOURNAL_FOLDER = "executed.npz", "print"
+EXECUTED = "executed.npz"
 
 
 def depends(context: RunContext) -> Any:

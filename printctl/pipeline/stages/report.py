@@ -17,12 +17,12 @@ from printctl.link.print_identity import print_identity
 from printctl.oxygen import CAPTION, SLICE
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.layer_pictures import layer_pictures
+from printctl.pipeline.look_pictures import look_pictures
 from printctl.pipeline.outlines import outlined_design
 from printctl.pipeline.stages.collect import collect
-from printctl.pipeline.stages.printing import JOURNAL_FOLDER
 from printctl.pipeline.verdict import verdict
 from printctl.recipe.making import Fresh
-from printctl.run_folder.artefacts import GCODE, HTML, JSON, PDF
+from printctl.run_folder.artefacts import GCODE, HTML, JOURNAL_FOLDER, JSON, PDF
 from printctl.run_folder.registration_files import DEVIATION, VIEWS, load_deviation
 from registration.report import ReportSurface, all_figures, write_report_html
 from registration.report.deviation_surfaces import split_surfaces
@@ -82,7 +82,7 @@ def surfaces(context: RunContext) -> list[ReportSurface]:
 
 
 def figures(context: RunContext) -> dict[str, bytes]:
-    """Layers or passes; the other figures the page draws by itself."""
+    """Layers or passes, looks at the print; the other figures the page draws by itself."""
     part, syringe = context.recipe.toolpath, context.syringe
     factor = context.ink.flow_factor**0.5
     pushing = Pushing(
@@ -101,7 +101,15 @@ def figures(context: RunContext) -> dict[str, bytes]:
         | space_pictures(context)
         | oxygen_picture(context)
         | layer_pictures(context.folder / GCODE, pushing, outlined_design(context))
+        | observed(context)
     )
+
+
+def observed(context: RunContext) -> dict[str, bytes]:
+    """Looks at the print, where the recipe has it observed."""
+    if context.recipe.observe is None:
+        return {}
+    return look_pictures(context.folder / JOURNAL_FOLDER)
 
 
 def space_pictures(context: RunContext) -> dict[str, bytes]:

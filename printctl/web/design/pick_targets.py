@@ -1,4 +1,4 @@
-"""Places of a recipe that a click on its tissue's surface can set, and what is then written."""
+"""Recipe fields that a click on the tissue surface can set."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ class PrintCard:
         with ui.row().classes("gap-2 job-actions") as self._row:
             self._pauses = [pause("Pause now", "now", button)]
             self._resume = button("Resume", lambda: self._do(hands.resume, who, job))
-            self._cancel = quiet_button("Cancel print", lambda: self._ask.open())
+            self._cancel = quiet_button("Cancel print", self.ask_cancel)
             self._pauses.append(pause("Pause after layer", "layer", quiet_button))
             self._vessel = pause("Pause after vessel", "vessel", quiet_button)
             self._reload = quiet_button("Change syringe", lambda: self._do(hands.reload, who, job))
@@ -133,6 +133,10 @@ class PrintCard:
         self._reload.set_visibility(now in ("printing", "paused", "looking") and not changing)
         self._here.set_visibility(told["deadman_left_s"] is not None)
         self._cancel.set_visibility(can["stop"]["possible"])
+
+    def ask_cancel(self) -> None:
+        """Ask whether the print is to be ended."""
+        self._ask.open()
 
     async def _do(self, work: Callable[..., Any], *args: Any, **values: Any) -> Any:
         found, said = await run_or_explain(work, *args, **values)

@@ -13,6 +13,7 @@ from printctl.link.inserts import file_count
 from printctl.web.job.card_after import add_after
 from printctl.web.job.card_camera import add_camera
 from printctl.web.job.card_jobs import add_jobs
+from printctl.web.job.card_looks import LooksCard
 from printctl.web.job.card_preflight import add_preflight
 from printctl.web.job.card_print import PrintCard, last_report
 from printctl.web.job.card_start import add_start
@@ -86,7 +87,8 @@ async def _cards(service: JobService, job: str, folds: Folds, cards: ui.element)
     machine, _ = await run_or_explain(service.machine)
     record, unwritten = await run_or_explain(service.record, job)
     with ui.element("div").classes("job-column job-at-print"):
-        show_print = PrintCard(service, who, job).show
+        print_card = PrintCard(service, who, job)
+        looks_card = LooksCard(service, who, job, print_card.ask_cancel)
     with ui.element("div").classes("job-column job-at-view"):
         tell_view = _teller(_live_view(service, job))
         await add_camera(service, job, folds)
@@ -103,7 +105,8 @@ async def _cards(service: JobService, job: str, folds: Folds, cards: ui.element)
         first = going_on or _broke_off(told)
         cards.classes(**{"add" if first else "remove": "job-running"})
         folds.set(first)
-        show_print(told, service.core.events.latest.get("station"))
+        print_card.show(told, service.core.events.latest.get("station"))
+        looks_card.show(told)
         show_start(going_on)
 
     def refresh() -> None:

@@ -15,6 +15,7 @@ from printctl.web.errors import NotFoundError
 from printctl.web.job import models as m
 from printctl.web.job.camera.routes import add_routes
 from printctl.web.job.following import PrintReport
+from printctl.web.job.looks import routes as look_routes
 from printctl.web.job.machine import Machine
 from printctl.web.job.photos import MOST_BYTES
 from printctl.web.job.record import PrintRecord
@@ -50,6 +51,7 @@ def routers(service: JobService) -> tuple[APIRouter, ...]:
     _broken_off(routes, service)
     _after(routes, service)
     add_routes(routes, service.watching, service.heard)
+    look_routes.add_routes(routes, service.looks, requesting_user)
     return routes, live_router(service.scene, service.scenes)
 
 

@@ -20,6 +20,7 @@ from printctl.web.job.camera.camera_service import CameraService
 from printctl.web.job.declared_start import declared_of
 from printctl.web.job.following import PrintReport
 from printctl.web.job.jobs import JobEntry, add_job, entry_of, list_jobs
+from printctl.web.job.looks.look_service import LookService
 from printctl.web.job.machine import Machine, Printing, mounted_checks, set_up_of
 from printctl.web.job.preflight import Preflight, Preflights, refuse, row
 from printctl.web.job.print_commands import PrintCommands
@@ -61,6 +62,8 @@ class JobService:
         Steps, notes, photos, warming, flushing.
     watching : CameraService
         The camera, the time-lapses.
+    looks : LookService
+        Looks at an observed print, and the operator's answer.
     """
 
     def __init__(self, core: Core, printing: Printing | None = None) -> None:
@@ -75,6 +78,7 @@ class JobService:
         self.after = Aftercare(core, self.records, self.printing, self.set_up)
         self.scenes = SceneMaker()
         self.watching = CameraService(core)
+        self.looks = LookService(core, self.heard)
         self._prints = Prints(
             core.workspace, self._preflights, self._set_ups, self.records, self._tell
         )

@@ -1,4 +1,4 @@
-"""Printer interface of the Job page by way of the station: state, print, move to start, heat."""
+"""Job page's access to the printer through the station: print, move, heat."""
 
 from __future__ import annotations
 

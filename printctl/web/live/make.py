@@ -1,4 +1,4 @@
-"""Build live-view scenes from G-code, as a process (``python -m printctl.web.live.make``).
+"""Worker process that builds live-view scenes for requests on standard input.
 
 A line with `NOW` or `BEHIND` and a `JobSource` in JSON comes in, one answer goes out:
 ``{"scene": PATH}`` or ``{"error": MESSAGE}``. The process ends when its input does, so it never

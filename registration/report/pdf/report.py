@@ -19,7 +19,7 @@ from registration.report.pdf.drawing import figure
 from registration.report.pdf.provenance import digest_facts, meta_line, origin_facts, printed_on
 from registration.report.pdf.styles import BODY, BULLET, HEADING, MINOR, SMALL, WIDTH, text
 from registration.report.pdf.tables import data_table, fact_lines, grid
-from registration.report.pdf.uncertainty import fitted_rows, pose_doubts, sure_facts
+from registration.report.pdf.uncertainty import confidence_facts, fitted_rows, pose_doubts
 from registration.report.record import record_facts
 from registration.report.sections import (
     fit_rows,
@@ -144,7 +144,7 @@ def _places(registration: Mapping[str, Any]) -> list[Flowable]:
 
 
 def _uncertainty(registration: Mapping[str, Any]) -> list[Flowable]:
-    rows, sure = fitted_rows(registration), sure_facts(registration)
+    rows, sure = fitted_rows(registration), confidence_facts(registration)
     if not rows and not sure:
         return []
     left = [grid(["Fitted", "Value", "95 %"], rows, [False, True, True], HALF)] if rows else []
@@ -197,7 +197,7 @@ def _zones(registration: Mapping[str, Any]) -> list[Flowable]:
     ]
 
 
-_PICTURED = ("registration", "design", "flow", "fidelities", "oxygen", "toolpath", "other")
+_PICTURED = ("registration", "design", "flow", "fidelities", "oxygen", "toolpath", "print", "other")
 
 
 def _pictures(drawn: Figures) -> list[Flowable]:

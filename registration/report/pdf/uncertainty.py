@@ -35,7 +35,7 @@ def fitted_rows(registration: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     return rows
 
 
-def sure_facts(registration: Mapping[str, Any]) -> list[Fact]:
+def confidence_facts(registration: Mapping[str, Any]) -> list[Fact]:
     """Depth scale, ambiguity, cross-check, and how walls were taken."""
     made = []
     if registration.get("depth_scale_fitted") is not None:

@@ -1,4 +1,4 @@
-"""Playback of a predicted print by a time slider, as a page of its own or in the report.
+"""Playback of a predicted print by time slider: HTML page or report section.
 
 Goes in: predicted ink in order of time. Comes out: a page with a slider. Begin with `playback.py`.
 """

@@ -1,4 +1,4 @@
-"""Draw a predicted print as one PNG (finished, or a middle layer), for paper or no JavaScript."""
+"""Draw a predicted print, finished or at a middle layer, as one PNG."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Write the playback of a predicted print as an HTML page of its own."""
+"""Write the playback of a predicted print as a separate HTML page."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from pypdf import PdfReader
 
 from printctl.link.journal import encode
 from printctl.link.record import JOURNAL
-from printctl.pipeline.stages.printing import JOURNAL_FOLDER
+from printctl.run_folder.artefacts import JOURNAL_FOLDER
 from registration.report.pdf import library
 from tests.printctl.cli.shell import Shell
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import pytest
 
 from firmware_profiles import Printer, load
-from sim.program.written import read_written
+from sim.program.read_program import read_written
 
 LINES = (
     *("G90", "M82", "G1 E1", "G91", "G1 E1", "M82", "G1 E1", "G91", "G90", "G1 E2"),

@@ -1,4 +1,4 @@
-"""Run a camera in a process of its own; keep its latest picture, or the reason for having none."""
+"""Run a camera in a separate process; keep its latest picture or error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Data classes of one head of several: its syringe and ink; when idle, plunger travel, relief."""
+"""Syringe and ink of each print head; its plunger relief while idle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a program file of any firmware family into a table of moves, and its refused lines."""
+"""Read a G-code file of any firmware family: moves and refused lines."""
 
 from __future__ import annotations
 

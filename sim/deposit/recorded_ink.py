@@ -1,4 +1,4 @@
-"""Ink in the dish by a simulated printer's record and a fault file, for its camera and OCT."""
+"""Compute ink in the dish from recorded printer motion and a fault file."""
 
 from __future__ import annotations
 

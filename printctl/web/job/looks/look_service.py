@@ -1,0 +1,163 @@
+"""Service behind the Job page's card Looks: records, pictures, the operator's answer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from printctl.link.states import LinkState, Status
+from printctl.observe.look_words import outcome_words, proposal_words, seen_words
+from printctl.observe.records import (
+    ANSWERS,
+    Answer,
+    LookRecord,
+    answer_look,
+    answer_of,
+    look_picture,
+    read_looks,
+    refuse_unheard,
+)
+from printctl.web.controls import Principal
+from printctl.web.core import Core
+from printctl.web.errors import ConflictError, NotFoundError
+from printctl.web.job.following import PrintReport
+from printctl.web.job.looks.small_picture import small_picture
+
+
+@dataclass(frozen=True)
+class LookTold:
+    """One look as the page tells it.
+
+    Attributes
+    ----------
+    record : LookRecord
+    answer : "approve", "go_on", "stop" or None
+        The operator's word; None while there is none.
+    waits : bool
+        Whether the print is held for the operator's word on this look.
+    pictured : float
+        When its picture was written, s since 1970; 0 for no picture.
+    """
+
+    record: LookRecord
+    answer: Answer | None
+    waits: bool
+    pictured: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a JSON object, with the words that a person is told."""
+        told = {name: value for name, value in asdict(self.record).items() if name != "control"}
+        return {
+            **told,
+            "answer": self.answer,
+            "waits": self.waits,
+            "pictured": self.pictured,
+            "seen": seen_words(self.record),
+            "proposed": proposal_words(self.record),
+            "outcome": outcome_words(self.record, self.answer),
+        }
+
+
+class LookService:
+    """Looks at the workspace's prints; any thread may call.
+
+    Parameters
+    ----------
+    core : Core
+    heard : function
+        Gives a job's print as it was heard of last.
+    """
+
+    def __init__(self, core: Core, heard: Callable[[str], PrintReport | None]) -> None:
+        self._core, self._heard = core, heard
+
+    def looks(self, job: str) -> list[LookTold]:
+        """Every look at the job's last print, in their order; none of an earlier print's.
+
+        Raises
+        ------
+        NotFoundError
+        """
+        heard = self._print(job)
+        found = read_looks(heard.folder, heard.journal.started)
+        return [self._told(heard, one) for one in found]
+
+    def picture(self, job: str, number: int, width_px: int) -> bytes:
+        """A look's picture with what was expected and found, as JPEG.
+
+        Parameters
+        ----------
+        job : str
+        number : int
+        width_px : int
+            It is made narrower than that where it is wider.
+
+        Raises
+        ------
+        NotFoundError
+        """
+        path = look_picture(self._core.workspace.print_folder(job), number)
+        found = None if path is None else small_picture(path, path.stat().st_mtime_ns, width_px)
+        if found is None:
+            raise NotFoundError(f"there is no picture of look {number} of {job}")
+        return found
+
+    def answer(self, who: Principal, job: str, number: int, word: Answer) -> LookTold:
+        """Leave the operator's word for the observer; a stop needs no controls.
+
+        Saying the same again does no harm.
+
+        Raises
+        ------
+        NotInControlError, NotFoundError
+        ConflictError
+            When the print isn't held for that look, it was answered otherwise, or nobody listens.
+        """
+        if word != "stop":
+            self._core.controls.require(who)
+        found = next((one for one in self.looks(job) if one.record.number == number), None)
+        if found is None:
+            raise NotFoundError(f"there is no look {number} at the print of {job}")
+        if found.answer == word:
+            return found
+        heard = self._print(job)
+        _refuse_unheard(heard, found)
+        try:
+            refuse_unheard(heard.folder)
+            answer_look(heard.folder, number, word)
+        except ValueError as exc:
+            raise ConflictError(str(exc)) from exc
+        return self._told(heard, found.record)
+
+    def _print(self, job: str) -> PrintReport:
+        heard = self._heard(job)
+        if heard is None:
+            raise NotFoundError(f"no print of {job} was ever started")
+        return heard
+
+    def _told(self, heard: PrintReport, record: LookRecord) -> LookTold:
+        answer = answer_of(heard.folder, record.number) if record.asked else None
+        waits = bool(record.asked) and answer is None and held_for(heard.status, record.number)
+        picture = look_picture(heard.folder, record.number)
+        at = 0.0 if picture is None else picture.stat().st_mtime
+        return LookTold(record, answer, waits, at)
+
+
+def held_for(status: Status, number: int) -> bool:
+    """Whether a print is paused by a look."""
+    look = status.look
+    return status.state is LinkState.PAUSED and look is not None and look["number"] == number
+
+
+def _refuse_unheard(heard: PrintReport, found: LookTold) -> None:
+    """Refuse an answer that nobody waits for."""
+    number = found.record.number
+    if found.answer is not None:
+        raise ConflictError(f"look {number} was answered before: {found.answer}")
+    if not found.waits:
+        raise ConflictError(
+            f"the print doesn't wait for a word on look {number} (it is "
+            f"{heard.status.state.value}); nothing was done. Words are {', '.join(ANSWERS)}, while "
+            "it is paused by that look"
+        )

@@ -1,0 +1,72 @@
+"""Recipe's section on observing: what reaches the link, and what is refused."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from pathlib import Path
+
+import pytest
+import yaml
+
+from firmware_profiles import Printer, load
+from printctl.errors import RecipeError, UsageError
+from printctl.link.marks import MarkKind
+from printctl.pipeline.observable import refuse_unobservable
+from printctl.pipeline.observing import look_care
+from printctl.recipe import parse_recipe
+
+ROOT = Path(__file__).parents[3]
+GOOD = yaml.safe_load((ROOT / "examples" / "planar_fresh.yaml").read_text())
+
+
+def recipe(observe, **printer):
+    data = deepcopy(GOOD)
+    data["printer"] |= printer
+    data["observe"] = observe
+    if printer.get("port", "simulated") != "simulated":
+        data["scan"] = {"file": "scan.tif"}
+    return parse_recipe(data, "test.yaml")
+
+
+@pytest.mark.parametrize(
+    ("every", "care"),
+    [
+        ("layer", {"look_after": MarkKind.LAYER}),
+        ("vessel", {"look_after": MarkKind.VESSEL}),
+        ("800 mm", {"look_every_mm": 800.0}),
+        ("10 min", {"look_every_s": 600.0}),
+        ("30 s", {"look_every_s": 30.0}),
+    ],
+)
+def test_every_says_when_the_print_is_held(every, care):
+    part = recipe({"device": "camera", "every": every}).observe
+    assert look_care(part) == {"look_limit_s": 120.0, "look_park_mm": None, **care}
+
+
+def test_without_the_section_nobody_looks():
+    assert look_care(None) == {}
+
+
+@pytest.mark.parametrize(
+    ("observe", "said"),
+    [
+        ({"device": "camera", "every": "sometimes"}, "isn't a place to look at"),
+        ({"device": "camera", "source": "0"}, "needs frame"),
+        ({"device": "ct"}, "device"),
+        ({"device": "camera", "mend": "maybe"}, "mend"),
+    ],
+)
+def test_a_wrong_section_is_refused(observe, said):
+    with pytest.raises(RecipeError, match=said):
+        recipe(observe)
+
+
+def test_a_real_printer_needs_a_real_device():
+    with pytest.raises(UsageError, match="no source is named"):
+        refuse_unobservable(
+            recipe({"device": "camera"}, port="/dev/ttyUSB0"), load(Printer, "generic_marlin")
+        )
+
+
+def test_a_simulated_one_is_observed_by_its_twin():
+    refuse_unobservable(recipe({"device": "oct"}), load(Printer, "generic_marlin"))

@@ -1,0 +1,100 @@
+"""Looks of an observed print over the service and the API."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from printctl.observe.records import answer_of, look_folder, save_look
+from printctl.web.errors import ConflictError, NotFoundError
+from printctl.web.job.looks.look_service import LookTold
+from tests.printctl.web.job.camera.pictures import until
+from tests.printctl.web.job.conftest import OPERATOR, OTHER
+from tests.printctl.web.job.looks.held import JOB, picture, print_held_for_a_look, record
+from tests.printctl.web.serving import PAGE, served
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+
+
+def waiting(looks: list[LookTold]) -> list[LookTold]:
+    """The looks, once the service has heard that the print is paused by one; else none."""
+    return looks if looks[0].waits else []
+
+
+def test_a_look_that_asks_is_answered_once_by_who_holds_the_controls(core, service):
+    with print_held_for_a_look(core.workspace) as client:
+        folder = core.workspace.print_folder(JOB)
+        save_look(folder, record(2, at=1.0))  # of an earlier print in the same folder
+        (found,) = until(lambda: waiting(service.looks.looks(JOB)))
+        told = found.to_dict()
+        assert told["proposed"] == "write again what is missing, flow factor 1.06"
+        assert told["outcome"] == "asks to write again what is missing"
+        assert "control" not in told
+        core.controls.take(OTHER)
+        with pytest.raises(Exception, match="Grace holds the controls"):
+            service.looks.answer(OPERATOR, JOB, 1, "approve")
+        core.controls.release(OTHER)
+        with pytest.raises(NotFoundError, match="no look 2"):
+            service.looks.answer(OPERATOR, JOB, 2, "approve")
+        for _ in range(2):  # saying it twice does no harm
+            said = service.looks.answer(OPERATOR, JOB, 1, "approve")
+            assert said.answer == "approve"
+            assert not said.waits
+        assert answer_of(folder, 1) == "approve"
+        with pytest.raises(ConflictError, match="answered before: approve"):
+            service.looks.answer(OPERATOR, JOB, 1, "go_on")
+        assert client.status.state == "paused"  # the observer acts, not the page
+
+
+def test_an_answer_that_nobody_hears_is_refused(core, service):
+    with print_held_for_a_look(core.workspace, observed=False):
+        folder = core.workspace.print_folder(JOB)
+        until(lambda: waiting(service.looks.looks(JOB)))
+        with pytest.raises(ConflictError, match="no observer is at work"):
+            service.looks.answer(OPERATOR, JOB, 1, "go_on")
+        service.hands.cancel(JOB)
+        until(lambda: service.heard(JOB).status.ended)
+        with pytest.raises(ConflictError, match="doesn't wait for a word on look 1"):
+            service.looks.answer(OPERATOR, JOB, 1, "go_on")
+        assert answer_of(folder, 1) is None
+
+
+def test_a_look_taken_anew_waits_for_a_new_answer(tmp_path: Path) -> None:
+    save_look(tmp_path, record(1, "pause", "mend"))
+    (look_folder(tmp_path, 1) / "answer.json").write_text('{"answer": "approve"}')
+    assert answer_of(tmp_path, 1) == "approve"
+    save_look(tmp_path, record(1, "pause", "flow"))
+    assert answer_of(tmp_path, 1) is None
+
+
+def test_looks_and_small_pictures_come_by_rest_and_answers_only_with_a_token(tmp_path: Path):
+    app = served(tmp_path)
+    with app.client() as client, print_held_for_a_look(app.core.workspace):
+        place = f"/api/v1/prints/{JOB}/looks"
+        assert client.get(place).status_code == 401
+        said = client.post(
+            f"{place}/1/answer", json={"answer": "approve"}, headers={"Origin": PAGE}
+        )
+        assert said.status_code == 401
+        headers = {"Authorization": f"Bearer {app.gate.token}", "Origin": PAGE}
+        until(lambda: client.get(place, headers=headers).json()[0]["waits"])
+        (look,) = client.get(place, headers=headers).json()
+        assert (look["number"], look["asked"]) == (1, "mend")
+        answer = client.get(f"{place}/1/picture?width=300", headers=headers)
+        assert answer.headers["content-type"] == "image/jpeg"
+        with Image.open(io.BytesIO(answer.content)) as small:
+            assert small.width == 300
+        picture(app.core.workspace.print_folder(JOB), 1, (600, 700))  # another in its place
+        answer = client.get(f"{place}/1/picture", headers=headers)
+        with Image.open(io.BytesIO(answer.content)) as small:
+            assert small.size == (600, 700)
+        assert client.get(f"{place}/2/picture", headers=headers).status_code == 404
+        wrong = client.post(f"{place}/1/answer", json={"answer": "yes"}, headers=headers)
+        assert wrong.status_code == 422
+        said = client.post(f"{place}/1/answer", json={"answer": "go_on"}, headers=headers)
+        assert said.status_code == 200, said.text
+        assert said.json()["outcome"] == "gone on without"
