@@ -16,6 +16,7 @@ from typing import Final
 
 from firmware_profiles import Printer
 from printctl.link.errors import JobError, Refused
+from printctl.link.insert_sums import InsertSums
 from printctl.link.job import parse_job
 from printctl.link.job_reach import ASIDE_MM, JobReach
 from printctl.link.modal import Modal
@@ -85,12 +86,14 @@ def judged_lines(texts: Sequence[str], place: InsertPlace, name: str) -> tuple[b
         raise Refused(f"{name} isn't taken: {exc}") from exc
     if None in (place.at.x, place.at.y, place.at.z):
         raise Refused(f"{name} isn't taken: the job doesn't tell where the needle stands there")
-    at = place.at
+    at, sums = place.at, InsertSums()
     for line, number in zip(job.lines, job.file_lines, strict=True):
         try:
-            at = _judged(line, at, place)
+            before, at = at, _judged(line, at, place)
+            sums.add(line, before, at)
         except Refused as exc:
             raise Refused(f"{name}, line {number} ({line.decode('ascii')}): {exc}") from exc
+    sums.check_whole(place.printer, name)
     if is_open(job.lines, len(job), place.printer):
         raise Refused(f"{name} ends with the valve open; shut it at its end")
     _check_end(at, place.at, name)

@@ -117,6 +117,7 @@ class Inserting:
         if word.flow is not None:
             check_flow(progress.job, grown, place, name)
         plan = self.changer.replanned(grown)
+        channel.logbook.refuse_without_room(insert.to_record(), name)
         if channel.logbook.fault:
             raise Refused(f"{name} isn't taken: {channel.logbook.fault}")
         written = channel.logbook.record(

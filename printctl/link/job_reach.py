@@ -72,8 +72,10 @@ class JobReach:
             if pushed > e and feed > 0:
                 way = math.dist((x, y, z), to)
                 fastest = max(fastest, feed / 60 * ((pushed - e) / way if way > 0 else 1.0))
-            (x, y, z), e = to, pushed
             dx, dy, dz = shift_at(index)
+            if pushed > e and not places:  # the first line is written from where it was touched off
+                places.add((x - dx, y - dy, z - dz))
+            (x, y, z), e = to, pushed
             places.add((x - dx, y - dy, z - dz))
         heights = [z for _, _, z in places if z == z]
         low, top = min(heights, default=math.inf), max(heights, default=-math.inf)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from printctl.link.errors import JournalError
+from printctl.link.errors import JournalError, Refused
 from printctl.link.gating import is_of_the_line
+from printctl.link.journal import RESERVE_BYTES
 from printctl.link.progress import JobProgress
 from printctl.link.states import EARLY, LinkState, PrintEnded, Status
 from printctl.link.wiring import Wiring
@@ -188,6 +191,21 @@ class Logbook:
             self._journal_lost = not self._wiring.journal.use_reserve()
             return self.record(sort, **values)
         return True
+
+    def refuse_without_room(self, values: dict[str, Any], name: str) -> None:
+        """Refuse a large record that the disk hasn't room for: one that fails costs the reserve.
+
+        Raises
+        ------
+        Refused
+        """
+        size = len(json.dumps(values)) + RESERVE_BYTES
+        free = shutil.disk_usage(self._wiring.journal.path.parent).free
+        if size > free:
+            raise Refused(
+                f"{name} isn't taken: its record wants {size:,} bytes on the disk of the journal, "
+                f"and {free:,} are free; free some"
+            )
 
     def record_control(self, number: int, command: bytes) -> None:
         """Write down a command between two lines of the job, before it is sent."""

@@ -59,7 +59,8 @@ class Looks:
         if history.looked:
             now = self.channel.wiring.clock.now()
             watch.looked(now, int(history.looked[-1]["done"]))
-        if history.look is not None and int(history.look["done"]) == done:
+        undecided = history.look is not None and int(history.look["done"]) == done
+        if undecided or _still_paused(history, done):
             watch.look_again()
 
     def at_mark(self) -> None:
@@ -176,6 +177,14 @@ class Looks:
     def _record(self, look: Look, ending: _Ending) -> dict[str, object]:
         told = {"decision": str(ending.decision), "why": ending.why, "by": ending.by}
         return {"look": look.number, "done": look.done, **told}
+
+
+def _still_paused(history: JournalledPrint, done: int) -> bool:
+    """Whether it died in a pause that came of a look here: what that waited for is asked again."""
+    if not history.looked or history.state not in (LinkState.PAUSING, LinkState.PAUSED):
+        return False
+    last = history.looked[-1]
+    return last["decision"] == LookDecision.PAUSE and int(last["done"]) == done
 
 
 def _asked(request: Request | None) -> _Ending | None:

@@ -122,7 +122,7 @@ def look_of(told: dict[str, Any], folder: Path) -> Look:
     """Return a look as the status tells it, with where the one before was."""
     positions = read_journal(folder / JOURNAL).positions
     done = int(told["done"])
-    earlier = [one.done for one in read_looks(folder) if one.number < told["number"]]
+    earlier = [one.done for one in read_looks(folder) if one.done < done]
     return Look(
         number=int(told["number"]),
         done=done,

@@ -53,6 +53,11 @@ PLACE = InsertPlace(AT, REACH, PRINTER)
         (["G1 Z9 F300", "G1 X30 Y30", "G1 Z7"], "more than 1 mm beside|goes on from"),
         (["G4 S100"], "a wait of 100 s"),
         (["G2 X12 I1"], "G2"),
+        (["G4 S60"] * 31, "more than 30 min"),
+        (["G1 X12 F0.01", "G1 X10 F600"], "more than 30 min"),
+        (["G1 E-19 F60", "G92 E1", "G1 F600"], "20 mm behind its place"),
+        (["G1 E-4 F60", "G92 E1", "G1 F600"], "5 mm behind where it stood"),
+        ([*["G1 E45 F60", "G92 E1"] * 5, "G1 F600"], "more than the"),
     ],
 )
 def test_refused_with_the_reason(lines, why):

@@ -10,8 +10,9 @@ import pytest
 from printctl.link.care import Care, NewSyringe
 from printctl.link.clock import VirtualClock
 from printctl.link.journal import Journal
-from printctl.link.journalled_print import read_journal
+from printctl.link.journalled_print import JournalledPrint, read_journal
 from printctl.link.look_book import LookDecision
+from printctl.link.looks import _still_paused
 from printctl.link.marks import MarkKind
 from printctl.link.states import LinkState
 from sim.dry_run.run import dry_run
@@ -298,3 +299,20 @@ def pushes_of(motion):
     """Pushes of the layers' own strokes: the insert's is another, of 0.01 mm."""
     pushed = (motion.plunger_end - motion.plunger_start)[own_moves(motion)]
     return pushed[(pushed > 1e-6) & (pushed < 0.006)]
+
+
+@pytest.mark.parametrize(
+    ("state", "decision", "done", "again"),
+    [
+        (LinkState.PAUSED, "pause", 40, True),
+        (LinkState.PAUSING, "pause", 40, True),
+        (LinkState.RESUMING, "pause", 40, False),
+        (LinkState.PAUSED, "go_on", 40, False),
+        (LinkState.PAUSED, "pause", 41, False),
+    ],
+)
+def test_a_pause_that_came_of_a_look_is_looked_at_again_after_the_hosts_death(
+    state, decision, done, again
+):
+    history = JournalledPrint(state=state, looked=[{"look": 1, "decision": decision, "done": 40}])
+    assert _still_paused(history, done) is again
