@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_profiles.bead import BeadSection
-from printctl.observe.deciding import Evidence, FlowBlocks, InkSupply, judge_supply
+from printctl.observe.deciding import (
+    Evidence,
+    FlowBlocks,
+    InkSupply,
+    SupplyState,
+    judge_supply,
+)
 from printctl.observe.deciding.decide import Narrowed
 from printctl.observe.expected import ExpectedInk
 from registration.layer_images import ExpectedLines, LayerFindings, Stations, Unseen
@@ -113,6 +119,13 @@ def evidence_of(
         ),
         over_old_share=_over_old(stations),
     )
+
+
+def nothing_seen() -> Evidence:
+    """Return the evidence of a look whose picture can't be judged."""
+    none = np.zeros(0)
+    supply = InkSupply(SupplyState.UNKNOWN, 0.0, None, 0)
+    return Evidence(1, (), None, supply, FlowBlocks(none, none, none, none), 0.0)
 
 
 def figures(found: LayerFindings, evidence: Evidence) -> dict[str, Any]:

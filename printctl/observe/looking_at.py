@@ -19,7 +19,13 @@ from printctl.link.job import Job, load_job
 from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL
 from printctl.observe.expected import ExpectedInk, expected_ink
-from printctl.observe.judging import LayerInk, evidence_of, figures, ink_to_judge
+from printctl.observe.judging import (
+    LayerInk,
+    evidence_of,
+    figures,
+    ink_to_judge,
+    nothing_seen,
+)
 from printctl.observe.lumen_areas import lumens_at
 from printctl.observe.mending import HeldPrint, Voids, checked_mend
 from printctl.observe.mending.gap import Gap as MendGap
@@ -27,6 +33,7 @@ from printctl.observe.observer import Judged, Look
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import DRAWN
 from printctl.observe.views import open_view
+from registration.errors import PictureError
 from registration.layer_images import (
     Appearance,
     Gap,
@@ -129,7 +136,10 @@ class ObservedJob:
             When a picture can't be read.
         """
         at = self._held(look)
-        first = self._findings(at, picture)
+        try:
+            first = self._findings(at, picture)
+        except PictureError as exc:
+            return Judged(nothing_seen(), {"seen_share": 0.0, "not_seen": str(exc)}, at.flow)
         second = None if again is None else self._findings(at, again)
         limits = self.order.limits
         evidence = evidence_of(

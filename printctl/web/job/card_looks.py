@@ -53,7 +53,7 @@ class LooksCard:
                 quiet_button("Go on without", lambda: self._answer("go_on"))
                 quiet_button("Cancel print", cancel)
             self._problem = live().classes("job-problem")
-            self._picture = ui.element("img").classes("job-camera job-look")
+            self._picture = ui.element("img").classes("job-look")
             self._strip = ui.element("ul").classes("job-strip").props('aria-label="Last looks"')
         self._all.set_visibility(False)
         ui.timer(_AGAIN_S, self._refresh)

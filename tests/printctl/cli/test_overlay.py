@@ -45,7 +45,7 @@ RECIPE: dict[str, Any] = {
     "schema": 1,
     "name": "slot",
     "tissue": {"shape": "block", "size_mm": list(SIZE)},
-    "vasculature": {"design": "planar_four_vessel"},
+    "vasculature": {"network": "network.csv", "unit": "mm"},
     "toolpath": {"method": "fresh", "layer_um": 1e3 * LAYER, "line_um": 1e3 * LINE},
     "printer": {"place_mm": list(PLACE)},
 }
