@@ -28,7 +28,7 @@ from registration.layer_images.values import Gap
 
 Mode = Literal["tell", "ask", "mend"]
 
-_FALTERING: Final = (SupplyState.CLOGGED, SupplyState.EMPTY, SupplyState.INTERMITTENT)
+_STOPPING: Final = (SupplyState.CLOGGED, SupplyState.EMPTY)
 _HIDDEN: Final = 0.1
 """Of a layer so little could be seen at best that a look says nothing about the view."""
 _SURE: Final = 3.29
@@ -176,7 +176,7 @@ class Decider:
         visible = 1.0 - evidence.over_old_share  # what no cleaner view would show doesn't count
         counts = visible < _HIDDEN or evidence.seen_share >= self.limits.least_seen * visible
         self.unseen = 0 if counts else self.unseen + 1
-        if evidence.supply.state not in _FALTERING:  # thin because it is about to stop is no drift
+        if evidence.supply.state not in _STOPPING:  # thin because it is about to stop is no drift
             self.control.learn(evidence.flow)
         return self._as_allowed(self._wanted(evidence))
 
