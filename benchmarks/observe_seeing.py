@@ -1,4 +1,4 @@
-"""What a look at a layer finds: gaps, false findings, widths' intervals, time.
+"""Measure layer seeing: gaps found, false findings, width intervals, time.
 
 python -m benchmarks.observe_seeing [--quick] [--only gaps|false|widths|time|oct]
 

@@ -10,6 +10,7 @@ import typer
 from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import UsageError
+from printctl.link.record import JOURNAL
 from printctl.observe.look_words import proposal_words, seen_words
 from printctl.observe.records import (
     LookRecord,
@@ -18,6 +19,7 @@ from printctl.observe.records import (
     read_looks,
     refuse_unheard,
 )
+from printctl.printing.journal_facts import read_journal_facts
 
 
 def looks(run: RunArg, as_json: JsonFlag = False) -> None:
@@ -26,7 +28,7 @@ def looks(run: RunArg, as_json: JsonFlag = False) -> None:
     Pictures, with what was expected and found drawn in, are in the print's folder, under looks.
     """
     folder = print_folder(run)
-    found = read_looks(folder)
+    found = read_looks(folder, read_journal_facts(folder / JOURNAL).started)
     if as_json:
         print_json([asdict(one) for one in found])
         return
@@ -58,7 +60,7 @@ def answer(
     the needle first. `printctl observe looks` says what is proposed.
     """
     folder = print_folder(run)
-    found = read_looks(folder)
+    found = read_looks(folder, read_journal_facts(folder / JOURNAL).started)
     try:
         if not found:
             raise ValueError(f"nobody has looked at the print in {folder}")

@@ -81,7 +81,7 @@ def expected_ink(held: HeldPrint, job: Job) -> ExpectedInk:
         none = np.zeros(0)
         return _of_pieces((), none, none, none, none, held)
     factor = flow_factors(job)[np.concatenate([one.command for one in paths])]
-    area = np.concatenate([one.e_per_mm for one in paths]) * _ul_per_e(held) / factor
+    area = np.concatenate([one.e_per_mm for one in paths]) * held.ul_per_e / factor
     feed = np.concatenate([one.feed_mm_s for one in paths])
     height = np.concatenate([one.height_mm for one in paths])
     return _of_pieces(paths, area, feed, height, factor, held)
@@ -118,11 +118,6 @@ def _of_pieces(
         factor,
         held.style,
     )
-
-
-def _ul_per_e(held: HeldPrint) -> float:
-    """Ink that a millimetre of E asks for, µL."""
-    return held.syringe.area_mm2 * held.ink.flow_factor
 
 
 def flow_factors(job: Job) -> FloatArray:

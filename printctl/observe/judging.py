@@ -117,6 +117,7 @@ def evidence_of(
             for one in found.lumens
             if one.seen
         ),
+        stretches=len(found.stretches),
         over_old_share=_over_old(stations),
     )
 
@@ -140,6 +141,7 @@ def figures(found: LayerFindings, evidence: Evidence) -> dict[str, Any]:
             {"stroke": gap.stroke, "from_mm": gap.from_mm, "to_mm": gap.to_mm, "p": gap.p_value}
             for gap in found.gaps
         ],
+        "stretches": len(found.stretches),
         "blobs": len(found.blobs),
         "ink": evidence.supply.state.value,
     }

@@ -197,7 +197,8 @@ class ObservedJob:
         if self.order.capacity_ul is None:
             return None
         length = np.linalg.norm(ink.end - ink.start, axis=1)
-        return self.order.capacity_ul - float((ink.area_mm2 * length * ink.factor).sum())
+        left = self.order.capacity_ul - float((ink.area_mm2 * length * ink.factor).sum())
+        return left if left >= 0 else None  # another syringe was put in
 
     # --- mending ---------------------------------------------------------------------------------
 

@@ -22,6 +22,7 @@ from printctl.observe.records import (
     Answer,
     LookRecord,
     answer_of,
+    emptied_look_folder,
     look_folder,
     read_looks,
     save_look,
@@ -108,7 +109,9 @@ class Observer:
         Lines that mend gaps, at a flow over the file's; none where nothing can be mended.
     decider : Decider
     ended : callable
-        Whether the print is over, or the look that was asked about decided by somebody else.
+        Whether the print is over, or goes on from the look that was asked about.
+    begun : float, s since 1970
+        Of the print: earlier records in the folder are another print's.
     clock : callable
         Seconds since 1970.
     """
@@ -120,11 +123,12 @@ class Observer:
     mend_lines: Callable[[Look, tuple[Gap, ...], float], list[str]]
     decider: Decider
     ended: Callable[[int], bool]
+    begun: float = 0.0
     clock: Callable[[], float] = time.time
 
     def remember(self, number: int) -> None:
         """Go on from the records of an observer that died, as it was before a look."""
-        looks = [one for one in read_looks(self.folder) if one.number < number]
+        looks = [one for one in read_looks(self.folder, self.begun) if one.number < number]
         if looks:
             _restore(self.decider, looks[-1].control)
 
@@ -138,7 +142,7 @@ class Observer:
         OSError
             When the record can't be written: the look then stays undecided, and the link pauses.
         """
-        place = look_folder(self.folder, look.number)
+        place = emptied_look_folder(self.folder, look.number)
         begun = self.clock()
         try:
             judged = self._judged(look, place)
@@ -213,10 +217,19 @@ class Observer:
         if answer == "approve":
             if self._inserted(look, decision):
                 self.link.resume()
+            else:
+                self._tell_unmended(look)
         elif answer == "go_on":
             self.link.resume()
         elif answer == "stop":
             self.link.stop()
+
+    def _tell_unmended(self, look: Look) -> None:
+        """Say on the look that what was approved can't be done; the print stays paused."""
+        own = [one for one in read_looks(self.folder, self.begun) if one.number == look.number]
+        why = "; approved, but it can't be mended from here: resume goes on without, stop ends it"
+        for record in own:
+            save_look(self.folder, replace(record, why=record.why + why, asked=""))
 
     def _await_answer(self, number: int) -> Answer | None:
         """Return the operator's word; None where the print went on or ended without it."""

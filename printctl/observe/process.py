@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from printctl.link.client import PrintClient, attach
+from printctl.link.errors import LinkError
 from printctl.link.inserts import file_count
 from printctl.link.journalled_print import read_journal
 from printctl.link.look_book import LookDecision
@@ -22,6 +24,7 @@ from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Look, Observer
 from printctl.observe.order import ObserverOrder
 from printctl.observe.records import OBSERVER_LOCK, read_looks
+from printctl.printing.journal_facts import read_journal_facts
 
 LOG: Final = "observer.log"
 log = logging.getLogger(__name__)
@@ -81,7 +84,7 @@ def observe(folder: Path) -> None:
                 if not handled:
                     observer.remember(look["number"])
                 handled.add(look["number"])
-                _look(observer, look, folder)
+                _look(observer, look)
 
 
 def _assembled(folder: Path, order: ObserverOrder, words: PrintClient) -> Observer:
@@ -89,40 +92,44 @@ def _assembled(folder: Path, order: ObserverOrder, words: PrintClient) -> Observ
     return Observer(
         folder=folder,
         link=LinkWords(words),
-        acquire=partial(acquire, order.device, since=time.time()),
+        acquire=lambda out: acquire(order.device, out, time.time()),
         judge=job.judge,
         mend_lines=job.mend_lines,
         decider=Decider(order.limits, FlowControl(order.limits.flow)),
-        ended=partial(_gone_on, folder),
+        ended=partial(_gone_on, words),
+        begun=read_journal_facts(folder / JOURNAL).started,
     )
 
 
-def _look(observer: Observer, told: dict[str, Any], folder: Path) -> None:
+def _look(observer: Observer, told: dict[str, Any]) -> None:
     """Look once; whatever goes wrong here pauses the print for the operator."""
     try:
         if told["decision"]:
-            if told["decision"] == "pause" and _asked(folder, told["number"]):
-                observer.ask_again(look_of(told, folder))
+            if told["decision"] == "pause" and _asked(observer, told["number"]):
+                observer.ask_again(look_of(told, observer))
         elif told["insert_sha256"]:  # an observer put it in and died before it said so
             observer.link.look_done(told["number"], "go_on", "mended by an observer that died")
         else:
-            record = observer.look(look_of(told, folder))
+            record = observer.look(look_of(told, observer))
             log.info("look %d: %s: %s", record.number, record.decision, record.why)
-    except Exception as exc:
+    except Exception as exc:  # a fault of ours must not leave the needle waiting for nobody
         log.exception("look %d failed", told["number"])
-        observer.link.look_done(told["number"], "pause", f"the observer failed: {exc}")
+        with suppress(LinkError):  # it was decided already
+            observer.link.look_done(told["number"], "pause", f"the observer failed: {exc}")
 
 
-def _asked(folder: Path, number: int) -> bool:
+def _asked(observer: Observer, number: int) -> bool:
     """Whether a look's record asks the operator for something."""
-    return any(one.number == number and one.asked for one in read_looks(folder))
+    looks = read_looks(observer.folder, observer.begun)
+    return any(one.number == number and one.asked for one in looks)
 
 
-def look_of(told: dict[str, Any], folder: Path) -> Look:
+def look_of(told: dict[str, Any], observer: Observer) -> Look:
     """Return a look as the status tells it, with where the one before was."""
-    positions = read_journal(folder / JOURNAL).positions
+    positions = read_journal(observer.folder / JOURNAL).positions
     done = int(told["done"])
-    earlier = [one.done for one in read_looks(folder) if one.done < done]
+    looks = read_looks(observer.folder, observer.begun)
+    earlier = [one.done for one in looks if one.done < done]
     return Look(
         number=int(told["number"]),
         done=done,
@@ -132,8 +139,7 @@ def look_of(told: dict[str, Any], folder: Path) -> Look:
     )
 
 
-def _gone_on(folder: Path, number: int) -> bool:
+def _gone_on(client: PrintClient, number: int) -> bool:
     """Whether the print isn't held for a look any more."""
-    with attach(folder) as client:
-        look = client.status.look
+    look = client.status.look
     return look is None or look["number"] != number

@@ -75,6 +75,14 @@ def look_folder(print_folder: Path, number: int) -> Path:
     return path
 
 
+def emptied_look_folder(print_folder: Path, number: int) -> Path:
+    """Folder of a look that is about to be made, without what an earlier print left there."""
+    path = look_folder(print_folder, number)
+    for old in path.iterdir():
+        old.unlink()
+    return path
+
+
 def save_look(print_folder: Path, record: LookRecord) -> None:
     """Write a look's record; an answer to an earlier print's look of this number is taken away.
 

@@ -17,7 +17,8 @@ from kernels.arrays import FloatArray
 from printctl.errors import UsageError
 from printctl.observe.devices import DeviceError
 from printctl.observe.order import ObserverOrder
-from registration.camera_frame.frame import read_frame
+from registration.camera_frame.check import check_frame
+from registration.camera_frame.frame import CameraFrame, read_frame
 from registration.layer_images import Frame, height_map
 from registration.readers.read import read_scan
 from sim.camera.camera_file import load_camera
@@ -63,13 +64,26 @@ def open_view(
     Raises
     ------
     DeviceError
-        When the file is neither.
+        When the file is neither, or shows that camera or insert were moved.
     UsageError
         When the frame can't be read.
     """
     if order.oct:
         return height_map(read_scan(path), _oct_frame(path, order), middle_z_mm, thickness_mm)
-    return read_picture(path), camera_frame(order)
+    image, frame = read_picture(path), camera_frame(order)
+    if isinstance(frame, CameraFrame):
+        _refuse_moved(image, frame, path)
+    return image, frame
+
+
+def _refuse_moved(image: Image, frame: CameraFrame, path: Path) -> None:
+    """Refuse a picture whose marks say that camera or insert were moved: all would seem shifted."""
+    found = check_frame(image, frame, path)
+    if not found.holds:
+        raise DeviceError(
+            f"the camera's frame doesn't hold any more: {'; '.join(found.why)}; fit it anew "
+            "(printctl observe frame) before the print goes on observed"
+        )
 
 
 def camera_frame(order: ObserverOrder) -> Frame:
@@ -112,7 +126,7 @@ def read_oct_frame(path: Path) -> FloatArray:
 
 
 def read_picture(path: Path) -> Image:
-    """Read a picture of any depth.
+    """Read a picture of any depth; grey ones stay of one channel.
 
     Raises
     ------

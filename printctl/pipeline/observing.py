@@ -23,6 +23,7 @@ from printctl.printing.executed_note import EXECUTED
 from printctl.recipe.making import Embedded
 from printctl.recipe.observe import ObservePart
 from printctl.run_folder.artefacts import GCODE
+from registration.camera_frame.frame import read_frame
 
 NETWORK_FILE: Final = "observed_network.csv"
 DEVICE_FILE: Final = "simulated_device.yaml"
@@ -102,7 +103,8 @@ def _device(context: RunContext, part: ObservePart, folder: Path) -> DeviceSetti
     place = context.recipe_folder / part.source
     if part.device == "oct" or place.is_dir():
         return DeviceSettings("folder", str(place.resolve()), limit_s=limit_s)
-    return DeviceSettings("camera", part.source, limit_s=limit_s)
+    frame = read_frame(context.recipe_folder / str(part.frame))
+    return DeviceSettings("camera", part.source, frame.lens.size_px, limit_s)
 
 
 def _twin(context: RunContext, part: ObservePart, folder: Path) -> dict[str, str]:

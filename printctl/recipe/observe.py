@@ -31,7 +31,7 @@ class ObserveTolerances(Part):
         default=0.2, description="Shorter stretches without ink."
     )
     width_percent: Annotated[float, Field(ge=1, le=100)] = Field(
-        default=15.0, description="Of a single line's width."
+        default=15.0, description="Of a line's width; what exceeds it is told, not mended."
     )
     lumen_percent: Annotated[float, Field(ge=1, le=100)] = Field(
         default=10.0, description="By which a lumen may be seen narrower."

@@ -81,6 +81,8 @@ class Evidence:
     shift_mm, u_shift_mm : float, mm
         How far the layer lies beside its place, and the standard uncertainty.
     narrowed : tuple of Narrowed
+    stretches : int
+        Lines thinner or wider than tolerated, which nobody mends.
     over_old_share : float
         Of the way, not seen because it lies over older ink from which nothing tells it.
     """
@@ -94,6 +96,7 @@ class Evidence:
     shift_mm: float = 0.0
     u_shift_mm: float = 0.0
     narrowed: tuple[Narrowed, ...] = ()
+    stretches: int = 0
     over_old_share: float = 0.0
 
 
@@ -106,7 +109,7 @@ class Limits:
     gap : GapTest
     flow : FlowLimits
     width_percent : float
-        Deviation of line widths that isn't corrected.
+        Deviation of a line's width that isn't told.
     lumen_percent : float
         By which a lumen may be seen narrower.
     shift_mm : float, mm
@@ -186,8 +189,11 @@ class Decider:
             found = rule(evidence)
             if found is not None:
                 return found
-        told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
         seen = "as expected, within tolerance" if evidence.seen_share > 0 else "nothing was seen"
+        if evidence.stretches:
+            percent = self.limits.width_percent
+            seen = f"{evidence.stretches} stretches beyond {percent:g} % of their width, told alone"
+        told = f"; {evidence.over_old_share:.0%} lies over older ink and can't be told from it"
         return Decision(DecisionKind.GO_ON, seen + told * (evidence.over_old_share >= 0.01))
 
     def _as_allowed(self, wanted: Decision) -> Decision:

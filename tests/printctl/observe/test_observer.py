@@ -183,3 +183,24 @@ def test_another_observer_knows_the_flow(tmp_path):
     other = bench.another()
     other.remember(2)
     assert other.decider.control.flow == bench.observer.decider.control.flow != 1.0
+
+
+def test_an_approval_that_cant_be_carried_out_is_told(tmp_path, monkeypatch):
+    bench = Bench(tmp_path, mode="ask", gaps=(GAP,), refuses=True)
+    monkeypatch.setattr(bench.link, "look_done", _answering(bench, "approve"))
+    bench.observer.look(LOOK)
+    assert bench.link.said == [("pause", 1)]
+    (record,) = read_looks(tmp_path)
+    assert "can't be mended" in record.why
+    assert not record.asked
+
+
+def test_what_an_earlier_print_left_is_no_part_of_this_one(tmp_path):
+    Bench(tmp_path, ratio=0.8).observer.look(LOOK)
+    (tmp_path / "looks" / "0001" / "picture.tif").touch()
+    bench = Bench(tmp_path)
+    bench.observer.begun = read_looks(tmp_path)[0].at + 1.0
+    bench.observer.remember(2)
+    assert bench.observer.decider.control.flow == 1.0
+    bench.observer.look(LOOK)
+    assert not (tmp_path / "looks" / "0001" / "picture.tif").exists()

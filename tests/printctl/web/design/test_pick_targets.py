@@ -1,4 +1,4 @@
-"""What a click on the tissue sets, by how the vessels are grown."""
+"""Recipe keys that a click on the tissue sets, by kind of growth."""
 
 from __future__ import annotations
 
