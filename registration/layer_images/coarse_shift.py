@@ -2,7 +2,8 @@
 
 The contrast between where lines are expected and all else is squared and summed over the picture's
 channels, and over the strength of their edges (clear ink shows by its edges alone). Of several good
-places the nearest counts: parallel lines fit again one pitch further on.
+places the nearest counts: parallel lines fit again one pitch further on. A filled area fits fairly
+well everywhere within reach, and best where its outline does: there the best place counts.
 """
 
 from __future__ import annotations
@@ -15,12 +16,16 @@ from registration.layer_images.working import Mask, shrunk
 
 _GOOD = 0.6
 """Of the best score, at which a nearer place is taken."""
-_LEAST_SCORE = 20.0
-"""A best score that is fewer times the middle one says nothing."""
+_LEAST_SCORE = 0.05
+"""A lower best score is chance: texture and noise reach 0.04 without any ink."""
+_SURE_SCORE = 0.25
+"""From here on a best score tells, though it is no steep peak."""
+_PEAK = 1.3
+"""Times the middle score that the best of separate lines has at least."""
 
 
-def coarse_shift(flat: FloatImage, fresh: Mask, blocked: Mask, reach_px: int) -> FloatArray:
-    """Shift of the picture against the mask, (2,) px; 0 where nothing tells.
+def coarse_shift(flat: FloatImage, fresh: Mask, blocked: Mask, reach_px: int) -> FloatArray | None:
+    """Shift of the picture against the mask, (2,) px; None where nothing tells.
 
     Parameters
     ----------
@@ -52,7 +57,8 @@ def coarse_shift(flat: FloatImage, fresh: Mask, blocked: Mask, reach_px: int) ->
         inside = on / np.maximum(ones, 1.0)
         outside = (one.sum() - on) / np.maximum(total - ones, 1.0)
         score += (inside - outside) ** 2
-    return _nearest_peak(score, reach) * shrink
+    place = _nearest_peak(score, reach)
+    return None if place is None else place * shrink
 
 
 def _features(flat: FloatImage, size: tuple[int, int]) -> list[FloatImage]:
@@ -71,15 +77,16 @@ def _window(full: FloatArray, reach: int) -> FloatArray:
     return np.asarray(full[np.ix_(index, index)])
 
 
-def _nearest_peak(score: FloatArray, reach: int) -> FloatArray:
+def _nearest_peak(score: FloatArray, reach: int) -> FloatArray | None:
     top = float(score.max())
-    if top < _LEAST_SCORE * 1e-4 or top < 1.3 * float(np.median(score)):
-        return np.zeros(2)
+    filled = top < _PEAK * float(np.median(score))
+    if top < (_SURE_SCORE if filled else _LEAST_SCORE):
+        return None
     dilated = cv2.dilate(score, np.ones((3, 3)))
-    y, x = np.nonzero((score >= dilated) & (score >= _GOOD * top))
+    y, x = np.nonzero((score >= dilated) & (score >= (1.0 if filled else _GOOD) * top))
     inner = np.flatnonzero((np.abs(y - reach) < reach) & (np.abs(x - reach) < reach))
     if not len(inner):
-        return np.zeros(2)
+        return None
     y, x = y[inner], x[inner]
     k = int(np.argmin((y - reach) ** 2 + (x - reach) ** 2))
     place = []

@@ -22,7 +22,7 @@ import numpy as np
 
 from registration.errors import PictureError
 from registration.layer_images.blobs import find_blobs
-from registration.layer_images.coarse_shift import coarse_shift
+from registration.layer_images.first_shift import first_shift
 from registration.layer_images.gaps import find_gaps, lit_along, merged
 from registration.layer_images.ink_image import ACROSS, angle_of, smoothed
 from registration.layer_images.layer_shift import fit_shift
@@ -66,8 +66,8 @@ _SLANT: Final = 0.08
 """Lack of symmetry from which on light from the side must be reckoned with."""
 _LIT_ASIDE: Final = 0.3
 """Of a width and of the slant: uncertainty of where a line lies that is lit from the side."""
-_LEAST_FREE: Final = 0.25
-"""Of the fresh lines' area, beside older ink: less, and they don't tell where they lie."""
+_TOUCHING: Final = 0.8
+"""In widths from a line's middle: ink that begins nearer touches it."""
 _MOST_OLD: Final = 0.3
 """Of a line's width over older ink: more, and it is judged against that."""
 
@@ -124,7 +124,7 @@ def see_layer(
             f"thickness_mm is {thickness_mm:g} and the picture no height map; thickness_mm > 0 mm "
             "goes with a picture of `height_map` alone"
         )
-    shift = _first_shift(work, own, lines, ways, options)
+    shift = first_shift(work, own, lines, ways, options)
     for _ in range(_ROUNDS):
         look = _look(work, own, lines, ways, shift, options, known, thickness_mm, rng)
         finer = _finer(look, shift, options, work)
@@ -160,30 +160,6 @@ class _Look:
     group: Grouping
     widths: Widths
     by_height: bool
-
-
-def _first_shift(
-    work: Working, frame: WorkingFrame, lines: ExpectedLines, ways: Ways, options: SeeingOptions
-) -> Shift:
-    reach = options.shift_mm
-    unknown = Shift(0.0, 0.0, reach**2 * np.eye(2))
-    reach_px = int(np.ceil(reach * work.px_per_mm))
-    if reach_px < 1:
-        return unknown
-    masks = Masks.of(lines, frame, work, np.zeros(2))
-    flat = flattened(work.channels, masks.free, masks.core, work.px_per_mm, local=False)
-    # Older lines of the same ink fit as well, half a pitch aside.
-    older = cv2.dilate(masks.old, np.ones((5, 5), np.uint8)) > 0
-    blocked = (work.bad | work.hidden | older).astype(np.uint8)
-    if cv2.countNonZero(masks.fresh * (1 - blocked)) < _LEAST_FREE * cv2.countNonZero(masks.fresh):
-        return unknown
-    by_px = coarse_shift(flat, masks.fresh, blocked, reach_px)
-    middle = ways.point.mean(axis=0)
-    at = frame.to_pixels(np.array([middle, middle + (0.5, 0, 0), middle + (0, 0.5, 0)]))
-    slope = 2.0 * (at[1:] - at[0]).T  # px/mm
-    by_mm = np.linalg.solve(slope, by_px)
-    u = 1.0 / work.px_per_mm + 0.1 * float(np.median(ways.width))
-    return Shift(float(by_mm[0]), float(by_mm[1]), u**2 * np.eye(2))
 
 
 def _look(
@@ -269,6 +245,15 @@ def _finer(look: _Look, shift: Shift, options: SeeingOptions, work: Working) -> 
     return Shift(shift.dx_mm + rest.dx_mm, shift.dy_mm + rest.dy_mm, rest.covariance_mm2)
 
 
+def _nowhere_sure(shift: Shift, ways: Ways) -> bool:
+    """Whether the layer's place is known in no direction to 0.4 of a line's width.
+
+    Lines that touch would then be held against their neighbours, or the bath beside the part.
+    """
+    least = float(np.linalg.eigvalsh(shift.covariance_mm2)[0])
+    return least > (0.4 * float(np.median(ways.width))) ** 2
+
+
 def _honest(shift: Shift, look: _Look) -> Shift:
     """Widen the shift of lines lit from the side: their middle isn't where it seems."""
     told = look.bath
@@ -300,6 +285,9 @@ def _findings(
     look: _Look, lumens: Sequence[Lumen], shift: Shift, options: SeeingOptions
 ) -> LayerFindings:
     ways, why = look.ways, look.why.copy()
+    if not look.by_height and _nowhere_sure(shift, ways):
+        beside = np.minimum(look.sides.left, look.sides.right) < _TOUCHING
+        why[beside & (why == Unseen.SEEN)] = int(Unseen.UNCLEAR)
     good = why == Unseen.SEEN
     places = max(1, round(float(ways.step[good].sum()) / options.gap_mm))
     blobs, big = _blobs(look, options)

@@ -216,3 +216,17 @@ def test_pictures_without_a_layer_tell_nothing_and_break_nothing(kind: str) -> N
     assert findings.seen_share == 0.0
     assert not findings.gaps
     assert annotated(pictures[kind], Plain(), findings).ndim == 3
+
+
+def test_a_shift_that_nothing_tells_is_unknown_and_touching_lines_unseen() -> None:
+    scene = Scene(32, layout="filled")
+    plan = scene.plan()
+    rng = np.random.default_rng(5)
+    ink = painter.lay(plan, rng, ratio=0.01)
+    look = painter.random_look("opaque", rng, 0.4)
+    look.light = min(look.light, 0.25)
+    painted = painter.paint(plan, ink, [], scene.size, scene.um_per_px, look, rng)
+    findings = see_layer(painted.picture, painted.frame, expected(plan))
+    assert min(findings.shift.u_mm) > 0.12
+    assert not findings.gaps
+    assert (findings.stations.why != int(Unseen.SEEN)).mean() > 0.9
