@@ -30,7 +30,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from printctl.link.errors import LinkError
+from printctl.link.errors import LinkError, Refused
 from printctl.link.socket_clients import (
     MOST_GUESTS,
     NO_HANDLE,
@@ -266,13 +266,27 @@ class SocketServer(ABC):
             return
         except OSError:
             data = b""
-        limit = _LONG_LIMIT if guest.known else _LINE_LIMIT
-        if not data or len(guest.heard) > limit:
+        if not data:
             self._dismiss(guest)
             return
         *lines, guest.heard = (guest.heard + data).split(b"\n")
         for line in lines:
-            self._answer(guest, line)
+            if guest.too_long:  # this is its end, and it was answered
+                guest.too_long = False
+            else:
+                self._answer(guest, line)
+        self._cut(guest)
+
+    def _cut(self, guest: ClientPlace) -> None:
+        """Refuse a message that goes beyond the limit, once; the rest of it isn't kept."""
+        limit = _LONG_LIMIT if guest.known else _LINE_LIMIT
+        if not guest.too_long and len(guest.heard) > limit:
+            guest.too_long = True
+            first = "" if guest.known else " as the first (`status` may come before a long one)"
+            why = f"a message may have {limit:,} bytes{first}, and this one has more; nothing was done"
+            self.post(guest, {"event": "refused", "message": why, "error": Refused.__name__})
+        if guest.too_long:
+            guest.heard = b""
 
     def _answer(self, guest: ClientPlace, line: bytes) -> None:
         try:

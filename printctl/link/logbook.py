@@ -129,9 +129,9 @@ class Logbook:
 
     # --- state -----------------------------------------------------------------------------------
 
-    def go_on(self) -> None:
-        """Take notice that the print was begun by a process that died."""
-        self.resumed = True
+    def go_on(self, alarms: int) -> None:
+        """Take notice that the print was begun by a process that died, after so many alarms."""
+        self.resumed, self._alarms = True, alarms
 
     def enter(self, state: LinkState, message: str) -> None:
         """Pass to a state; write it down and tell the clients."""

@@ -173,7 +173,7 @@ def _print(order: Order, record: LinkRecord, wire: Wire | None) -> Status:
     port = wire.transport if wire else open_port(order.port, printer, order.baud)
     traffic = WireLog(Path(order.care.wire_log) if order.care.wire_log else None)
     transport = LoggedTransport(port, traffic)
-    keeper = _Keeper(traffic, order.folder / FILE)
+    keeper = _Keeper(traffic, order.folder / FILE, len(history.alarms) if history else 0)
     path = order.folder / JOURNAL if order.resume else archive_journal(order.folder)
     journal = Journal(path, reserve=True)
     try:
@@ -232,11 +232,19 @@ _AFTERMATH_S: Final = 5.0
 
 @dataclass
 class _Keeper:
-    """Keeps the last traffic in the print's folder when something went wrong."""
+    """Keeps the last traffic in the print's folder when something went wrong.
+
+    Attributes
+    ----------
+    traffic : WireLog
+    path : Path
+    alarms : int
+        Those that it was kept for already.
+    """
 
     traffic: WireLog
     path: Path
-    _alarms: int = 0
+    alarms: int = 0
     _again_s: float = math.inf
     _lost_told: bool = False
 
@@ -244,12 +252,12 @@ class _Keeper:
         """Write it at each new alarm, what came of it a while later, and at a bad end."""
         ended_badly = status.ended and status.state is not LinkState.DONE
         now = time.monotonic()
-        if status.alarms > self._alarms:
+        if status.alarms > self.alarms:
             self._again_s = now + _AFTERMATH_S
         elif now >= self._again_s or (status.ended and self._again_s < math.inf):
             self._again_s, ended_badly = math.inf, True
-        if status.alarms > self._alarms or ended_badly:
-            self._alarms = status.alarms
+        if status.alarms > self.alarms or ended_badly:
+            self.alarms = status.alarms
             with suppress(OSError):  # a full disk is the journal's affair
                 self.traffic.keep(self.path)
 

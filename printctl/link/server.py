@@ -25,6 +25,16 @@ from printctl.link.command_socket import SocketServer, forget, listen
 from printctl.link.errors import Refused
 from printctl.link.look_book import LookDecision
 from printctl.link.marks import MarkKind
+from printctl.link.request_values import (
+    flag,
+    one_of,
+    perhaps_number,
+    perhaps_object,
+    perhaps_whole,
+    text,
+    texts,
+    whole,
+)
 from printctl.link.socket_clients import ClientPlace
 from printctl.link.states import Status
 from printctl.link.streamer import Streamer
@@ -73,51 +83,46 @@ class Server(SocketServer):
 
     def _do_pause(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         after = request.get("after")
-        self.streamer.pause(MarkKind(after) if after else None)
+        self.streamer.pause(None if after is None else one_of(request, "after", MarkKind))
         self.publish(self.streamer.status)
 
     def _do_reload(self, guest: ClientPlace, request: dict[str, Any]) -> None:
-        head = request.get("head")
-        self.streamer.reload(*(() if head is None else (int(head),)))
+        head = perhaps_whole(request, "head")
+        self.streamer.reload(*(() if head is None else (head,)))
         self.publish(self.streamer.status)
 
     def _do_resume(self, guest: ClientPlace, request: dict[str, Any]) -> None:
-        change = request.get("change")
-        self.streamer.resume(
-            NewSyringe(**change) if change else None, bool(request.get("unchanged"))
-        )
+        change = perhaps_object(request, "change")
+        unchanged = flag(request, "unchanged")
+        self.streamer.resume(NewSyringe(**change) if change else None, unchanged)
 
     def _do_alive(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         self.streamer.alive()
 
     def _do_command(self, guest: ClientPlace, request: dict[str, Any]) -> None:
-        text = str(request["text"])
+        typed = text(request, "text")
 
         def done(lines: tuple[bytes, ...]) -> None:
             said = [line.decode("ascii", "backslashreplace") for line in lines]
-            self.post(guest, {"event": "reply", "command": text.strip(), "lines": said})
+            self.post(guest, {"event": "reply", "command": typed.strip(), "lines": said})
 
-        self.streamer.typed(text, done, partial(self._refuse, guest))
+        self.streamer.typed(typed, done, partial(self._refuse, guest))
 
     def _do_insert(self, guest: ClientPlace, request: dict[str, Any]) -> None:
-        lines, why, flow = (
-            request.get("lines", ()),
-            str(request.get("why", "")),
-            request.get("flow"),
-        )
         self.streamer.insert(
-            int(request["look"]),
-            [str(line) for line in lines],
-            why,
+            whole(request, "look"),
+            texts(request, "lines"),
+            text(request, "why", ""),
             partial(self.post, guest),
             partial(self._refuse, guest),
-            None if flow is None else float(flow),
+            perhaps_number(request, "flow"),
         )
 
     def _do_look_done(self, guest: ClientPlace, request: dict[str, Any]) -> None:
         done, refused = partial(self.post, guest), partial(self._refuse, guest)
-        decision, why = LookDecision(request["decision"]), str(request.get("why", ""))
-        self.streamer.look_done(int(request["look"]), decision, why, done, refused)
+        decision = one_of(request, "decision", LookDecision)
+        why = text(request, "why", "")
+        self.streamer.look_done(whole(request, "look"), decision, why, done, refused)
 
     def _refuse(self, guest: ClientPlace, why: str) -> None:
         self.post(guest, {"event": "refused", "message": why, "error": Refused.__name__})

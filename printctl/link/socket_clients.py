@@ -26,6 +26,8 @@ class ClientPlace:
     known : bool
         Whether it has asked for something that this socket understands.
     subscribed : bool
+    too_long : bool
+        Whether the message that it is sending was refused for its length.
     """
 
     socket: socket.socket
@@ -33,6 +35,7 @@ class ClientPlace:
     unsent: bytes = b""
     known: bool = False
     subscribed: bool = False
+    too_long: bool = False
 
 
 @dataclass

@@ -149,6 +149,25 @@ def test_a_look_that_nobody_decides_becomes_a_pause_with_an_alarm(tmp_path):
     assert transport.clock.now() > 33
 
 
+def test_alarms_before_a_hosts_death_stay_in_the_count(tmp_path):
+    data, transport = layered(2, 12), fresh()
+    observer = Observer(decides=lambda number: None, resumes=False)
+
+    def says(status):
+        if status.state is LinkState.PAUSED:
+            raise HostDiedError
+
+    observer.seen_by = says
+    with pytest.raises(HostDiedError):
+        observed(data, tmp_path, transport, observer)
+    wire, later = SimTransport(transport.printer, transport.clock), Observer()
+    status = observed(data, tmp_path, wire, later, resume=True)
+    assert status.state is LinkState.DONE, status
+    told = {one.alarms for one in later.seen if one.state is not LinkState.CONNECTING}
+    assert told == {status.alarms} == {1}
+    assert status.alarms == len(read_journal(tmp_path / "journal.log").alarms)
+
+
 @pytest.mark.parametrize("park", [None, (20.0, 30.0, 40.0)])
 def test_pause_decided_in_a_look_takes_inserts_until_the_operator_goes_on(tmp_path, park):
     data, transport = layered(2, 12), fresh()

@@ -45,6 +45,12 @@ class Spy:
     def alive(self) -> None:
         self.requests.append("alive")
 
+    def insert(self, look, lines, why, done, refused, flow=None) -> None:
+        self.requests.append(f"insert {look} {len(lines)} {flow}")
+
+    def look_done(self, look, decision, why, done, refused) -> None:
+        self.requests.append(f"look_done {look} {decision}")
+
     def typed(self, text: str, done, refused) -> None:
         known = PrinterSituation(Bounds(self.wiring.printer), Phase.PRINTING)
         self.requests.append(allowed_command(judge_typed(text, known)).text)
@@ -123,7 +129,7 @@ def test_request_that_asks_for_an_answer_is_heard_or_refused(door):
     say(guest, do="resume", change={"plunger_mm": 2.5}, answer=True, token=token)
     assert hear(guest)["event"] == "heard"
     say(guest, do="pause", after="lunch", answer=True, token=token)
-    assert "can't read" in hear(guest)["message"]
+    assert "must be one of layer, vessel, reload" in hear(guest)["message"]
     for request in ("reload", "alive"):
         say(guest, do=request, answer=True, token=token)
         assert hear(guest)["event"] == "heard"
@@ -170,6 +176,87 @@ def test_command_that_must_not_be_sent_is_refused(door, text):
     say(guest, do="command", text=text, token=token)
     assert hear(guest)["event"] == "refused"
     assert spy.requests == []
+
+
+INSERT = {"do": "insert", "look": 25, "lines": ["G4 P1"], "why": "a gap", "flow": None}
+LOOK_DONE = {"do": "look_done", "look": 25, "decision": "go_on", "why": ""}
+WRONG = [
+    (INSERT, "look", "25"),
+    (INSERT, "look", 25.0),
+    (INSERT, "look", True),
+    (INSERT, "look", None),
+    (INSERT, "flow", True),
+    (INSERT, "flow", "1.1"),
+    (INSERT, "flow", float("nan")),
+    (INSERT, "lines", "G4 P1"),
+    (INSERT, "lines", {"G4 P1": 1}),
+    (INSERT, "lines", [4]),
+    (INSERT, "lines", None),
+    (INSERT, "why", 3),
+    (LOOK_DONE, "look", "25"),
+    (LOOK_DONE, "decision", "maybe"),
+    (LOOK_DONE, "decision", 1),
+    (LOOK_DONE, "why", ["a"]),
+    ({"do": "reload"}, "head", "1"),
+    ({"do": "reload"}, "head", True),
+    ({"do": "resume"}, "unchanged", "false"),
+    ({"do": "resume"}, "change", [1]),
+    ({"do": "pause"}, "after", 1),
+    ({"do": "command"}, "text", 5),
+]
+
+
+@pytest.mark.parametrize(("request_", "name", "value"), WRONG)
+def test_a_value_of_another_type_is_refused_by_its_name(door, request_, name, value):
+    spy, _, enter, token = door
+    guest = enter()
+    say(guest, **{**request_, name: value, "token": token, "answer": True})
+    answer = hear(guest)
+    assert (answer["event"], answer.get("error")) == ("refused", "Refused")
+    assert answer["message"].startswith(f"{request_['do']}: {name} ")
+    assert spy.requests == []
+
+
+def test_an_insert_of_the_right_types_is_taken(door):
+    spy, _, enter, token = door
+    guest = enter()
+    for flow in (None, 1, 1.25):
+        say(guest, **{**INSERT, "flow": flow, "token": token, "answer": True})
+        assert hear(guest)["event"] == "heard"
+    say(guest, do="insert", look=3, flow=1.1, answer=True, token=token)
+    assert hear(guest)["event"] == "heard"
+    say(guest, **{**LOOK_DONE, "token": token, "answer": True})
+    assert hear(guest)["event"] == "heard"
+    assert spy.requests == [
+        "insert 25 1 None",
+        "insert 25 1 1.0",
+        "insert 25 1 1.25",
+        "insert 3 0 1.1",
+        "look_done 25 go_on",
+    ]
+
+
+def test_a_message_beyond_the_limit_gets_one_answer_and_the_next_is_heard(door):
+    spy, _, enter, token = door
+    guest = enter()
+    say(guest, do="status", token=token)
+    assert hear(guest)["event"] == "status"
+    say(guest, **{**INSERT, "lines": ["G1 X1.000 Y1.000"] * 150_000, "token": token})
+    answer = hear(guest)
+    assert (answer["event"], answer["error"]) == ("refused", "Refused")
+    assert "1,000,000 bytes" in answer["message"]
+    say(guest, do="stop", answer=True, token=token)
+    assert hear(guest) == {"event": "heard", "do": "stop"}
+    assert spy.requests == ["stop"]
+
+
+def test_a_long_first_message_is_told_the_limit_of_first_ones(door):
+    _, _, enter, token = door
+    guest = enter()
+    say(guest, **{**INSERT, "lines": ["G1 X1.000 Y1.000"] * 1000, "token": token})
+    assert "10,000 bytes" in hear(guest)["message"]
+    say(guest, do="status", token=token)
+    assert hear(guest)["event"] == "status"
 
 
 @pytest.mark.parametrize("used", ["NaN", "-1", "1e999", '"1"', "null"])
