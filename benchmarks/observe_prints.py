@@ -200,7 +200,7 @@ def observed(folder: Path, faults: InkFaults, camera: Path, path: Path) -> World
     )  # fmt: skip
     job = ObservedJob(folder, order)
 
-    def acquire(out: Path) -> Path:
+    def acquire(_: Look, out: Path) -> Path:
         picture = paint(
             world.lies(world.done), seen.camera, seen.scene, 2 * before + (out.name != "picture")
         )

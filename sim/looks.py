@@ -14,9 +14,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import cv2
+import numpy as np
 
 from firmware_profiles import ProfileError
 from kernels import keep_freed_memory
+from kernels.arrays import FloatArray
 from sim.camera.camera_file import load_camera
 from sim.camera.paint import paint
 from sim.deposit.recorded_ink import ink_of_record, read_record
@@ -49,6 +51,14 @@ def parser(device: str) -> argparse.ArgumentParser:
     options.add_argument(
         "--faults", type=Path, metavar="FILE", help="a fault file (YAML), whose `ink` counts"
     )
+    if not camera:
+        for corner in ("low", "high"):
+            options.add_argument(
+                f"--{corner}",
+                type=_place,
+                metavar="X,Y,Z",
+                help=f"{corner}est corner of what is scanned of the field, mm; default: all of it",
+            )
     written = ", ".join(PICTURES) if camera else ".npz"
     options.add_argument("--out", required=True, type=Path, help=f"the file to write: {written}")
     options.add_argument(
@@ -64,9 +74,12 @@ def main(words: list[str]) -> int:
     """Look once; 0 when that went well, 2 when not."""
     device, *rest = words
     given = parser(device).parse_args(rest)
-    look = take_picture if device == "camera" else take_scan
+    common = given.record, given.faults, given.device, given.out, given.look
     try:
-        look(given.record, given.faults, given.device, given.out, given.look)
+        if device == "camera":
+            take_picture(*common)
+        else:
+            take_scan(*common, low_mm=given.low, high_mm=given.high)
     except (SimError, ProfileError) as exc:
         print(f"error: {exc}", file=sys.stderr)
         return 2
@@ -103,15 +116,35 @@ def take_picture(
 
 
 def take_scan(
-    record: Path, faults: Path | None, field: Path, out: Path, look: int | None = None
+    record: Path,
+    faults: Path | None,
+    field: Path,
+    out: Path,
+    look: int | None = None,
+    *,
+    low_mm: FloatArray | None = None,
+    high_mm: FloatArray | None = None,
 ) -> None:
-    """Take one OCT scan of what a record says to lie in the dish; raises as `take_picture`."""
+    """Take one OCT scan of what a record says to lie in the dish; raises as `take_picture`.
+
+    Only what lies between ``low_mm`` and ``high_mm`` of the field is scanned, where they are given.
+    """
     if out.suffix.lower() != ".npz":
         raise ScannerError(f"{out}: a scan is written as .npz")
     oct_field, motion = load_oct(field), read_record(record)
     ink = ink_of_record(motion, faults, oct_field.laid)
-    scan = live_scan(ink, oct_field, _seed(look, motion))
+    low = np.array(oct_field.low_mm) if low_mm is None else low_mm
+    high = np.array(oct_field.high_mm) if high_mm is None else high_mm
+    scan = live_scan(ink, oct_field, _seed(look, motion), (low, high))
     _whole(out, lambda path: write_live_scan(path, scan))
+
+
+def _place(words: str) -> FloatArray:
+    """Three numbers with commas between them, (3,), mm."""
+    place = np.array([float(word) for word in words.split(",")])
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise ValueError
+    return place
 
 
 def _seed(look: int | None, motion: ExecutedMotion) -> int:

@@ -46,6 +46,8 @@ from printctl.link.families import refuse_unsent
 from printctl.link.job import load_job
 from printctl.link.port_detection import named_port, read_baud
 from printctl.link.states import PrintOutcome
+from printctl.observe.records import ORDER
+from printctl.observe.starting import end_idle_observer, ensure_observer
 from printctl.preflight import SetUp, file_checks, refuse_failed, warnings
 from printctl.preflight.shaft_file import file_shaft
 from printctl.printing import (
@@ -137,6 +139,7 @@ def print_job(
         set_for = set_up(profile, syringe, ink, tip, mounted)
         care = _check(file, set_for, tip, AcceptedRisks(care, usable, reload, accept_crossings))
         order = replace(order, care=care)
+        _tell_unobserved(file, order)
     outcome = _print(order, profile, tip, yes)
     _tell(outcome, place, as_json)
     if not outcome.proved:
@@ -181,6 +184,17 @@ def _check(
     )
 
 
+def _tell_unobserved(file: Path, order: Order) -> None:
+    """Say so where a run's recipe has its print observed: only a run and the page observe."""
+    if (file.parent / ORDER).is_file() and not order.resume:
+        messages().print(
+            f"note: nobody looks at this print, although {file.parent / ORDER} says how it is "
+            "observed: `printctl print` starts no observer; `printctl run RECIPE` and the page "
+            "(`printctl serve`) do",
+            markup=False,
+        )
+
+
 def _print(
     order: Order, printer: Printer, tip: tuple[float, float, float], yes: bool
 ) -> PrintOutcome:
@@ -195,10 +209,17 @@ def _print(
             )
         name = named_port(order.port, printer)
         confirm(name, bars, yes)
+        if order.resume:  # a print with looks
+            ensure_observer(order.folder)
         return name
 
     with bars.all(), bars.stage("print") as report:
-        return follow(find_or_start(order, open_port), report, bars)
+        try:
+            client = find_or_start(order, open_port)
+        except Exception:
+            end_idle_observer(order.folder)
+            raise
+        return follow(client, report, bars)
 
 
 def _tell(outcome: PrintOutcome, folder: Path, as_json: bool) -> None:

@@ -33,16 +33,31 @@ def resume(
     port: Annotated[
         str | None, typer.Option("--port", help="When the printer's port has another name now.")
     ] = None,
+    unobserved: Annotated[
+        bool,
+        typer.Option(
+            "--unobserved",
+            help="Start no observer for a print with looks: each look pauses it after its limit.",
+        ),
+    ] = False,
 ) -> None:
     """Go on: come down where the print was left, prime, verify the position, print.
 
-    After the link process died or lost its port, the printer is asked for its last line first.
+    After the link process died or lost its port, the printer is asked for its last line first. An
+    observed print whose observer is gone gets another one first.
     """
     if unchanged and (syringe is not None or plunger_mm is not None):
         raise UsageError("--unchanged excludes --syringe and --plunger-mm")
     folder = print_folder(run)
     with attach(folder) as found:
         ended = found.status.ended
-    continue_print(folder, port=port, syringe=syringe, plunger_mm=plunger_mm, unchanged=unchanged)
+    continue_print(
+        folder,
+        port=port,
+        syringe=syringe,
+        plunger_mm=plunger_mm,
+        unchanged=unchanged,
+        unobserved=unobserved,
+    )
     where = "from the printer's last line" if ended else f"`printctl status {run}` tells how"
     print_lines(f"going on; {where}")

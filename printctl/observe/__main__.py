@@ -7,14 +7,16 @@ import logging
 import sys
 from pathlib import Path
 
+from printctl.errors import PrintctlError
 from printctl.link.detached_process import detach
 from printctl.link.errors import LinkError
 from printctl.link.process import ignore_signals
-from printctl.observe.process import LOG, observe
+from printctl.observe.process import observe
+from printctl.observe.records import LOG
 
 
 def main() -> int:
-    """Observe until the print is over; 1 where there is none, or another observer."""
+    """Observe a print to its end; 1 where none begins, or it can't be observed."""
     parser = argparse.ArgumentParser(prog="python -m printctl.observe")
     parser.add_argument("folder", type=Path, help="of the print")
     parser.add_argument("--detach", action="store_true", help="go on in the background")
@@ -25,7 +27,7 @@ def main() -> int:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(message)s")
     try:
         observe(said.folder)
-    except (LinkError, OSError, ValueError) as exc:
+    except (PrintctlError, LinkError, OSError, ValueError) as exc:
         print(exc, file=sys.stderr)
         return 1
     return 0

@@ -6,7 +6,7 @@ import logging
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from design.network import VesselNetwork
 from design.network_files.csv_format import read_network_csv
 from firmware_profiles import Ink, Needle, Printer, Syringe, load
+from kernels.arrays import FloatArray
 from printctl.link.job import Job, load_job
 from printctl.link.journalled_print import read_journal
 from printctl.link.record import JOURNAL
+from printctl.observe.devices.acquire import Place, Region
 from printctl.observe.expected import ExpectedInk, expected_ink
 from printctl.observe.judging import (
     LayerInk,
@@ -46,6 +48,11 @@ from registration.layer_images import (
 
 log = logging.getLogger(__name__)
 Image = NDArray[Any]
+_ASIDE_MM: Final = 1.5
+"""Blobs are looked for within 1.2 mm of a line."""
+_ABOVE_MM: Final = 0.3
+_BELOW: Final = 8.0
+"""Layers below the middle of the one looked at: what shines through a gap is one layer lower."""
 
 
 @dataclass
@@ -103,8 +110,22 @@ class ObservedJob:
         return load(Printer, self.order.profile)
 
     @cached_property
+    def _poured(self) -> tuple[Syringe, Ink, Needle]:
+        order = self.order
+        return load(Syringe, order.syringe), load(Ink, order.ink), load(Needle, order.needle)
+
+    @cached_property
     def _job(self) -> Job:
         return load_job(Path(self.order.job), self._printer)
+
+    def load(self) -> None:
+        """Read job, profiles and network, so that what is wrong with them is told at once.
+
+        Raises
+        ------
+        ProfileError, LinkError, DesignError, OSError
+        """
+        _ = self._job, self._poured, self.network
 
     def _held(self, look: Look) -> _Held:
         """The print as it is held, with all that was put into its job so far."""
@@ -115,15 +136,29 @@ class ObservedJob:
                 job.lines,
                 look.done,
                 self._printer,
-                load(Syringe, self.order.syringe),
-                load(Ink, self.order.ink),
-                load(Needle, self.order.needle),
+                *self._poured,
                 "embedded" if self.order.embedded else "layered",
             )
             ink = expected_ink(held, job)
             layer = ink_to_judge(ink, look.before, look.done)
             self._last = _Held(look.number, held, job.flow, ink, layer, self._lumens(ink, look))
         return self._last
+
+    def region(self, look: Look) -> Region:
+        """Return the box of the printer's frame that a look needs to see, mm.
+
+        Up to above all ink, down to some layers below the ones looked at, and as far aside as ink
+        is looked for beside lines.
+        """
+        at = self._held(look)
+        lines, (middle, thick) = at.layer.lines, _slab(at)
+        ends = np.concatenate([lines.start, lines.end])
+        if not len(ends):
+            ends = at.ink.end
+        low = np.append(ends[:, :2].min(axis=0) - _ASIDE_MM, middle - _BELOW * thick)
+        top = max(float(at.ink.end[:, 2].max()), middle + thick / 2)
+        high = np.append(ends[:, :2].max(axis=0) + _ASIDE_MM, top + _ABOVE_MM)
+        return _place(low), _place(high)
 
     # --- judging ---------------------------------------------------------------------------------
 
@@ -220,6 +255,11 @@ class ObservedJob:
         for said in mend.sentences():
             log.info("look %d: %s", look.number, said)
         return [line.decode("ascii") for line in mend.lines]
+
+
+def _place(at: FloatArray) -> Place:
+    x, y, z = at.tolist()
+    return x, y, z
 
 
 def _slab(at: _Held) -> tuple[float, float]:

@@ -102,7 +102,7 @@ class Observer:
         The print's.
     link : PrintLink
     acquire : callable
-        Takes a picture into a path without suffix; gives the file.
+        Takes a look's picture into a path without suffix; gives the file.
     judge : callable
         Judges one or two pictures of a look; the second may be None.
     mend_lines : callable
@@ -118,7 +118,7 @@ class Observer:
 
     folder: Path
     link: PrintLink
-    acquire: Callable[[Path], Path]
+    acquire: Callable[[Look, Path], Path]
     judge: Callable[[Look, Path, Path | None], Judged]
     mend_lines: Callable[[Look, tuple[Gap, ...], float], list[str]]
     decider: Decider
@@ -167,11 +167,11 @@ class Observer:
 
     def _judged(self, look: Look, place: Path) -> Judged:
         """Judge one picture; where it shows gaps, another of the same has the last word."""
-        picture = self.acquire(place / "picture")
+        picture = self.acquire(look, place / "picture")
         judged = self.judge(look, picture, None)
         limits, evidence = self.decider.limits, judged.evidence
         if any(limits.gap.significant(gap, evidence.places) for gap in evidence.gaps):
-            judged = self.judge(look, picture, self.acquire(place / "again"))
+            judged = self.judge(look, picture, self.acquire(look, place / "again"))
         return judged
 
     def _record(

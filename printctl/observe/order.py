@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any
 
 from design.files import write_text
 from printctl.observe.deciding import FlowLimits, GapTest, Limits
 from printctl.observe.devices import DeviceSettings
-
-FILE: Final = "observer.json"
+from printctl.observe.records import ORDER
 
 
 @dataclass(frozen=True)
@@ -39,6 +38,8 @@ class ObserverOrder:
         Path of the camera's frame; empty for the simulated camera's own geometry.
     device : DeviceSettings
     limits : Limits
+    care : dict
+        When the print is held for looks: fields of `printctl.link.care.Care`, as JSON.
     """
 
     job: str
@@ -54,10 +55,11 @@ class ObserverOrder:
     network: str = ""
     place_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     limits: Limits = field(default_factory=Limits)
+    care: dict[str, Any] = field(default_factory=dict)
 
     def save(self, folder: Path) -> None:
-        """Write it into a print's folder."""
-        write_text(folder / FILE, json.dumps(asdict(self), indent=1) + "\n")
+        """Write it into a folder of a run or print."""
+        write_text(folder / ORDER, json.dumps(asdict(self), indent=1) + "\n")
 
     @staticmethod
     def load(folder: Path) -> ObserverOrder:
@@ -66,9 +68,9 @@ class ObserverOrder:
         Raises
         ------
         OSError, ValueError
-            When there is none.
+            When there is none that can be read.
         """
-        data = json.loads((folder / FILE).read_text(encoding="utf-8"))
+        data = json.loads((folder / ORDER).read_text(encoding="utf-8"))
         limits = data["limits"]
         limits["gap"], limits["flow"] = GapTest(**limits["gap"]), FlowLimits(**limits["flow"])
         device = DeviceSettings.from_json(json.dumps(data["device"]))

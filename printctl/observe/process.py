@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -11,22 +12,27 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from design.files import write_text
 from printctl.link.client import PrintClient, attach
-from printctl.link.errors import LinkError
+from printctl.link.errors import LinkError, NoLink
+from printctl.link.find_link import alive
 from printctl.link.inserts import file_count
 from printctl.link.journalled_print import read_journal
 from printctl.link.look_book import LookDecision
 from printctl.link.process import hold_folder
-from printctl.link.record import JOURNAL
+from printctl.link.record import JOURNAL, load_record
 from printctl.observe.deciding import Decider, FlowControl
 from printctl.observe.devices import acquire
 from printctl.observe.looking_at import ObservedJob
 from printctl.observe.observer import Look, Observer
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import OBSERVER_LOCK, read_looks
+from printctl.observe.records import OBSERVER_LOCK, READY, read_looks
+from printctl.observe.trying import try_device
 from printctl.printing.journal_facts import read_journal_facts
 
-LOG: Final = "observer.log"
+_BEGIN_LIMIT_S: Final = 120.0
+"""A print for which its observer was started begins at once, or not at all."""
+_POLL_S: Final = 0.1
 log = logging.getLogger(__name__)
 
 
@@ -61,38 +67,64 @@ class LinkWords:
 
 
 def observe(folder: Path) -> None:
-    """Observe the print in ``folder`` until it is over.
+    """Load all that is needed, try the device, wait for the print, and observe it to its end.
 
     Raises
     ------
     AlreadyPrinting
         When another observer is at work there.
     LinkError
-        When there is no print.
+        When no print begins.
+    PrintctlError, OSError, ValueError
+        When the order, what it names or the device can't be used.
     """
-    order = ObserverOrder.load(folder)
+    with hold_folder(folder, OBSERVER_LOCK, "an observer is at work"):
+        order = ObserverOrder.load(folder)
+        job = ObservedJob(folder, order)
+        job.load()
+        try_device(order, folder)
+        write_text(folder / READY, f"{os.getpid()}\n")
+        _await_print(folder)
+        with attach(folder) as words, attach(folder) as events:
+            _follow(events, _assembled(job, words))
+
+
+def _await_print(folder: Path) -> None:
+    """Wait until a link process serves the folder.
+
+    Raises
+    ------
+    NoLink
+    """
+    limit = time.monotonic() + _BEGIN_LIMIT_S
+    while time.monotonic() < limit:
+        with suppress(NoLink):
+            record = load_record(folder)
+            if alive(folder) and record.address and not record.status:
+                return
+        time.sleep(_POLL_S)
+    raise NoLink(f"no print began in {folder} within {_BEGIN_LIMIT_S:g} s")
+
+
+def _follow(events: PrintClient, observer: Observer) -> None:
     handled: set[int] = set()  # what was said before a look ended is heard after it
-    with (
-        hold_folder(folder, OBSERVER_LOCK, "an observer is at work"),
-        attach(folder) as words,
-        attach(folder) as events,
-    ):
-        observer = _assembled(folder, order, words)
-        for status in events.events():
-            look = status.look
-            if look is not None and look["number"] not in handled:
-                if not handled:
-                    observer.remember(look["number"])
-                handled.add(look["number"])
-                _look(observer, look)
+    for status in events.events():
+        look = status.look
+        if look is not None and look["number"] not in handled:
+            if not handled:
+                observer.remember(look["number"])
+            handled.add(look["number"])
+            _look(observer, look)
 
 
-def _assembled(folder: Path, order: ObserverOrder, words: PrintClient) -> Observer:
-    job = ObservedJob(folder, order)
+def _assembled(job: ObservedJob, words: PrintClient) -> Observer:
+    folder, order = job.folder, job.order
     return Observer(
         folder=folder,
         link=LinkWords(words),
-        acquire=lambda out: acquire(order.device, out, time.time()),
+        acquire=lambda look, out: acquire(
+            order.device, out, time.time(), job.region(look) if order.oct else None
+        ),
         judge=job.judge,
         mend_lines=job.mend_lines,
         decider=Decider(order.limits, FlowControl(order.limits.flow)),

@@ -22,6 +22,11 @@ LOOKS: Final = "looks"
 _ANSWER: Final = "answer.json"
 OBSERVER_LOCK: Final = "observer.lock"
 """Held in the print's folder while an observer is at work."""
+ORDER: Final = "observer.json"
+"""What an observer is told: beside a run's G-code, and in the folder of a print."""
+LOG: Final = "observer.log"
+READY: Final = "observer.pid"
+"""Written by an observer that has all it needs: its process's number."""
 DRAWN: Final = "seen.png"
 _PICTURES: Final = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 

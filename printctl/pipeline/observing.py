@@ -1,10 +1,8 @@
-"""Start the observer of a run's print, as the recipe's section ``observe`` says."""
+"""Write the order of the observer of a run's print, as the recipe's ``observe`` says."""
 
 from __future__ import annotations
 
 import re
-import sys
-from pathlib import Path
 from typing import Any, Final
 
 import yaml
@@ -12,11 +10,11 @@ import yaml
 from design.files import write_text
 from design.network_files.csv_format import write_network_csv
 from kernels.arrays import FloatArray
-from printctl.link.detached_process import spawn
 from printctl.link.marks import MarkKind
 from printctl.observe.deciding import FlowLimits, GapTest, Limits
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.order import ObserverOrder
+from printctl.observe.records import ORDER
 from printctl.pipeline.context import RunContext
 from printctl.printing import usable_mm
 from printctl.printing.executed_note import EXECUTED
@@ -50,22 +48,25 @@ def look_care(part: ObservePart | None) -> dict[str, Any]:
     return {**care, "look_every_s": number * _SECONDS[unit]}
 
 
-def start_observer(context: RunContext, folder: Path) -> None:
-    """Start an observer in the print's folder; it ends with the print."""
-    part = context.recipe.observe
+def order_observer(context: RunContext) -> None:
+    """Write beside a run's G-code how its print is observed, whoever prints it; or that it isn't.
+
+    The observer starts with the print (`printctl.observe.starting`), that of `printctl run` or of the page.
+    """
+    part, folder = context.recipe.observe, context.folder
     if part is None:
-        return
-    _order(context, part, folder).save(folder)
-    spawn([sys.executable, "-m", "printctl.observe", str(folder.resolve()), "--detach"])
+        (folder / ORDER).unlink(missing_ok=True)
+    elif (folder / GCODE).is_file():
+        _order(context, part).save(folder)
 
 
-def _order(context: RunContext, part: ObservePart, folder: Path) -> ObserverOrder:
-    recipe = context.recipe
+def _order(context: RunContext, part: ObservePart) -> ObserverOrder:
+    recipe, folder = context.recipe, context.folder
     write_network_csv(folder / NETWORK_FILE, context.written_network)
     syringe = context.syringe
     x, y, z = context.place_mm.tolist()
     return ObserverOrder(
-        job=str((context.folder / GCODE).resolve()),
+        job=str((folder / GCODE).resolve()),
         profile=recipe.printer.profile,
         syringe=recipe.printer.syringe,
         ink=recipe.printer.ink,
@@ -73,11 +74,12 @@ def _order(context: RunContext, part: ObservePart, folder: Path) -> ObserverOrde
         embedded=isinstance(recipe.toolpath, Embedded),
         oct=part.device == "oct",
         frame="" if part.frame is None else str((context.recipe_folder / part.frame).resolve()),
-        device=_device(context, part, folder),
+        device=_device(context, part),
         capacity_ul=usable_mm(syringe, context.printer) * syringe.area_mm2,
         network=str((folder / NETWORK_FILE).resolve()),
         place_mm=(x, y, z),
         limits=_limits(part),
+        care=look_care(part),
     )
 
 
@@ -94,10 +96,10 @@ def _limits(part: ObservePart) -> Limits:
     )
 
 
-def _device(context: RunContext, part: ObservePart, folder: Path) -> DeviceSettings:
+def _device(context: RunContext, part: ObservePart) -> DeviceSettings:
     limit_s = 0.8 * part.limit_s
     if not part.source:
-        return DeviceSettings("simulated", limit_s=limit_s, extra=_twin(context, part, folder))
+        return DeviceSettings("simulated", limit_s=limit_s, extra=_twin(context, part))
     if "{out}" in part.source:
         return DeviceSettings("command", part.source, limit_s=limit_s)
     place = context.recipe_folder / part.source
@@ -107,7 +109,7 @@ def _device(context: RunContext, part: ObservePart, folder: Path) -> DeviceSetti
     return DeviceSettings("camera", part.source, frame.lens.size_px, limit_s)
 
 
-def _twin(context: RunContext, part: ObservePart, folder: Path) -> dict[str, str]:
+def _twin(context: RunContext, part: ObservePart) -> dict[str, str]:
     """Files of the simulated device, which looks straight at the part from above."""
     low, high = context.written_bounds + context.place_mm
     recipe = context.recipe
@@ -121,7 +123,7 @@ def _twin(context: RunContext, part: ObservePart, folder: Path) -> dict[str, str
     }
     box = (low - _MARGIN_MM, high + _MARGIN_MM)
     seen = _oct_view(*box) if part.device == "oct" else _camera_view(*box)
-    path = folder / DEVICE_FILE
+    path = context.folder / DEVICE_FILE
     write_text(path, yaml.safe_dump({**seen, "laid": laid}, sort_keys=False))
     record = str((context.folder / EXECUTED).resolve())
     found = {part.device: str(path.resolve()), "record": record}

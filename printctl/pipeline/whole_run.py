@@ -12,6 +12,7 @@ from printctl.errors import UsageError
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.design_run import begun_run, run_all
 from printctl.pipeline.design_stages import DESIGN
+from printctl.pipeline.observing import order_observer
 from printctl.pipeline.plate.run import design_plate, run_plate, toolpath_plate
 from printctl.pipeline.run_options import RunOptions
 from printctl.pipeline.sequences import TOOLPATH, WHOLE, in_order, stages_until
@@ -30,7 +31,10 @@ def run_wanted(
         if recipe.plate is not None:
             return _plate(context, how, stages)
         run_all(context, stages)
-        return report.write_report(context, how.pdf) if how.until is None else collect(context)
+        if how.until is None:
+            return report.write_report(context, how.pdf)
+        order_observer(context)  # for a print from the operator's page
+        return collect(context)
 
 
 def _plate(context: RunContext, how: RunOptions, stages: Sequence[Stage]) -> dict[str, Any]:

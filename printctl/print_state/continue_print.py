@@ -13,6 +13,7 @@ from printctl.link.journalled_print import read_journal
 from printctl.link.marks import MarkKind
 from printctl.link.record import JOURNAL, load_record
 from printctl.link.states import LinkState, Status
+from printctl.observe.starting import end_idle_observer, ensure_observer
 from printctl.print_state.actions import refuse_forgotten
 from printctl.printing.syringes import usable_mm
 
@@ -26,8 +27,11 @@ def continue_print(
     syringe: str | None = None,
     plunger_mm: float | None = None,
     unchanged: bool = False,
+    unobserved: bool = False,
 ) -> Status:
     """Go on with the print in ``folder``; return its status.
+
+    One that is held for looks and whose observer is gone gets another first.
 
     Parameters
     ----------
@@ -40,11 +44,15 @@ def continue_print(
         Travel that its plunger has used up; 0 for a full one.
     unchanged : bool
         The syringe wasn't changed after all.
+    unobserved : bool
+        Go on without an observer: each look then becomes a pause.
 
     Raises
     ------
     UsageError
         When what was told contradicts itself.
+    ObserverError
+        When no observer can be started; nothing has moved.
     PrintctlError
         When the print isn't paused.
     LinkError
@@ -61,7 +69,9 @@ def continue_print(
         )
     if told and status.ended:
         _refuse_unchanged(folder)
-    with restart(folder, port) if status.ended else attach(folder) as client:
+    if not (status.ended or unobserved):
+        ensure_observer(folder)
+    with restart(folder, port, unobserved) if status.ended else attach(folder) as client:
         if status.ended and client.status.state is not LinkState.PAUSED:
             if told and not client.status.ended:
                 raise PrintctlError(
@@ -93,18 +103,26 @@ def _refuse_unchanged(folder: Path) -> None:
     )
 
 
-def restart(folder: Path, port: str | None = None) -> PrintClient:
+def restart(folder: Path, port: str | None = None, unobserved: bool = False) -> PrintClient:
     """Go on with a print whose link process died or lost its port; ask its last line first.
 
     Raises
     ------
+    ObserverError
+        When it is one with looks, and no observer can be started; unless ``unobserved``.
     LinkError
         See `printctl.link.client.resume_print`; `Refused` where the printer has certainly
         forgotten its place.
     """
     record = load_record(folder)
     refuse_forgotten(folder, port or record.port, load(Printer, record.profile))
-    return resume_print(folder, port)
+    if not unobserved:
+        ensure_observer(folder)
+    try:
+        return resume_print(folder, port)
+    except Exception:
+        end_idle_observer(folder)
+        raise
 
 
 def new_syringe_of(

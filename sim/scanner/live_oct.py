@@ -8,6 +8,7 @@ from typing import Annotated, Final, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from kernels.arrays import FloatArray
 from sim.deposit.laid import Laid
 from sim.deposit.lay import deposit_of_laid
 from sim.deposit.recorded_ink import InkSource
@@ -23,6 +24,7 @@ _PER_VOXEL: Final = 0.625
 _STILL: Final = Placing(0.0, 0.0, 0.0, 0.0, (1.0, 1.0, 1.0))
 
 Micron = Annotated[float, Field(ge=1, le=1000)]
+Region = tuple[FloatArray, FloatArray]
 
 
 class OctField(BaseModel):
@@ -57,27 +59,56 @@ class OctField(BaseModel):
         return self
 
 
-def live_scan(ink: Laid, field: OctField, seed: int) -> ScannerOutput:
-    """Scan what lies in the field; its pose is the same in every scan.
+def live_scan(
+    ink: Laid, field: OctField, seed: int, region: Region | None = None
+) -> ScannerOutput:
+    """Scan what lies in the field; a place of the printer is seen alike in every scan.
+
+    Parameters
+    ----------
+    ink : Laid
+    field : OctField
+    seed : int
+    region : (low, high), each (3,), mm, optional
+        Only what of the field lies in this box of the printer's frame is scanned. What lies above
+        it dims nothing, so no ink should.
 
     Raises
     ------
     DepositError
         When the field is too large.
+    ScannerError
+        When the region lies outside the field.
     """
     dx, dy, dz = (value * 1e-3 for value in field.voxel_um)
     fine = max(_FINEST_MM, _PER_VOXEL * min(dx, dy, dz))
+    low, high = _scanned(field, region)
     # The grid covers a voxel more all round than its box.
-    box = np.array([np.array(field.low_mm) + fine, np.array(field.high_mm) - fine])
+    box = np.array([low + fine, high - fine])
     options = OctOptions(
         voxel_mm=(dz, dy, dx),
         refractive_index=field.refractive_index,
         attenuation_mm=field.attenuation_mm,
         signal_db=field.signal_db,
         looks=field.looks,
+        start_mm=float(field.high_mm[2] - high[2]),
         placing=_STILL,
     )
     return simulate_oct(deposit_of_laid(ink, fine, box), options, seed)
+
+
+def _scanned(field: OctField, region: Region | None) -> Region:
+    """Return the part of a field's box that is in a region, all of it without one."""
+    low, high = np.array(field.low_mm), np.array(field.high_mm)
+    if region is None:
+        return low, high
+    least, most = np.maximum(low, region[0]), np.minimum(high, region[1])
+    if not (most - least > 4 * _FINEST_MM).all():
+        raise ScannerError(
+            f"the region {region[0].tolist()} to {region[1].tolist()} mm lies outside the OCT's "
+            f"field, {low.tolist()} to {high.tolist()} mm"
+        )
+    return least, most
 
 
 def write_live_scan(path: Path, scan: ScannerOutput) -> None:

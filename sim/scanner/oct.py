@@ -59,6 +59,8 @@ class OctOptions:
         Brightness of a full step from liquid to gel over that of the gel.
     looks : int
         Independent speckle patterns averaged.
+    start_mm : float, mm
+        Geometric depth at which the volume begins: sensitivity rolls off from where it would be 0.
     placing : Placing
         How the part lies.
     """
@@ -72,6 +74,7 @@ class OctOptions:
     signal_db: float = 33.0
     reflection: float = 0.5
     looks: int = 3
+    start_mm: float = 0.0
     placing: Placing = field(default_factory=Placing)
 
     def __post_init__(self) -> None:
@@ -82,6 +85,7 @@ class OctOptions:
         check_range("roll_off_mm", self.roll_off_mm, 0.1, 1e3, "mm")
         check_range("signal_db", self.signal_db, 0.0, 38.0, "dB")
         check_range("looks", self.looks, 1, 64, "looks")
+        check_range("start_mm", self.start_mm, 0.0, 1e3, "mm")
 
 
 NOISE_COUNTS = 8.0
@@ -116,6 +120,7 @@ def simulate_oct(deposit: Deposit, options: OctOptions, seed: int) -> ScannerOut
                 options.roll_off_mm,
                 options.reflection,
                 NOISE_COUNTS,
+                options.start_mm,
             ]
         ),
         options.lateral_sigma_mm,
@@ -153,7 +158,7 @@ def _render(
     """
     nz, ny, nx = shape
     dz, dy, dx = voxel
-    gel, attenuation, roll_off, reflection, noise = physics
+    gel, attenuation, roll_off, reflection, noise, start = physics
     out = np.empty((nz, ny, nx), dtype=np.uint16)
     ax, ay, az = to_ink[0, 0] * dx, to_ink[1, 0] * dx, to_ink[2, 0] * dx
     for y in numba.prange(ny):
@@ -171,7 +176,7 @@ def _render(
                         + to_ink[c, 2] * z * dz
                         + to_ink[c, 3]
                     )
-            sensitivity = 0.25 * gel * math.exp(-((z * dz / roll_off) ** 2))
+            sensitivity = 0.25 * gel * math.exp(-(((start + z * dz) / roll_off) ** 2))
             for x in range(nx):
                 mean = noise
                 for ray in range(4):

@@ -6,17 +6,23 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from printctl.errors import PrintctlError
 from printctl.observe.devices.settings import DeviceSettings
+
+Place = tuple[float, float, float]
+Region = tuple[Place, Place]
 
 
 class DeviceError(PrintctlError):
     """A device gave no picture: it is missing, refuses, or hangs."""
 
 
-def acquire(settings: DeviceSettings, out: Path, since: float) -> Path:
+def acquire(
+    settings: DeviceSettings, out: Path, since: float, region: Region | None = None
+) -> Path:
     """Take one picture or volume.
 
     Parameters
@@ -26,6 +32,8 @@ def acquire(settings: DeviceSettings, out: Path, since: float) -> Path:
         File to write, without suffix: the device's own format decides.
     since : float, s since 1970
         Of a folder only files count that are newer.
+    region : (low, high), each (x, y, z), mm, optional
+        Box of the printer's frame that is looked at: a simulated OCT scans no more than that.
 
     Returns
     -------
@@ -37,6 +45,9 @@ def acquire(settings: DeviceSettings, out: Path, since: float) -> Path:
     DeviceError
         When there is none within the limit; the message says why and what to do.
     """
+    if region is not None and settings.kind == "simulated":
+        low, high = (",".join(f"{value:.4f}" for value in corner) for corner in region)
+        settings = replace(settings, extra={**settings.extra, "low": low, "high": high})
     command = [sys.executable, "-m", "printctl.observe.devices", settings.to_json(), str(out)]
     process = subprocess.Popen(
         [*command, f"{since:.3f}"],

@@ -79,7 +79,7 @@ def simulated_picture(settings: DeviceSettings, out: Path) -> Path:
     look = 2 * int(out.parent.name) + (out.name != "picture")  # another noise in each picture
     command = [sys.executable, "-m", "sim", device, "--out", str(path), "--look", str(look)]
     for name, value in settings.extra.items():
-        command += [f"--{name}", str(value)]
+        command += [f"--{name}={value}"]  # a place may begin with a minus
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
     if done.returncode:
         last = done.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]

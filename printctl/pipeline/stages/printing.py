@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from firmware_profiles import Printer, load
 from printctl.errors import PrinterFailedError
-from printctl.link import Care, PrintOutcome
+from printctl.link import Care, PrintClient, PrintOutcome
 from printctl.link.families import refuse_unsent
 from printctl.link.grown_text import GrownText, grown_text
 from printctl.link.job import parse_job
 from printctl.link.port_detection import named_port
 from printctl.link.printed_job import grown_in
 from printctl.link.retreat import Retreat
+from printctl.observe.order import ObserverOrder
+from printctl.observe.starting import (
+    ObserverError,
+    end_idle_observer,
+    ensure_observer,
+    start_observer,
+)
 from printctl.pipeline.context import RunContext
-from printctl.pipeline.observing import look_care, start_observer
+from printctl.pipeline.observing import look_care, order_observer
 from printctl.pipeline.stage import Stage
 from printctl.printing import (
     SIMULATED,
@@ -127,7 +135,9 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         if part.port != SIMULATED:
             name = named_port(part.port, load(Printer, part.profile))
             confirm(name, context.bars, context.assume_yes)
+            observe_from_start(context, folder)
             return name
+        observe_from_start(context, folder)
         record.unlink(missing_ok=True)
         faults = context.recipe_folder / part.faults if part.faults else None
         return simulated_printer(part.profile, (x, y, z), gcode, record, folder, faults=faults)
@@ -136,8 +146,7 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     gcode, care = context.folder / GCODE, care_of(context)
     order = Order(gcode, part.profile, part.port, folder, retreat, once=True, care=care)
     try:
-        client = find_or_start(order, port)
-        start_observer(context, folder)
+        client = _begun(context, order, port)
         outcome = follow(client, report, context.bars)
     except KeyboardInterrupt:
         context.bars.remark(
@@ -156,6 +165,34 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     if part.port != SIMULATED:
         return summary, []
     return {**summary, **executed_facts(context)}, [EXECUTED]
+
+
+def observe_from_start(context: RunContext, folder: Path) -> None:
+    """Start the observer of a print that is about to begin, where the recipe asks for one.
+
+    Raises
+    ------
+    ObserverError
+    """
+    if context.recipe.observe is not None:
+        order_observer(context)
+        ObserverOrder.load(context.folder).save(folder)
+        start_observer(folder)
+
+
+def _begun(context: RunContext, order: Order, port: Callable[[], str]) -> PrintClient:
+    """Find the print or start it; one that goes on without its observer gets another."""
+    try:
+        client = find_or_start(order, port)
+    except Exception:
+        end_idle_observer(order.folder)
+        raise
+    if not client.status.ended:
+        try:
+            ensure_observer(order.folder)
+        except ObserverError as exc:
+            context.bars.remark("print", f"NOBODY LOOKS at it: {exc}")
+    return client
 
 
 def load_finished_print(context: RunContext) -> tuple[dict[str, Any], Sequence[str]]:

@@ -10,6 +10,7 @@ from printctl.link.client import PrintClient, attach
 from printctl.link.marks import MarkKind
 from printctl.link.recovering import Recovery
 from printctl.link.states import LinkState, Status
+from printctl.observe.starting import ensure_observer
 from printctl.print_state.continue_print import continue_print, new_syringe_of, restart
 from printctl.print_state.give_up import give_up
 from printctl.printing.recovery import planned, write_rest
@@ -66,6 +67,8 @@ class PrintCommands:
         ------
         ConflictError
             When what was told contradicts itself.
+        ObserverError
+            When its looks need an observer, and none can be started; nothing has moved.
         Refused
         """
         self._core.controls.require(who)
@@ -78,6 +81,7 @@ class PrintCommands:
             if status.state in _GOING and not status.waits_for:
                 return status
             if not status.ended:
+                ensure_observer(folder)
                 change = new_syringe_of(client, syringe or None, plunger_mm) if told else None
                 client.resume(change, unchanged)
                 return client.status
@@ -92,7 +96,7 @@ class PrintCommands:
 
         Raises
         ------
-        NotInControlError, LinkError
+        NotInControlError, ObserverError, LinkError
         """
         self._core.controls.require(who)
         folder = self._core.workspace.print_folder(job)

@@ -22,6 +22,7 @@ from printctl.web.job.following import PrintReport
 from printctl.web.job.jobs import JobEntry, add_job, entry_of, list_jobs
 from printctl.web.job.looks.look_service import LookService
 from printctl.web.job.machine import Machine, Printing, mounted_checks, set_up_of
+from printctl.web.job.observing import observer_order, observer_ready
 from printctl.web.job.preflight import Preflight, Preflights, refuse, row
 from printctl.web.job.print_commands import PrintCommands
 from printctl.web.job.prints import Prints
@@ -191,7 +192,7 @@ class JobService:
 
         Raises
         ------
-        NotInControlError, SafetyError, ConflictError, BadRequestError, LinkError
+        NotInControlError, SafetyError, ConflictError, BadRequestError, ObserverError, LinkError
         """
         self.core.controls.require(who)
         with self._starting:  # a second click waits, and then finds the first one's print
@@ -205,11 +206,14 @@ class JobService:
             found = self._looked_at(job, said)
             refuse([*self._against_mounted(said, found), *found.checks])
             file = self.core.workspace.job_file(job)
-            order = order_of(file, folder, said, said.mounted(), machine, found)
+            mounted = said.mounted()
+            observer = observer_order(file, said, mounted)
+            order = order_of(file, folder, said, mounted, machine, found, observer)
             client = running(order)
             if client is None:
-                self._set_ups.keep_printed(folder, said)
-                client = self.printing.start(order)
+                with observer_ready(order, observer):
+                    self._set_ups.keep_printed(folder, said)
+                    client = self.printing.start(order)
             client.detach()
             self.records.mark(
                 record,

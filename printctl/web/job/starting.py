@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from printctl.observe.order import ObserverOrder
 from printctl.printing import Order, retreat_for
 from printctl.set_up import SetUp
 from printctl.web.errors import ConflictError
 from printctl.web.job.machine import Machine
+from printctl.web.job.observing import with_looks
 from printctl.web.job.preflight import Preflight
 from printctl.web.job.record import PrintRecord
 from printctl.web.job.set_up import JobSetUp
@@ -18,9 +20,15 @@ _LIFT_MM = 20.0
 
 
 def order_of(
-    job: Path, folder: Path, said: JobSetUp, mounted: SetUp, machine: Machine, found: Preflight
+    job: Path,
+    folder: Path,
+    said: JobSetUp,
+    mounted: SetUp,
+    machine: Machine,
+    found: Preflight,
+    observer: ObserverOrder | None = None,
 ) -> Order:
-    """The order, as `printctl print` makes it.
+    """The order, as `printctl print` makes it, with the looks of a run's observer.
 
     Parameters
     ----------
@@ -32,6 +40,7 @@ def order_of(
     machine : Machine
     found : Preflight
         Where syringes must be changed, and what failed and was accepted.
+    observer : ObserverOrder, optional
     """
     loads = [mounted.load_of(k) for k in range(mounted.printer.head_count)]
     prime = said.care.prime_ul
@@ -49,7 +58,7 @@ def order_of(
         folder,
         replace(retreat, others=tuple(others)),
         once=True,
-        care=care,
+        care=with_looks(care, observer),
     )
 
 

@@ -80,7 +80,7 @@ class Bench:
             Decider(Limits(mend=self.mode), FlowControl()), lambda _: self.over,
         )  # fmt: skip
 
-    def acquire(self, out):
+    def acquire(self, look, out):
         if self.hangs:
             raise DeviceError("the camera gave no picture within 20 s")
         self.pictures.append(out.name)

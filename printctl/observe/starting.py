@@ -1,0 +1,122 @@
+"""Start a print's observer and wait until it is ready, before anything moves.
+
+Knows nothing of pictures, so that whatever starts or resumes a print may ask for it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Final
+
+from printctl.errors import PrintctlError
+from printctl.link.care import Care
+from printctl.link.detached_process import spawn
+from printctl.link.errors import LinkError
+from printctl.link.find_link import alive, has_ended, stays_alive
+from printctl.link.record import load_record
+from printctl.observe.records import LOG, OBSERVER_LOCK, ORDER, READY
+
+_READY_LIMIT_S: Final = 300.0
+"""Loading takes some seconds; a camera's first picture has a limit of its own."""
+_WITHOUT: Final = "print without the recipe's section observe"
+
+
+class ObserverError(PrintctlError):
+    """A print can't be observed as its recipe asks."""
+
+
+def start_observer(folder: Path, remedy: str = _WITHOUT) -> None:
+    """Start the observer of the print that is about to begin or go on in ``folder``.
+
+    Returns once it has loaded all that it needs and has tried its device; it then waits for the
+    print. The folder has its order (`ORDER`).
+
+    Parameters
+    ----------
+    folder : Path
+    remedy : str
+        What the user may do where that fails, beside seeing to it.
+
+    Raises
+    ------
+    ObserverError
+        When it can't observe; nothing has moved then.
+    """
+    if stays_alive(folder, OBSERVER_LOCK):
+        raise ObserverError(f"an observer is at work in {folder} already; end its print first")
+    ready = folder / READY
+    ready.unlink(missing_ok=True)
+    try:
+        pid = spawn([sys.executable, "-m", "printctl.observe", str(folder.resolve()), "--detach"])
+    except LinkError as exc:
+        raise ObserverError(_refusal(str(exc), remedy)) from exc
+    limit = time.monotonic() + _READY_LIMIT_S
+    while time.monotonic() < limit:
+        over = has_ended(pid)
+        if _ready_pid(folder) == pid:
+            return
+        if over:
+            raise ObserverError(_refusal(_last_line(folder / LOG), remedy))
+        time.sleep(0.05)
+    _end(pid)
+    raise ObserverError(_refusal(f"it wasn't ready after {_READY_LIMIT_S:g} s", remedy))
+
+
+def ensure_observer(folder: Path) -> None:
+    """Start an observer for a print in ``folder`` that is to go on, if it is one with looks.
+
+    Nothing happens where an observer is at work.
+
+    Raises
+    ------
+    ObserverError
+        When none can be started.
+    """
+    if not has_looks(folder) or not (folder / ORDER).is_file():
+        return
+    if not stays_alive(folder, OBSERVER_LOCK):
+        start_observer(folder, f"go on without by `printctl resume {folder} --unobserved`")
+
+
+def has_looks(folder: Path) -> bool:
+    """Whether the print in ``folder`` is held for looks; False where there is no print."""
+    try:
+        return Care.from_dict(load_record(folder).care).looks
+    except LinkError:
+        return False
+
+
+def end_idle_observer(folder: Path) -> None:
+    """End an observer whose print hasn't begun; one with a print ends with it."""
+    pid = _ready_pid(folder)
+    if pid and not alive(folder) and alive(folder, OBSERVER_LOCK):
+        _end(pid)
+
+
+def _end(pid: int) -> None:
+    with contextlib.suppress(OSError):
+        os.kill(pid, signal.SIGTERM)
+
+
+def _ready_pid(folder: Path) -> int:
+    try:
+        return int((folder / READY).read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return 0
+
+
+def _last_line(log: Path) -> str:
+    try:
+        said = log.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        said = []
+    return next((line for line in reversed(said) if line.strip()), "it ended without a word")
+
+
+def _refusal(why: str, remedy: str) -> str:
+    return f"no observer can be started: {why}. Nothing was moved; see to it, or {remedy}"

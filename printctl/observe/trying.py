@@ -1,0 +1,56 @@
+"""Try a print's device before the print begins."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import time
+from pathlib import Path
+
+from printctl.observe.devices import DeviceError, acquire
+from printctl.observe.order import ObserverOrder
+from printctl.observe.views import camera_frame, open_view, read_oct_frame
+from sim.scanner.live_oct import load_oct
+
+_FIRST = "before"
+
+
+def try_device(order: ObserverOrder, folder: Path) -> None:
+    """Raise where a look couldn't be made; a camera takes a picture, a scanner isn't set going.
+
+    Parameters
+    ----------
+    order : ObserverOrder
+    folder : Path
+        The print's; the picture isn't kept.
+
+    Raises
+    ------
+    DeviceError
+        When camera, folder, program or file isn't there, or the camera's marks have moved.
+    UsageError, SimError, ValueError, OSError
+        When the frame or a simulated device's file can't be read.
+    """
+    _try_frame(order)
+    device = order.device
+    if device.kind == "camera":
+        picture = acquire(device, folder / _FIRST, time.time())
+        try:
+            open_view(picture, order, 0.0, 0.0)
+        finally:
+            picture.unlink(missing_ok=True)
+    elif device.kind == "folder" and not Path(device.source).is_dir():
+        raise DeviceError(f"folder {device.source} isn't there; the device's program writes into it")
+    elif device.kind == "command":
+        program = shlex.split(device.source)[0]
+        if shutil.which(program) is None:
+            raise DeviceError(f"the device's program {program} isn't there, or may not be run")
+
+
+def _try_frame(order: ObserverOrder) -> None:
+    if not order.oct:
+        camera_frame(order)
+    elif order.frame:
+        read_oct_frame(Path(order.frame))
+    else:
+        load_oct(Path(order.device.extra["oct"]))
