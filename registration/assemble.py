@@ -63,6 +63,8 @@ class RegistrationParts:
         Points on the design from which the scanned surface was looked for.
     places : tuple of FacePlace
         Where the surface away from lumens stands out.
+    gel_at : (p,) float64 or None
+        At the options' places: 1 for gel, 0 for none, NaN where it can't be told.
     """
 
     segmentation: Segmentation
@@ -77,6 +79,7 @@ class RegistrationParts:
     frame: Frame
     characteristics: tuple[Characteristic, ...]
     errors: ScanErrors
+    gel_at: FloatArray | None
 
 
 def assemble(
@@ -132,6 +135,7 @@ def assemble(
         overlap_rigid=findings.overlap_rigid,
         overlap_scaled=findings.overlap_scaled,
         perfusion=findings.perfusion,
+        gel_at=found.gel_at,
         walls=options.walls,
         notes=(
             *scan.notes,

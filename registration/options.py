@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from design.hemodynamics import FlowConditions
+from kernels.arrays import FloatArray
 from registration.alignment import AlignmentOptions
 from registration.gauging import TOLERANCES_UM
 from registration.gauging.changes import FALSE_ALARM
@@ -48,6 +49,8 @@ class RegistrationOptions:
         Of the search.
     datums : tuple of Datum
         On which the part's frame is laid, the primary first; none for the best fit.
+    places_mm : (p, 3) float64 or None, mm
+        Places of the part, as designed, at which the report is to say whether there is gel.
     """
 
     working_voxel_mm: float | None = None
@@ -60,6 +63,7 @@ class RegistrationOptions:
     flow: FlowConditions | None = None
     alignment: AlignmentOptions = field(default_factory=AlignmentOptions)
     datums: tuple[Datum, ...] = ()
+    places_mm: FloatArray | None = field(default=None, compare=False)
 
 
 def segmentation_options(

@@ -34,6 +34,7 @@ from registration.prepared import PreparedScan
 from registration.result import RegistrationReport
 from registration.scan import Scan
 from registration.segmentation import GelEvidence, gel_evidence
+from registration.segmentation.evidence import are_separable
 
 
 def register_scan(
@@ -91,7 +92,18 @@ def _registered(case: PreparedScan, other: Executor) -> RegistrationParts:
         lying.frame,
         _characterised(case, lying, findings),
         case.errors,
+        _gel_at(case, lying.alignment.scaled, evidence.result()),
     )
+
+
+def _gel_at(case: PreparedScan, fit: Fit, evidence: GelEvidence) -> FloatArray | None:
+    """Whether there is gel at the places that the options name; NaN where it can't be told."""
+    if case.options.places_mm is None:
+        return None
+    places = fit.invert(case.options.places_mm)
+    value = case.segmentation.field.above_level(places)
+    told = np.isfinite(value) & are_separable(1.0, 0.0, evidence.scatter_at(places))
+    return np.where(told, value >= 0, np.nan)
 
 
 @dataclass(frozen=True)

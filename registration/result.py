@@ -101,6 +101,9 @@ class RegistrationReport:
         Dice and volume ratio of the lumens after each fit.
     perfusion : Perfusion or None
         Flow through the lumens as printed; None where the design itself has none.
+    gel_at : (p,) float64 or None
+        At each of `RegistrationOptions.places_mm`, after the scaled fit: 1 for gel, 0 for none, NaN
+        outside of the scan's field or where too little light came to tell; None where nobody asked.
     walls : WallCalibration or None
         What was taken out of every wall.
     notes : tuple of str
@@ -148,6 +151,7 @@ class RegistrationReport:
     overlap_rigid: Overlap
     overlap_scaled: Overlap
     perfusion: Perfusion | None
+    gel_at: FloatArray | None
     walls: WallCalibration | None
     notes: tuple[str, ...]
 

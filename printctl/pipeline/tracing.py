@@ -103,7 +103,7 @@ def by_layer(found: RegistrationReport, job: Job) -> list[dict[str, Any]]:
     """
     again = found.scaled_scan_to_part @ np.linalg.inv(found.transform_scan_to_part)
     z = found.surface.vertices @ again[2, :3] + again[2, 3]
-    count, tops = len(job.first_line), _layer_tops(job)
+    count, tops = len(job.first_line), layer_tops(job)
     known = found.seen & np.isfinite(found.scaled_deviation_um)
     layer = np.minimum(np.searchsorted(tops, z[known], side="right"), count - 1)
     deviation = found.scaled_deviation_um[known]
@@ -125,7 +125,7 @@ def by_layer(found: RegistrationReport, job: Job) -> list[dict[str, Any]]:
     ]
 
 
-def _layer_tops(job: Job) -> FloatArray:
+def layer_tops(job: Job) -> FloatArray:
     """Height that each layer's lines are written at, (s,), mm; between others where it has none.
 
     The median of a layer's lines: those that prime the needle count with the first one.

@@ -17,7 +17,8 @@ from printctl.pipeline.measurement_record import Corrections, add_record
 from printctl.pipeline.pose_error import pose_error
 from printctl.pipeline.stage import Stage
 from printctl.pipeline.stages.scan import TRUTH, digest_user_files, load_scan, scan_name
-from printctl.pipeline.tracing import by_layer, made_by, read_job
+from printctl.pipeline.tracing import Job, by_layer, made_by, read_job
+from printctl.pipeline.written_in_scan import WRITTEN, save_written, written_places
 from printctl.progress import Report
 from printctl.recipe.making import FileScan, Fresh, SimulatedScan
 from printctl.recipe.record import RecordPart
@@ -55,6 +56,7 @@ def depends(context: RunContext) -> Any:
         context.place_mm.tolist(),
         context.compensation_digest,
         context.recipe.registration.model_dump(mode="json"),
+        *([] if context.recipe.observe is None else ["looks"]),
     ]
     if not isinstance(part, FileScan):
         return made
@@ -67,7 +69,12 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     tolerances.check_network(context.network)
     fresh = isinstance(context.recipe.toolpath, Fresh)
     model = context.solid if fresh else context.lumen
+    job = _written_job(context)
+    # Where a print was observed, its looks are held against what the scan has of its lines.
+    written = None if context.recipe.observe is None else written_places(job, fresh)
     options = _options(context)
+    if written is not None:
+        options = replace(options, places_mm=written.at_mm)
     scan = load_scan(context)
     found = register_scan(scan, model, context.network, options)
     report(0.8, "tracing")
@@ -83,13 +90,18 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         done = Corrections(part.oct_calibration, part.air_above, part.walls)
         add_record(summary, part.record or RecordPart(), scan, done, datetime.now(UTC))
     add_scan_places(summary, scan, found)
-    add_traces(summary, context, found)
+    add_traces(summary, context, found, job)
     report(0.9, "writing")
     write_text(context.folder / NUMBERS, json.dumps(summary, indent=1, allow_nan=False) + "\n")
     write_deviation(context.folder / DEVIATION, found)
     views = take_views(scan, model, found, summary, not is_resampled(scan))
     save_views(context.folder / VIEWS, views)
     names = write_exports(context.folder, scan, context.network, (found, summary))
+    if written is not None and found.gel_at is not None:
+        # What an embedded print writes is melted out: ink is where no gel is.
+        ink = found.gel_at if fresh else 1.0 - found.gel_at
+        save_written(context.folder / WRITTEN, written, ink)
+        names = [*names, WRITTEN]
     if isinstance(context.scan_part, SimulatedScan):
         summary["truth_check"] = check_truth(context, found, model)
     return summary, [NUMBERS, DEVIATION, VIEWS, *names]
@@ -108,9 +120,9 @@ def _options(context: RunContext) -> RegistrationOptions:
     )
 
 
-def add_traces(summary: dict[str, Any], context: RunContext, found: RegistrationReport) -> None:
-    """Say of each layer how far off it is, and of each defect which lines wrote around it."""
-    part, stretch = context.recipe.toolpath, context.corrections.stretch
+def _written_job(context: RunContext) -> Job:
+    """The G-code's writing moves, back in the design's size, where the scan's findings are."""
+    stretch = context.corrections.stretch
     job = read_job(
         context.folder / GCODE,
         context.folder / LINE_MAP,
@@ -118,9 +130,15 @@ def add_traces(summary: dict[str, Any], context: RunContext, found: Registration
         context.start_mm,
         context.place_mm,
     )
-    # What was written, back in the design's size, where the scan's deviations and defects are.
     moves = replace(job.moves, start=stretch.back(job.moves.start), end=stretch.back(job.moves.end))
-    job = replace(job, moves=moves)
+    return replace(job, moves=moves)
+
+
+def add_traces(
+    summary: dict[str, Any], context: RunContext, found: RegistrationReport, job: Job
+) -> None:
+    """Say of each layer how far off it is, and of each defect which lines wrote around it."""
+    part = context.recipe.toolpath
     if isinstance(part, Fresh):
         line_mm = part.line_um * 1e-3
         summary["by_layer"] = by_layer(found, job)

@@ -1,0 +1,165 @@
+"""Find in the final scan what a job's lines should have laid; hold looks against it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from kernels.arrays import FloatArray, IntArray
+from printctl.link.inserts import Insert
+from printctl.observe.records import LookRecord
+from printctl.pipeline.tracing import Job, layer_tops
+
+WRITTEN: Final = "written_in_scan.npz"
+_STEP_MM: Final = 0.05
+_LEAST_SEEN: Final = 0.5
+"""Share of a look's way below which look or scan says nothing of it."""
+
+
+@dataclass(frozen=True)
+class WrittenPlaces:
+    """Places in the middle of what a job should have laid, in the order of writing.
+
+    Attributes
+    ----------
+    at_mm : (p, 3) float64, mm
+        Part frame, as designed.
+    length_mm : (p,) float64, mm
+        Of the piece of way that each stands for.
+    line : (p,) int64
+        Of the G-code file, from 1.
+    stroke : (p,) int64
+        Which unbroken line each is of.
+    """
+
+    at_mm: FloatArray
+    length_mm: FloatArray
+    line: IntArray
+    stroke: IntArray
+
+
+def written_places(job: Job, layered: bool) -> WrittenPlaces:
+    """Return a place every 0.05 mm along a job's lines, in the middle of each one's height.
+
+    Parameters
+    ----------
+    job : Job
+    layered : bool
+        Lines hang from the tip, one layer high; filaments in a bath lie around its way.
+    """
+    moves = job.moves
+    length = np.linalg.norm(moves.end - moves.start, axis=1)
+    count = np.maximum(np.ceil(length / _STEP_MM).astype(np.int64), 1)
+    move = np.repeat(np.arange(len(count)), count)
+    order = np.arange(len(move)) - np.repeat(np.cumsum(count) - count, count)
+    share = (order + 0.5) / count[move]
+    at = moves.start[move] + share[:, None] * (moves.end - moves.start)[move]
+    if layered:
+        tops = layer_tops(job)
+        high = np.diff(tops, prepend=tops[0] - (tops[1] - tops[0] if len(tops) > 1 else 0.0))
+        at[:, 2] -= 0.5 * high[np.clip(job.source, 0, len(high) - 1)][move]
+    return WrittenPlaces(at, (length / count)[move], moves.line[move], moves.stroke[move])
+
+
+def save_written(path: Path, places: WrittenPlaces, ink: FloatArray) -> None:
+    """Keep what the scan has at each place: 1 for ink, 0 for none, NaN where it can't tell."""
+    np.savez(
+        path, length_mm=places.length_mm, line=places.line, stroke=places.stroke, ink=ink
+    )
+
+
+def looks_and_scan(
+    path: Path,
+    looks: Sequence[LookRecord],
+    inserts: Sequence[Insert],
+    last_lines: Sequence[int],
+    gap_mm: float,
+) -> list[dict[str, Any]]:
+    """Return what each look said of its stretch of the job beside what the final scan has there.
+
+    Parameters
+    ----------
+    path : Path
+        Of `save_written`.
+    looks : sequence of LookRecord
+    inserts : sequence of Insert
+        Of the print's journal: what was really done.
+    last_lines : sequence of int
+        Line of the G-code file up to which each look saw.
+    gap_mm : float, mm
+        Shorter stretches without ink are let pass.
+    """
+    with np.load(path) as data:
+        length, line, stroke, ink = (data[k] for k in ("length_mm", "line", "stroke", "ink"))
+    mended = {one.look for one in inserts if one.lines}
+    rows, before = [], 0
+    for look, last in zip(looks, last_lines, strict=True):
+        own = (line > before) & (line <= last)
+        before = max(before, last)
+        rows.append(_row(look, look.number in mended, length[own], stroke[own], ink[own], gap_mm))
+    return rows
+
+
+def _row(
+    look: LookRecord,
+    mended: bool,
+    length: FloatArray,
+    stroke: IntArray,
+    ink: FloatArray,
+    gap_mm: float,
+) -> dict[str, Any]:
+    way, known = float(length.sum()), np.isfinite(ink)
+    told = float(length[known].sum())
+    missing = missing_mm(length, stroke, ink, gap_mm)
+    left = 0.0 if mended else sum(g["to_mm"] - g["from_mm"] for g in look.found.get("gaps", ()))
+    row = {
+        "look": look.number,
+        "mark": look.mark.partition(",")[0],
+        "way_mm": round(way, 3),
+        "judged": look.found.get("seen_share"),
+        "ink": look.found.get("coverage"),
+        "mended": mended,
+        "left_mm": round(left, 3),
+        "scan_told": round(told / way, 5) if way else 0.0,
+        "scan_ink": round(float(length[known] @ ink[known]) / told, 5) if told else None,
+        "scan_missing_mm": round(missing, 3),
+    }
+    return {**row, **_held(row)}
+
+
+def missing_mm(length: FloatArray, stroke: IntArray, ink: FloatArray, gap_mm: float) -> float:
+    """Return the length of stretches without ink along unbroken lines, each ``gap_mm`` or more."""
+    free = np.append(np.where(ink == 0, stroke, -1), -1)  # NaN is neither
+    begins = np.flatnonzero(free != np.append(-1, free[:-1]))
+    upto = np.append(0.0, np.cumsum(length))
+    ends = np.append(begins[1:], len(free) - 1)
+    long = upto[np.minimum(ends, len(length))] - upto[np.minimum(begins, len(length))]
+    return float(long[(free[begins] >= 0) & (long >= gap_mm)].sum())
+
+
+def _held(row: dict[str, Any]) -> dict[str, Any]:
+    """Whether look and scan agree: true, false or None where that can't be told; and in words."""
+    said = "mended" if row["mended"] else "whole"
+    missing, way = row["scan_missing_mm"], row["way_mm"]
+    if row["scan_told"] < _LEAST_SEEN:
+        return {"agree": None, "held": "the scan tells too little of it"}
+    if row["judged"] is None or row["judged"] < _LEAST_SEEN:
+        also = f"; the scan misses {missing:.2f} mm" if missing else ""
+        return {"agree": None, "held": f"the look saw too little{also}"}
+    if row["left_mm"] and not missing:
+        words = f"the look left {row['left_mm']:.2f} mm missing, and the scan misses none"
+        return {"agree": False, "held": words}
+    if row["left_mm"]:
+        words = f"both miss ink: the look {row['left_mm']:.2f} mm, the scan {missing:.2f} mm"
+        return {"agree": True, "held": words}
+    if not missing:
+        return {"agree": True, "held": f"{said}, and the scan misses nothing"}
+    words = f"the scan misses {missing:.2f} mm of what the look called {said}"
+    unjudged = (1.0 - row["judged"]) * way
+    if missing > unjudged:
+        return {"agree": False, "held": words}
+    return {"agree": None, "held": f"{words}; all of it may lie in the part that it didn't judge"}
