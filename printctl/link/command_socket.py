@@ -283,7 +283,7 @@ class SocketServer(ABC):
         if not guest.too_long and len(guest.heard) > limit:
             guest.too_long = True
             first = "" if guest.known else " as the first (`status` may come before a long one)"
-            why = f"a message may have {limit:,} bytes{first}, and this one has more; nothing was done"
+            why = f"a message may have {limit:,} bytes{first}; this one has more, nothing was done"
             self.post(guest, {"event": "refused", "message": why, "error": Refused.__name__})
         if guest.too_long:
             guest.heard = b""

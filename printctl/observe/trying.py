@@ -40,7 +40,9 @@ def try_device(order: ObserverOrder, folder: Path) -> None:
         finally:
             picture.unlink(missing_ok=True)
     elif device.kind == "folder" and not Path(device.source).is_dir():
-        raise DeviceError(f"folder {device.source} isn't there; the device's program writes into it")
+        raise DeviceError(
+            f"folder {device.source} isn't there; the device's program writes into it"
+        )
     elif device.kind == "command":
         program = shlex.split(device.source)[0]
         if shutil.which(program) is None:

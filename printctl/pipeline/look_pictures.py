@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,15 +29,18 @@ _CURVE: Final = (
     "Share of the written way that was seen with ink, by look, before its mend; mends, "
     "corrections of the flow and pauses are marked"
 )
+_SCANNED: Final = "; diamonds: share of the same lines that the final scan has, after all mends"
 
 
-def look_pictures(print_folder: Path) -> dict[str, bytes]:
+def look_pictures(print_folder: Path, held: Sequence[Mapping[str, Any]] = ()) -> dict[str, bytes]:
     """Draw what the looks at a print have told, for the report's section Print.
 
     Parameters
     ----------
     print_folder : Path
         With the journal; looks of an earlier print in it are left out.
+    held : sequence of dict
+        What the final scan has where they looked (`printctl.pipeline.written_in_scan`).
 
     Returns
     -------
@@ -46,7 +50,11 @@ def look_pictures(print_folder: Path) -> dict[str, bytes]:
     looks = read_looks(print_folder, read_journal_facts(print_folder / JOURNAL).started)
     if not looks:
         return {}
-    rows = look_rows(looks, read_journal(print_folder / JOURNAL).inserts)
+    scanned = {row["look"]: _share(row["scan_ink"]) for row in held}
+    rows = [
+        replace(row, scan=scanned.get(row.number, math.nan))
+        for row in look_rows(looks, read_journal(print_folder / JOURNAL).inserts)
+    ]
     shown = chosen_looks(rows, _MOST)
     strip = _strip(print_folder, [rows[k] for k in shown])
     count = (
@@ -56,7 +64,8 @@ def look_pictures(print_folder: Path) -> dict[str, bytes]:
         f"print/{count} in their order, each with the share that had ink: blue mended or flow "
         "corrected, red paused or stopped"
     )
-    return {f"print/{_CURVE}": look_figure(rows), caption: strip}
+    curve = f"print/{_CURVE}{_SCANNED if held else ''}"
+    return {curve: look_figure(rows), caption: strip}
 
 
 def look_rows(looks: Sequence[LookRecord], inserts: Sequence[Insert]) -> list[LookRow]:
@@ -100,9 +109,9 @@ def _share(value: Any) -> float:
 
 def _strip(print_folder: Path, rows: Sequence[LookRow]) -> bytes:
     """Small pictures row by row, each with its number and share, framed by what was done."""
-    columns = min(len(rows), _COLUMNS)
+    down = -(-len(rows) // _COLUMNS)
+    columns = -(-len(rows) // down)  # rows alike, so that few cells stay empty
     side = max(_SIDE_PX, _WIDTH_PX // max(columns, 4))
-    down = -(-len(rows) // columns)
     sheet = Image.new("RGB", (columns * side, down * side), "#dcdfe2")
     for k, row in enumerate(rows):
         sheet.paste(_cell(print_folder, row, side), (k % columns * side, k // columns * side))

@@ -51,7 +51,7 @@ def look_care(part: ObservePart | None) -> dict[str, Any]:
 def order_observer(context: RunContext) -> None:
     """Write beside a run's G-code how its print is observed, whoever prints it; or that it isn't.
 
-    The observer starts with the print (`printctl.observe.starting`), that of `printctl run` or of the page.
+    `printctl run` and the page start the observer with the print (`printctl.observe.starting`).
     """
     part, folder = context.recipe.observe, context.folder
     if part is None:

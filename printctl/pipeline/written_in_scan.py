@@ -67,9 +67,7 @@ def written_places(job: Job, layered: bool) -> WrittenPlaces:
 
 def save_written(path: Path, places: WrittenPlaces, ink: FloatArray) -> None:
     """Keep what the scan has at each place: 1 for ink, 0 for none, NaN where it can't tell."""
-    np.savez(
-        path, length_mm=places.length_mm, line=places.line, stroke=places.stroke, ink=ink
-    )
+    np.savez(path, length_mm=places.length_mm, line=places.line, stroke=places.stroke, ink=ink)
 
 
 def looks_and_scan(

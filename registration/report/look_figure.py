@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -34,6 +35,8 @@ class LookRow:
         Flow factor that was put in force after it; None where it stayed.
     held : bool
         Whether the print was paused or stopped by it, and nothing was written.
+    scan : float
+        Share of the same way on which the final scan has ink; NaN where it can't tell.
     """
 
     number: int
@@ -42,6 +45,7 @@ class LookRow:
     mended: bool = False
     flow: float | None = None
     held: bool = False
+    scan: float = math.nan
 
 
 def look_figure(rows: Sequence[LookRow]) -> bytes:
@@ -60,7 +64,8 @@ def look_figure(rows: Sequence[LookRow]) -> bytes:
     number = np.array([row.number for row in rows])
     ink = 100.0 * np.array([row.ink for row in rows])
     seen = 100.0 * np.array([row.seen for row in rows])
-    low = np.nanmin([*ink, *seen, 100.0])
+    scan = 100.0 * np.array([row.scan for row in rows])
+    low = np.nanmin([*ink, *seen, *scan, 100.0])
     floor = low - 0.12 * (100.0 - low) - 2.0
     with styled():
         figure, axes = blank(7.2, 3.1)
@@ -68,6 +73,17 @@ def look_figure(rows: Sequence[LookRow]) -> bytes:
         axes.plot(
             number, ink, color=ACCENT, linewidth=1.1, marker="o", markersize=3.0, label="with ink"
         )
+        if np.isfinite(scan).any():
+            axes.plot(
+                number,
+                scan,
+                color=INK,
+                linewidth=0.9,
+                linestyle="--",
+                marker="D",
+                markersize=3.0,
+                label="with ink in the final scan",
+            )
         mended = np.array([row.mended for row in rows])
         held = np.array([row.held for row in rows])
         marks: Any = {"linestyle": "", "markersize": 8.0, "markerfacecolor": "none"}

@@ -160,6 +160,8 @@ def section_context(data: Mapping[str, Any]) -> dict[str, Any]:
         "fidelity_table": sections.fidelity_table(mapping(data, "fidelities")),
         "oxygen_table": sections.oxygen_table(mapping(data, "oxygen")),
         "check_table": sections.check_table(mapping(data, "dry_run")),
+        "held_table": sections.held_table(records(data, "looks")),
+        "held_note": sections.HELD_NOTE,
         "lumen_facts": sections.lumen_facts(mapping(data, "lumens")),
         "lumen_table": sections.lumen_table(mapping(data, "lumens")),
         "timing_rows": sections.timing_rows(mapping(data, "timings")),

@@ -76,6 +76,26 @@ CHECK_COLUMNS: Final = (
     Column("passed", "Passed", kind="mark"),
     Column("place", "Where", kind="text"),
 )
+HELD_COLUMNS: Final = (
+    Column("look", "Look", kind="text"),
+    Column("mark", "At", kind="text"),
+    Column("way_mm", "Way", "mm", digits=4),
+    Column("judged", "Look judged", "%", factor=100.0),
+    Column("ink", "Look: ink", "%", factor=100.0, digits=4),
+    Column("scan_told", "Scan tells", "%", factor=100.0),
+    Column("scan_ink", "Scan: ink", "%", factor=100.0, digits=4),
+    Column("scan_missing_mm", "Scan misses", "mm"),
+    Column("agree", "Agree", kind="mark"),
+    Column("held", "Held against each other", kind="text"),
+)
+HELD_NOTE: Final = (
+    "Each look beside what the final scan has of the same lines, from the look before on. Look: "
+    "ink is the share of what it judged, before its mend. Scan: ink is the share of the lines' "
+    "middle where the scan, laid on the design by the scaled fit, has gel (in a bath: lumen), of "
+    "what it can tell. It misses stretches along a line that are longer than the tolerated gap. "
+    "The scan sees the part at the end: what was dragged, sank in or melted since then counts as "
+    "missing, too. Neither tells the other's errors."
+)
 LUMEN_COLUMNS: Final = (
     Column("lumen", "Vessel", kind="text"),
     Column("designed_mm", "Designed", "mm", digits=3),
@@ -281,6 +301,14 @@ def check_table(dry_run: Mapping[str, Any]) -> Table | None:
     """The dry run's checks, the failed ones first."""
     rows = sorted(records(dry_run, "checks"), key=lambda r: r.get("passed") is not False)
     return make_table("checks", rows, CHECK_COLUMNS, order="failed first") if rows else None
+
+
+def held_table(rows: Sequence[Record]) -> Table | None:
+    """Looks at the print held against the final scan, those that disagree first."""
+    ordered = sorted(rows, key=lambda r: (r.get("agree") is not False, r.get("agree") is True))
+    return (
+        make_table("looks", ordered, HELD_COLUMNS, order="disagreeing ones first") if rows else None
+    )
 
 
 def lumen_table(lumens: Mapping[str, Any]) -> Table | None:

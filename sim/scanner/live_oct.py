@@ -59,9 +59,7 @@ class OctField(BaseModel):
         return self
 
 
-def live_scan(
-    ink: Laid, field: OctField, seed: int, region: Region | None = None
-) -> ScannerOutput:
+def live_scan(ink: Laid, field: OctField, seed: int, region: Region | None = None) -> ScannerOutput:
     """Scan what lies in the field; a place of the printer is seen alike in every scan.
 
     Parameters

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,11 @@ from printctl.flow import WAVES, read_waves
 from printctl.flow.fidelities import COMPARED, SEEN
 from printctl.flow.lattice_comparison import PICTURE
 from printctl.gcode_view import Pushing
+from printctl.link.job import load_job
+from printctl.link.journalled_print import read_journal
 from printctl.link.print_identity import print_identity
+from printctl.link.record import JOURNAL
+from printctl.observe.records import read_looks
 from printctl.oxygen import CAPTION, SLICE
 from printctl.pipeline.context import RunContext
 from printctl.pipeline.layer_pictures import layer_pictures
@@ -21,6 +26,8 @@ from printctl.pipeline.look_pictures import look_pictures
 from printctl.pipeline.outlines import outlined_design
 from printctl.pipeline.stages.collect import collect
 from printctl.pipeline.verdict import verdict
+from printctl.pipeline.written_in_scan import WRITTEN, looks_and_scan
+from printctl.printing.journal_facts import read_journal_facts
 from printctl.recipe.making import Fresh
 from printctl.run_folder.artefacts import GCODE, HTML, JOURNAL_FOLDER, JSON, PDF
 from printctl.run_folder.registration_files import DEVIATION, VIEWS, load_deviation
@@ -54,10 +61,13 @@ def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
         data["truth_check"] = truth
     data["verdict"] = verdict(found)
     data["frames"] = frames(context, found)
+    held = held_looks(context)
+    if held:
+        data["looks"] = held
     context.manifest.facts["frames"] = data["frames"]
     context.manifest.save()
     write_text(context.folder / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
-    drawn, views = figures(context), load_views(context.folder / VIEWS)
+    drawn, views = figures(context, held), load_views(context.folder / VIEWS)
     if pdf:  # once for both; the page alone draws while it packs
         drawn = all_figures(data, context.network, drawn, views)
     play = context.folder / PLAYED
@@ -81,7 +91,7 @@ def surfaces(context: RunContext) -> list[ReportSurface]:
     ]
 
 
-def figures(context: RunContext) -> dict[str, bytes]:
+def figures(context: RunContext, held: Sequence[dict[str, Any]] = ()) -> dict[str, bytes]:
     """Layers or passes, looks at the print; the other figures the page draws by itself."""
     part, syringe = context.recipe.toolpath, context.syringe
     factor = context.ink.flow_factor**0.5
@@ -101,15 +111,28 @@ def figures(context: RunContext) -> dict[str, bytes]:
         | space_pictures(context)
         | oxygen_picture(context)
         | layer_pictures(context.folder / GCODE, pushing, outlined_design(context))
-        | observed(context)
+        | observed(context, held)
     )
 
 
-def observed(context: RunContext) -> dict[str, bytes]:
+def observed(context: RunContext, held: Sequence[dict[str, Any]] = ()) -> dict[str, bytes]:
     """Looks at the print, where the recipe has it observed."""
     if context.recipe.observe is None:
         return {}
-    return look_pictures(context.folder / JOURNAL_FOLDER)
+    return look_pictures(context.folder / JOURNAL_FOLDER, held)
+
+
+def held_looks(context: RunContext) -> list[dict[str, Any]]:
+    """Looks at the print beside what the final scan has there; none where nobody looked."""
+    part, written = context.recipe.observe, context.folder / WRITTEN
+    if part is None or not written.is_file():
+        return []
+    folder = context.folder / JOURNAL_FOLDER
+    looks = read_looks(folder, read_journal_facts(folder / JOURNAL).started)
+    job = load_job(context.folder / GCODE, context.printer)
+    lines = [job.file_line(one.job_line) for one in looks]
+    inserts = read_journal(folder / JOURNAL).inserts
+    return looks_and_scan(written, looks, inserts, lines, part.tolerance.gap_mm)
 
 
 def space_pictures(context: RunContext) -> dict[str, bytes]:

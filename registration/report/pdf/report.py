@@ -22,9 +22,12 @@ from registration.report.pdf.tables import data_table, fact_lines, grid
 from registration.report.pdf.uncertainty import confidence_facts, fitted_rows, pose_doubts
 from registration.report.record import record_facts
 from registration.report.sections import (
+    HELD_NOTE,
     fit_rows,
+    held_table,
     mapping,
     place_rows,
+    records,
     surface_rows,
     vessel_summary,
     vessel_table,
@@ -78,6 +81,7 @@ def report_story(
         *_each_vessel(registration),
         *_zones(registration),
         *_pictures(drawn),
+        *_looks(data, drawn),
         *_notes(registration),
         *_record(registration),
         *_provenance(data),
@@ -197,7 +201,7 @@ def _zones(registration: Mapping[str, Any]) -> list[Flowable]:
     ]
 
 
-_PICTURED = ("registration", "design", "flow", "fidelities", "oxygen", "toolpath", "print", "other")
+_PICTURED = ("registration", "design", "flow", "fidelities", "oxygen", "toolpath", "other")
 
 
 def _pictures(drawn: Figures) -> list[Flowable]:
@@ -211,6 +215,22 @@ def _pictures(drawn: Figures) -> list[Flowable]:
     shown += [[]] * (len(shown) % 2)
     rows = [pair(left, right) for left, right in zip(shown[::2], shown[1::2], strict=True)]
     return [KeepTogether([text("Design and print", HEADING), rows[0]]), *rows[1:]]
+
+
+def _looks(data: Mapping[str, Any], drawn: Figures) -> list[Flowable]:
+    """Looks at the print, as wide as the page, and what the final scan says to them."""
+    shown, table = _drawn(drawn, "print", WIDTH), held_table(records(data, "looks"))
+    held = [] if table is None else [
+        text("Looks held against the final scan", MINOR), *data_table(table), text(HELD_NOTE, SMALL)
+    ]  # fmt: skip
+    if not shown and not held:
+        return []
+    head = text("Looks at the print", HEADING)
+    return [
+        KeepTogether([head, *(shown[0] if shown else [])]),
+        *map(KeepTogether, shown[1:]),
+        *held,
+    ]
 
 
 def _notes(registration: Mapping[str, Any]) -> list[Flowable]:

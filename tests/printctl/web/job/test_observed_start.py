@@ -14,12 +14,11 @@ import pytest
 import yaml
 
 from printctl.link import LinkState
-from printctl.link.find_link import alive
 from printctl.link.marks import MarkKind
 from printctl.link.record import load_record
 from printctl.observe.devices import DeviceSettings
 from printctl.observe.order import ObserverOrder
-from printctl.observe.records import OBSERVER_LOCK, ORDER, READY, read_looks
+from printctl.observe.records import ORDER, READY, read_looks
 from printctl.observe.starting import ObserverError
 from printctl.run_folder.artefacts import GCODE
 from printctl.run_folder.manifest import Manifest
