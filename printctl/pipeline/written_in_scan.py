@@ -95,9 +95,11 @@ def looks_and_scan(
         length, line, stroke, ink = (data[k] for k in ("length_mm", "line", "stroke", "ink"))
     mended = {one.look for one in inserts if one.lines}
     rows, before = [], 0
-    for look, last in zip(looks, last_lines, strict=True):
+    for k, (look, last) in enumerate(zip(looks, last_lines, strict=True)):
+        if last in last_lines[k + 1 :]:  # looked at again
+            continue
         own = (line > before) & (line <= last)
-        before = max(before, last)
+        before = last
         rows.append(_row(look, look.number in mended, length[own], stroke[own], ink[own], gap_mm))
     return rows
 

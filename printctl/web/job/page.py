@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, Final
 
 from nicegui import background_tasks, run, ui
 
 from printctl.link.inserts import file_count
+from printctl.printing.mend_strokes import MendStrokes
 from printctl.web.job.card_after import add_after
 from printctl.web.job.card_camera import add_camera
 from printctl.web.job.card_jobs import add_jobs
@@ -61,18 +62,28 @@ def _live_view(service: JobService, job: str) -> LiveView:
         return live_view(job, live=current is not None and current.job == job)
 
 
-def _teller(view: LiveView) -> Callable[[dict[str, Any]], None]:
-    """Tells the view of what was executed, unless it knows."""
+def _teller(
+    view: LiveView, service: JobService, job: str
+) -> Callable[[dict[str, Any]], Awaitable[None]]:
+    """Tells the view of what was executed and put in, unless it knows."""
     known = 0, 0
+    inserted: list[tuple[int, int]] = []
+    mends: list[MendStrokes] = []
+    shown: list[dict[str, Any]] = []
 
-    def tell(told: dict[str, Any]) -> None:
-        nonlocal known
-        inserted = [(after, count) for after, count in told.get("inserted", ())]
+    async def tell(told: dict[str, Any]) -> None:
+        nonlocal known, inserted, mends, shown
+        now_in = [(after, count) for after, count in told.get("inserted", ())]
+        if now_in != inserted:
+            found, _ = await run_or_explain(service.mends, job)
+            inserted, mends = now_in, found or []
         lines = int(told["lines_executed"]), int(told["lines_done"])
         now = file_count(lines[0], inserted), file_count(lines[1], inserted)
-        if now != known:
-            known = now
-            view.tell({"lines_executed": now[0], "lines_done": now[1]})
+        drawn = [one.to_dict(lines[0]) for one in mends]
+        if now != known or drawn != shown:
+            said = {"lines_executed": now[0], "lines_done": now[1]}
+            view.tell(said if drawn == shown else said | {"mends": drawn})
+            known, shown = now, drawn
 
     return tell
 
@@ -90,7 +101,7 @@ async def _cards(service: JobService, job: str, folds: Folds, cards: ui.element)
         print_card = PrintCard(service, who, job)
         looks_card = LooksCard(service, who, job, print_card.ask_cancel)
     with ui.element("div").classes("job-column job-at-view"):
-        tell_view = _teller(_live_view(service, job))
+        tell_view = _teller(_live_view(service, job), service, job)
         await add_camera(service, job, folds)
     with ui.element("div").classes("job-column job-at-setup"):
         said = add_preflight(service, who, job, first, machine, folds)
@@ -109,16 +120,16 @@ async def _cards(service: JobService, job: str, folds: Folds, cards: ui.element)
         looks_card.show(told)
         show_start(going_on)
 
-    def refresh() -> None:
+    async def refresh() -> None:
         told = service.core.events.latest.get("print")
         if told is not None and told["job"] == job:
             show(told)
-            tell_view(told)
+            await tell_view(told)
 
     first_told = await last_report(service, job)
     show(first_told)
     if first_told is not None:
-        tell_view(first_told)
+        await tell_view(first_told)
     ui.timer(REFRESH_S, refresh)
 
 

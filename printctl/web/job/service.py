@@ -9,7 +9,12 @@ from collections.abc import Iterable, Mapping
 from typing import IO, Any
 
 from design.files import write_text
+from firmware_profiles import Printer, load
+from printctl.link.job import load_job
+from printctl.link.printed_job import grown_in
+from printctl.link.record import load_record
 from printctl.printing.find import running
+from printctl.printing.mend_strokes import MendStrokes, mend_strokes
 from printctl.set_up import Check
 from printctl.station.status import NO_PRINTER
 from printctl.web.controls import Principal
@@ -121,6 +126,18 @@ class JobService:
             raise KeyError(job) from exc
         cache = self.core.workspace.private / "scenes"
         return JobSource(file, cache, said.printer, said.syringe.partition(",")[0])
+
+    def mends(self, job: str) -> list[MendStrokes]:
+        """What an observer had written again in the job's last print.
+
+        Raises
+        ------
+        LinkError
+            When the file or the journal can't be read.
+        """
+        file, folder = self.core.workspace.job_file(job), self.core.workspace.print_folder(job)
+        printer = load(Printer, load_record(folder).profile)
+        return mend_strokes(grown_in(folder, load_job(file, printer)))
 
     # --- before the print ----------------------------------------------------------------------
 

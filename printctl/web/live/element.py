@@ -49,7 +49,8 @@ class LiveView(Element, component="static/element.js"):
         Parameters
         ----------
         status : mapping
-            ``lines_executed``, ``lines_done`` and ``position``, each only if it is known.
+            ``lines_executed``, ``lines_done``, ``position`` and ``mends`` (lines that were put in,
+            `printctl.printing.mend_strokes`), each only if it is known.
         """
         self.run_method("update", dict(status))
 

@@ -4,8 +4,9 @@
 //   view.update({ executed: 1200, acknowledged: 1230, position: [10.2, 4.1, 0.3] });
 //
 // `executed` and `acknowledged` count commands of the file as the link does. Only what was executed
-// is drawn as written. With `job`, events that name another one are left out. Without `live` or `source` the whole job is drawn as planned.
+// is drawn as written. `mends` are lines that were put in (`mends.js`). With `job`, events that name another one are left out. Without `live` or `source` the whole job is drawn as planned.
 import { Feed } from "./feed.js";
+import { Mends } from "./mends.js";
 import { Needle } from "./needle.js";
 import { Panel, element, listenToKeys } from "./panel.js";
 import { SceneProblem, loadScene, movesAhead, movesDone, placeOf } from "./scene.js";
@@ -58,7 +59,10 @@ class LiveView {
   // WebGL where the browser has it, else the plain canvas; its 700 kB only where they are of use.
   async makePainter() {
     const drawer = this.options.plain ? null : webGlDrawer();
-    const onView = (painter) => this.needle.draw(painter);
+    const onView = (painter) => {
+      this.mends.draw(painter);
+      this.needle.draw(painter);
+    };
     if (drawer === null) {
       const { FlatPainter } = await import("./flat_painter.js");
       return new FlatPainter(this.stage, { onView });
@@ -80,6 +84,7 @@ class LiveView {
     this.painter.take(this.scene);
     this.painter.onDone = () => this.complete();
     this.flat = !this.painter.stage;
+    this.mends = new Mends(this.stage);
     this.needle = new Needle(this.stage);
     this.panel = new Panel(this, this.flat);
     this.root.prepend(this.panel.bar);
@@ -146,6 +151,7 @@ class LiveView {
     for (const [name, value] of Object.entries(taken)) {
       if (value !== undefined && value !== null) this.status[name] = value;
     }
+    if (said.mends) this.status.mends = said.mends;
     this.live = true;
     if (this.timer || !this.panel) return;
     const wait = Math.max(this.last.needle + this.least.needle - performance.now(), 0);
@@ -185,6 +191,11 @@ class LiveView {
     );
     const last = this.state.written ? placeOf(this.scene, this.state.written) : null;
     this.needle.moveTo(position ?? last);
+    if (this.status.mends !== this.mended) {
+      this.mended = this.status.mends;
+      this.mends.take(this.mended);
+      this.mends.draw(this.painter);
+    }
   }
 
   line(on) {
@@ -205,7 +216,7 @@ class LiveView {
     const layer = points[8 * this.state.written + 3] + 1;
     const noun = about.passes ? "pass" : "layer";
     this.panel.say(`${this.lost ?? ""}${noun} ${layer} of ${about.layers.length}, `
-      + `${count(executed)} of ${count(about.commands)} commands executed.`);
+      + `${count(executed)} of ${count(about.commands)} commands executed.${this.mends.said}`);
   }
 
   dispose() {

@@ -1,0 +1,136 @@
+"""Looks held against the final scan: where lines should lie, what is missing, who disagrees."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from printctl.link.inserts import Insert
+from printctl.observe.records import LookRecord
+from printctl.pipeline.tracing import Job
+from printctl.pipeline.written_in_scan import (
+    looks_and_scan,
+    missing_mm,
+    save_written,
+    written_places,
+)
+from sim.deposit.strands import Strands
+
+LENGTH = 10.0
+
+
+@pytest.fixture
+def job() -> Job:
+    """Two layers of two lines of 10 mm each, 0.1 mm high; the G-code's lines 11 to 14."""
+    y, z = np.array([0.0, 1.0, 0.0, 1.0]), np.array([0.1, 0.1, 0.2, 0.2])
+    start = np.stack([np.zeros(4), y, z], axis=1)
+    end = start + [LENGTH, 0, 0]
+    number = np.arange(4)
+    moves = Strands.dosed(start, end, np.ones(4), number, number + 11)
+    return Job(moves, number // 2, False, np.array([11, 13]), np.array([12, 14]))
+
+
+def look(number: int, line: int, seen=1.0, ink=1.0, decision="go_on", gaps=()) -> LookRecord:
+    found = {"seen_share": seen, "coverage": ink, "gaps": list(gaps)}
+    mark = f"end of layer {number - 1}, reload point"
+    return LookRecord(number, line, line, mark, 0.0, decision, "", found=found)
+
+
+def held(tmp_path, job, scan, looks, inserts=()):
+    """Rows for a scan given by what it has at a place (x, y, z)."""
+    places = written_places(job, layered=True)
+    ink = np.array([scan(*at) for at in places.at_mm], dtype=float)
+    path = tmp_path / "written.npz"
+    save_written(path, places, ink)
+    return looks_and_scan(path, looks, inserts, [one.job_line for one in looks], 0.2)
+
+
+def whole(x, y, z):
+    return 1.0
+
+
+def hole(x, y, z):
+    """3 mm of the first layer's second line."""
+    return 0.0 if y == 1.0 and z < 0.1 and 4 < x < 7 else 1.0
+
+
+TWO = [look(1, 12), look(2, 14)]
+
+
+def test_places_lie_in_the_middle_of_what_hangs_from_the_tip(job):
+    places = written_places(job, layered=True)
+    assert places.length_mm.sum() == pytest.approx(4 * LENGTH)
+    assert places.length_mm.max() <= 0.05 + 1e-9
+    assert sorted(set(np.round(places.at_mm[:, 2], 6))) == [0.05, 0.15]
+    assert set(np.round(written_places(job, layered=False).at_mm[:, 2], 6)) == {0.1, 0.2}
+
+
+def test_a_whole_print_agrees(tmp_path, job):
+    rows = held(tmp_path, job, whole, TWO)
+    assert [row["agree"] for row in rows] == [True, True]
+    assert [row["way_mm"] for row in rows] == [20.0, 20.0]
+    assert [row["scan_ink"] for row in rows] == [1.0, 1.0]
+    assert rows[0]["mark"] == "end of layer 0"
+
+
+def test_what_a_look_called_whole_and_the_scan_misses_is_a_disagreement(tmp_path, job):
+    first, second = held(tmp_path, job, hole, TWO)
+    assert first["agree"] is False
+    assert first["held"] == "the scan misses 3.00 mm of what the look called whole"
+    assert first["scan_ink"] == pytest.approx(0.85)
+    assert second["agree"] is True
+
+
+def test_so_is_a_mend_that_the_scan_does_not_find(tmp_path, job):
+    mend = Insert(1, 12, (b"G1 X1",), "a gap", 1.0)
+    gaps = [{"from_mm": 4.0, "to_mm": 7.0}]
+    looks = [look(1, 12, ink=0.85, decision="mend", gaps=gaps), TWO[1]]
+    first, _ = held(tmp_path, job, hole, looks, [mend])
+    assert (first["agree"], first["mended"]) == (False, True)
+    assert "what the look called mended" in first["held"]
+
+
+def test_what_lies_where_the_look_did_not_judge_is_told_as_that(tmp_path, job):
+    first, _ = held(tmp_path, job, hole, [look(1, 12, seen=0.8), TWO[1]])
+    assert first["agree"] is None
+    assert "may lie in the part that it didn't judge" in first["held"]
+
+
+def test_gaps_that_were_left_and_are_not_in_the_scan_are_a_disagreement(tmp_path, job):
+    gaps = [{"from_mm": 4.0, "to_mm": 7.0}]
+    looks = [look(1, 12, ink=0.85, decision="pause", gaps=gaps), TWO[1]]
+    first, _ = held(tmp_path, job, whole, looks)
+    assert first["agree"] is False
+    assert first["held"] == "the look left 3.00 mm missing, and the scan misses none"
+    both, _ = held(tmp_path, job, hole, looks)
+    assert both["agree"] is True
+
+
+def test_neither_is_claimed_of_what_scan_or_look_did_not_see(tmp_path, job):
+    dark = held(tmp_path, job, lambda x, y, z: np.nan if z < 0.1 else 1.0, TWO)
+    assert dark[0]["agree"] is None
+    assert dark[0]["held"] == "the scan tells too little of it"
+    assert dark[0]["scan_ink"] is None
+    blind = held(tmp_path, job, hole, [look(1, 12, seen=0.2), TWO[1]])
+    assert blind[0]["held"] == "the look saw too little; the scan misses 3.00 mm"
+
+
+def test_of_two_looks_at_one_place_the_second_counts(tmp_path, job):
+    rows = held(tmp_path, job, whole, [look(1, 12), look(2, 12), look(3, 14)])
+    assert [row["look"] for row in rows] == [2, 3]
+
+
+def test_short_and_unknown_stretches_are_no_missing_ones():
+    length, stroke = np.full(40, 0.05), np.repeat([0, 1], 20)
+    ink = np.ones(40)
+    ink[3:6] = 0  # 0.15 mm
+    assert missing_mm(length, stroke, ink, 0.2) == 0.0
+    ink[30:36] = 0
+    assert missing_mm(length, stroke, ink, 0.2) == pytest.approx(0.3)
+    ink[32] = np.nan
+    assert missing_mm(length, stroke, ink, 0.2) == 0.0
+    across = np.ones(40)
+    across[17:23] = 0  # the end of one line and the begin of the next: two of 0.15 mm
+    assert missing_mm(length, stroke, across, 0.2) == 0.0
+    across[10:] = 0
+    assert missing_mm(length, stroke, across, 0.2) == pytest.approx(1.5)
