@@ -175,3 +175,33 @@ def test_nothing_is_drawn_while_nothing_changes(page: Any, address: str) -> None
 def test_without_serious_findings_of_axe(page: Any, address: str) -> None:
     opened(page, f"{address}/job/squares?live=true")
     assert serious(page) == []
+
+
+MEND = {"look": 3, "written": True, "strokes": [[[2, 2, 0.2], [8, 2, 0.2], [8, 6, 0.2]]]}
+
+
+@pytest.mark.parametrize("plain", ["false", "true"])
+def test_mends_are_drawn_where_they_lie_and_unlike_the_job(
+    page: Any, address: str, plain: str
+) -> None:
+    opened(page, f"{address}/job/squares?live=true&plain={plain}")
+    executed(page, 20)
+    before = picture(page)
+    page.evaluate("m => view.update({ mends: [m, { ...m, look: 4, written: false }] })", MEND)
+    page.wait_for_function("document.querySelectorAll('.live-mend').length === 2")
+    page.evaluate("view.choose({})")
+    page.wait_for_timeout(1000)
+    assert page.locator(".live-mend-ahead").count() == 1
+    assert "1 mend written (violet)" in page.locator(".live-words").first.inner_text()
+    drawn = page.evaluate("document.querySelector('.live-mend').getAttribute('points')").split()
+    for place, said in zip(MEND["strokes"][0], drawn, strict=True):
+        seen = page.evaluate("at => view.painter.project(at)", place)
+        assert [float(px) for px in said.split(",")] == pytest.approx(seen, abs=0.1)
+    after = picture(page)
+
+    def violet(image: np.ndarray[Any, Any]) -> int:
+        red, green, blue = (image[..., k] for k in range(3))
+        return int(((red > 110) & (green < 70) & (blue > 130)).sum())
+
+    assert violet(before) == 0
+    assert violet(after) > 50
