@@ -144,22 +144,15 @@ def missing_mm(length: FloatArray, stroke: IntArray, ink: FloatArray, gap_mm: fl
 def _held(row: dict[str, Any]) -> dict[str, Any]:
     """Whether look and scan agree: true, false or None where that can't be told; and in words."""
     said = "mended" if row["mended"] else "whole"
-    missing, way = row["scan_missing_mm"], row["way_mm"]
+    missing, left = row["scan_missing_mm"], row["left_mm"]
+    misses = f"scan misses {missing:.2f} mm" if missing else "scan misses none"
     if row["scan_told"] < _LEAST_SEEN:
-        return {"agree": None, "held": "the scan tells too little of it"}
+        return {"agree": None, "held": "scan tells too little"}
     if row["judged"] is None or row["judged"] < _LEAST_SEEN:
-        also = f"; the scan misses {missing:.2f} mm" if missing else ""
-        return {"agree": None, "held": f"the look saw too little{also}"}
-    if row["left_mm"] and not missing:
-        words = f"the look left {row['left_mm']:.2f} mm missing, and the scan misses none"
-        return {"agree": False, "held": words}
-    if row["left_mm"]:
-        words = f"both miss ink: the look {row['left_mm']:.2f} mm, the scan {missing:.2f} mm"
-        return {"agree": True, "held": words}
-    if not missing:
-        return {"agree": True, "held": f"{said}, and the scan misses nothing"}
-    words = f"the scan misses {missing:.2f} mm of what the look called {said}"
-    unjudged = (1.0 - row["judged"]) * way
-    if missing > unjudged:
-        return {"agree": False, "held": words}
-    return {"agree": None, "held": f"{words}; all of it may lie in the part that it didn't judge"}
+        return {"agree": None, "held": f"look saw too little; {misses}"}
+    if left:
+        return {"agree": bool(missing), "held": f"look left {left:.2f} mm missing; {misses}"}
+    if missing and missing <= (1.0 - row["judged"]) * row["way_mm"]:
+        words = f"look said {said}; {misses}, perhaps where it didn't judge"
+        return {"agree": None, "held": words}
+    return {"agree": not missing, "held": f"look said {said}; {misses}"}

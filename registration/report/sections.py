@@ -80,21 +80,21 @@ HELD_COLUMNS: Final = (
     Column("look", "Look", kind="text"),
     Column("mark", "At", kind="text"),
     Column("way_mm", "Way", "mm", digits=4),
-    Column("judged", "Look judged", "%", factor=100.0),
-    Column("ink", "Look: ink", "%", factor=100.0, digits=4),
-    Column("scan_told", "Scan tells", "%", factor=100.0),
-    Column("scan_ink", "Scan: ink", "%", factor=100.0, digits=4),
-    Column("scan_missing_mm", "Scan misses", "mm"),
+    Column("judged", "Judged", "%", factor=100.0),
+    Column("ink", "Ink, look", "%", factor=100.0),
+    Column("scan_told", "Told", "%", factor=100.0),
+    Column("scan_ink", "Ink, scan", "%", factor=100.0),
+    Column("scan_missing_mm", "Missing, scan", "mm"),
     Column("agree", "Agree", kind="mark"),
-    Column("held", "Held against each other", kind="text"),
+    Column("held", "In words", kind="text"),
 )
 HELD_NOTE: Final = (
-    "Each look beside what the final scan has of the same lines, from the look before on. Look: "
-    "ink is the share of what it judged, before its mend. Scan: ink is the share of the lines' "
-    "middle where the scan, laid on the design by the scaled fit, has gel (in a bath: lumen), of "
-    "what it can tell. It misses stretches along a line that are longer than the tolerated gap. "
-    "The scan sees the part at the end: what was dragged, sank in or melted since then counts as "
-    "missing, too. Neither tells the other's errors."
+    "Each look beside what the final scan has of the same lines, from the look before on. Judged: "
+    "the share of their way that the look could judge; ink, look: the share of that with ink, "
+    "before its mend. Told: the share that the scan can tell; ink, scan: the share of that where "
+    "it has gel (of filaments in a bath: lumen) in the middle of the line, laid on the design by "
+    "the scaled fit; missing: stretches along a line without, longer than the tolerated gap. The "
+    "scan shows the part at the end, so what was dragged or melted after the look is missing, too."
 )
 LUMEN_COLUMNS: Final = (
     Column("lumen", "Vessel", kind="text"),
