@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from design.files import write_bytes
 from firmware_profiles import Printer, ProfileError, Syringe, load
@@ -19,6 +19,11 @@ from printctl.link.recovering import Recovery, plan_recovery
 from printctl.link.recovery_begin import NoCheckpoint
 from printctl.link.retreat import Retreat
 from printctl.link.states import LinkState
+
+_UNOBSERVED: Final = (
+    "The print was observed; nobody looks at the rest: it is a file of its own, without looks and "
+    "mends. Look at each layer yourself."
+)
 
 
 def _ul_per_mm(care: Care) -> float | None:
@@ -102,7 +107,7 @@ def write_rest(folder: Path, plan: Recovery, file: Path | None = None) -> dict[s
     command = f"printctl print {place} --printer {record.profile} --port {record.port}"
     return {
         "file": str(place),
-        "steps": list(plan.steps),
+        "steps": [*plan.steps, *([_UNOBSERVED] if Care.from_dict(record.care).looks else [])],
         "lines_left_out": plan.begin,
         "command": command + (f" --start {start}" if start else ""),
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Annotated, Final, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from printctl.recipe.marks import FILE
 from printctl.recipe.parts import Part, Point
@@ -22,6 +22,11 @@ def _known_interval(text: str) -> str:
             "such as 800 mm (of written lines), 10 min or 30 s"
         )
     return text
+
+
+def _camera_number(value: object) -> object:
+    """Take a camera's number as people write it: YAML reads ``source: 0`` as no text."""
+    return str(value) if type(value) is int and value >= 0 else value
 
 
 class ObserveTolerances(Part):
@@ -45,7 +50,7 @@ class ObservePart(Part):
     """How the print is looked at while it is made."""
 
     device: DeviceName
-    source: str = Field(
+    source: Annotated[str, BeforeValidator(_camera_number)] = Field(
         default="",
         description="Number or address of a camera; a folder into which the device's own program "
         "writes; or that program's command, with {out} for the file to write. Without it, what the "

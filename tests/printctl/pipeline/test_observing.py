@@ -47,6 +47,13 @@ def test_without_the_section_nobody_looks():
     assert look_care(None) == {}
 
 
+def test_a_cameras_number_may_stand_as_a_number():
+    part = recipe({"device": "camera", "source": 0, "frame": "frame.yaml"}).observe
+    assert part.source == "0"
+    with pytest.raises(RecipeError, match="source"):
+        recipe({"device": "camera", "source": -1, "frame": "frame.yaml"})
+
+
 @pytest.mark.parametrize(
     ("observe", "said"),
     [
