@@ -18,6 +18,8 @@ WRITTEN: Final = "written_in_scan.npz"
 _STEP_MM: Final = 0.05
 _LEAST_SEEN: Final = 0.5
 """Share of a look's way below which look or scan says nothing of it."""
+_PLENTY: Final = 0.95
+"""Share of ink below which a look's own figure speaks against what it said."""
 
 
 @dataclass(frozen=True)
@@ -144,15 +146,15 @@ def missing_mm(length: FloatArray, stroke: IntArray, ink: FloatArray, gap_mm: fl
 def _held(row: dict[str, Any]) -> dict[str, Any]:
     """Whether look and scan agree: true, false or None where that can't be told; and in words."""
     said = "mended" if row["mended"] else "whole"
-    missing, left = row["scan_missing_mm"], row["left_mm"]
-    misses = f"scan misses {missing:.2f} mm" if missing else "scan misses none"
+    missing, left, ink = row["scan_missing_mm"], row["left_mm"], row["ink"]
+    scan = "scan: missing" if missing else "scan: whole"
     if row["scan_told"] < _LEAST_SEEN:
         return {"agree": None, "held": "scan tells too little"}
     if row["judged"] is None or row["judged"] < _LEAST_SEEN:
-        return {"agree": None, "held": f"look saw too little; {misses}"}
+        return {"agree": None, "held": f"look saw too little; {scan}"}
     if left:
-        return {"agree": bool(missing), "held": f"look left {left:.2f} mm missing; {misses}"}
+        return {"agree": bool(missing), "held": f"look: {left:.2f} mm left; {scan}"}
     if missing and missing <= (1.0 - row["judged"]) * row["way_mm"]:
-        words = f"look said {said}; {misses}, perhaps where it didn't judge"
-        return {"agree": None, "held": words}
-    return {"agree": not missing, "held": f"look said {said}; {misses}"}
+        own = f"; its own ink {ink:.0%}" if ink is not None and ink < _PLENTY else ""
+        return {"agree": None, "held": f"look: {said}{own}; {scan}, perhaps unjudged"}
+    return {"agree": not missing, "held": f"look: {said}; {scan}"}

@@ -83,8 +83,8 @@ HELD_COLUMNS: Final = (
     Column("judged", "Judged", "%", factor=100.0),
     Column("ink", "Ink, look", "%", factor=100.0),
     Column("scan_told", "Told", "%", factor=100.0),
-    Column("scan_ink", "Ink, scan", "%", factor=100.0),
-    Column("scan_missing_mm", "Missing, scan", "mm"),
+    Column("scan_ink", "Ink, scan", "%", factor=100.0, digits=4),
+    Column("scan_missing_mm", "Missing", "mm"),
     Column("agree", "Agree", kind="mark"),
     Column("held", "In words", kind="text"),
 )

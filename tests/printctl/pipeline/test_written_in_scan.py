@@ -76,7 +76,7 @@ def test_a_whole_print_agrees(tmp_path, job):
 def test_what_a_look_called_whole_and_the_scan_misses_is_a_disagreement(tmp_path, job):
     first, second = held(tmp_path, job, hole, TWO)
     assert first["agree"] is False
-    assert first["held"] == "look said whole; scan misses 3.00 mm"
+    assert first["held"] == "look: whole; scan: missing"
     assert first["scan_ink"] == pytest.approx(0.85)
     assert second["agree"] is True
 
@@ -87,13 +87,15 @@ def test_so_is_a_mend_that_the_scan_does_not_find(tmp_path, job):
     looks = [look(1, 12, ink=0.85, decision="mend", gaps=gaps), TWO[1]]
     first, _ = held(tmp_path, job, hole, looks, [mend])
     assert (first["agree"], first["mended"]) == (False, True)
-    assert first["held"] == "look said mended; scan misses 3.00 mm"
+    assert first["held"] == "look: mended; scan: missing"
 
 
 def test_what_lies_where_the_look_did_not_judge_is_told_as_that(tmp_path, job):
     first, _ = held(tmp_path, job, hole, [look(1, 12, seen=0.8), TWO[1]])
     assert first["agree"] is None
-    assert first["held"].endswith("perhaps where it didn't judge")
+    assert first["held"] == "look: whole; scan: missing, perhaps unjudged"
+    thin, _ = held(tmp_path, job, hole, [look(1, 12, seen=0.8, ink=0.85), TWO[1]])
+    assert thin["held"] == "look: whole; its own ink 85%; scan: missing, perhaps unjudged"
 
 
 def test_gaps_that_were_left_and_are_not_in_the_scan_are_a_disagreement(tmp_path, job):
@@ -101,7 +103,7 @@ def test_gaps_that_were_left_and_are_not_in_the_scan_are_a_disagreement(tmp_path
     looks = [look(1, 12, ink=0.85, decision="pause", gaps=gaps), TWO[1]]
     first, _ = held(tmp_path, job, whole, looks)
     assert first["agree"] is False
-    assert first["held"] == "look left 3.00 mm missing; scan misses none"
+    assert first["held"] == "look: 3.00 mm left; scan: whole"
     both, _ = held(tmp_path, job, hole, looks)
     assert both["agree"] is True
 
@@ -112,7 +114,7 @@ def test_neither_is_claimed_of_what_scan_or_look_did_not_see(tmp_path, job):
     assert dark[0]["held"] == "scan tells too little"
     assert dark[0]["scan_ink"] is None
     blind = held(tmp_path, job, hole, [look(1, 12, seen=0.2), TWO[1]])
-    assert blind[0]["held"] == "look saw too little; scan misses 3.00 mm"
+    assert blind[0]["held"] == "look saw too little; scan: missing"
 
 
 def test_of_two_looks_at_one_place_the_second_counts(tmp_path, job):
