@@ -117,7 +117,7 @@ def _row(
     way, known = float(length.sum()), np.isfinite(ink)
     told = float(length[known].sum())
     missing = missing_mm(length, stroke, ink, gap_mm)
-    left = 0.0 if mended else sum(g["to_mm"] - g["from_mm"] for g in look.found.get("gaps", ()))
+    gaps = sum(g["to_mm"] - g["from_mm"] for g in look.found.get("gaps", ()))
     row = {
         "look": look.number,
         "mark": look.mark.partition(",")[0],
@@ -125,7 +125,7 @@ def _row(
         "judged": look.found.get("seen_share"),
         "ink": look.found.get("coverage"),
         "mended": mended,
-        "left_mm": round(left, 3),
+        "gaps_mm": round(gaps, 3),
         "scan_told": round(told / way, 5) if way else 0.0,
         "scan_ink": round(float(length[known] @ ink[known]) / told, 5) if told else None,
         "scan_missing_mm": round(missing, 3),
@@ -144,17 +144,22 @@ def missing_mm(length: FloatArray, stroke: IntArray, ink: FloatArray, gap_mm: fl
 
 
 def _held(row: dict[str, Any]) -> dict[str, Any]:
-    """Whether look and scan agree: true, false or None where that can't be told; and in words."""
+    """Whether look and scan agree: true, false or None where that can't be told; and in words.
+
+    A look's own share of ink is told, its mends counted in, where it speaks against what it said.
+    """
     said = "mended" if row["mended"] else "whole"
-    missing, left, ink = row["scan_missing_mm"], row["left_mm"], row["ink"]
+    missing = row["scan_missing_mm"]
     scan = "scan: missing" if missing else "scan: whole"
     if row["scan_told"] < _LEAST_SEEN:
         return {"agree": None, "held": "scan tells too little"}
     if row["judged"] is None or row["judged"] < _LEAST_SEEN:
         return {"agree": None, "held": f"look saw too little; {scan}"}
-    if left:
-        return {"agree": bool(missing), "held": f"look: {left:.2f} mm left; {scan}"}
-    if missing and missing <= (1.0 - row["judged"]) * row["way_mm"]:
-        own = f"; its own ink {ink:.0%}" if ink is not None and ink < _PLENTY else ""
+    if row["gaps_mm"] and not row["mended"]:
+        return {"agree": bool(missing), "held": f"look: {row['gaps_mm']:.2f} mm left; {scan}"}
+    judged_mm = row["judged"] * row["way_mm"]
+    if missing and missing <= row["way_mm"] - judged_mm:
+        ink = 1.0 if row["ink"] is None else row["ink"] + row["gaps_mm"] / judged_mm
+        own = f"; its own ink {ink:.0%}" if ink < _PLENTY else ""
         return {"agree": None, "held": f"look: {said}{own}; {scan}, perhaps unjudged"}
     return {"agree": not missing, "held": f"look: {said}; {scan}"}
