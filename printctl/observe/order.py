@@ -71,8 +71,11 @@ class ObserverOrder:
             When there is none that can be read.
         """
         data = json.loads((folder / ORDER).read_text(encoding="utf-8"))
-        limits = data["limits"]
-        limits["gap"], limits["flow"] = GapTest(**limits["gap"]), FlowLimits(**limits["flow"])
-        device = DeviceSettings.from_json(json.dumps(data["device"]))
-        changed = {"place_mm": tuple(data["place_mm"]), "device": device}
-        return ObserverOrder(**{**data, **changed, "limits": Limits(**limits)})
+        try:
+            limits = data["limits"]
+            limits["gap"], limits["flow"] = GapTest(**limits["gap"]), FlowLimits(**limits["flow"])
+            device = DeviceSettings.from_json(json.dumps(data["device"]))
+            changed = {"place_mm": tuple(data["place_mm"]), "device": device}
+            return ObserverOrder(**{**data, **changed, "limits": Limits(**limits)})
+        except (KeyError, TypeError) as exc:
+            raise ValueError(f"{folder / ORDER} isn't an observer's order: {exc}") from exc

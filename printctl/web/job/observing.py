@@ -41,7 +41,7 @@ def observer_order(job: Path, said: JobSetUp, mounted: SetUp) -> ObserverOrder |
         return None
     try:
         order = ObserverOrder.load(folder)
-    except (OSError, ValueError, KeyError, TypeError) as exc:
+    except (OSError, ValueError) as exc:
         raise ConflictError(
             f"the recipe of {folder.name} has its print observed, and {ORDER} in its folder, which "
             f"says how, can't be read ({exc}): make the run anew (`printctl run RECIPE --until "

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from printctl.errors import PrintctlError
+from printctl.link.care import Care
+from printctl.link.errors import PortMissing
 from printctl.link.journal import Journal
+from printctl.link.marks import MarkKind
 from printctl.link.record import JOURNAL, LinkRecord
 from printctl.link.states import LinkState
+from printctl.observe.records import ORDER, READY
+from printctl.observe.starting import ObserverError
 from printctl.print_state.continue_print import continue_print
 from tests.printctl.link.jobs import parse_job
 from tests.printctl.link.test_stop_in_waits import JOB
 
 
-def broken_off(folder: Path, wanted: str) -> None:
+def broken_off(folder: Path, wanted: str, **care) -> None:
     """Leave a print whose process was killed while the needle was being lifted."""
     file = folder / "a.gcode"
     file.write_text(JOB)
     job = parse_job(JOB.encode(), "a.gcode")
-    LinkRecord(0, "", "", str(file), "generic_marlin", "/dev/nowhere", 0.0).save(folder)
+    record = LinkRecord(0, "", "", str(file), "generic_marlin", "/dev/nowhere", 0.0)
+    replace(record, care=Care(**care).to_dict()).save(folder)
     journal = Journal(folder / JOURNAL)
     journal.add("job", sha256=job.sha256, lines=len(job))
     journal.add("state", state=LinkState.PRINTING, message="printing")
@@ -39,3 +46,20 @@ def test_it_is_refused_with_the_way_to_change(tmp_path, wanted, then):
     with pytest.raises(PrintctlError, match=r"wasn't held for a change of syringe") as refused:
         continue_print(tmp_path, plunger_mm=0.0)
     assert then in str(refused.value)
+
+
+def test_a_print_with_looks_does_not_go_on_without_an_observer_unless_told_so(tmp_path):
+    broken_off(tmp_path, "", look_after=MarkKind.LAYER)
+    (tmp_path / ORDER).write_text("{}")
+    with pytest.raises(ObserverError, match=r"Nothing was moved.*--unobserved"):
+        continue_print(tmp_path)
+    assert not (tmp_path / READY).exists()
+    with pytest.raises(PortMissing):  # so far it comes
+        continue_print(tmp_path, unobserved=True)
+
+
+def test_a_print_without_looks_asks_for_no_observer(tmp_path):
+    broken_off(tmp_path, "")
+    (tmp_path / ORDER).write_text("{}")
+    with pytest.raises(PortMissing):
+        continue_print(tmp_path)
