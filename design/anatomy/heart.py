@@ -97,14 +97,16 @@ def grow_heart(
 
 def _begin(forest: LayerForest, tree: int, given: dict[int, Place | None]) -> int:
     """Number of the place in the layer where a coronary begins."""
-    found = np.flatnonzero((forest.parent == -1) & (forest.tree == tree))
-    if len(found) == 0:
-        said = ", ".join(f"{NAMES[one]} near {place}" for one, place in given.items() if place)
-        raise GrowthError(
-            f"{NAMES[tree]} finds no place of its own to begin (given: {said or 'none'}); give "
-            "left_coronary and right_coronary places further apart"
+    places = np.flatnonzero((forest.parent == -1) & (forest.tree == tree))
+    if len(places) == 0:
+        given_text = ", ".join(
+            f"{NAMES[one]} near {place}" for one, place in given.items() if place
         )
-    return int(found[0])
+        raise GrowthError(
+            f"{NAMES[tree]} finds no place of its own to begin (given: {given_text or 'none'}); "
+            "give left_coronary and right_coronary places further apart"
+        )
+    return int(places[0])
 
 
 def _vector(place: Place | None) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:

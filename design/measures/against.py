@@ -198,16 +198,16 @@ def _column(arteries: list[list[dict[str, Any]]], key: str, unit: float = 1.0) -
 
 def _pooled(mean: FloatArray, spread: FloatArray) -> FloatArray:
     """Mean and standard deviation (n, 2) of a mixture of the arteries that have both."""
-    found = np.full((mean.shape[1], 2), np.nan)
+    pooled = np.full((mean.shape[1], 2), np.nan)
     for n in range(mean.shape[1]):
         some = np.isfinite(mean[:, n])
         both = some & np.isfinite(spread[:, n])
         chosen = both if both.any() else some
         if chosen.any():
-            found[n, 0] = mean[chosen, n].mean()
+            pooled[n, 0] = mean[chosen, n].mean()
         if both.any():
-            found[n, 1] = np.sqrt((spread[both, n] ** 2).mean() + mean[both, n].var())
-    return found
+            pooled[n, 1] = np.sqrt((spread[both, n] ** 2).mean() + mean[both, n].var())
+    return pooled
 
 
 def _steps(values: FloatArray) -> FloatArray:

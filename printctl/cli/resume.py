@@ -41,8 +41,8 @@ def resume(
     if unchanged and (syringe is not None or plunger_mm is not None):
         raise UsageError("--unchanged excludes --syringe and --plunger-mm")
     folder = print_folder(run)
-    with attach(folder) as found:
-        ended = found.status.ended
+    with attach(folder) as attached:
+        ended = attached.status.ended
     continue_print(folder, port=port, syringe=syringe, plunger_mm=plunger_mm, unchanged=unchanged)
     where = "from the printer's last line" if ended else f"`printctl status {run}` tells how"
     print_lines(f"going on; {where}")

@@ -69,29 +69,29 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     model = context.solid if fresh else context.lumen
     options = _options(context)
     scan = load_scan(context)
-    found = register_scan(scan, model, context.network, options)
+    registered = register_scan(scan, model, context.network, options)
     report(0.8, "tracing")
     summary = {
-        **judge(report_dict(found), tolerances),
+        **judge(report_dict(registered), tolerances),
         "sign_convention": SIGN,
         "measured_by": scan_facts(scan),
-        "by_surface": surface_facts(found, context.network),
+        "by_surface": surface_facts(registered, context.network),
         "design": design_facts(context.folder / NETWORK),
     }
     part = context.scan_part
     if isinstance(part, FileScan):
         done = Corrections(part.oct_calibration, part.air_above, part.walls)
         add_record(summary, part.record or RecordPart(), scan, done, datetime.now(UTC))
-    add_scan_places(summary, scan, found)
-    add_traces(summary, context, found)
+    add_scan_places(summary, scan, registered)
+    add_traces(summary, context, registered)
     report(0.9, "writing")
     write_text(context.folder / NUMBERS, json.dumps(summary, indent=1, allow_nan=False) + "\n")
-    write_deviation(context.folder / DEVIATION, found)
-    views = take_views(scan, model, found, summary, not is_resampled(scan))
+    write_deviation(context.folder / DEVIATION, registered)
+    views = take_views(scan, model, registered, summary, not is_resampled(scan))
     save_views(context.folder / VIEWS, views)
-    names = write_exports(context.folder, scan, context.network, (found, summary))
+    names = write_exports(context.folder, scan, context.network, (registered, summary))
     if isinstance(context.scan_part, SimulatedScan):
-        summary["truth_check"] = check_truth(context, found, model)
+        summary["truth_check"] = check_truth(context, registered, model)
     return summary, [NUMBERS, DEVIATION, VIEWS, *names]
 
 
@@ -108,7 +108,7 @@ def _options(context: RunContext) -> RegistrationOptions:
     )
 
 
-def add_traces(summary: dict[str, Any], context: RunContext, found: RegistrationReport) -> None:
+def add_traces(summary: dict[str, Any], context: RunContext, report: RegistrationReport) -> None:
     """Say of each layer how far off it is, and of each defect which lines wrote around it."""
     part, stretch = context.recipe.toolpath, context.corrections.stretch
     job = read_job(
@@ -123,7 +123,7 @@ def add_traces(summary: dict[str, Any], context: RunContext, found: Registration
     job = replace(job, moves=moves)
     if isinstance(part, Fresh):
         line_mm = part.line_um * 1e-3
-        summary["by_layer"] = by_layer(found, job)
+        summary["by_layer"] = by_layer(report, job)
     else:
         # A filament fills its own lumen: no line's width lies between.
         line_mm = 0.0
@@ -131,11 +131,11 @@ def add_traces(summary: dict[str, Any], context: RunContext, found: Registration
         defect["made_by"] = made_by(defect, job, context.local_network, line_mm)
 
 
-def check_truth(context: RunContext, found: RegistrationReport, model: Solid) -> dict[str, Any]:
+def check_truth(context: RunContext, report: RegistrationReport, model: Solid) -> dict[str, Any]:
     """The recovered transform against the simulated scanner's, which registration never saw."""
     truth = json.loads((context.folder / TRUTH).read_text(encoding="utf-8"))
     return pose_error(
-        found.scaled_scan_to_part,
+        report.scaled_scan_to_part,
         np.array(truth["printer_to_scan"]),
         context.place_mm,
         model.bounds,
