@@ -90,7 +90,7 @@ def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
         options = replace(options, murray_exponent=preset.murray_exponent)
     if "pressure_drop_mmhg" not in own:
         options = replace(options, pressure_drop_pa=preset.pressure_drop_mmhg * PA_PER_MMHG)
-    trees = _grown(context.tissue, options, anatomy)
+    trees = _grown(context.tissue, options, anatomy, "pressure_drop_mmhg" not in own)
     ends, flow = terminals_of(trees.trees)
     _, notes = check_supply(context.tissue, ends, flow)
     # A kidney's template has a demand of its own.
@@ -98,7 +98,9 @@ def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
     return replace(trees, notes=(*trees.notes, *notes, *uneven))
 
 
-def _grown(tissue: Tissue, options: GrowthOptions, part: AnatomyPart) -> AnatomicTrees:
+def _grown(
+    tissue: Tissue, options: GrowthOptions, part: AnatomyPart, published_radii: bool
+) -> AnatomicTrees:
     at = {name: inlet.at_mm for name, inlet in part.inlets.items()}
     if part.template == "kidney":
         given: dict[str, Any] = {
@@ -133,6 +135,7 @@ def _grown(tissue: Tissue, options: GrowthOptions, part: AnatomyPart) -> Anatomi
         "right": part.right_direction,
         "left_ostium_mm": at.get("left_coronary"),
         "right_ostium_mm": at.get("right_coronary"),
+        "published_radii": published_radii,
     }
     return grow_heart(tissue, options, HeartAnatomy(**_known(given)))
 
