@@ -39,7 +39,7 @@ _CLEARANCE = 0.1
 _GROW = """
 import json, sys, time
 from pathlib import Path
-from design.anatomy.heart import grow_heart
+from design.anatomy.heart import HeartAnatomy, grow_heart
 from design.anatomy.kidney import KidneyAnatomy, grow_kidney
 from design.anatomy.liver import grow_liver
 from design.anatomy.network import curved_network
@@ -56,7 +56,8 @@ drop = preset.pressure_drop_mmhg * PA_PER_MMHG
 options = GrowthOptions(terminals=int(terminals), seed=int(seed), clearance_mm=0.1,
     murray_exponent=preset.murray_exponent, pressure_drop_pa=drop)
 begin = time.process_time()
-grow = {"heart": grow_heart, "liver": grow_liver,
+grow = {"liver": grow_liver,
+    "heart": lambda *given: grow_heart(*given, HeartAnatomy(published_radii=True)),
     "kidney": lambda *given: grow_kidney(*given, KidneyAnatomy(vein="beside"))}
 found = grow[organ](tissue, options)
 network = curved_network(found.trees, found.kinds)

@@ -50,29 +50,29 @@ def profile_doubts(facts: Facts, syringes: Sequence[Syringe] = ()) -> list[Profi
     syringes : sequence of Syringe
         To hold a printer's plunger against.
     """
-    found: list[ProfileDoubt] = []
+    doubts: list[ProfileDoubt] = []
     match facts:
         case Printer():
-            found += _printer(facts)
+            doubts += _printer(facts)
             for number in range(facts.head_count):
-                found += _head(facts.of_head(number), syringes)
-            found += _heads(facts)
+                doubts += _head(facts.of_head(number), syringes)
+            doubts += _heads(facts)
         case Syringe():
-            found += _syringe(facts)
+            doubts += _syringe(facts)
         case Needle():
-            found += _needle(facts)
+            doubts += _needle(facts)
         case Ink():
-            found += _ink(facts)
+            doubts += _ink(facts)
         case Bath():
-            found += _bath(facts)
+            doubts += _bath(facts)
         case Dish():
             pass
     unmeasured = ", ".join(facts.starting_values)
     if unmeasured:
-        found.append(
+        doubts.append(
             ProfileDoubt("starting_values", f"to be measured before use: {unmeasured}", False)
         )
-    return found
+    return doubts
 
 
 def _printer(printer: Printer) -> Iterator[ProfileDoubt]:

@@ -36,10 +36,10 @@ def steady_flow(head: Pneumatic, ink: Ink, needle: Needle) -> SteadyFlow:
     ProfileError
         When the pressure doesn't overcome the ink's yield stress.
     """
-    said = head.measured
-    fits = said is not None and (said.ink, said.needle) == (ink.name, needle.name)
-    if said is not None and fits and said.pressure_kpa == head.pressure_kpa:
-        return SteadyFlow(said.flow_ul_s, True)
+    measured = head.measured
+    fits = measured is not None and (measured.ink, measured.needle) == (ink.name, needle.name)
+    if measured is not None and fits and measured.pressure_kpa == head.pressure_kpa:
+        return SteadyFlow(measured.flow_ul_s, True)
     flow = flow_ul_s(ink, needle, head.pressure_kpa * 1e3) * ink.flow_factor
     if flow <= 0:
         raise ProfileError(

@@ -59,7 +59,7 @@ def processes() -> int:
 
 @contextmanager
 def compiling(
-    rows: Sequence[NeededKernel], beside: Sequence[NeededKernel], told: Told = lambda done: None
+    rows: Sequence[NeededKernel], beside: Sequence[NeededKernel], tell: Told = lambda done: None
 ) -> Iterator[int]:
     """Compile ``rows`` into the store; go on with ``beside`` while the caller is at work.
 
@@ -80,7 +80,7 @@ def compiling(
         with suppress(BrokenProcessPool):
             for done, one in enumerate(as_completed(first), 1):
                 failed -= one.result()
-                told(done)
+                tell(done)
         _mark_as_checked(rows)
         yield failed
         if all(one.done() for one in later):

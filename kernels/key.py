@@ -325,7 +325,7 @@ def _function_name(function: Any) -> str:
 
 def digest(texts: Iterable[str]) -> str:
     """Return a digest of texts, in their order, 32 hex digits."""
-    found = hashlib.sha256()
+    hasher = hashlib.sha256()
     for text in texts:
-        found.update(f"{len(text)}:{text}".encode())
-    return found.hexdigest()[:32]
+        hasher.update(f"{len(text)}:{text}".encode())
+    return hasher.hexdigest()[:32]

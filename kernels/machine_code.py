@@ -174,8 +174,8 @@ def _fill_in(
     """Write the addresses that a section's code refers to."""
     rows = code[section.offset : section.offset + section.size]
     for offset, info, addend in struct.iter_unpack(_MOVE, rows):
-        found = addresses[info >> 32]
-        target = (address_of(found) if isinstance(found, str) else found) + addend
+        symbol = addresses[info >> 32]
+        target = (address_of(symbol) if isinstance(symbol, str) else symbol) + addend
         at, kind = start + offset, info & 0xFFFFFFFF
         apart = target - space.base - at
         if kind == _ABSOLUTE_64:
@@ -205,10 +205,10 @@ def address_of(symbol: str) -> int:
         if name in helpers.c_helpers:
             return int(helpers.c_helpers[name])
     try:
-        found = ctypes.cast(getattr(ctypes.CDLL(None), symbol), ctypes.c_void_p).value
+        address = ctypes.cast(getattr(ctypes.CDLL(None), symbol), ctypes.c_void_p).value
     except AttributeError as exc:
         raise UnloadableError(f"symbol {symbol}") from exc
-    return int(found or 0)
+    return int(address or 0)
 
 
 @cache

@@ -149,8 +149,8 @@ def _machine() -> str:
     versions = [version(one) for one in ("numba", "llvmlite", "numpy")]
     with open("/proc/cpuinfo", encoding="utf-8") as file:
         first = file.read(1 << 14).partition("\n\n")[0]
-    told = ("vendor_id", "cpu family", "model", "stepping", "flags")
-    processor = [line for line in first.splitlines() if line.startswith(told)]
+    keys = ("vendor_id", "cpu family", "model", "stepping", "flags")
+    processor = [line for line in first.splitlines() if line.startswith(keys)]
     return "\n".join([sys.version, *versions, *processor])
 
 

@@ -79,12 +79,12 @@ class StageBars:
         if self._listener is not None:
             self._listener.stage(name, 0.0)
 
-        told = monotonic()
+        last_s = monotonic()
 
         def report(fraction: float, note: str = "") -> None:
-            nonlocal told
-            if not self._console.is_terminal and monotonic() >= told + TOLD_EVERY_S:
-                told = monotonic()
+            nonlocal last_s
+            if not self._console.is_terminal and monotonic() >= last_s + TOLD_EVERY_S:
+                last_s = monotonic()
                 self._console.print(f"{name:<14} {fraction:.0%}", highlight=False)
             if self._listener is not None:
                 self._listener.stage(name, fraction, note)

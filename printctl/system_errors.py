@@ -38,7 +38,7 @@ def explain(exc: OSError | MemoryError) -> SystemTrouble:
             "or take a smaller file",
         )  # fmt: skip
     place = f" ({exc.filename})" if exc.filename else ""
-    said = exc.strerror or str(exc) or type(exc).__name__
+    reason = exc.strerror or str(exc) or type(exc).__name__
     if exc.errno in _FULL:
         return SystemTrouble(
             "DiskFullError",
@@ -57,7 +57,7 @@ def explain(exc: OSError | MemoryError) -> SystemTrouble:
         return SystemTrouble(
             "NoRightsError",
             503,
-            f"{said.lower()}{place}; let the user who runs printctl read and write there, or "
+            f"{reason.lower()}{place}; let the user who runs printctl read and write there, or "
             "choose another folder",
         )
     if exc.errno in _FILES:
@@ -68,7 +68,9 @@ def explain(exc: OSError | MemoryError) -> SystemTrouble:
             "wait a minute and do the same again (ulimit -n is the limit)",
         )
     return SystemTrouble(
-        "SystemTroubleError", 503, f"{said}{place}; see to the disk or folder and do the same again"
+        "SystemTroubleError",
+        503,
+        f"{reason}{place}; see to the disk or folder and do the same again",
     )
 
 

@@ -83,11 +83,11 @@ class RegistrationParts:
 
 
 def assemble(
-    found: RegistrationParts, scan: Scan, options: RegistrationOptions
+    parts: RegistrationParts, scan: Scan, options: RegistrationOptions
 ) -> RegistrationReport:
     """Put all numbers into the units and signs of the report."""
-    segmentation, alignment, findings = found.segmentation, found.alignment, found.findings
-    rigid, scaled = found.rigid, found.scaled
+    segmentation, alignment, findings = parts.segmentation, parts.alignment, parts.findings
+    rigid, scaled = parts.rigid, parts.scaled
     seen, limits = segmentation.seen, options.tolerances_um
     otherwise = may_lie_otherwise(alignment.rivals, options.alignment.ambiguous_below)
     listed = tuple(d for d in findings.defects if not (otherwise and d.through_gel))
@@ -96,7 +96,7 @@ def assemble(
         scaled_scan_to_part=alignment.scaled.matrix,
         scale=alignment.scaled.scale,
         depth_scale_fitted=alignment.depth_fitted,
-        offset_um=1e3 * alignment.scaled.offset_mm * (1 if found.is_lumen else -1),
+        offset_um=1e3 * alignment.scaled.offset_mm * (1 if parts.is_lumen else -1),
         margin=alignment.margin,
         ambiguous=alignment.ambiguous,
         doubts=alignment.doubts,
@@ -104,20 +104,20 @@ def assemble(
         depth_axis=alignment.depth_axis,
         rivals=alignment.rivals,
         uncertainty=alignment.uncertainty,
-        cross_check_um=found.cross_um,
+        cross_check_um=parts.cross_um,
         rigid=summarise(rigid.there_mm, limits),
         scaled=summarise(scaled.there_mm, limits),
         rigid_back=summarise(rigid.back_mm, limits),
         scaled_back=summarise(scaled.back_mm, limits),
-        rms_interval_um=1e3 * found.errors.surface_expanded(segmentation.contrast),
+        rms_interval_um=1e3 * parts.errors.surface_expanded(segmentation.contrast),
         hausdorff_p95_um=rigid.hausdorff_um,
         scaled_hausdorff_p95_um=scaled.hausdorff_um,
-        model_seen_fraction=len(scaled.back_mm) / found.spread,
+        model_seen_fraction=len(scaled.back_mm) / parts.spread,
         surface=replace(
             segmentation.surface, vertices=alignment.rigid.apply(segmentation.surface.vertices)
         ),
-        deviation_um=stated_um(rigid.all_mm, seen, found.errors),
-        scaled_deviation_um=stated_um(scaled.all_mm, seen, found.errors),
+        deviation_um=stated_um(rigid.all_mm, seen, parts.errors),
+        scaled_deviation_um=stated_um(scaled.all_mm, seen, parts.errors),
         seen=seen,
         histogram_edges_um=HISTOGRAM_EDGES_UM,
         histogram_counts=histogram(scaled.there_mm),
@@ -125,9 +125,9 @@ def assemble(
         curve_um=CURVE_UM,
         curve_rigid=within_curve(rigid.there_mm),
         curve_scaled=within_curve(scaled.there_mm),
-        places=found.places,
-        frame=found.frame,
-        characteristics=found.characteristics,
+        places=parts.places,
+        frame=parts.frame,
+        characteristics=parts.characteristics,
         vessels=findings.vessels,
         all_open=_all_open(findings.vessels),
         defects=listed,
@@ -135,7 +135,7 @@ def assemble(
         overlap_rigid=findings.overlap_rigid,
         overlap_scaled=findings.overlap_scaled,
         perfusion=findings.perfusion,
-        gel_at=found.gel_at,
+        gel_at=parts.gel_at,
         walls=options.walls,
         notes=(
             *scan.notes,

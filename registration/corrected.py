@@ -17,7 +17,7 @@ _UNCORRECTED = (
 
 def corrected_scan(
     path: Path,
-    said: ScanOverrides,
+    overrides: ScanOverrides,
     calibration: Path | None = None,
     air_above: bool = False,
     keep_counts: bool = False,
@@ -28,7 +28,7 @@ def corrected_scan(
     ----------
     path : Path
         Any known format, or a mosaic's YAML.
-    said : ScanOverrides
+    overrides : ScanOverrides
         What the file doesn't say.
     calibration : Path or None
         File of ``printctl calibrate oct``.
@@ -44,9 +44,9 @@ def corrected_scan(
     """
     as_it_is = calibration is None and not air_above
     if is_mosaic(path):
-        scan = read_mosaic(path, said)
+        scan = read_mosaic(path, overrides)
     else:
-        scan = read_scan(path, said, keep_counts=keep_counts and as_it_is)
+        scan = read_scan(path, overrides, keep_counts=keep_counts and as_it_is)
     if as_it_is:
         return replace(scan, notes=(*scan.notes, _UNCORRECTED)) if scan.modality == "oct" else scan
     device = OctCalibration() if calibration is None else read_calibration(calibration)

@@ -194,11 +194,13 @@ def _perfusion(
     return with_interval(flow, [vessel.errors for vessel in vessels])
 
 
-def _faults(found: list[Defect]) -> Faults:
+def _faults(defects: list[Defect]) -> Faults:
     return Faults(
-        occluded=[defect.vessel for defect in found if defect.kind == "occlusion"],
-        missing={defect.vessel for defect in found if defect.kind == "missing"},
-        bridges=[(d.vessel, d.other) for d in found if d.kind == "bridge" and d.other is not None],
+        occluded=[defect.vessel for defect in defects if defect.kind == "occlusion"],
+        missing={defect.vessel for defect in defects if defect.kind == "missing"},
+        bridges=[
+            (d.vessel, d.other) for d in defects if d.kind == "bridge" and d.other is not None
+        ],
     )
 
 

@@ -143,18 +143,18 @@ def uneven_notes(field: GelField) -> list[str]:
     """Whether the gel's own brightness is so uneven that walls move by it."""
     if field.uneven < TOLD_UNEVEN:
         return []
-    said = (
+    text = (
         f"The gel's own brightness is uneven by ± {100 * field.uneven:.0f} % (standard deviation "
         "beyond speckle; layers of birefringent or of two gels and shadows do that)"
     )
     if field.uneven > MOST_UNEVEN:
         return [
-            f"{said}, more than {100 * MOST_UNEVEN:.0f} %: errors of walls aren't known, so no "
+            f"{text}, more than {100 * MOST_UNEVEN:.0f} %: errors of walls aren't known, so no "
             "diameter has an interval, none is proven, and no place of the surface is given a "
             "deviation. Scan with light of changing polarisation, or another gel."
         ]
     moved = 1e3 * ROOT_TWO_PI * field.blur_mm * field.uneven / 2
-    return [f"{said}: it moves walls by ± {moved:.0f} µm, which their intervals hold."]
+    return [f"{text}: it moves walls by ± {moved:.0f} µm, which their intervals hold."]
 
 
 def wall_notes(walls: WallCalibration | None, vessels: tuple[VesselGauge, ...]) -> list[str]:

@@ -66,8 +66,8 @@ def register_scan(
     """
     case = PreparedScan.of(scan, model, network, options or RegistrationOptions())
     with helper_thread() as other:
-        found = _registered(case, other)
-    return assemble(found, scan, case.options)
+        parts = _registered(case, other)
+    return assemble(parts, scan, case.options)
 
 
 def _registered(case: PreparedScan, other: Executor) -> RegistrationParts:
@@ -177,12 +177,12 @@ def _measured(case: PreparedScan, alignment: Alignment, other: Executor) -> _Mea
     return _Measured(rigid, scaled, cross_um, len(spread), places)
 
 
-def _places(case: PreparedScan, fit: Fit, found: FitDeviations) -> tuple[FacePlace, ...]:
+def _places(case: PreparedScan, fit: Fit, deviation: FitDeviations) -> tuple[FacePlace, ...]:
     """Where outer faces stand out; none where only lumens were scanned or errors aren't known."""
     segmentation, blur_mm = case.segmentation, case.segmentation.field.blur_mm
     if case.is_lumen or not np.isfinite(case.errors.outer_mm):
         return ()
-    vertices, off_um = fit.apply(segmentation.surface.vertices), 1e3 * found.all_mm
+    vertices, off_um = fit.apply(segmentation.surface.vertices), 1e3 * deviation.all_mm
     drawn = np.flatnonzero(segmentation.seen)
     drawn = drawn[:: max(1, len(drawn) // POINTS)]
     usual = off_um[drawn[~near_lumen(vertices[drawn], case.network)]]

@@ -262,8 +262,8 @@ def _vessel_dict(vessel: VesselGauge) -> dict[str, Any]:
     plain = {f.name: getattr(vessel, f.name) for f in fields(vessel)}
     for name in ("budget", "errors", "outlines"):
         del plain[name]
-    for name, told in _INTERVALS.items():
-        plain[told] = plain.pop(name)
+    for name, interval in _INTERVALS.items():
+        plain[interval] = plain.pop(name)
     plain["resistance_ratio_interval_95"] = list(plain["resistance_ratio_interval_95"])
     plain["budget"] = terms(vessel.budget, 1e3)
     for name, decimals in _DECIMALS.items():

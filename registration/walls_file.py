@@ -61,7 +61,7 @@ def measured_walls(
     RegistrationError
         When there are too few vessels, or the offset is no segmentation's.
     """
-    errors = [(known - found) / 2 for known, found in zip(known_um, measured_um, strict=True)]
+    errors = [(known - measured) / 2 for known, measured in zip(known_um, measured_um, strict=True)]
     errors = [each[np.isfinite(each)] for each in errors]
     values = np.array([each.mean() for each in errors]) if len(errors) > 1 else errors[0]
     if len(values) < 2 or any(len(each) == 0 for each in errors):
@@ -107,19 +107,19 @@ def read_walls(path: Path) -> WallCalibration:
         When the file is missing, isn't one, or holds an impossible number.
     """
     try:
-        found = read_yaml(path.read_text(encoding="utf-8"))
+        data = read_yaml(path.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError, UnicodeDecodeError) as exc:
         raise RegistrationError(
             f"{path}: no calibration of walls there ({type(exc).__name__}); write one with "
             "printctl calibrate walls"
         ) from exc
-    if not isinstance(found, dict) or found.pop("schema", None) != SCHEMA:
+    if not isinstance(data, dict) or data.pop("schema", None) != SCHEMA:
         raise RegistrationError(f"{path}: isn't a calibration of walls (schema {SCHEMA})")
     names = set(WallCalibration.__annotations__)
-    plain = all(isinstance(v, int | float) and math.isfinite(v) for v in found.values())
-    if set(found) != names or not plain:
+    plain = all(isinstance(v, int | float) and math.isfinite(v) for v in data.values())
+    if set(data) != names or not plain:
         raise RegistrationError(f"{path}: must hold the numbers {', '.join(sorted(names))}")
-    walls = WallCalibration(**{**found, "scans": int(found["scans"])})
+    walls = WallCalibration(**{**data, "scans": int(data["scans"])})
     if abs(walls.offset_um) > MOST_UM or walls.interval_um < 0:
         raise RegistrationError(
             f"{path}: offset_um is {walls.offset_um:g} and interval_um {walls.interval_um:g}; an "

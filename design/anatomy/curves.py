@@ -245,5 +245,5 @@ def _rebuilt(tree: VesselTree, lines: Lines) -> VesselTree:
 
 def _angle(one: FloatArray, two: FloatArray) -> FloatArray:
     across = np.linalg.norm(np.cross(one, two), axis=1)
-    found: FloatArray = np.arctan2(across, np.einsum("ij,ij->i", one, two))
-    return found
+    angle: FloatArray = np.arctan2(across, np.einsum("ij,ij->i", one, two))
+    return angle

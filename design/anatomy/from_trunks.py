@@ -66,6 +66,9 @@ class TrunkPlan:
         Adds trunks that leave the laid ones.
     each : tuple of GrowthOptions
         Of each tree, where all of them serve the whole tissue; else they share it.
+    radius_factor : function of trees to float, optional
+        Factor on all radii that the trees of the first growth should have; the pressure drop is
+        changed for it.
     """
 
     lines: TrunkLines
@@ -75,6 +78,7 @@ class TrunkPlan:
     keep: Callable[[FloatArray], FloatArray] | None = None
     branches: Callable[[TrunkLines, FloatArray], tuple[TrunkLines, FloatArray]] | None = None
     each: tuple[GrowthOptions, ...] = ()
+    radius_factor: Callable[[Sequence[VesselTree]], float] | None = None
 
 
 def grow_from_plan(
@@ -101,11 +105,16 @@ def grow_from_plan(
         thin = thinned(whole, STRAIGHTER * wide)
         roots = _pervading(thin, wide, whole, plan) if plan.each else roots_of(thin, wide, options)
         trees = grow_forest(tissue, roots)
-        found = trunk_radii(smooth, trees)
-        if left == 0 or (found <= radius).all():
+        grown = trunk_radii(smooth, trees)
+        if left == 0:
             break
+        factor = plan.radius_factor(trees) if plan.radius_factor else 1.0
+        if factor == 1.0 and (grown <= radius).all():
+            break
+        grown = factor * grown
+        options = replace(options, pressure_drop_pa=options.pressure_drop_pa / factor**4)
         # Which trunk feeds what differs a little from one growth to the next.
-        radius = RADIUS_MARGIN * found
+        radius = RADIUS_MARGIN * grown
     return trees, smooth
 
 
@@ -125,8 +134,8 @@ def trunk_radii(lines: TrunkLines, trees: Sequence[VesselTree]) -> FloatArray:
         way, to = (b - a)[near], place[mine][:, None] - a[near]
         part = np.clip((way * to).sum(-1) / np.maximum((way * way).sum(-1), 1e-300), 0.0, 1.0)
         away = np.linalg.norm(to - part[..., None] * way, axis=-1)
-        found = given[near[np.arange(len(mine)), away.argmin(axis=1)]]
-        radius[pieces[mine]] = tree_radii(tree)[found]
+        nearest = given[near[np.arange(len(mine)), away.argmin(axis=1)]]
+        radius[pieces[mine]] = tree_radii(tree)[nearest]
     for inlet in np.flatnonzero(lines.parent < 0):
         radius[inlet] = radius[lines.tree == lines.tree[inlet]].max()
     return radius
@@ -185,9 +194,9 @@ def _in_the_way(
         lines.tree[piece],
     )
     clear = _SPACING * options.clearance_mm
-    found = collisions(network, clear, _SPACING * options.clearance_ratio)
+    near = collisions(network, clear, _SPACING * options.clearance_ratio)
     gone = np.zeros(len(lines.parent), dtype=np.bool_)
-    pairs = piece[found.vessels] if found.count else np.empty((0, 2), dtype=np.int64)
+    pairs = piece[near.vessels] if near.count else np.empty((0, 2), dtype=np.int64)
     thinner = np.where(radius[pairs[:, 0]] < radius[pairs[:, 1]], pairs[:, 0], pairs[:, 1])
     gone[thinner] = True
     # What lacks a little is sunk once its radius is known.
@@ -242,11 +251,11 @@ def roots_of(lines: TrunkLines, radius: FloatArray, options: GrowthOptions) -> l
     share = lines.share[starts] / lines.share[starts].sum()
     counts = np.floor(share * options.terminals).astype(np.int64)
     counts[np.argmax(share)] += options.terminals - int(counts.sum())
-    found = []
+    roots = []
     for tree, count in zip(trees.tolist(), counts.tolist(), strict=True):
         part = count / options.terminals
         owns = None if len(trees) == 1 else _nearest_tree(lines, tree)
-        found.append(
+        roots.append(
             RootSpec(
                 replace(options, terminals=int(count)),
                 VesselKind.ARTERY,
@@ -255,7 +264,7 @@ def roots_of(lines: TrunkLines, radius: FloatArray, options: GrowthOptions) -> l
                 Surroundings(owns=owns, share=part),
             )
         )
-    return found
+    return roots
 
 
 def _pervading(

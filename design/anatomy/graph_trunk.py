@@ -105,8 +105,8 @@ class LayerForest:
         to = np.concatenate([layer.to, taken])
         weight = np.concatenate([cost, self.balance * self.way[taken] + 1e-9])
         graph = csr_matrix((weight, to, first), shape=(count + 1,) * 2)
-        found, before = dijkstra(graph, indices=count, return_predecessors=True)
-        return found[:count], before[:count].astype(np.int64)
+        costs, before = dijkstra(graph, indices=count, return_predecessors=True)
+        return costs[:count], before[:count].astype(np.int64)
 
 
 def cheapest_path(layer: Layer, weight: FloatArray, start: int, end: int) -> IntArray:

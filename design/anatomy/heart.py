@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,15 +13,19 @@ from design.anatomy.graph_trunk import LayerForest
 from design.anatomy.grown import AnatomicTrees, grow_fitted
 from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
 from design.anatomy.heart_trunk import LEFT, RIGHT, heart_forest, heart_layer, ostium_above
+from design.anatomy.network import curved_network
 from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.trunk_lines import lines_of
 from design.errors import GrowthError
+from design.measures.published_radii import published_radius_factor
 from design.network import VesselKind
 from design.tissue import Tissue
+from design.units import PA_PER_MMHG
 from design.vasculature.growth.parts import check_inlet
 from design.vasculature.growth.supply import check_one_part
 from design.vasculature.growth.territories import demand_points
 from design.vasculature.options import GrowthOptions
+from design.vasculature.tree import VesselTree
 
 Place = tuple[float, float, float]
 
@@ -46,6 +51,9 @@ class HeartAnatomy:
         Least depth of their axes.
     balance : float
         See `LayerForest`.
+    published_radii : bool
+        Change the pressure drop as little as brings all orders' diameters, lengths and ratios
+        within the published spread (Kassab et al. 1993), as far as one drop can.
     """
 
     base: Place | None = None
@@ -55,6 +63,7 @@ class HeartAnatomy:
     trunk_ends: int = 600
     trunk_depth_mm: float = 0.3
     balance: float = 0.25
+    published_radii: bool = False
 
 
 def grow_heart(
@@ -90,21 +99,42 @@ def grow_heart(
     begins = {tree: _begin(forest, tree, given) for tree in given}
     ostia = {t: ostium_above(tissue, layer.points[i], places.base) for t, i in begins.items()}
     volume, _ = demand_points(tissue, _VOLUME, options.seed)
-    plan = TrunkPlan(lines_of(forest, ostia, volume), anatomy.trunk_depth_mm)
+    fit = _published_factor if anatomy.published_radii else None
+    plan = TrunkPlan(lines_of(forest, ostia, volume), anatomy.trunk_depth_mm, radius_factor=fit)
     trees = grow_fitted(tissue, plan, options)
-    return AnatomicTrees(trees, (VesselKind.ARTERY,) * 2, NAMES, _notes(samples, places, ostia))
+    notes = (*_notes(samples, places, ostia), *_drop_note(trees[0], options))
+    return AnatomicTrees(trees, (VesselKind.ARTERY,) * 2, NAMES, notes)
+
+
+def _published_factor(trees: Sequence[VesselTree]) -> float:
+    kinds = (VesselKind.ARTERY,) * len(trees)
+    return published_radius_factor(curved_network(trees, kinds), "coronary")
+
+
+def _drop_note(tree: VesselTree, options: GrowthOptions) -> tuple[str, ...]:
+    """What is said of a pressure drop that was changed for published radii."""
+    ours, before = tree.pressure_drop_pa, options.pressure_drop_pa
+    if abs(ours / before - 1.0) < 1e-9:
+        return ()
+    return (
+        f"pressure_drop_mmhg was taken as {ours / PA_PER_MMHG:.3g} instead of "
+        f"{before / PA_PER_MMHG:.3g}: with it diameters and lengths are nearest to those of "
+        "Kassab et al. 1993",
+    )
 
 
 def _begin(forest: LayerForest, tree: int, given: dict[int, Place | None]) -> int:
     """Number of the place in the layer where a coronary begins."""
-    found = np.flatnonzero((forest.parent == -1) & (forest.tree == tree))
-    if len(found) == 0:
-        said = ", ".join(f"{NAMES[one]} near {place}" for one, place in given.items() if place)
-        raise GrowthError(
-            f"{NAMES[tree]} finds no place of its own to begin (given: {said or 'none'}); give "
-            "left_coronary and right_coronary places further apart"
+    places = np.flatnonzero((forest.parent == -1) & (forest.tree == tree))
+    if len(places) == 0:
+        given_text = ", ".join(
+            f"{NAMES[one]} near {place}" for one, place in given.items() if place
         )
-    return int(found[0])
+        raise GrowthError(
+            f"{NAMES[tree]} finds no place of its own to begin (given: {given_text or 'none'}); "
+            "give left_coronary and right_coronary places further apart"
+        )
+    return int(places[0])
 
 
 def _vector(place: Place | None) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:

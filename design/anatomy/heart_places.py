@@ -51,14 +51,14 @@ class HeartPlaces:
 
     def height(self, points: FloatArray) -> FloatArray:
         """Along the base's direction from the middle, mm."""
-        found: FloatArray = (points - self.middle) @ self.base
-        return found
+        height: FloatArray = (points - self.middle) @ self.base
+        return height
 
     def angle(self, points: FloatArray) -> FloatArray:
         """About the base's direction, from ``right`` towards ``anterior``, rad."""
         along = points - self.middle
-        found: FloatArray = np.arctan2(along @ self.anterior, along @ self.right)
-        return found
+        angle: FloatArray = np.arctan2(along @ self.anterior, along @ self.right)
+        return angle
 
 
 def find_heart_places(
@@ -137,13 +137,13 @@ def _grooves(angle: FloatArray, wall: FloatArray) -> tuple[float, float]:
     mean = np.bincount(sector, wall, minlength=_SECTORS) / np.maximum(count, 1)
     mean[count == 0] = wall.mean()
     middle = 0.5 * (np.percentile(mean, 10) + np.percentile(mean, 90))
-    found = []
+    angles = []
     for side in (1, -1):
         steps = [(_SECTORS // 2 + side * n - (side < 0)) % _SECTORS for n in range(_SECTORS // 3)]
         thick = [n for n in range(2, len(steps)) if mean[steps[n]] > middle]
         clear = np.ptp(mean) > 0.25 * wall.mean()
-        found.append(side * (2 * np.pi / _SECTORS * thick[0] if thick and clear else np.pi / 3))
-    return found[0], found[1]
+        angles.append(side * (2 * np.pi / _SECTORS * thick[0] if thick and clear else np.pi / 3))
+    return angles[0], angles[1]
 
 
 def _widest_across(points: FloatArray, axis: FloatArray) -> FloatArray:

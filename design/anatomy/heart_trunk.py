@@ -140,8 +140,8 @@ def ostium_above(tissue: Tissue, place: FloatArray, up: FloatArray) -> FloatArra
         along = place + step * np.arange(1, 1 + int(12.0 * depth / step))[:, None] * direction
         out = np.flatnonzero(tissue.grid.distance(along) >= 0.0)
         if len(out):
-            found: FloatArray = along[out[0]]
-            return found
+            ostium: FloatArray = along[out[0]]
+            return ostium
     raise GrowthError("no way out to the surface was found at a coronary's begin; give its place")
 
 
@@ -178,5 +178,5 @@ def _rim(height: FloatArray, angle: FloatArray, sectors: int = 36) -> FloatArray
     top = np.interp(np.arange(sectors), known, top[known], period=sectors)
     top = np.convolve(np.concatenate([top[-2:], top, top[:2]]), np.ones(5) / 5, "valid")
     at = (angle + np.pi) / (2 * np.pi) * sectors - 0.5
-    found: FloatArray = np.interp(at, np.arange(sectors), top, period=sectors)
-    return found
+    rim: FloatArray = np.interp(at, np.arange(sectors), top, period=sectors)
+    return rim

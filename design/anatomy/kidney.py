@@ -138,8 +138,8 @@ def kidney_forest(layer: Layer, places: KidneyPlaces, ends: int) -> LayerForest:
 def _demand(tissue: Tissue, places: KidneyPlaces, ratio: float) -> Demand:
     def weight(points: FloatArray) -> FloatArray:
         cortex = places.below_capsule(points) < places.cortex_mm
-        found: FloatArray = np.where(cortex, max(1.0, ratio), max(1.0, 1.0 / ratio))
-        return found
+        demand: FloatArray = np.where(cortex, max(1.0, ratio), max(1.0, 1.0 / ratio))
+        return demand
 
     return function_demand(tissue, weight)
 

@@ -42,8 +42,8 @@ class KidneyPlaces:
 
     def below_capsule(self, points: FloatArray) -> FloatArray:
         """Depth (n,) of points (n, 3) below the capsule, the sinus's wall left out of account."""
-        found: FloatArray = cKDTree(self.capsule).query(points)[0]
-        return found
+        depth: FloatArray = cKDTree(self.capsule).query(points)[0]
+        return depth
 
     def kept_in_medulla(self, points: FloatArray) -> FloatArray:
         """Points (n, 3), those in the cortex moved to its inner border."""

@@ -98,14 +98,14 @@ def _highest_groove(
     away = np.linalg.norm(samples.points - porta, axis=1)
     groove = samples.openness <= min(_CONVEX, float(np.quantile(samples.openness, _GROOVES)))
     groove &= (away > _NEAREST * size) & (away < _FARTHEST * size)
-    found = np.flatnonzero(groove)
-    if not len(found):
+    members = np.flatnonzero(groove)
+    if not len(members):
         raise TissueError(
             "no groove of the vena cava is found; give the place where the hepatic veins leave "
             "(anatomy: {inlets: {vena_cava: {at_mm: [x, y, z]}}})"
         )
-    height = (samples.points[found] - porta) @ up
-    top = found[np.argsort(-height, kind="stable")[: max(1, int(_TOP * len(found)))]]
+    height = (samples.points[members] - porta) @ up
+    top = members[np.argsort(-height, kind="stable")[: max(1, int(_TOP * len(members)))]]
     middle: FloatArray = samples.points[top].mean(axis=0)
     return middle
 

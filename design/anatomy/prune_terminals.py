@@ -87,11 +87,11 @@ def without_collisions(
     first = np.cumsum([0, *(len(tree.parent) for tree in trees)])
     fed = np.concatenate([tree.terminals for tree in trees])
     bad = [min(pair, key=lambda piece: (fed[piece], piece)) for pair in pairs] + out.tolist()
-    found = []
+    kept = []
     for n, tree in enumerate(trees):
         mine = np.array([i - first[n] for i in bad if first[n] <= i < first[n + 1]], dtype=np.int64)
-        found.append(without_terminals(tree, terminals_below(tree, mine)))
-    return tuple(found)
+        kept.append(without_terminals(tree, terminals_below(tree, mine)))
+    return tuple(kept)
 
 
 def trimmed(trees: Sequence[VesselTree], terminals: int) -> tuple[VesselTree, ...]:

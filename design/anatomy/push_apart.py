@@ -72,17 +72,17 @@ def _pushes(
         [np.where(t.parent >= 0, t.parent + a, -1) for t, a in zip(trees, first[:-1], strict=True)]
     )
     shift, pushed = np.zeros_like(end), np.zeros(len(end))
-    found = collisions(forest_to_network(trees), mm, ratio, _MORE, room**-0.5)
-    if not found.count:
+    near = collisions(forest_to_network(trees), mm, ratio, _MORE, room**-0.5)
+    if not near.count:
         return shift, 0.0
-    one, two = found.pieces.T
+    one, two = near.pieces.T
     need = np.maximum(mm, ratio * np.minimum(radius[one], radius[two]))
-    lack = _MORE * need - found.gap_mm
+    lack = _MORE * need - near.gap_mm
     for mine, other in ((one, two), (two, one)):
         way = end[mine] - begin[mine]
-        along = np.einsum("ij,ij->i", found.place_mm - begin[mine], way)
+        along = np.einsum("ij,ij->i", near.place_mm - begin[mine], way)
         part = np.clip(along / np.einsum("ij,ij->i", way, way), 0.0, 1.0)
-        off = begin[mine] + part[:, None] * way - found.place_mm
+        off = begin[mine] + part[:, None] * way - near.place_mm
         off /= np.maximum(np.linalg.norm(off, axis=1), 1e-12)[:, None]
         far = lack * radius[other] / (radius[mine] + radius[other])
         far = np.minimum(far, 0.5 * radius[mine])
@@ -90,12 +90,12 @@ def _pushes(
             there = node >= 0
             np.add.at(shift, node[there], (far * weight)[there, None] * off[there])
             np.add.at(pushed, node[there], weight[there])
-    return shift / np.maximum(pushed, 1.0)[:, None], float((room * need - found.gap_mm).max())
+    return shift / np.maximum(pushed, 1.0)[:, None], float((room * need - near.gap_mm).max())
 
 
 def _back(tissue: Tissue, trees: Sequence[VesselTree], mm: float) -> FloatArray:
     """How far the end of each segment, numbered on, is to move into the tissue, (n, 3), mm."""
-    found = []
+    shifts = []
     for tree in trees:
         need = tree_radii(tree) + mm
         inside = tissue.grid.capsule_inside(tree.proximal, tree.distal, need)
@@ -108,8 +108,8 @@ def _back(tissue: Tissue, trees: Sequence[VesselTree], mm: float) -> FloatArray:
         far = np.maximum(lack, 0.03 * wanted[nodes])
         shift = np.zeros_like(tree.distal)
         shift[nodes] = -_MORE * far[:, None] * outward(tissue, tree.distal[nodes])
-        found.append(shift)
-    return np.concatenate(found)
+        shifts.append(shift)
+    return np.concatenate(shifts)
 
 
 def _spread(tree: VesselTree, shift: FloatArray) -> FloatArray:

@@ -206,13 +206,13 @@ def misfits(
     Segments of all trees are numbered on. A root's segment may begin outside. Clearances count
     ``room`` times, and joints reach a little less far for it: radii may still change.
     """
-    found = collisions(forest_to_network(trees), clearance_mm, clearance_ratio, room, room**-0.5)
+    near = collisions(forest_to_network(trees), clearance_mm, clearance_ratio, room, room**-0.5)
     start = np.concatenate([tree.proximal for tree in trees])
     end = np.concatenate([tree.distal for tree in trees])
     radius = np.concatenate([tree_radii(tree) for tree in trees])
     parent = np.concatenate([tree.parent for tree in trees])
     inside = tissue.grid.capsule_inside(start, end, radius, room * clearance_mm)
-    return found.vessels.tolist(), np.flatnonzero(~inside & (parent >= 0))
+    return near.vessels.tolist(), np.flatnonzero(~inside & (parent >= 0))
 
 
 def _lower(tree: VesselTree, lines: Lines, bad: NDArray[np.bool_], reach: FloatArray) -> None:
@@ -238,11 +238,11 @@ def kinks(trees: Sequence[VesselTree], degrees: float = KINK, of_root: float = W
 
 def kinked(trees: Sequence[VesselTree], degrees: float = KINK, of_root: float = WIDE) -> IntArray:
     """Segments, numbered on, at whose end such a turn is."""
-    found, first = [], 0
+    segments, first = [], 0
     for tree in trees:
         upper, turn = turns(tree)
         radius = tree_radii(tree)
         sharp = (turn > np.radians(degrees)) & (radius[upper] > of_root * float(radius[0]))
-        found.append(upper[sharp] + first)
+        segments.append(upper[sharp] + first)
         first += len(tree.parent)
-    return np.concatenate(found)
+    return np.concatenate(segments)

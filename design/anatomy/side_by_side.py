@@ -311,12 +311,12 @@ def _smooth(part: float) -> float:
 
 def _across(vector: FloatArray, way: FloatArray) -> FloatArray:
     """Unit vector across ``way``, as near to ``vector`` as can be."""
-    found = vector - (vector @ way) * way
-    size = float(np.linalg.norm(found))
+    across = vector - (vector @ way) * way
+    size = float(np.linalg.norm(across))
     if size < 1e-6:
-        found = np.cross(way, np.eye(3)[int(np.argmin(np.abs(way)))])
-        size = float(np.linalg.norm(found))
-    unit: FloatArray = found / size
+        across = np.cross(way, np.eye(3)[int(np.argmin(np.abs(way)))])
+        size = float(np.linalg.norm(across))
+    unit: FloatArray = across / size
     return unit
 
 

@@ -154,10 +154,10 @@ def nearest_triangle(tree: Any, x: float, y: float, z: float, limit: float) -> t
 
 
 @jit
-def gather_within(tree: Any, x: float, y: float, z: float, radius: float, found: Any) -> int:
-    """Write the triangles within ``radius`` of a point into ``found``; return how many.
+def gather_within(tree: Any, x: float, y: float, z: float, radius: float, triangles: Any) -> int:
+    """Write the triangles within ``radius`` of a point into ``triangles``; return how many.
 
-    ``found`` must hold as many as the tree has.
+    ``triangles`` must hold as many as the tree has.
     """
     limit = radius * radius
     stack = np.empty(DEPTH, np.int32)
@@ -177,7 +177,7 @@ def gather_within(tree: Any, x: float, y: float, z: float, radius: float, found:
             continue
         for k in range(tree.first[node], tree.first[node] + tree.size[node]):
             if point_triangle_squared(x, y, z, tree.triangles[k]) <= limit:
-                found[size] = k
+                triangles[size] = k
                 size += 1
     return size
 

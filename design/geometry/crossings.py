@@ -79,8 +79,8 @@ def find_crossings(
     pairs = np.empty((int(count.sum()), 2), np.int64)
     status = np.empty(len(pairs), np.int8)
     _list(tree, places, corners, leaves, count, begin, pairs, status)
-    found = np.sort(crossing_pairs(vertices, corners, corners, pairs, status), axis=1)
-    return Crossings(found[np.lexsort(found.T[::-1])])
+    crossed = np.sort(crossing_pairs(vertices, corners, corners, pairs, status), axis=1)
+    return Crossings(crossed[np.lexsort(crossed.T[::-1])])
 
 
 def crossing_pairs(

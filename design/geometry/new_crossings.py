@@ -38,9 +38,9 @@ def find_new_crossings(
     tree = build_triangle_tree(vertices, corners[new])
     among = new[find_crossings(vertices, corners[new], tree).pairs]
     one, two = find_meetings(vertices, corners[old], tree, corners[new]).T
-    found = np.concatenate([among, np.stack([old[one], new[two]], axis=1)])
-    found = np.sort(found, axis=1)
-    return Crossings(found[np.lexsort(found.T[::-1])])
+    crossed = np.concatenate([among, np.stack([old[one], new[two]], axis=1)])
+    crossed = np.sort(crossed, axis=1)
+    return Crossings(crossed[np.lexsort(crossed.T[::-1])])
 
 
 def find_meetings(

@@ -90,17 +90,17 @@ def tile(cell: UnitCell, counts: tuple[int, int, int]) -> tuple[FloatArray, IntA
     """Nodes (n, 3) and bonds (m, 2) of ``counts`` cells from the origin, open at the sides."""
     index = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), -1).reshape(-1, 3)
     nodes = (index[:, None] * cell.size + cell.nodes).reshape(-1, 3)
-    found = []
+    parts = []
     for (i, j), shift in zip(cell.bonds, cell.shift, strict=True):
         to = index + shift
         there = ((to >= 0) & (to < counts)).all(axis=1)
         number = np.ravel_multi_index(tuple(to[there].T), counts)
-        found.append(
+        parts.append(
             np.column_stack(
                 [np.flatnonzero(there) * len(cell.nodes) + i, number * len(cell.nodes) + j]
             )
         )
-    return nodes, np.concatenate(found)
+    return nodes, np.concatenate(parts)
 
 
 def narrowest(cell: UnitCell) -> float:

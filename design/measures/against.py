@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import DesignError
-from design.measures.forest import forest_of
+from design.measures.forest import Forest, forest_of
 from design.measures.forks import compare_forks, measure_forks
 from design.measures.morphometry import OrderTable, order_table
 from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
@@ -120,9 +120,30 @@ def compare_orders(network: VesselNetwork, name: str) -> dict[str, Any]:
     if forest is None:
         raise DesignError("the network has no arteries without loops to compare; give a tree")
     wide = 2.0 * network.mean_radius()[forest.vessels]
-    order = 1 + np.searchsorted(table.bounds_mm, wide, side="right")
+    rows, ratios = order_figures(table, forest, network.lengths()[forest.vessels], wide)
+    return {
+        "table": name,
+        "source": table.source,
+        "left_out": list(table.left_out),
+        "orders": rows if len(table.bounds_mm) else [],
+        "ratios": ratios if len(table.bounds_mm) else {},
+        "forks": compare_forks(measure_forks(network, forest), table.forks),
+    }
+
+
+def order_figures(
+    table: PublishedOrders, forest: Forest, length_mm: FloatArray, diameter_mm: FloatArray
+) -> tuple[list[dict[str, Any]], dict[str, dict[str, Any]]]:
+    """Each order's figures and the ratios between orders, beside the published ones.
+
+    Parameters
+    ----------
+    length_mm, diameter_mm : (k,) float64
+        Of the forest's vessels.
+    """
+    order = 1 + np.searchsorted(table.bounds_mm, diameter_mm, side="right")
     present, rank = np.unique(order, return_inverse=True)
-    ours = order_table(forest, rank.reshape(-1) + 1, network.lengths()[forest.vessels], wide)
+    ours = order_table(forest, rank.reshape(-1) + 1, length_mm, diameter_mm)
     enough = _judged(ours.elements)
     rows = [
         _row(table, ours, place, int(n), bool(enough[place]))
@@ -135,14 +156,7 @@ def compare_orders(network: VesselNetwork, name: str) -> dict[str, Any]:
         "diameter_ratio": _ratio(table.diameter_ratio, ours.diameter_mean_mm[places], judged),
         "length_ratio": _ratio(table.length_ratio, ours.element_length_mean_mm[places], judged),
     }
-    return {
-        "table": name,
-        "source": table.source,
-        "left_out": list(table.left_out),
-        "orders": rows if len(table.bounds_mm) else [],
-        "ratios": ratios if len(table.bounds_mm) else {},
-        "forks": compare_forks(measure_forks(network, forest), table.forks),
-    }
+    return rows, ratios
 
 
 def _judged(elements: IntArray) -> NDArray[np.bool_]:
@@ -198,16 +212,16 @@ def _column(arteries: list[list[dict[str, Any]]], key: str, unit: float = 1.0) -
 
 def _pooled(mean: FloatArray, spread: FloatArray) -> FloatArray:
     """Mean and standard deviation (n, 2) of a mixture of the arteries that have both."""
-    found = np.full((mean.shape[1], 2), np.nan)
+    pooled = np.full((mean.shape[1], 2), np.nan)
     for n in range(mean.shape[1]):
         some = np.isfinite(mean[:, n])
         both = some & np.isfinite(spread[:, n])
         chosen = both if both.any() else some
         if chosen.any():
-            found[n, 0] = mean[chosen, n].mean()
+            pooled[n, 0] = mean[chosen, n].mean()
         if both.any():
-            found[n, 1] = np.sqrt((spread[both, n] ** 2).mean() + mean[both, n].var())
-    return found
+            pooled[n, 1] = np.sqrt((spread[both, n] ** 2).mean() + mean[both, n].var())
+    return pooled
 
 
 def _steps(values: FloatArray) -> FloatArray:

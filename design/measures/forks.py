@@ -117,14 +117,14 @@ def _ways(
     """Unit vectors (n, 3) from root to terminals at one end of vessels, over ``reach`` (n,) mm."""
     turned = _runs_to_root(network, forest)
     lines = [line for line, _ in network.polylines()]
-    found = np.empty((len(places), 3))
+    ways = np.empty((len(places), 3))
     for n, (place, far) in enumerate(zip(places.tolist(), reach.tolist(), strict=True)):
         line = lines[int(forest.vessels[place])]
         line = line[::-1] if turned != towards_fork else line
         # From the fork along the vessel; a parent's line was turned to run away from it.
         way = _along(line, far) - line[0]
-        found[n] = -way if towards_fork else way
-    return found / np.maximum(np.linalg.norm(found, axis=1), 1e-300)[:, None]
+        ways[n] = -way if towards_fork else way
+    return ways / np.maximum(np.linalg.norm(ways, axis=1), 1e-300)[:, None]
 
 
 def _runs_to_root(network: VesselNetwork, forest: Forest) -> bool:
@@ -149,5 +149,5 @@ def _along(line: FloatArray, far: float) -> FloatArray:
 
 def _degrees(one: FloatArray, two: FloatArray) -> FloatArray:
     across = np.linalg.norm(np.cross(one, two), axis=1)
-    found: FloatArray = np.degrees(np.arctan2(across, np.einsum("ij,ij->i", one, two)))
-    return found
+    degrees: FloatArray = np.degrees(np.arctan2(across, np.einsum("ij,ij->i", one, two)))
+    return degrees

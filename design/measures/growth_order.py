@@ -112,10 +112,10 @@ def _from_below(parent: IntArray) -> list[IntArray]:
 def _generations(parent: IntArray) -> IntArray:
     """Joints before each vessel; where a vessel goes on as one other, there is none."""
     count = np.bincount(parent[parent >= 0], minlength=len(parent))
-    found = np.zeros(len(parent), dtype=np.int64)
+    generations = np.zeros(len(parent), dtype=np.int64)
     for level in reversed(_from_below(parent)):
-        found[level] = found[parent[level]] + (count[parent[level]] > 1)
-    return found
+        generations[level] = generations[parent[level]] + (count[parent[level]] > 1)
+    return generations
 
 
 def _removal(parent: IntArray, joins: IntArray) -> FloatArray:
@@ -160,10 +160,10 @@ def _removal(parent: IntArray, joins: IntArray) -> FloatArray:
 
 def _roots(parent: IntArray) -> IntArray:
     """The root above each vessel."""
-    found = np.arange(len(parent))
+    roots = np.arange(len(parent))
     for level in reversed(_from_below(parent)):
-        found[level] = found[parent[level]]
-    return found
+        roots[level] = roots[parent[level]]
+    return roots
 
 
 def _connected(network: VesselNetwork, joins: IntArray) -> list[tuple[IntArray, IntArray]]:
@@ -175,12 +175,12 @@ def _connected(network: VesselNetwork, joins: IntArray) -> list[tuple[IntArray, 
     links = coo_array((np.ones(len(own)), nodes[own].T), shape=(len(network.nodes),) * 2)
     _, part = connected_components(links, directed=False)
     trees = np.flatnonzero(~joins)
-    found = []
+    parts = []
     for number in np.unique(part[nodes[own, 0]]):
         vessels = own[part[nodes[own, 0]] == number]
         tips = trees[(part[nodes[trees]] == number).any(axis=1)]
-        found.append((vessels, tips))
-    return found
+        parts.append((vessels, tips))
+    return parts
 
 
 def _steps_from_inlets(network: VesselNetwork) -> IntArray:

@@ -79,7 +79,7 @@ class Morphometry:
 def measure_morphometry(network: VesselNetwork) -> tuple[Morphometry, ...]:
     """Morphometry of each kind of vessel; a kind whose vessels have loops has no orders."""
     length, diameter = network.lengths(), 2.0 * network.mean_radius()
-    found = []
+    by_kind = []
     for kind in VesselKind:
         forest = forest_of(network, kind)
         if forest is None:
@@ -87,7 +87,7 @@ def measure_morphometry(network: VesselNetwork) -> tuple[Morphometry, ...]:
         long, wide = length[forest.vessels], diameter[forest.vessels]
         plain = strahler_orders(forest.parent, forest.order)
         defined, change = diameter_defined_orders(wide, plain)
-        found.append(
+        by_kind.append(
             Morphometry(
                 kind,
                 forest.vessels,
@@ -98,7 +98,7 @@ def measure_morphometry(network: VesselNetwork) -> tuple[Morphometry, ...]:
                 order_table(forest, defined, long, wide),
             )
         )
-    return tuple(found)
+    return tuple(by_kind)
 
 
 def network_strahler_orders(network: VesselNetwork) -> FloatArray:

@@ -75,16 +75,16 @@ def sample_tissue(tissue: Tissue, count: int, seed: int) -> FloatArray:
     random = np.random.default_rng([_STREAM, seed])
     low, high = tissue.bounds
     kept: list[FloatArray] = []
-    found = 0
+    inside = 0
     for _ in range(_DRAWS_AT_MOST):
         drawn = random.uniform(low, high, (count, 3))
         kept.append(drawn[tissue.contains(drawn)])
-        found += len(kept[-1])
-        if found >= count:
+        inside += len(kept[-1])
+        if inside >= count:
             points = np.concatenate(kept)[:count]
             return np.ascontiguousarray(points[np.argsort(z_order(points), kind="stable")])
     raise TissueError(
-        f"only {found} of {count * _DRAWS_AT_MOST:,} points drawn in the tissue's bounds lie in "
+        f"only {inside} of {count * _DRAWS_AT_MOST:,} points drawn in the tissue's bounds lie in "
         f"it, {count:,} are wanted; lower samples"
     )
 

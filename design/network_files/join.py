@@ -284,12 +284,12 @@ def _rows(line: Line, spots: _Spots, i: int) -> _Rows:
             kept[k] = False
             k += way
     entries = [(float(k), -1) for k in np.flatnonzero(kept)]
-    found = _Rows([], [], [], [], [])
+    rows = _Rows([], [], [], [], [])
     for at, spot in sorted(entries + spots.on[i]):
         k = int(at)
-        found.number.append(int(line.number[k]))
-        found.node.append(-1 if spot < 0 else spots.root(spot))
-        found.place.append(line.points[k] if spot < 0 else spots.place(spot))
-        found.radius.append(_between(line, at)[1])
-        found.kind.append(int(line.kind[k]))
-    return found
+        rows.number.append(int(line.number[k]))
+        rows.node.append(-1 if spot < 0 else spots.root(spot))
+        rows.place.append(line.points[k] if spot < 0 else spots.place(spot))
+        rows.radius.append(_between(line, at)[1])
+        rows.kind.append(int(line.kind[k]))
+    return rows

@@ -52,17 +52,17 @@ def read_network_npz(path: Path) -> VesselNetwork:
     """
     try:
         with np.load(path, allow_pickle=False) as data:
-            found = {name: data[name] for name in ("format", *_ARRAYS)}
+            arrays = {name: data[name] for name in ("format", *_ARRAYS)}
     except (ValueError, KeyError, EOFError, zipfile.BadZipFile) as exc:
         raise NetworkError(f"{path}: not a network in .npz ({exc}); write it again") from exc
-    if str(found.pop("format")) != _FORMAT:
+    if str(arrays.pop("format")) != _FORMAT:
         raise NetworkError(f"{path}: its format isn't {_FORMAT}; write it with this version")
-    for name, values in found.items():
+    for name, values in arrays.items():
         wanted = np.int64 if name in _WHOLE else np.float64
         if values.dtype != wanted:
             raise NetworkError(f"{path}: {name} is {values.dtype}, not {np.dtype(wanted)}")
     try:
-        network = VesselNetwork(**found)
+        network = VesselNetwork(**arrays)
         check_references(network)
     except (NetworkError, IndexError) as exc:
         raise NetworkError(f"{path}: {exc}") from exc

@@ -120,10 +120,10 @@ class _File:
 
     def points(self) -> FloatArray:
         """Coordinates, (p, 3), in the file's unit."""
-        found = self.piece.find("Points/DataArray")
-        if found is None:
+        element = self.piece.find("Points/DataArray")
+        if element is None:
             self.fail("no points; export the centrelines as PolyData lines")
-        return self.numbers(found).astype(np.float64).reshape(-1, 3)
+        return self.numbers(element).astype(np.float64).reshape(-1, 3)
 
     def radius(self, mm_per_unit: float, count: int) -> FloatArray:
         """Radius of each point, (p,), mm."""

@@ -38,7 +38,7 @@ def validate_files(paths: Sequence[Path], made: Sequence[Solid] = ()) -> dict[st
     SolidError, OSError
         As `validate_file`.
     """
-    found: dict[str, SolidCheck] = {}
+    checks: dict[str, SolidCheck] = {}
     known: list[tuple[Triangles, SolidCheck]] = []
     of_made: dict[int, SolidCheck | None] = {}
     for path in paths:
@@ -50,8 +50,8 @@ def validate_files(paths: Sequence[Path], made: Sequence[Solid] = ()) -> dict[st
             if check is None:
                 check = _checked(mesh, path)
                 known.append((read, check))
-        found[path.name] = replace(check, file=path.name)
-    return found
+        checks[path.name] = replace(check, file=path.name)
+    return checks
 
 
 def _of_made(
@@ -119,5 +119,5 @@ def _checked(mesh: trimesh.Trimesh, path: Path) -> SolidCheck:
 def _proper(faces: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Faces with three corners."""
     a, b, c = faces.T
-    found: NDArray[np.bool_] = (a != b) & (b != c) & (c != a)
-    return found
+    proper: NDArray[np.bool_] = (a != b) & (b != c) & (c != a)
+    return proper

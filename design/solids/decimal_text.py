@@ -58,13 +58,13 @@ def rows_text(values: NDArray[np.float64] | NDArray[np.int32], marks: Marks) -> 
     kept = np.ascontiguousarray(values, np.float64 if kernel is _write_float32 else np.int64)
     row, pieces = form.join(marks), _pieces(marks)
     out = np.empty(_STRETCH * (3 * _ROOM + sum(len(mark) for mark in marks)), dtype=np.uint8)
-    found: list[bytes] = []
+    parts: list[bytes] = []
     for begin, end in pairwise([*_stretches(odd), len(kept)]):
         if odd[begin]:
-            found.append(row % tuple(kept[begin].tolist()))
+            parts.append(row % tuple(kept[begin].tolist()))
         else:
-            found.append(out[: kernel(kept[begin:end], *pieces, out)].tobytes())
-    return b"".join(found)
+            parts.append(out[: kernel(kept[begin:end], *pieces, out)].tobytes())
+    return b"".join(parts)
 
 
 def _pieces(marks: Sequence[bytes]) -> tuple[Bytes, Bytes, Bytes, Bytes]:
@@ -84,8 +84,8 @@ def _stretches(odd: NDArray[np.bool_]) -> list[int]:
     """Where stretches of rows begin: of one odd row, or of at most `_STRETCH` others."""
     at = np.flatnonzero(odd)
     begins = np.concatenate([np.arange(0, len(odd), _STRETCH), at, at + 1])
-    found: list[int] = np.unique(begins[begins < len(odd)]).tolist()
-    return found
+    starts: list[int] = np.unique(begins[begins < len(odd)]).tolist()
+    return starts
 
 
 def read_rows(text: bytes, marks: Marks) -> NDArray[np.float64] | None:
@@ -100,14 +100,14 @@ def read_rows(text: bytes, marks: Marks) -> NDArray[np.float64] | None:
     data = np.frombuffer(text, dtype=np.uint8)
     row, at = _read(data, *pieces, values, 0, 0)
     while row < len(values):
-        found = odd.match(text, at)
-        if found is None:
+        match = odd.match(text, at)
+        if match is None:
             return None
         try:
-            values[row] = [float(number) for number in found.groups()]
+            values[row] = [float(number) for number in match.groups()]
         except ValueError:
             return None
-        row, at = _read(data, *pieces, values, row + 1, found.end())
+        row, at = _read(data, *pieces, values, row + 1, match.end())
     return values if at == len(text) else None
 
 

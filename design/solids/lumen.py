@@ -144,8 +144,8 @@ def _pair(
     if len(crossing) and fillet_ratio > 0.0:
         return None
     if not _united(layout):
-        found = find_crossings(drawn_out.vertices, drawn_out.faces)
-        drawn_out = replace(drawn_out, uncrossed=len(found.pairs) == 0)
+        crossings = find_crossings(drawn_out.vertices, drawn_out.faces)
+        drawn_out = replace(drawn_out, uncrossed=len(crossings.pairs) == 0)
     swapped = with_other_tubes(drawn_out, middle, layout, sewing, others)
     if swapped is None or (drawn_out.uncrossed and not swapped.uncrossed):
         return None

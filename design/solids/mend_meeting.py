@@ -58,19 +58,19 @@ def hits(s: Any, face: int, count: int) -> int:
         mine[k] = s.faces[face, k]
         one[k] = s.points[s.faces[face, k]]
     corners_box(one, low, high)
-    found = 0
+    met = 0
     for n in range(count):
         if s.patch[n] != face:
-            found += _met(s, s.patch[n], one, mine, low, high, two, its)
+            met += _met(s, s.patch[n], one, mine, low, high, two, its)
     stack = np.zeros(DEPTH, np.int32)
     node, top = next_leaf(tree, low, high, stack, 1)
     while node >= 0:
         for m in range(tree.first[node], tree.first[node] + tree.size[node]):
             other = tree.face[m]
             if other != face and not s.within[other]:
-                found += _met(s, other, one, mine, low, high, two, its)
+                met += _met(s, other, one, mine, low, high, two, its)
         node, top = next_leaf(tree, low, high, stack, top)
-    return found
+    return met
 
 
 @jit

@@ -97,7 +97,7 @@ def find_ports(network: VesselNetwork, body: Solid, nodes: IntArray, what: str) 
         When a vessel drawn on beyond its end doesn't pass a face of the body.
     """
     asked = set(np.asarray(nodes).tolist())
-    found = []
+    ports = []
     for node, outward, radius in zip(*_free_ends(network), strict=True):
         if int(node) not in asked:
             continue
@@ -114,8 +114,8 @@ def find_ports(network: VesselNetwork, body: Solid, nodes: IntArray, what: str) 
         inlet = _is_inlet(network, node)
         wall = last - first if len(away) > 1 else last
         port = Port(int(node), inlet, start + last * outward, outward, float(radius), last, wall)
-        found.append(port)
-    return found
+        ports.append(port)
+    return ports
 
 
 def end_ports(network: VesselNetwork, nodes: IntArray) -> list[Port]:

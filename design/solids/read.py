@@ -65,11 +65,11 @@ def read_solid(path: Path, unit: LengthUnit | None, *, for_sections: bool = Fals
         faces = np.arange(3 * len(corners)).reshape(-1, 3)
         return _solid(corners.reshape(-1, 3), faces, path, for_sections)
     mesh = load_mesh(path)
-    said = str(mesh.units) if path.suffix.lower() == ".3mf" and mesh.units else ""
-    stated = _UNIT_NAMES.get(said)
-    if said and stated is None:
+    unit_name = str(mesh.units) if path.suffix.lower() == ".3mf" and mesh.units else ""
+    stated = _UNIT_NAMES.get(unit_name)
+    if unit_name and stated is None:
         raise SolidError(
-            f"{path}: the file's unit is {said}, which isn't read; export it in one of "
+            f"{path}: the file's unit is {unit_name}, which isn't read; export it in one of "
             f"{', '.join(_UNIT_NAMES)}"
         )
     if unit is None and stated is None:

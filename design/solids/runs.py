@@ -86,8 +86,8 @@ def _sharp_bends(chain: Chain, facets_of: Facets) -> list[int]:
     # A piece whose two mitres would meet loses both: cheap, and right whatever the order.
     crowded = np.r_[0.0, eaten] + np.r_[eaten, 0.0] > (1.0 - _LEAST_LENGTH_LEFT) * length
     cut |= (eaten > 0.0) & (crowded[:-1] | crowded[1:])
-    found: list[int] = (1 + np.flatnonzero(cut)).tolist()
-    return found
+    bends: list[int] = (1 + np.flatnonzero(cut)).tolist()
+    return bends
 
 
 def _overlapping(chain: Chain) -> Chain:

@@ -60,7 +60,7 @@ def step_pieces(
         for end in (0, -1):
             at[_key(run.points[end])].append((index, end))
     widest = {key: max(float(runs[i].radius[e]) for i, e in ends) for key, ends in at.items()}
-    found: list[Piece] = []
+    pieces: list[Piece] = []
     filled: set[bytes] = set()
     for index, first in _walk(runs, at):
         run = runs[index] if first == 0 else runs[index].reversed()
@@ -69,13 +69,13 @@ def step_pieces(
             key = _key(point)
             if k:
                 before = float(run.radius[k - 1])
-                found.append(Piece(run.points[k - 1], point, before, radius))
+                pieces.append(Piece(run.points[k - 1], point, before, radius))
             flat = len(at[key]) == 1 and int(run.node[k]) in drawn
             if inner or not (flat or key in filled):
                 ball = CLEAR_OF_TUBES * (radius if inner else widest[key])
-                found.append(Piece(point, point, ball, ball))
+                pieces.append(Piece(point, point, ball, ball))
                 filled.add(key)
-    return found
+    return pieces
 
 
 def _key(point: FloatArray) -> bytes:

@@ -150,22 +150,22 @@ def _resources(parts: list[Part]) -> list[bytes]:
     for colour in colours:
         if not _COLOUR.fullmatch(colour):
             raise SolidError(f"colour {colour!r}: write it as #RRGGBB or #RRGGBBAA")
-    found: list[bytes] = []
+    resources: list[bytes] = []
     if colours:
         bases = "".join(
             f"<base name={quoteattr(part.name or 'part')} displaycolor={quoteattr(part.colour)}/>\n"
             for part in parts
             if part.colour is not None
         )
-        found.append(f'<basematerials id="1">\n{bases}</basematerials>\n'.encode())
+        resources.append(f'<basematerials id="1">\n{bases}</basematerials>\n'.encode())
     coloured = 0
     for number, part in enumerate(parts):
         extra = f" name={quoteattr(part.name)}" if part.name else ""
         if part.colour is not None:
             extra += f' pid="1" pindex="{coloured}"'
             coloured += 1
-        found += _object(number + 2, extra, part.solid)
-    return found
+        resources += _object(number + 2, extra, part.solid)
+    return resources
 
 
 def _object(number: int, extra: str, solid: Solid) -> list[bytes]:

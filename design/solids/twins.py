@@ -44,16 +44,16 @@ def _pair(faces: Any, count: int) -> Any:
     twin = np.full(3 * len(faces), -1, np.int64)
     for v in range(count):
         for m in range(begin[v], begin[v + 1]):
-            found, sides = np.int64(-1), 0
+            partner, sides = np.int64(-1), 0
             for n in range(begin[v], begin[v + 1]):
                 if other[n] == other[m]:
                     sides += 1
                     if n != m:
-                        found = half[n]
+                        partner = half[n]
             h = half[m]
-            if sides == 2 and faces[h // 3, h % 3] == faces[found // 3, (found + 1) % 3]:
+            if sides == 2 and faces[h // 3, h % 3] == faces[partner // 3, (partner + 1) % 3]:
                 # An edge from a vertex to itself has no opposite side.
-                twin[h] = found if other[m] != v else -1
+                twin[h] = partner if other[m] != v else -1
     return twin
 
 

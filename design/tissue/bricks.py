@@ -45,15 +45,15 @@ def fill_bricks(tree: Any, columns: Any, origin: Any, h: float, places: Any) -> 
     samples = np.empty((len(places), _SIDE, _SIDE, _SIDE), np.float32)
     chunks = (len(places) + _CHUNK - 1) // _CHUNK
     for chunk in prange(chunks):
-        found = np.empty(len(tree.triangles), np.int32)
+        near = np.empty(len(tree.triangles), np.int32)
         for n in range(chunk * _CHUNK, min(len(places), (chunk + 1) * _CHUNK)):
-            _fill_brick(tree, columns, origin, h, places[n], found, samples[n])
+            _fill_brick(tree, columns, origin, h, places[n], near, samples[n])
     return samples
 
 
 @jit
 def _fill_brick(
-    tree: Any, columns: Any, origin: Any, h: float, place: Any, found: Any, out: Any
+    tree: Any, columns: Any, origin: Any, h: float, place: Any, near: Any, out: Any
 ) -> None:
     """Exact signed distances of a brick's samples.
 
@@ -66,21 +66,21 @@ def _fill_brick(
     cy = origin[1] + (place[1] + 0.5) * BRICK * h
     cz = origin[2] + (place[2] + 0.5) * BRICK * h
     central = nearest_distance(tree, cx, cy, cz, np.inf)
-    size = gather_within(tree, cx, cy, cz, (central + 2.0 * _HALF_DIAGONAL * h) * 1.0001, found)
-    size = _kept(tree, cx, cy, cz, h, found, size)
+    size = gather_within(tree, cx, cy, cz, (central + 2.0 * _HALF_DIAGONAL * h) * 1.0001, near)
+    size = _kept(tree, cx, cy, cz, h, near, size)
     where, offset = np.empty((3, _ROOM)), np.empty((3, _ROOM))
     _cube(0.0, 0.0, 0.0, h, offset)
     _cube(cx, cy, cz, 3.0 * h, where)
     middles = where.copy()
     squared, way = np.empty((size, _ROOM)), np.empty((size, 3, _ROOM))
     for n in range(size):
-        _ways(tree.triangles[found[n]], where, squared[n], way[n])
+        _ways(tree.triangles[near[n]], where, squared[n], way[n])
     best, reach = np.empty(_ROOM), np.empty(_ROOM)
     for group in range(_GROUP):
         _cube(middles[0, group], middles[1, group], middles[2, group], h, where)
         first = squared[:, group].argmin()
         best[:] = np.inf
-        _nearer(tree.triangles[found[first]], where, best)
+        _nearer(tree.triangles[near[first]], where, best)
         # What serves some sample better is no farther from the middle than this.
         farthest = (sqrt(best.max()) + _GROUP_HALF_DIAGONAL * h) * 1.0001
         _reaches(best, reach)
@@ -89,7 +89,7 @@ def _fill_brick(
             if n == first or away > farthest * farthest:
                 continue
             if _may_serve(away, way[n, :, group], offset, reach, 1e-6 * h):
-                _nearer(tree.triangles[found[n]], where, best)
+                _nearer(tree.triangles[near[n]], where, best)
                 _reaches(best, reach)
         for m in range(_GROUP):
             i = 3 * (group // 9) + m // 9
@@ -101,8 +101,8 @@ def _fill_brick(
 
 
 @jit
-def _kept(tree: Any, cx: float, cy: float, cz: float, h: float, found: Any, size: int) -> int:
-    """Keep those triangles ``found`` that may serve a place of a brick; return how many.
+def _kept(tree: Any, cx: float, cy: float, cz: float, h: float, near: Any, size: int) -> int:
+    """Keep those triangles ``near`` that may serve a place of a brick; return how many.
 
     What one triangle's distance exceeds another's lower bound by is convex too: it is greatest in a
     corner of the brick.
@@ -115,15 +115,15 @@ def _kept(tree: Any, cx: float, cy: float, cz: float, h: float, found: Any, size
             corner[axis, m] = centre[axis, 0] + offset[axis, m]
     squared, way = np.empty((size, 1)), np.empty((size, 3, 1))
     for n in range(size):
-        _ways(tree.triangles[found[n]], centre, squared[n], way[n])
+        _ways(tree.triangles[near[n]], centre, squared[n], way[n])
     first = squared[:, 0].argmin()
     reach = np.full(8, np.inf)
-    _nearer(tree.triangles[found[first]], corner, reach)
+    _nearer(tree.triangles[near[first]], corner, reach)
     _reaches(reach, reach)
     count = 0
     for n in range(size):
         if n == first or _may_serve(squared[n, 0], way[n, :, 0], offset, reach, 1e-6 * h):
-            found[count] = found[n]
+            near[count] = near[n]
             count += 1
     return count
 

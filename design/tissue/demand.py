@@ -72,8 +72,8 @@ class DepthDemand:
     def weight(self, points: FloatArray) -> FloatArray:
         """See `Demand`."""
         depth = -self.grid.distance(points)
-        found: FloatArray = np.interp(depth, self.depth_mm, self.level)
-        return found
+        weight: FloatArray = np.interp(depth, self.depth_mm, self.level)
+        return weight
 
 
 @dataclass(frozen=True)
@@ -95,8 +95,8 @@ class ImageDemand:
     def weight(self, points: FloatArray) -> FloatArray:
         """See `Demand`; the nearest voxel's beyond the image."""
         index = np.asarray(points) @ self.to_index[:3, :3].T + self.to_index[:3, 3]
-        found = map_coordinates(self.values, index.T, order=1, mode="nearest")
-        return np.clip(np.asarray(found, dtype=np.float64), 0.0, 1.0)
+        sampled = map_coordinates(self.values, index.T, order=1, mode="nearest")
+        return np.clip(np.asarray(sampled, dtype=np.float64), 0.0, 1.0)
 
 
 @dataclass(frozen=True)

@@ -86,8 +86,8 @@ def image_demand(tissue: Tissue, image: VolumeImage) -> ImageDemand:
     greatest = float(values.max())
     if not greatest > 0:
         raise TissueError("demand image is 0 everywhere; give some values above 0")
-    found = ImageDemand(values / greatest, to_index)
-    return ImageDemand(found.values, to_index, _mean(found, tissue))
+    demand = ImageDemand(values / greatest, to_index)
+    return ImageDemand(demand.values, to_index, _mean(demand, tissue))
 
 
 def function_demand(
@@ -114,8 +114,8 @@ def function_demand(
         raise TissueError(
             f"demand's greatest value is {greatest:g}; it must ask for something in the tissue"
         )
-    found = FunctionDemand(function, greatest)
-    return FunctionDemand(function, greatest, _mean(found, tissue))
+    demand = FunctionDemand(function, greatest)
+    return FunctionDemand(function, greatest, _mean(demand, tissue))
 
 
 def _probes(tissue: Tissue) -> FloatArray:

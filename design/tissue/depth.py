@@ -96,10 +96,10 @@ def winding_number(surface: Any, x: float, y: float, z: float) -> int:
 @jit
 def enclosed(surface: Any, points: Any) -> Any:
     """Whether the surface winds around each of ``points`` (n, 3), (n,) bool."""
-    found = np.empty(len(points), np.bool_)
+    inside = np.empty(len(points), np.bool_)
     for n in range(len(points)):
-        found[n] = winding_number(surface, points[n, 0], points[n, 1], points[n, 2]) > 0
-    return found
+        inside[n] = winding_number(surface, points[n, 0], points[n, 1], points[n, 2]) > 0
+    return inside
 
 
 @jit

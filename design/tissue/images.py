@@ -131,21 +131,21 @@ def _placed(
         raise TissueError(f"{path}: voxel_mm is {voxel_mm}; give three sizes above 0")
     if raw.unit is not None and unit is not None and raw.unit != unit:
         raise TissueError(f"{path} declares its unit as {raw.unit}, not {unit}; state that unit")
-    said = raw.unit or unit
+    unit_name = raw.unit or unit
     if raw.affine is None:
         if voxel_mm is None:
             raise TissueError(f"{path} doesn't say how large a voxel is; give voxel_mm: [x, y, z]")
         return _stack_affine(voxel_mm)
-    if said is None:
+    if unit_name is None:
         if voxel_mm is None:
             size = np.linalg.norm(raw.affine[:3, :3], axis=0)
             raise TissueError(
                 f"{path} has voxels of {_by(size)} but doesn't say of which unit; give unit: mm "
                 "(or um, cm, ...)"
             )
-        said = _fitting(path, raw.affine, voxel_mm)
+        unit_name = _fitting(path, raw.affine, voxel_mm)
     affine = raw.affine.copy()
-    affine[:3] *= MM_PER[said]
+    affine[:3] *= MM_PER[unit_name]
     if not (np.isfinite(affine).all() and abs(np.linalg.det(affine[:3, :3])) > 0):
         raise TissueError(f"{path}: its affine is singular; mend the header")
     size = np.linalg.norm(affine[:3, :3], axis=0)

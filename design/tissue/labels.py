@@ -123,11 +123,11 @@ def _cropped(values: NDArray[Any], label: int) -> tuple[NDArray[np.bool_], NDArr
 
 
 def _labels(values: NDArray[Any]) -> str:
-    found, count = np.unique(values, return_counts=True)
-    if len(found) > 1000:
-        return f"it has {len(found)} different values, from {found[0]:g} to {found[-1]:g}"
-    shown = ", ".join(f"{v:g} ({n} voxels)" for v, n in zip(found[:12], count[:12], strict=True))
-    return f"it has {shown}" + (", …" if len(found) > 12 else "")
+    labels, count = np.unique(values, return_counts=True)
+    if len(labels) > 1000:
+        return f"it has {len(labels)} different values, from {labels[0]:g} to {labels[-1]:g}"
+    shown = ", ".join(f"{v:g} ({n} voxels)" for v, n in zip(labels[:12], count[:12], strict=True))
+    return f"it has {shown}" + (", …" if len(labels) > 12 else "")
 
 
 def _remarks(

@@ -97,10 +97,10 @@ def load_surface(
     faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
     try:
         check_size(vertices[np.unique(faces)], unit, limits or SizeLimits())
-        found, notes = repair_surface(vertices, faces, unit)
+        mended, notes = repair_surface(vertices, faces, unit)
     except TissueError as error:
         raise TissueError(f"{path}: {error}") from error
-    surface = Surface(found.vertices * MM_PER[unit], found.faces)
+    surface = Surface(mended.vertices * MM_PER[unit], mended.faces)
     return surface, tuple(f"{path.name}: {note}" for note in notes)
 
 

@@ -57,12 +57,12 @@ def surface_of(manifold: Manifold, what: str, touching: bool = False) -> Surface
     greatest = np.abs(np.array(manifold.bounding_box())).max()
     step = _STEPS_APART * float(np.spacing(np.float32(greatest)))
     for _ in range(_ROUNDS):
-        found = _rounded(manifold.simplify(step))
-        if found is not None:
-            return found
+        rounded = _rounded(manifold.simplify(step))
+        if rounded is not None:
+            return rounded
         step *= _COARSER
-    if touching and (found := _rounded(manifold, touching)) is not None:
-        return found
+    if touching and (rounded := _rounded(manifold, touching)) is not None:
+        return rounded
     raise TissueError(
         f"{what} doesn't stay closed when rounded to float32: parts of it touch in an edge or a "
         "point; move them apart or let them overlap"

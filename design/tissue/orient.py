@@ -49,9 +49,9 @@ def agree(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, int]:
             f"one another ({format_points(where)}), as on a Möbius strip; mend the mesh there"
         )
     flip = side[patch] == 1
-    found = faces.copy()
-    found[flip] = found[flip, ::-1]
-    return found, int(flip.sum())
+    agreeing = faces.copy()
+    agreeing[flip] = agreeing[flip, ::-1]
+    return agreeing, int(flip.sum())
 
 
 def _two_sides(
@@ -95,7 +95,7 @@ def turn_shells(points: FloatArray, faces: FaceArray) -> tuple[FaceArray, int]:
         if enclosed_volume(points, faces[shell == n]) < 0:
             turn[n] = True
             turn |= holds[n]
-    found = faces.copy()
+    turned = faces.copy()
     flip = turn[shell]
-    found[flip] = found[flip, ::-1]
-    return found, int(turn.sum())
+    turned[flip] = turned[flip, ::-1]
+    return turned, int(turn.sum())

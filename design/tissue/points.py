@@ -126,8 +126,8 @@ def point_surface(
     frame = _frames(cloud.normals)
     reach = np.maximum(_REACH * cloud.spacing, 2.0 * h)
     blend(cloud.points, frame, height, reach, origin, h, total, weight)
-    found = isosurface(-_filled(total, weight, h), 0.0)
-    surface = Surface(found.vertices * h + origin, found.faces)
+    shell = isosurface(-_filled(total, weight, h), 0.0)
+    surface = Surface(shell.vertices * h + origin, shell.faces)
     kept, more = _checked(surface, cloud)
     notes += more
     solid = distinct_manifold(kept, "the surface of the points")
@@ -152,13 +152,13 @@ def _cloud(points: FloatArray, normals: FloatArray | None) -> tuple[Cloud, list[
     # Of a plane with points d apart, k lie within d √(k / π).
     spacing = away[:, -1] * np.sqrt(np.pi / _NEIGHBOURS)
     if normals is None:
-        found, parts = estimate_normals(places, neighbours)
+        directions, parts = estimate_normals(places, neighbours)
         notes = ["points have no normals; they were estimated, each part's looking outward"]
         if parts > 1:
             notes.append(
                 f"points fall into {parts} separate parts; if one is a cavity's, give normals"
             )
-        return Cloud(places, found, neighbours, spacing), notes
+        return Cloud(places, directions, neighbours, spacing), notes
     length = np.linalg.norm(normals[first], axis=1)
     if not (np.isfinite(length).all() and (length > 0).all()):
         bad = np.flatnonzero(~(np.isfinite(length) & (length > 0)))
@@ -199,8 +199,8 @@ def _fit(cloud: Cloud, hermite: bool) -> FloatArray:
     left = np.einsum("nki,nk,nkj->nij", a, p, a) + 1e-6 * np.eye(6)
     right = np.einsum("nki,nk,nk->ni", a, p, b)
     solved: FloatArray = np.linalg.solve(left, right[..., None])[..., 0]
-    found = np.clip(solved, -_STEEPEST, _STEEPEST)
-    return found * np.stack([s, one[:, 0], one[:, 0], 1 / s, 1 / s, 1 / s], axis=1)
+    coefficients = np.clip(solved, -_STEEPEST, _STEEPEST)
+    return coefficients * np.stack([s, one[:, 0], one[:, 0], 1 / s, 1 / s, 1 / s], axis=1)
 
 
 def _lattice(cloud: Cloud) -> tuple[FloatArray, float, tuple[int, int, int]]:

@@ -85,18 +85,18 @@ def _around_shared_edges(
                 waiting.append(int(one))
             elif waiting:
                 pairs.append((waiting.pop(), int(one)))
-    found = np.array(pairs, dtype=np.int64).reshape(-1, 2)
-    return found[:, 0], found[:, 1]
+    rows = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    return rows[:, 0], rows[:, 1]
 
 
 def _walls_back_to_back(points: FloatArray, faces: FaceArray) -> NDArray[np.int64]:
     """Faces that lie on others which look the other way, at edges of four faces and more."""
-    found = list[int]()
+    walls = list[int]()
     for face, upward, angle in _shared_edges(points, faces):
         same = np.abs(np.angle(np.exp(1j * (angle - np.roll(angle, 1))))) < _SAME_ANGLE
         opposite = upward != np.roll(upward, 1)
-        found += face[same & opposite].tolist() + np.roll(face, 1)[same & opposite].tolist()
-    return np.unique(np.array(found, dtype=np.int64))
+        walls += face[same & opposite].tolist() + np.roll(face, 1)[same & opposite].tolist()
+    return np.unique(np.array(walls, dtype=np.int64))
 
 
 def _shared_edges(
@@ -186,9 +186,9 @@ def unite_shells(points: FloatArray, faces: FaceArray) -> tuple[FloatArray, Face
     if len(crossed) == 0 and not swallowed.any():
         return points, faces, 0, 0
     whole = Manifold.batch_boolean(_solids(points, faces, shell, volume, holds), OpType.Add)
-    found = surface_of(whole, "the union of the mesh's shells", touching=True)
+    union = surface_of(whole, "the union of the mesh's shells", touching=True)
     united = max(len(crossed), int(swallowed.sum()) + 1)
-    return found.vertices, found.faces, united, int(swallowed.sum())
+    return union.vertices, union.faces, united, int(swallowed.sum())
 
 
 def _solids(

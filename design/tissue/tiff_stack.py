@@ -43,14 +43,14 @@ def read_tiff(path: Path) -> tuple[NDArray[Any], Size | None, str | None]:
 def _size(file: Any) -> tuple[Size | None, str | None]:
     if file.ome_metadata:
         return _ome_size(file.ome_metadata)
-    said = file.imagej_metadata or {}
+    metadata = file.imagej_metadata or {}
     tags = file.pages[0].tags
-    if "spacing" not in said or "unit" not in said or "XResolution" not in tags:
+    if "spacing" not in metadata or "unit" not in metadata or "XResolution" not in tags:
         return None, None
     # Pixels per unit, as a fraction.
     across = [tags[name].value for name in ("XResolution", "YResolution")]
     x, y = (bottom / top for top, bottom in across)
-    return (x, y, abs(float(said["spacing"]))), str(said["unit"]).replace("\\u00B5", "µ")
+    return (x, y, abs(float(metadata["spacing"]))), str(metadata["unit"]).replace("\\u00B5", "µ")
 
 
 def _ome_size(text: str) -> tuple[Size | None, str | None]:

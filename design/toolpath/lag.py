@@ -135,12 +135,12 @@ def _forward(volume: FloatArray, added: FloatArray) -> tuple[FloatArray, float]:
     wanted = volume + added
     if (wanted >= 0).all():
         return wanted, 0.0
-    found, owed, late = np.zeros(len(wanted)), 0.0, 0.0
+    volumes, owed, late = np.zeros(len(wanted)), 0.0, 0.0
     for k, value in enumerate(wanted):
-        found[k] = max(value + owed, 0.0)
+        volumes[k] = max(value + owed, 0.0)
         owed = min(value + owed, 0.0)
         late = max(late, -owed)
-    return found, late
+    return volumes, late
 
 
 def _pushed_s(before: FloatArray, after: FloatArray, lag_s: float, rate_ul_s: float) -> FloatArray:

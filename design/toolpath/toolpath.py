@@ -76,12 +76,12 @@ class Toolpath:
 
     def where(self, rows: IntArray | NDArray[np.bool_]) -> Toolpath:
         """The moves of a mask or of row numbers; they may have gaps between them."""
-        found = {
+        columns = {
             name: getattr(self, name)[rows]
             for name in ("start", "end", "volume_ul", "speed_mm_s", "duration_s")
         }
         whole = {name: getattr(self, name)[rows] for name in ("tool", "kind", "source")}
-        return Toolpath(**found, **whole, **self._kinds)
+        return Toolpath(**columns, **whole, **self._kinds)
 
     @property
     def _kinds(self) -> dict[str, Any]:

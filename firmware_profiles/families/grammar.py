@@ -87,10 +87,10 @@ class Grammar:
 
 def codes(letter: str, *numbers: int | range) -> frozenset[str]:
     """Name commands: ``codes("G", 0, to(17, 21))``."""
-    found: list[int] = []
+    named: list[int] = []
     for number in numbers:
-        found += [number] if isinstance(number, int) else number
-    return frozenset(f"{letter}{number}" for number in found)
+        named += [number] if isinstance(number, int) else number
+    return frozenset(f"{letter}{number}" for number in named)
 
 
 def number_range(first: int, last: int) -> range:

@@ -90,8 +90,8 @@ class HeadFacts:
 
     def number(self, select: str) -> int | None:
         """Head that a command chooses; None for any other command."""
-        found = self.select.fullmatch(select)
-        return int(found[1] or 0) if found else None
+        match = self.select.fullmatch(select)
+        return int(match[1] or 0) if match else None
 
 
 SELECT_BY_T = re.compile(r"T([0-7])(?: [SP]\d)?")

@@ -24,8 +24,8 @@ def parse_position(replies: Sequence[bytes]) -> dict[str, float]:
 
 def parse_counts(replies: Sequence[bytes]) -> dict[str, int]:
     """Read Marlin's counts of steps from the reply to M114; empty where it tells none."""
-    found = next((match for text in replies if (match := _COUNT.search(text))), None)
-    return dict(zip("XYZ", map(int, found.groups()), strict=True)) if found else {}
+    counts = next((match for text in replies if (match := _COUNT.search(text))), None)
+    return dict(zip("XYZ", map(int, counts.groups()), strict=True)) if counts else {}
 
 
 def parse_shifted(replies: Sequence[bytes]) -> tuple[dict[str, float], dict[str, float]]:

@@ -25,7 +25,7 @@ class HasFirmware(Protocol):
 def family_names() -> tuple[str, ...]:
     """Return the names of all families, in alphabetical order."""
     folders = sys.modules[__package__].__path__
-    return tuple(sorted(found.name for found in iter_modules(folders) if found.ispkg))
+    return tuple(sorted(module.name for module in iter_modules(folders) if module.ispkg))
 
 
 @cache

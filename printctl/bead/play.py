@@ -158,15 +158,15 @@ def _runs(rows: PlayRows, group: IntArray) -> tuple[IntArray, FloatArray]:
 def _warnings(
     all_heads: Sequence[InkPrediction], facts: Sequence[Mapping[str, Any]], rows: PlayRows
 ) -> list[PlayNote]:
-    found = []
+    notes = []
     for one, own in zip(all_heads, facts, strict=True):
         head = f"head {one.head}: " if len(all_heads) > 1 else ""
         for warning in own["warnings"]:
             sure = "" if warning["calibrated"] else " (uncalibrated)"
             line = int(warning["line"])
             time = _done_s(rows, line, rows.head == one.head)
-            found.append(PlayNote(f"{head}{warning['text']}{sure}", line, time))
-    return found
+            notes.append(PlayNote(f"{head}{warning['text']}{sure}", line, time))
+    return notes
 
 
 def _remarks(remarks: Sequence[tuple[int, str]], rows: PlayRows) -> list[PlayNote]:

@@ -115,23 +115,23 @@ def predict_job(
         When a pneumatic head's pressure doesn't move its ink.
     """
     views = split_by_head(run, printer) if printer.heads else [run]
-    found = [
+    predictions = [
         _of_head(number, view, gcode, printer, mounted, line_map, lag_s)
         for number, (view, mounted) in enumerate(zip(views, mountings, strict=True))
         if view.doses.any() and len(view.executed)
     ]
-    if not any(one.prompt.writes.any() for one in found):
+    if not any(one.prompt.writes.any() for one in predictions):
         raise UsageError(
             "no move of the G-code pushes ink on its way, so nothing would lie in the bath; does "
             "it have E, or is it another printer's (--printer)?"
         )
-    style = _style(found)
-    return tuple(one if one.bead.style == style else _restyled(one, style) for one in found)
+    style = _style(predictions)
+    return tuple(one if one.bead.style == style else _restyled(one, style) for one in predictions)
 
 
-def _style(found: Sequence[InkPrediction]) -> Style:
+def _style(predictions: Sequence[InkPrediction]) -> Style:
     """One style for all heads: layers only where all write in layers."""
-    styles = {one.prompt.style for one in found if one.prompt.writes.any()}
+    styles = {one.prompt.style for one in predictions if one.prompt.writes.any()}
     return "layered" if styles == {"layered"} else "embedded"
 
 
@@ -180,8 +180,8 @@ def _of_head(
     ahead_s = 0.0 if line_map is None else line_map.lag_s
     both = (late, prompt, lag, most, late_of, prompt_of)
     of_strands = line_map is not None and line_map.strand is not None
-    said = printer.pneumatic is None and ahead_s == 0
-    asked = _asked(run, motion, late, area) if said else np.full(len(late), np.nan)
+    by_plunger = printer.pneumatic is None and ahead_s == 0
+    asked = _asked(run, motion, late, area) if by_plunger else np.full(len(late), np.nan)
     return InkPrediction(number, mounted, *both, of_vessels, ahead_s, asked, of_strands)
 
 

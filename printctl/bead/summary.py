@@ -13,7 +13,7 @@ from printctl.bead.warn import bead_warnings
 
 
 def prediction_facts(
-    found: InkPrediction,
+    prediction: InkPrediction,
     bath: Bath | None,
     vessels: VesselDiameters | None = None,
     prompt: VesselDiameters | None = None,
@@ -22,21 +22,21 @@ def prediction_facts(
 
     Parameters
     ----------
-    found : InkPrediction
+    prediction : InkPrediction
     bath : Bath or None
     vessels, prompt : VesselDiameters, optional
         Against the design: as predicted, and as if the ink came at once.
     """
-    bead = found.bead
+    bead = prediction.bead
     laid = bead.writes & bead.lays
     wide, length = bead.width_mm[laid], bead.pieces.length[laid]
     pressure = bead.pressure_pa
     facts: dict[str, Any] = {
-        "head": found.head,
+        "head": prediction.head,
         "style": bead.style,
-        "lag_s": found.lag.seconds,
-        "lag": found.lag.how,
-        "advance_s": found.advance_s,
+        "lag_s": prediction.lag.seconds,
+        "lag": prediction.lag.how,
+        "advance_s": prediction.advance_s,
         "written_ul": round(bead.written_ul, 4),
         "oozed_ul": round(bead.oozed_ul, 4),
         "dropped_ul": round(bead.dropped_ul, 4),
@@ -47,7 +47,7 @@ def prediction_facts(
             "most": _rounded(wide.max()) if len(wide) else None,
         },
         "most_pressure_kpa": None if np.isnan(pressure).all() else _rounded(pressure.max() * 1e-3),
-        "warnings": [one.facts() for one in bead_warnings(found, bath)],
+        "warnings": [one.facts() for one in bead_warnings(prediction, bath)],
     }
     if vessels is not None:
         facts["vessels"] = vessels.facts()

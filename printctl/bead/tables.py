@@ -33,13 +33,13 @@ def write_bead_csv(path: Path, all_heads: list[InkPrediction]) -> None:
     `kind` is writes, travels or stands; x, y, z is where the piece ends.
     """
     text = _begun(BEAD)
-    for found in all_heads:
-        _rows(text, found)
+    for prediction in all_heads:
+        _rows(text, prediction)
     write_text(path, text.getvalue())
 
 
-def _rows(text: io.StringIO, found: InkPrediction) -> None:
-    bead, pieces = found.bead, found.bead.pieces
+def _rows(text: io.StringIO, prediction: InkPrediction) -> None:
+    bead, pieces = prediction.bead, prediction.bead.pieces
     first = np.arange(len(bead))
     if bead.style == "layered":
         changes = (np.diff(bead.line) != 0) | (np.diff(bead.writes.astype(int)) != 0)
@@ -64,7 +64,9 @@ def _rows(text: io.StringIO, found: InkPrediction) -> None:
     writer = csv.writer(text, lineterminator="\n")
     for k, row in enumerate(table.tolist()):
         at = first[k]
-        writer.writerow([found.head, bead.line[at], found.source[at], kind[k], *map(_number, row)])
+        writer.writerow(
+            [prediction.head, bead.line[at], prediction.source[at], kind[k], *map(_number, row)]
+        )
 
 
 def write_vessels_csv(
@@ -96,8 +98,8 @@ def write_layers_csv(path: Path, all_heads: list[InkPrediction]) -> None:
     """A row for each layer."""
     text = _begun(LAYERS)
     writer = csv.writer(text, lineterminator="\n")
-    for found in all_heads:
-        for row in layer_rows(found):
+    for prediction in all_heads:
+        for row in layer_rows(prediction):
             writer.writerow(
                 [row[key] if key in LAYERS[:2] else _number(row[key]) for key in LAYERS]
             )

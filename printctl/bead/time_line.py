@@ -27,7 +27,7 @@ LATE: Final = "#b0578d"
 
 
 def write_time_line(
-    path: Path, found: InkPrediction, window_s: tuple[float, float] | None = None
+    path: Path, prediction: InkPrediction, window_s: tuple[float, float] | None = None
 ) -> None:
     """Draw one head's prediction.
 
@@ -35,19 +35,19 @@ def write_time_line(
     ----------
     path : Path
         Ends in ``.png``.
-    found : InkPrediction
+    prediction : InkPrediction
     window_s : (from, to), optional, s
         From the job's first pulse; the whole by default.
     """
     with styled():
         figure = Figure(figsize=SIZE_IN, layout="constrained", facecolor="white")
         axes = figure.subplots(3, 1, sharex=True)
-        _draw(list(axes), found, window_s)
-        kind = "vessels" if found.of_vessels else "layers"
-        lag = f"lag {found.lag.seconds:g} s ({found.lag.how})"
+        _draw(list(axes), prediction, window_s)
+        kind = "vessels" if prediction.of_vessels else "layers"
+        lag = f"lag {prediction.lag.seconds:g} s ({prediction.lag.how})"
         figure.suptitle(
-            f"Dry run: {found.mounting.ink.name}, {lag}; bands are strokes"
-            + ("" if found.of_vessels is None else f", numbers {kind}"),
+            f"Dry run: {prediction.mounting.ink.name}, {lag}; bands are strokes"
+            + ("" if prediction.of_vessels is None else f", numbers {kind}"),
             fontsize=10,
         )
         image = io.BytesIO()
@@ -57,8 +57,8 @@ def write_time_line(
     write_bytes(path, image.getvalue())
 
 
-def _draw(axes: list[Axes], found: InkPrediction, window: tuple[float, float] | None) -> None:
-    bead, pieces = found.bead, found.bead.pieces
+def _draw(axes: list[Axes], prediction: InkPrediction, window: tuple[float, float] | None) -> None:
+    bead, pieces = prediction.bead, prediction.bead.pieces
     time = pieces.time - pieces.time[0]
     low, high = window or (0.0, float(time[-1]))
     edges = _edges(time, low, high)
@@ -85,7 +85,7 @@ def _draw(axes: list[Axes], found: InkPrediction, window: tuple[float, float] | 
         one.set_xlim(low, high)
         one.grid(axis="y")
         one.spines[["top", "right"]].set_visible(False)
-    _mark(axes, found, time, low, high)
+    _mark(axes, prediction, time, low, high)
 
 
 def _steps(axes: Axes, values: FloatArray, edges: FloatArray, **style: Any) -> None:
@@ -119,10 +119,10 @@ def _scaled(axes: Axes, push: FloatArray, out: FloatArray) -> None:
 
 
 def _mark(
-    axes: list[Axes], found: InkPrediction, time: FloatArray, low: float, high: float
+    axes: list[Axes], prediction: InkPrediction, time: FloatArray, low: float, high: float
 ) -> None:
     """Strokes as bands, every other one; what they are for above, where there is room."""
-    bead = found.bead
+    bead = prediction.bead
     rows = np.flatnonzero(bead.writes)
     if not len(rows):
         return
@@ -135,10 +135,10 @@ def _mark(
     for one in axes:
         _bands(one, time[first[::2]], time[last[::2] + 1])
     for begin, end in zip(first, last, strict=True):
-        if len(first) <= MOST_MARKS and found.source[begin] >= 0:
+        if len(first) <= MOST_MARKS and prediction.source[begin] >= 0:
             middle = (max(time[begin], low) + min(time[end + 1], high)) / 2
             axes[0].annotate(
-                str(found.source[begin]), (middle, 1.0), xycoords=("data", "axes fraction"),
+                str(prediction.source[begin]), (middle, 1.0), xycoords=("data", "axes fraction"),
                 ha="center", va="bottom", fontsize=7.5, color=MUTED,
             )  # fmt: skip
 

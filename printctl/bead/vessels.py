@@ -97,7 +97,7 @@ def vessel_diameters(
     middle = (bead.pieces.start[rows] + bead.pieces.end[rows]) / 2 - place_mm
     length = bead.pieces.length[rows]
     vessels, first = np.unique(source[rows], return_index=True)
-    found, reach = [], _joint_radius(network)
+    diameters, reach = [], _joint_radius(network)
     beside = np.full(len(bead), np.nan)
     for vessel, own in zip(
         vessels.tolist(), np.split(np.arange(len(rows)), first[1:]), strict=True
@@ -109,13 +109,13 @@ def vessel_diameters(
         beside[rows[own]] = designed
         kept = own[inside]
         wide = bead.width_mm[rows[kept]] * swell
-        found.append(
+        diameters.append(
             (
                 vessel,
                 *_held(wide, designed[inside], along[inside], length[kept], bead.line[rows[kept]]),
             )
         )
-    table = np.array(found, dtype=np.float64).reshape(-1, 9).T
+    table = np.array(diameters, dtype=np.float64).reshape(-1, 9).T
     columns = {name: table[k] for k, name in enumerate(_COLUMNS)}
     whole = {name: columns.pop(name).astype(np.int64) for name in ("vessel", "worst_line")}
     return VesselDiameters(**whole, **columns, piece_mm=beside)
@@ -152,8 +152,8 @@ def _joint_radius(network: VesselNetwork) -> FloatArray:
     widest = np.zeros(len(network.nodes))
     np.maximum.at(widest, network.vessel_nodes, ends)
     met = np.bincount(network.vessel_nodes.ravel(), minlength=len(network.nodes)) > 1
-    found: FloatArray = np.where(met, widest, 0.0)[network.vessel_nodes]
-    return found
+    joint_radius: FloatArray = np.where(met, widest, 0.0)[network.vessel_nodes]
+    return joint_radius
 
 
 def _held(

@@ -40,6 +40,6 @@ def write_surface(path: Path, laid: Deposit) -> None:
     OSError
         When the file can't be written.
     """
-    found = isosurface(laid.volume.transpose(2, 1, 0).astype(np.float32), HALF)
-    vertices = (laid.origin_mm + laid.voxel_mm * found.vertices).astype(np.float32)
-    write_ply(path, Solid(vertices.astype(np.float64), found.faces))
+    surface = isosurface(laid.volume.transpose(2, 1, 0).astype(np.float32), HALF)
+    vertices = (laid.origin_mm + laid.voxel_mm * surface.vertices).astype(np.float32)
+    write_ply(path, Solid(vertices.astype(np.float64), surface.faces))

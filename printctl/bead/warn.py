@@ -56,46 +56,46 @@ class BeadWarning:
         return f"{where}{self.text}" + ("" if self.calibrated else " (uncalibrated)")
 
 
-def bead_warnings(found: InkPrediction, bath: Bath | None) -> list[BeadWarning]:
+def bead_warnings(prediction: InkPrediction, bath: Bath | None) -> list[BeadWarning]:
     """All warnings of one head's prediction."""
     return [
-        *_of_lag(found),
-        *_of_flow(found),
-        *_of_widths(found),
-        *_of_pressure(found),
-        *_of_bath(found, bath),
+        *_of_lag(prediction),
+        *_of_flow(prediction),
+        *_of_widths(prediction),
+        *_of_pressure(prediction),
+        *_of_bath(prediction, bath),
     ]
 
 
-def _of_lag(found: InkPrediction) -> Iterator[BeadWarning]:
-    ink, lag = found.mounting.ink, found.lag
+def _of_lag(prediction: InkPrediction) -> Iterator[BeadWarning]:
+    ink, lag = prediction.mounting.ink, prediction.lag
     if lag.note:
         yield BeadWarning("lag", 0, lag.note, False)
-    if found.advance_s > 0 and lag.seconds == 0:
+    if prediction.advance_s > 0 and lag.seconds == 0:
         yield BeadWarning(
             "advance",
             0,
-            f"the firmware's advance of {found.advance_s:g} s is left out: without a lag to cancel "
-            "it can't be foreseen what it does",
+            f"the firmware's advance of {prediction.advance_s:g} s is left out: without a lag to "
+            "cancel it can't be foreseen what it does",
             False,
         )
-    elif found.advance_s > 0 and abs(found.advance_s / lag.seconds - 1) > 0.1:
+    elif prediction.advance_s > 0 and abs(prediction.advance_s / lag.seconds - 1) > 0.1:
         yield BeadWarning(
             "advance",
             0,
-            f"the firmware's advance is {found.advance_s:g} s, the lag {lag.seconds:g} s; K = τ "
-            "cancels it",
+            f"the firmware's advance is {prediction.advance_s:g} s, the lag {lag.seconds:g} s; "
+            "K = τ cancels it",
             lag.how == "measured",
         )
-    if found.ahead_s > 0 and abs(found.ahead_s / max(lag.seconds, 1e-9) - 1) > 0.1:
+    if prediction.ahead_s > 0 and abs(prediction.ahead_s / max(lag.seconds, 1e-9) - 1) > 0.1:
         yield BeadWarning(
             "advance",
             0,
-            f"the file drives the plunger ahead of a lag of {found.ahead_s:g} s, and "
+            f"the file drives the plunger ahead of a lag of {prediction.ahead_s:g} s, and "
             f"{lag.seconds:g} s are taken here",
             lag.how == "measured",
         )
-    nozzle = found.bead.nozzle
+    nozzle = prediction.bead.nozzle
     if nozzle.held_ul > 0 and ink.retract_ul < nozzle.held_ul:
         yield BeadWarning(
             "held",
@@ -107,9 +107,9 @@ def _of_lag(found: InkPrediction) -> Iterator[BeadWarning]:
         )
 
 
-def _of_flow(found: InkPrediction) -> Iterator[BeadWarning]:
-    bead = found.bead
-    sure = found.lag.how == "measured"
+def _of_flow(prediction: InkPrediction) -> Iterator[BeadWarning]:
+    bead = prediction.bead
+    sure = prediction.lag.how == "measured"
     moving = bead.pieces.length > 1e-9
     for sort, those, what in (
         ("ooze", moving & ~bead.writes, "is laid along travels, most of it here"),
@@ -124,10 +124,10 @@ def _of_flow(found: InkPrediction) -> Iterator[BeadWarning]:
         yield BeadWarning(sort, line, f"{total:.3g} µL {what} ({by_line[line]:.3g} µL)", sure)
 
 
-def _of_widths(found: InkPrediction) -> Iterator[BeadWarning]:
+def _of_widths(prediction: InkPrediction) -> Iterator[BeadWarning]:
     """Where what comes out is far from what the plunger pushes there; none without a lag."""
-    bead, prompt = found.bead, found.prompt
-    if bead is prompt or found.ahead_s > 0:
+    bead, prompt = prediction.bead, prediction.prompt
+    if bead is prompt or prediction.ahead_s > 0:
         return
     asked = _asked_mm(bead, prompt)
     ratio = np.divide(bead.width_mm, asked, out=np.ones(len(bead)), where=asked > 0)
@@ -145,7 +145,7 @@ def _of_widths(found: InkPrediction) -> Iterator[BeadWarning]:
             int(bead.line[row]),
             f"{_way(length)} are written {what} by a {'fifth' if sort == 'thin' else 'quarter'} "
             f"and more; worst here, {bead.width_mm[row]:.3f} mm for {asked[row]:.3f}",
-            found.lag.how == "measured",
+            prediction.lag.how == "measured",
         )
 
 
@@ -163,8 +163,8 @@ def _asked_mm(bead: Bead, prompt: Bead) -> np.ndarray:
     return np.where(bead.writes & (asked > LEAST * usual), asked, 0.0)
 
 
-def _of_pressure(found: InkPrediction) -> Iterator[BeadWarning]:
-    bead, mounted = found.bead, found.mounting
+def _of_pressure(prediction: InkPrediction) -> Iterator[BeadWarning]:
+    bead, mounted = prediction.bead, prediction.mounting
     ink, needle = mounted.ink, mounted.needle
     if needle is None:
         return
@@ -194,8 +194,8 @@ def _of_pressure(found: InkPrediction) -> Iterator[BeadWarning]:
         )
 
 
-def _of_bath(found: InkPrediction, bath: Bath | None) -> Iterator[BeadWarning]:
-    bead, ink, needle = found.bead, found.mounting.ink, found.mounting.needle
+def _of_bath(prediction: InkPrediction, bath: Bath | None) -> Iterator[BeadWarning]:
+    bead, ink, needle = prediction.bead, prediction.mounting.ink, prediction.mounting.needle
     if ink.swell_factor is None:
         yield BeadWarning(
             "swell", 0, f"how {ink.name} swells in the bath wasn't measured; taken as 1", False
@@ -205,7 +205,7 @@ def _of_bath(found: InkPrediction, bath: Bath | None) -> Iterator[BeadWarning]:
         yield BeadWarning("swell", 0, f"diameters in the bath are times {factor:g}", sure)
     if bath is None:
         return
-    yield from _settles(found, bath)
+    yield from _settles(prediction, bath)
     if needle is None:
         return
     trail = crevice(bead, needle, bath)
@@ -230,9 +230,9 @@ def _of_bath(found: InkPrediction, bath: Bath | None) -> Iterator[BeadWarning]:
         )
 
 
-def _settles(found: InkPrediction, bath: Bath) -> Iterator[BeadWarning]:
-    ink = found.mounting.ink
-    held = settling(found.bead, ink, bath)
+def _settles(prediction: InkPrediction, bath: Bath) -> Iterator[BeadWarning]:
+    ink = prediction.mounting.ink
+    held = settling(prediction.bead, ink, bath)
     if held is None or held.held:
         return
     way = "rises" if held.up else "sinks"

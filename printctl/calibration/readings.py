@@ -78,15 +78,15 @@ def read_readings(path: Path, numbers: tuple[str, ...], words: tuple[str, ...] =
 
 
 def _facts(lines: list[str]) -> dict[str, float]:
-    found = {}
+    facts = {}
     for text in lines:
         if text.startswith("#"):
             key, _, value = text[1:].partition("=")
             try:
-                found[key.strip()] = float(value)
+                facts[key.strip()] = float(value)
             except ValueError:
                 continue
-    return found
+    return facts
 
 
 def _last_digit(text: str) -> float:

@@ -46,20 +46,20 @@ def weighing_of(data: Readings, density_g_cm3: float, density_error: float) -> W
     )
 
 
-def weighing_result(found: Weighing, printer: Printer, syringe: Syringe) -> Result:
+def weighing_result(weighing: Weighing, printer: Printer, syringe: Syringe) -> Result:
     """Tell of doses weighed."""
     lines = {
-        "volume per travel": found.ul_per_mm,
-        "steps per volume": found.steps_per_ul(printer),
-        "steps per travel, if the bore is right": found.steps_per_mm(printer, syringe),
-        "bore, if the steps are right": found.bore_mm(),
+        "volume per travel": weighing.ul_per_mm,
+        "steps per volume": weighing.steps_per_ul(printer),
+        "steps per travel, if the bore is right": weighing.steps_per_mm(printer, syringe),
+        "bore, if the steps are right": weighing.bore_mm(),
     }
-    if found.lost_ul is not None:
-        lines["missing from each dose"] = found.lost_ul
+    if weighing.lost_ul is not None:
+        lines["missing from each dose"] = weighing.lost_ul
     nominal = syringe.area_mm2
-    agrees = found.ul_per_mm.holds(nominal)
+    agrees = weighing.ul_per_mm.holds(nominal)
     notes = (
-        f"one dose scatters by {found.scatter_ul:.3g} µL",
+        f"one dose scatters by {weighing.scatter_ul:.3g} µL",
         f"the profiles say {nominal:.3f} µL/mm, which "
         f"{'agrees' if agrees else 'does not agree: mend steps or bore'}",
     )
@@ -74,9 +74,9 @@ def backlash_result(data: Readings) -> Result:
     UsageError
     """
     target, approach, dial = (data.numbers[n] for n in ("target_mm", "approach", "measured_mm"))
-    found = fit_backlash(target, approach, dial, data.last_digit["measured_mm"])
-    lines = {"lost motion": found.lost_mm, "travelled over commanded": found.scale}
-    return Result(lines, (f"one reading scatters by {found.scatter_mm:.3g} mm",))
+    backlash = fit_backlash(target, approach, dial, data.last_digit["measured_mm"])
+    lines = {"lost motion": backlash.lost_mm, "travelled over commanded": backlash.scale}
+    return Result(lines, (f"one reading scatters by {backlash.scatter_mm:.3g} mm",))
 
 
 def level_result(data: Readings, width_mm: float, depth_mm: float) -> Result:
@@ -135,6 +135,6 @@ def offset_result(data: Readings) -> Result:
     UsageError
     """
     (one, other), (first, second) = split_touches(data)
-    found = fit_offset(first, second, max(data.last_digit.values()))
-    lines = {f"{other} less {one}, {axis}": e for axis, e in zip("xyz", found, strict=True)}
+    offset = fit_offset(first, second, max(data.last_digit.values()))
+    lines = {f"{other} less {one}, {axis}": e for axis, e in zip("xyz", offset, strict=True)}
     return Result(lines, (f"add it to place_mm when {other} prints what {one} was set up for",))

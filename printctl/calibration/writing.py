@@ -117,7 +117,7 @@ def measured_key(facts: Facts, key: str, estimate: Estimate) -> dict[str, Measur
     return {key: MeasuredValue(value, f"{estimate.text()}, 95 %")}
 
 
-def save_measured(path: Path, facts: Facts, found: Mapping[str, MeasuredValue]) -> str:
+def save_measured(path: Path, facts: Facts, measured: Mapping[str, MeasuredValue]) -> str:
     """Write a copy of a profile with keys changed for what was measured; its source says so.
 
     Returns
@@ -126,19 +126,19 @@ def save_measured(path: Path, facts: Facts, found: Mapping[str, MeasuredValue]) 
         What was changed.
     """
     data = facts.model_dump(mode="json", exclude_unset=True)
-    for key, one in found.items():
+    for key, one in measured.items():
         data[key.partition(".")[0]] = one.value
-    left = [other for other in facts.starting_values if other not in found]
+    left = [other for other in facts.starting_values if other not in measured]
     if left:
         data["starting_values"] = left
     else:
         data.pop("starting_values", None)
-    said = "; ".join(f"{key} {one.said}" for key, one in found.items())
-    numbers = said if len(found) > 1 else next(iter(found.values())).said
+    text = "; ".join(f"{key} {one.said}" for key, one in measured.items())
+    numbers = text if len(measured) > 1 else next(iter(measured.values())).said
     data["source"] = (
-        f"{facts.source} {', '.join(found)} measured by printctl calibrate, "
+        f"{facts.source} {', '.join(measured)} measured by printctl calibrate, "
         f"{date.today().isoformat()}: {numbers}."
     )
     type(facts).model_validate(data)
     write_text(path, yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=100))
-    return said
+    return text

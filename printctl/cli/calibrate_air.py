@@ -37,16 +37,16 @@ def weigh_flow(
     as_json: bool,
 ) -> None:
     """Fit, tell, and write the flow into a printer's profile if asked."""
-    found = fit_flow(
+    weighing = fit_flow(
         data.numbers["open_s"], data.numbers["mass_mg"], *density, data.last_digit["mass_mg"]
     )
-    lines = {f"flow at {what.head.pressure_kpa:g} kPa": found.flow_ul_s}
-    if found.lost_s is not None:
-        lines["missing from each opening"] = found.lost_s
-    print_estimates(lines, _notes(found, what), as_json)
+    lines = {f"flow at {what.head.pressure_kpa:g} kPa": weighing.flow_ul_s}
+    if weighing.lost_s is not None:
+        lines["missing from each opening"] = weighing.lost_s
+    print_estimates(lines, _notes(weighing, what), as_json)
     if write is not None:
         measured = MeasuredFlow(
-            flow_ul_s=found.flow_ul_s.value,
+            flow_ul_s=weighing.flow_ul_s.value,
             pressure_kpa=what.head.pressure_kpa,
             ink=what.ink.name,
             needle=what.needle.name,
@@ -54,14 +54,14 @@ def weigh_flow(
         dispenser = what.head.model_copy(update={"measured": measured})
         values = dispenser.model_dump(mode="json", exclude_unset=True)
         values["measured"] = measured.model_dump(mode="json")
-        write_changed(write, what.printer, "dispenser", values, found.flow_ul_s)
+        write_changed(write, what.printer, "dispenser", values, weighing.flow_ul_s)
 
 
-def _notes(found: FlowWeighing, what: WeighingOptions) -> list[str]:
+def _notes(weighing: FlowWeighing, what: WeighingOptions) -> list[str]:
     foreseen = flow_ul_s(what.ink, what.needle, what.head.pressure_kpa * 1e3) * what.ink.flow_factor
-    agrees = found.flow_ul_s.holds(foreseen)
+    agrees = weighing.flow_ul_s.holds(foreseen)
     return [
-        f"one dose scatters by {found.scatter_ul:.3g} µL",
+        f"one dose scatters by {weighing.scatter_ul:.3g} µL",
         f"the viscosity of {what.ink.name} foresees {foreseen:.4g} µL/s through "
         f"{what.needle.name}, which {'agrees' if agrees else 'does not agree'}",
         "good for this ink, needle and pressure alone, and for this warmth",

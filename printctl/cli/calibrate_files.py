@@ -44,6 +44,6 @@ def write_changed(path: Path, facts: Facts, key: str, value: Any, estimate: Esti
     write_measured(path, facts, {key: MeasuredValue(value, f"{estimate.text()}, 95 %")})
 
 
-def write_measured(path: Path, facts: Facts, found: Mapping[str, MeasuredValue]) -> None:
+def write_measured(path: Path, facts: Facts, measured: Mapping[str, MeasuredValue]) -> None:
     """Write a copy of a profile with keys changed for what was measured; its source says so."""
-    messages().print(f"wrote {path}: {save_measured(path, facts, found)}", markup=False)
+    messages().print(f"wrote {path}: {save_measured(path, facts, measured)}", markup=False)

@@ -43,11 +43,11 @@ def lag(
     follows the pressure late.
     """
     material = load(Ink, ink)
-    said = {"slow_mm_s": slow, "fast_mm_s": fast, "length_mm": length, "width_mm": width}
-    said |= {"layer_mm": layer, "round": float(round_bead)}
+    line = {"slow_mm_s": slow, "fast_mm_s": fast, "length_mm": length, "width_mm": width}
+    line |= {"layer_mm": layer, "round": float(round_bead)}
     if gcode is not None:
         path = lag_path(
-            _pattern(said),
+            _pattern(line),
             lines,
             prime_ul=material.retract_ul,
             flow_ul_s=material.plunger_ul_s,
@@ -57,68 +57,70 @@ def lag(
         mounted = (load(Printer, printer), load(Syringe, syringe))
         # As a print does: what is found then multiplies the factor that the ink has.
         job = Job(gcode, path, *mounted, place, flow_factor=material.flow_factor)
-        write_test(job, ("x_mm", "width_mm"), [[f"{x:g}", ""] for x in _places(length)], said)
+        write_test(job, ("x_mm", "width_mm"), [[f"{x:g}", ""] for x in _places(length)], line)
         return
     data = read_csv_argument(readings, ("x_mm", "width_mm"))
-    found = fit_lag(
+    fit = fit_lag(
         data.numbers["x_mm"],
         data.numbers["width_mm"],
-        _pattern(said | data.facts),
+        _pattern(line | data.facts),
         data.last_digit["width_mm"],
     )
-    factor = found.flow_factor.times(material.flow_factor, "")
+    factor = fit.flow_factor.times(material.flow_factor, "")
     tip = None if needle is None else load(Needle, needle)
-    print_estimates(_told(found, factor), [*_notes(found), *_unwritten(found, tip, write)], as_json)
+    print_estimates(
+        _lag_estimates(fit, factor), [*_notes(fit), *_unwritten(fit, tip, write)], as_json
+    )
     if write is not None:
-        lagging = _with_lag(material, found, tip, load(Syringe, syringe))
+        lagging = _with_lag(material, fit, tip, load(Syringe, syringe))
         write_mended(write, lagging, "flow_factor", factor)
 
 
-def _with_lag(ink: Ink, found: Lag, needle: Needle | None, syringe: Syringe) -> Ink:
+def _with_lag(ink: Ink, fit: Lag, needle: Needle | None, syringe: Syringe) -> Ink:
     """The ink with its lag, where one number says it and the needle is known."""
-    if needle is None or not found.linear:
+    if needle is None or not fit.linear:
         return ink
-    lag = MeasuredLag(lag_s=found.rise_s.value, needle=needle.name, syringe=syringe.name)
-    said = f"{ink.source} lag measured by printctl calibrate: {found.rise_s.text()}, 95 %."
-    return ink.model_copy(update={"lag": lag, "source": said})
+    lag = MeasuredLag(lag_s=fit.rise_s.value, needle=needle.name, syringe=syringe.name)
+    source = f"{ink.source} lag measured by printctl calibrate: {fit.rise_s.text()}, 95 %."
+    return ink.model_copy(update={"lag": lag, "source": source})
 
 
-def _unwritten(found: Lag, needle: Needle | None, write: Path | None) -> list[str]:
+def _unwritten(fit: Lag, needle: Needle | None, write: Path | None) -> list[str]:
     if write is None:
         return []
-    if not found.linear:
+    if not fit.linear:
         return ["the lag isn't written: rise and fall differ, so no single number says it"]
     if needle is None:
         return ["the lag isn't written: it holds for one needle; name it (--needle)"]
     return []
 
 
-def _pattern(said: dict[str, float]) -> LagPattern:
+def _pattern(line: dict[str, float]) -> LagPattern:
     """The line, as options say it or the CSV file that was written with its G-code."""
     return LagPattern(
-        said["slow_mm_s"],
-        said["fast_mm_s"],
-        said["length_mm"],
-        said["width_mm"],
-        said["layer_mm"],
-        "round" if said["round"] else "flat",
+        line["slow_mm_s"],
+        line["fast_mm_s"],
+        line["length_mm"],
+        line["width_mm"],
+        line["layer_mm"],
+        "round" if line["round"] else "flat",
     )
 
 
-def _told(found: Lag, factor: Estimate) -> dict[str, Estimate]:
+def _lag_estimates(fit: Lag, factor: Estimate) -> dict[str, Estimate]:
     return {
         "flow factor": factor,
-        "τ, flow going up": found.rise_s,
-        "τ, flow going down": found.fall_s,
-        "K (advance)": found.advance_s,
+        "τ, flow going up": fit.rise_s,
+        "τ, flow going down": fit.fall_s,
+        "K (advance)": fit.advance_s,
     }
 
 
-def _notes(found: Lag) -> list[str]:
+def _notes(fit: Lag) -> list[str]:
     return [
-        f"one width scatters by {found.scatter_mm * 1e3:.3g} µm",
+        f"one width scatters by {fit.scatter_mm * 1e3:.3g} µm",
         "rise and fall agree: the ink is linear here"
-        if found.linear
+        if fit.linear
         else "rise and fall differ: the ink holds pressure by its yield stress, so no single K "
         "is right; keep to one speed",
         "printctl sends no advance: set it in the firmware (Marlin M900 K, RepRapFirmware M572 S, "

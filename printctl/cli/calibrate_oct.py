@@ -88,36 +88,36 @@ def oct_device(
     Scan the grid in air at two heights at least 0.5 mm apart: one height can't show the fan.
     The step in air gives the scale of depth; under the medium (--immersed) its group index.
     """
-    said = ScanOverrides(
+    overrides = ScanOverrides(
         voxel_mm=voxel_mm(voxel_um), refractive_index=1.0, scale=scale, modality="oct", axes=axes
     )
-    if said.voxel_mm is not None:
-        said = ScanOverrides(**{**said.__dict__, "optical_depth": True})
+    if overrides.voxel_mm is not None:
+        overrides = ScanOverrides(**{**overrides.__dict__, "optical_depth": True})
     if not grid and step is None:
         raise UsageError("give scans of a grid (--grid) or of a step (--step), or both")
-    found, notes = OctCalibration(), []
+    calibration, notes = OctCalibration(), []
     if step is not None:
         heights = height_um, height_u_um
-        measured, found = _step(_read(step, said), heights, found, immersed)
+        measured, calibration = _step(_read(step, overrides), heights, calibration, immersed)
         notes.append(_told_step(measured, immersed, height_u_um))
     if grid:
-        fit = _grid([_read(path, said) for path in grid], (pitch_um, pitch_u_um), found)
-        found = fit.calibration
+        fit = _grid([_read(path, overrides) for path in grid], (pitch_um, pitch_u_um), calibration)
+        calibration = fit.calibration
         notes.append(_told_grid(fit))
-    if not found.depth_standard:
+    if not calibration.depth_standard:
         notes.append(
             "no step in the medium: depth has no standard, so an error of the index and shrinkage "
             "along depth look the same"
         )
-    print_estimates(_estimates(found), notes, as_json)
+    print_estimates(_estimates(calibration), notes, as_json)
     if write is not None:
-        write_calibration(write, found)
+        write_calibration(write, calibration)
         messages().print(f"wrote {write}", markup=False)
 
 
-def _read(path: Path, said: ScanOverrides) -> Scan:
+def _read(path: Path, overrides: ScanOverrides) -> Scan:
     """A target's scan, in air: the path is the depth."""
-    return read_scan(path, said)
+    return read_scan(path, overrides)
 
 
 def _step(
@@ -140,16 +140,16 @@ def _grid(scans: list[Scan], pitches: tuple[float | None, float], base: OctCalib
     return fit_grid(views, pitch_um * 1e-3, base, u_um * 1e-3)
 
 
-def _estimates(found: OctCalibration) -> dict[str, Estimate]:
-    (scale_x, shear), (_, scale_y) = found.lateral
+def _estimates(calibration: OctCalibration) -> dict[str, Estimate]:
+    (scale_x, shear), (_, scale_y) = calibration.lateral
+    bow, fan = calibration.bow_per_mm, calibration.fan_per_mm
     values = {
         "scale_x": scale_x, "shear": shear, "scale_y": scale_y,
-        "bow_xx": found.bow_per_mm[0], "bow_xy": found.bow_per_mm[1],
-        "bow_yy": found.bow_per_mm[2], "fan_x": found.fan_per_mm[0], "fan_y": found.fan_per_mm[1],
-        "depth_scale": found.depth_scale, "refractive_index": found.refractive_index,
+        "bow_xx": bow[0], "bow_xy": bow[1], "bow_yy": bow[2], "fan_x": fan[0], "fan_y": fan[1],
+        "depth_scale": calibration.depth_scale, "refractive_index": calibration.refractive_index,
     }  # fmt: skip
     lines = {}
-    for name, (low, high) in found.intervals.items():
+    for name, (low, high) in calibration.intervals.items():
         value = values[name]
         if value is not None:
             meaning, unit = _MEANING[name]

@@ -51,7 +51,7 @@ def offset(
 def _of_head(
     printer: Printer,
     number: int,
-    found: tuple[Estimate, Estimate, Estimate],
+    estimates: tuple[Estimate, Estimate, Estimate],
     write: Path | None,
     as_json: bool,
 ) -> None:
@@ -61,7 +61,7 @@ def _of_head(
             f"{printer.name} has no head {number} (heads); name its heads in the profile first"
         )
     lines = {
-        f"heads.{number}.offset_mm.{axis}": one for axis, one in zip("xyz", found, strict=True)
+        f"heads.{number}.offset_mm.{axis}": one for axis, one in zip("xyz", estimates, strict=True)
     }
     notes = ["touch off again after every change of a needle: it stands elsewhere then"]
     print_estimates(lines, notes, as_json)
@@ -71,7 +71,7 @@ def _of_head(
         head.model_dump(mode="json", exclude_unset=True) for head in printer.heads
     ]
     heads[number]["offset_mm"] = {
-        axis: round(one.value, 4) for axis, one in zip("xyz", found, strict=True)
+        axis: round(one.value, 4) for axis, one in zip("xyz", estimates, strict=True)
     }
-    widest = max(found, key=lambda one: one.high - one.low)
+    widest = max(estimates, key=lambda one: one.high - one.low)
     write_changed(write, printer, f"heads.{number}.offset_mm", heads, widest)

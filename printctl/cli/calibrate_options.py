@@ -57,11 +57,11 @@ def read_csv_argument(
 def print_estimates(lines: dict[str, Estimate], notes: list[str], as_json: bool) -> None:
     """Numbers with their 95 % intervals, then what they mean."""
     if as_json:
-        found: dict[str, Any] = {
+        values: dict[str, Any] = {
             name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit}
             for name, e in lines.items()
         }
-        print_json({"estimates": found, "level": 0.95, "notes": notes})
+        print_json({"estimates": values, "level": 0.95, "notes": notes})
         return
     print_lines(*(f"{name:<40} {estimate.text()}" for name, estimate in lines.items()))
     print_lines("(95 % intervals)", *notes)

@@ -40,18 +40,24 @@ def walls(
         [np.array([vessel[name] for vessel in scan], dtype=float) for scan in vessels]
         for name in ("designed_um", "measured_um")
     )
-    found = measured_walls(known, measured)
-    low, high = found.offset_um - found.interval_um, found.offset_um + found.interval_um
+    calibration = measured_walls(known, measured)
+    low, high = (
+        calibration.offset_um - calibration.interval_um,
+        calibration.offset_um + calibration.interval_um,
+    )
     notes = [
-        f"from {found.scans} scan(s), {sum(map(len, known))} channels of {found.from_um:.0f} to "
-        f"{found.to_um:.0f} µm; holds for this device, voxel size and material alone"
+        f"from {calibration.scans} scan(s), {sum(map(len, known))} channels of "
+        f"{calibration.from_um:.0f} to "
+        f"{calibration.to_um:.0f} µm; holds for this device, voxel size and material alone"
     ]
-    if found.scans == 1:
+    if calibration.scans == 1:
         notes.append("one scan: its interval doesn't hold what differs from scan to scan")
-    told = {"walls lie further into the gel by": Estimate(found.offset_um, low, high, "µm")}
-    print_estimates(told, notes, as_json)
+    estimates = {
+        "walls lie further into the gel by": Estimate(calibration.offset_um, low, high, "µm")
+    }
+    print_estimates(estimates, notes, as_json)
     if write is not None:
-        write_walls(write, found)
+        write_walls(write, calibration)
         messages().print(f"wrote {write}", markup=False)
 
 
@@ -63,8 +69,8 @@ def _vessels(folder: Path) -> list[dict[str, Any]]:
         part = data.get("registration", data)
         if part.get("walls") is not None:
             raise UsageError(f"{path}: was registered with --walls already; register it without")
-        found = part["vessels"]
-        return [v for v in found if v["open"] and v["sections"] > 0 and v["measured_um"]]
+        rows = part["vessels"]
+        return [v for v in rows if v["open"] and v["sections"] > 0 and v["measured_um"]]
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as exc:
         raise UsageError(
             f"{path}: no result of `printctl register` there ({type(exc).__name__}: {exc})"

@@ -76,10 +76,10 @@ def weigh(
     if mend not in ("bore", "steps"):
         raise UsageError(f"--mend {mend!r} is neither bore nor steps")
     data = read_csv_argument(readings, ("travel_mm", "mass_mg"))
-    found = weighing_of(data, density, density_error)
-    result = weighing_result(found, machine, filled)
+    weighing = weighing_of(data, density, density_error)
+    result = weighing_result(weighing, machine, filled)
     print_estimates(result.lines, list(result.notes), as_json)
     if write is not None and mend == "bore":
-        write_mended(write, filled, "inner_mm", found.bore_mm())
+        write_mended(write, filled, "inner_mm", weighing.bore_mm())
     elif write is not None:
-        write_mended(write, machine, "steps_per_mm.e", found.steps_per_mm(machine, filled))
+        write_mended(write, machine, "steps_per_mm.e", weighing.steps_per_mm(machine, filled))

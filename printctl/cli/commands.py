@@ -103,12 +103,12 @@ class LazyGroup(TyperGroup):
             return TyperCommand(cmd_name, help=summary(module, attribute))
         if cmd_name in WITHOUT_NUMBA:
             import_module("kernels").without_numba()
-        found = getattr(import_module(module), attribute)
-        if isinstance(found, typer.Typer):
-            command: Any = typer.main.get_group(found)
+        loaded = getattr(import_module(module), attribute)
+        if isinstance(loaded, typer.Typer):
+            command: Any = typer.main.get_group(loaded)
         else:
             alone = typer.Typer(add_completion=False, rich_markup_mode="markdown")
-            alone.command(cmd_name, context_settings=CALLED_WITH.get(cmd_name))(found)
+            alone.command(cmd_name, context_settings=CALLED_WITH.get(cmd_name))(loaded)
             command = typer.main.get_command(alone)
         command.name = cmd_name
         return with_profiles(with_manual(command, cmd_name))

@@ -96,13 +96,13 @@ def compare_prints(
     named = _named(len(folders), repeatability, prints, operators, parts)
     anew = _judged(tolerance_um, diameter_tolerance_percent)
     scans = read_folders(folders, named, anew)
-    found = compare(scans, diameter_tolerance_percent, repeatability)
-    files = _Files(out, found, _title(folders), _judged_note(anew))
+    comparison = compare(scans, diameter_tolerance_percent, repeatability)
+    files = _Files(out, comparison, _title(folders), _judged_note(anew))
     data = files.write(pdf)
     if as_json:
         print_json(data)
     else:
-        print_lines(*verdict(found)["reasons"], *data["notes"], *files.pages(pdf))
+        print_lines(*verdict(comparison)["reasons"], *data["notes"], *files.pages(pdf))
 
 
 @dataclass(frozen=True)

@@ -50,8 +50,8 @@ def convert(
     write_network(target, network)
     loss = LOSSES.get(target.suffix.lower())
     if as_json:
-        found = {"file": str(target), "vessels": network.vessel_count, "loses": loss}
-        print_json(found | {"notes": list(notes)})
+        facts = {"file": str(target), "vessels": network.vessel_count, "loses": loss}
+        print_json(facts | {"notes": list(notes)})
         return
     for note in notes:
         messages().print(note, style="dim", markup=False)

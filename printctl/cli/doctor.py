@@ -26,24 +26,24 @@ def doctor(
         from printctl.cli.kernels_ready import compile_with_bar
 
         compile_with_bar(needed_kernels())
-    found = examine()
+    examination = examine()
     if as_json:
-        print_json(found.as_dict())
+        print_json(examination.as_dict())
     else:
-        _tell(found)
-    if found.blocked:
+        _tell(examination)
+    if examination.blocked:
         raise typer.Exit(1)
 
 
-def _tell(found: Examination) -> None:
-    for section, entries in found.facts.items():
+def _tell(examination: Examination) -> None:
+    for section, entries in examination.facts.items():
         lines = [f"  {key:<20} {value}" for key, value in entries.items()] or ["  none"]
         print_lines(section, *lines)
-    print_lines("", *_verdict(found))
+    print_lines("", *_verdict(examination))
 
 
-def _verdict(found: Examination) -> list[str]:
-    if not found.findings:
+def _verdict(examination: Examination) -> list[str]:
+    if not examination.findings:
         return ["nothing to complain of"]
-    order = sorted(found.findings, key=lambda one: not one.blocks)
+    order = sorted(examination.findings, key=lambda one: not one.blocks)
     return [f"{'BLOCKS' if one.blocks else 'note'}: {one.text}" for one in order]

@@ -58,20 +58,20 @@ def predict_front(asked: FrontOptions, as_json: bool) -> None:
     rate = asked.flow_ml_min or lumens.flow_ml_min or _USUAL_ML_MIN
     front = dye_front(network, flow, rate * UL_S_PER_ML_MIN, asked.diffusivity_mm2_s)
     asked.out.mkdir(parents=True, exist_ok=True)
-    found = write_front(asked.out, network, flow, front, places, 1.0 / asked.frames_per_s)
-    if found["warning"]:
-        messages().print(f"warning: {found['warning']}", style="yellow", markup=False)
-    if found["vessels_between"] + found["vessels_dispersed"]:
+    summary = write_front(asked.out, network, flow, front, places, 1.0 / asked.frames_per_s)
+    if summary["warning"]:
+        messages().print(f"warning: {summary['warning']}", style="yellow", markup=False)
+    if summary["vessels_between"] + summary["vessels_dispersed"]:
         messages().print(
-            f"note: in {found['vessels_between'] + found['vessels_dispersed']} vessels dye "
+            f"note: in {summary['vessels_between'] + summary['vessels_dispersed']} vessels dye "
             "diffuses across the lumen while it runs (fourier above 0.01), so that its tip comes "
             "later and its front is steeper than foreseen, between tip and mean",
             markup=False,
         )
     if as_json:
-        print_json(found)
+        print_json(summary)
         return
-    lines = [f"{key}: {value:.4g}" for key, value in found.items() if key != "warning"]
+    lines = [f"{key}: {value:.4g}" for key, value in summary.items() if key != "warning"]
     print_lines(*lines, *(str(asked.out / name) for name in (FRONT, CURVES, PICTURE)))
 
 

@@ -64,7 +64,7 @@ def film(
     scene = FilmScene(loaded.network, loaded.surface, PictureOptions(seen_from, width))
     made = _frames(asked, loaded, scene)
     with messages().status("drawing") as status:
-        count = write_film(path, _told(made, status.update), fps)
+        count = write_film(path, _with_progress(made, status.update), fps)
     if as_json:
         print_json({"file": str(path), "frames": count, "seconds": count / fps})
         return
@@ -82,18 +82,18 @@ class Asked:
 
 
 def _frames(asked: Asked, loaded: Source, scene: FilmScene) -> Iterator[Frame]:
-    said = asked.options
+    chosen = asked.options
     if asked.show == "growth":
         quantity = _coloured(loaded, asked.colour)
-        how = GrowthFilm(said["by"], said["steps"], murray_exponent=_murray(asked.source))
+        how = GrowthFilm(chosen["by"], chosen["steps"], murray_exponent=_murray(asked.source))
         return growth_frames(scene, quantity, how)
     if asked.colour not in (None, "pressure", "flow"):
         raise UsageError(f"--colour {asked.colour}: a pulse is shown by pressure or flow")
     if not asked.source.is_dir():
         raise UsageError(f"{asked.source} is no run folder, and a pulse is its recipe's; give one")
     shown: Any = asked.colour or "pressure"
-    film_of = PulseFilm(shown, said["solver"], said["frames"], said["cycles"])
-    return pulse_frames(scene, recipe_of(asked.source, "a pulse"), said["tables"], film_of)
+    film_of = PulseFilm(shown, chosen["solver"], chosen["frames"], chosen["cycles"])
+    return pulse_frames(scene, recipe_of(asked.source, "a pulse"), chosen["tables"], film_of)
 
 
 def _coloured(loaded: Source, colour: str | None) -> Quantity:
@@ -123,7 +123,7 @@ def _refuse_idle(context: typer.Context, show: str) -> None:
             raise UsageError(f"--{name.replace('_', '-')} is for --show {other}; drop it")
 
 
-def _told(frames: Iterator[Frame], tell: Any) -> Iterator[Frame]:
+def _with_progress(frames: Iterator[Frame], tell: Any) -> Iterator[Frame]:
     for number, frame in enumerate(frames, 1):
         tell(f"frame {number}")
         yield frame

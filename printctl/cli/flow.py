@@ -87,11 +87,11 @@ def flow(
     _say(run_network(context, network, out), as_json)
 
 
-def _say(found: FlowOutput, as_json: bool) -> None:
+def _say(output: FlowOutput, as_json: bool) -> None:
     if as_json:
-        print_json(found.summary)
+        print_json(output.summary)
         return
-    print_lines(*_lines("", found.summary), *map(str, found.files))
+    print_lines(*_lines("", output.summary), *map(str, output.files))
 
 
 def _lines(before: str, values: dict[str, object]) -> list[str]:

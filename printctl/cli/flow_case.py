@@ -67,7 +67,7 @@ def run_case(context: typer.Context, data: dict[str, Any], path: Path, out: Path
     out.mkdir(parents=True, exist_ok=True)
     write = svzerod.write_svzerod_npz if kind == "npz" else svzerod.write_svzerod_csv
     write(file, svzerod.result_table(case, stepped))
-    told: dict[str, object] = {
+    summary: dict[str, object] = {
         "vessels": case.vessels,
         "cycles": stepped.cycles,
         "last_change": stepped.change,
@@ -78,13 +78,13 @@ def run_case(context: typer.Context, data: dict[str, Any], path: Path, out: Path
             f"initial values of no variable of the model, left out: {', '.join(stepped.unused)}",
             style="yellow",
         )
-        told["initial_values_unused"] = list(stepped.unused)
+        summary["initial_values_unused"] = list(stepped.unused)
     if not stepped.periodic:
         messages().print(
             f"the last cycle still changed by {stepped.change:.2g} of the largest value: the "
             "file's number_of_cardiac_cycles is too small for a periodic state", style="yellow"
         )  # fmt: skip
-    return FlowOutput(told, [file])
+    return FlowOutput(summary, [file])
 
 
 def refuse_idle(context: typer.Context, known: tuple[str, ...], solver: str) -> None:

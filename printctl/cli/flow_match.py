@@ -34,7 +34,7 @@ def match(
     out: Path,
     fillet_ratio: float,
     how: Match,
-    found: FlowOutput,
+    output: FlowOutput,
 ) -> None:
     """Match where it is asked for, and write the adjusted network and its history.
 
@@ -55,7 +55,7 @@ def match(
     )
     conditions = steady_conditions(part, Path(), network)
     with messages().status("matching the split") as status:
-        found.summary["match"] = match_and_write(
+        output.summary["match"] = match_and_write(
             out,
             network,
             conditions,
@@ -63,28 +63,30 @@ def match(
             options,
             lambda _, doing: status.update(f"matching the split: {doing}"),
         )
-    found.files += [out / MATCHED, out / HISTORY, out / VESSELS]
-    _warn(found)
+    output.files += [out / MATCHED, out / HISTORY, out / VESSELS]
+    _warn(output)
 
 
 def _wanted(texts: list[str]) -> dict[int, float]:
-    found: dict[int, float] = {}
+    flows: dict[int, float] = {}
     for text in texts:
         node, _, flow = text.partition(",")
         try:
-            found[int(node)] = float(flow)
+            flows[int(node)] = float(flow)
         except ValueError:
             raise UsageError(f"--want {text!r} isn't NODE,ML_MIN; write 4,0.05") from None
-    return found
+    return flows
 
 
-def _warn(found: FlowOutput) -> None:
-    told = found.summary["match"]
-    if told["met"]:
+def _warn(output: FlowOutput) -> None:
+    result = output.summary["match"]
+    if result["met"]:
         return
-    bounds = told["vessels_at_a_bound"]
+    bounds = result["vessels_at_a_bound"]
     why = f"vessels {bounds} stand at a bound of their radius" if bounds else "rounds bring no more"
     messages().print(
-        f"the split isn't met: {told['worst_percent_of_inlet']:.2g} % of the inlet's flow is left "
-        f"in vessel {told['worst_vessel']} ({why})", style="yellow", markup=False,
-    )  # fmt: skip
+        f"the split isn't met: {result['worst_percent_of_inlet']:.2g} % of the inlet's flow is "
+        f"left in vessel {result['worst_vessel']} ({why})",
+        style="yellow",
+        markup=False,
+    )

@@ -31,10 +31,10 @@ def run_network(context: typer.Context, network: Path, out: Path) -> FlowOutput:
     FlowError, SolidError, OSError
         As the solvers.
     """
-    asked, found = context.params, FlowOutput()
+    asked, output = context.params, FlowOutput()
     if asked["as_printed"]:
-        run_as_printed(context, network, out, found)
-        return found
+        run_as_printed(context, network, out, output)
+        return output
     if asked["scanned"]:
         raise UsageError("--scanned is for --as-printed --three-d; add these, or leave it out")
     # Options are a recipe's section under the same names: `part_of` takes them by name.
@@ -43,15 +43,15 @@ def run_network(context: typer.Context, network: Path, out: Path) -> FlowOutput:
     drive = Drive(part.inlet_flow_ml_min, part.viscosity_mpa_s)
     source = load_source(network, asked["unit"], drive)
     tables = NpzTables(out / NPZ) if asked["results"] == "npz" else CsvTables(out)
-    steady(source.network, part, tables, found)
-    pulsatile(source.network, part, tables, asked["svzerod"], found)
-    waves(source.network, part, tables, asked["svoned"], found)
-    found.files = [*tables.files, *found.files]
-    space(source.network, part, out, fillet, found)
+    steady(source.network, part, tables, output)
+    pulsatile(source.network, part, tables, asked["svzerod"], output)
+    waves(source.network, part, tables, asked["svoned"], output)
+    output.files = [*tables.files, *output.files]
+    space(source.network, part, out, fillet, output)
     others = (
         asked[key] for key in ("ranks", "ranks_python", "slurm", "slurm_set", "svmultiphysics")
     )
-    run_external_solvers(source.network, part, ExternalSolvers(out, fillet, *others), found)
+    run_external_solvers(source.network, part, ExternalSolvers(out, fillet, *others), output)
     how = Match(*(asked[key] for key in ("match_split", "want", "match_percent", "least_lumen_mm")))
-    match(source.network, part, out, fillet, how, found)
-    return found
+    match(source.network, part, out, fillet, how, output)
+    return output

@@ -88,7 +88,7 @@ def run_openbf_case(
     file = folder / f"{CASE}.{kind}"
     write = openbf.write_openbf_npz if kind == "npz" else openbf.write_openbf_csv
     write(file, waves)
-    told: dict[str, object] = {
+    summary: dict[str, object] = {
         "project": case.project,
         "vessels": len(case.labels),
         "cells": solution.cells,
@@ -99,14 +99,14 @@ def run_openbf_case(
         "pressure_min_mmhg": float(solution.pressure_low.min()) / PA_PER_MMHG,
         "pressure_max_mmhg": float(solution.pressure_high.max()) / PA_PER_MMHG,
     }
-    return FlowOutput(told, [file])
+    return FlowOutput(summary, [file])
 
 
 def _inlet(path: Path, name: str) -> np.ndarray:
     """The inlet's table, beside the file or as its path says."""
     places = (path.parent / name, Path(name))
-    found = next((place for place in places if place.is_file()), None)
-    if found is None:
+    table = next((place for place in places if place.is_file()), None)
+    if table is None:
         raise UsageError(
             f"{path}: inlet_file {name} isn't beside it; put the table of time (s) and flow (m³/s) "
             "there"
@@ -114,6 +114,6 @@ def _inlet(path: Path, name: str) -> np.ndarray:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # an empty file is refused by its shape
-            return np.loadtxt(found, ndmin=2)
+            return np.loadtxt(table, ndmin=2)
     except ValueError as exc:
-        raise FlowError(f"{found} isn't two columns of numbers: {exc}") from exc
+        raise FlowError(f"{table} isn't two columns of numbers: {exc}") from exc

@@ -60,38 +60,38 @@ def part_of(asked: Mapping[str, Any]) -> FlowPart:
 def _outlet(asked: Mapping[str, Any]) -> dict[str, Any]:
     behind = {key: asked[f"outlet_{key}"] for key in _BEHIND}
     given = {key: value for key, value in behind.items() if value is not None}
-    found: dict[str, Any] = {"outlet": given} if given else {}
+    conditions: dict[str, Any] = {"outlet": given} if given else {}
     if asked["outlets"] is not None:
         if not Path(asked["outlets"]).is_file():
             raise UsageError(
                 f"--outlets {asked['outlets']} isn't there, or no file; check the path"
             )
-        found["outlets"] = str(Path(asked["outlets"]).resolve())
-    return found
+        conditions["outlets"] = str(Path(asked["outlets"]).resolve())
+    return conditions
 
 
 def _space(asked: Mapping[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    section: dict[str, Any] = {}
     if asked["three_d"]:
         given = {key: asked[key] for key in _FOR_THREE_D}
-        found["three_d"] = {key: value for key, value in given.items() if value is not None}
+        section["three_d"] = {key: value for key, value in given.items() if value is not None}
     if asked["compare"]:
-        found["compare"] = {"along_vessel": asked["along_vessel"]}
-    return found
+        section["compare"] = {"along_vessel": asked["along_vessel"]}
+    return section
 
 
 def _fluid(path: Any) -> dict[str, Any]:
     if path is None:
         return {}
     try:
-        found = read_yaml(Path(path).read_text(encoding="utf-8"))
+        values = read_yaml(Path(path).read_text(encoding="utf-8"))
     except OSError as exc:
         raise UsageError(f"--fluid {path} can't be read: {exc.strerror}; check the path") from exc
     except (yaml.YAMLError, UnicodeDecodeError) as exc:
         raise UsageError(f"{path} isn't YAML: {exc}; write model: carreau and its numbers") from exc
-    if not isinstance(found, dict):
+    if not isinstance(values, dict):
         raise UsageError(f"{path} names no fluid; write model: carreau and its numbers")
-    return {"viscosity": found}
+    return {"viscosity": values}
 
 
 def _losses(asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -107,12 +107,12 @@ def _losses(asked: Mapping[str, Any]) -> dict[str, Any]:
 
 def _numbers(text: str, option: str, form: str, count: int) -> tuple[float, ...]:
     try:
-        found = tuple(float(part) for part in text.split(","))
+        numbers = tuple(float(part) for part in text.split(","))
     except ValueError:
-        found = ()
-    if len(found) != count:
+        numbers = ()
+    if len(numbers) != count:
         raise UsageError(f"{option} {text!r} isn't {form}; write numbers with commas between")
-    return found
+    return numbers
 
 
 def _pulse(asked: Mapping[str, Any]) -> dict[str, Any]:

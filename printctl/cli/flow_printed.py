@@ -36,7 +36,7 @@ _ELSEWHERE: Final = (
 )
 
 
-def run_as_printed(context: typer.Context, folder: Path, out: Path, found: FlowOutput) -> None:
+def run_as_printed(context: typer.Context, folder: Path, out: Path, output: FlowOutput) -> None:
     """Solve and write; what was typed of the flow stands in for the recipe's section, whole.
 
     Raises
@@ -64,8 +64,8 @@ def run_as_printed(context: typer.Context, folder: Path, out: Path, found: FlowO
     case = PrintedCase(folder, part, scale, fillet, asked["scanned"])
     with messages().status("flow as printed") as status:
         summary, files = solve_as_printed(case, out, status.update)
-    found.summary |= {"conditions": "as typed" if typed else "the recipe's"} | summary
-    found.files += files
+    output.summary |= {"conditions": "as typed" if typed else "the recipe's"} | summary
+    output.files += files
 
 
 def _typed(context: typer.Context, key: str) -> bool:

@@ -54,7 +54,7 @@ class ExternalSolvers:
 
 
 def run_external_solvers(
-    network: VesselNetwork, part: FlowPart, asked: ExternalSolvers, found: FlowOutput
+    network: VesselNetwork, part: FlowPart, asked: ExternalSolvers, output: FlowOutput
 ) -> None:
     """Do what is asked for; nothing where nothing is.
 
@@ -70,19 +70,19 @@ def run_external_solvers(
     if asked.svmultiphysics is not None and part.pulse is not None:
         pulse = pulsatile_conditions(part, part.pulse, Path(), network=network)
         write_svmultiphysics(asked.svmultiphysics, mesh, pulse)
-        found.files.append(asked.svmultiphysics)
+        output.files.append(asked.svmultiphysics)
     if asked.ranks is None and asked.slurm is None:
         return
     folder = asked.out / CASE
     model: Any = "navier_stokes" if space.inertia else "stokes"
     conditions = steady_conditions(part, Path(), network)
     write_case(mesh, rank_conditions(mesh, conditions, model=model), folder)
-    found.files.append(folder)
+    output.files.append(folder)
     if asked.slurm is not None:
         write_slurm(asked.slurm, folder, slurm_job(asked.slurm_settings or []))
-        found.files.append(asked.slurm)
+        output.files.append(asked.slurm)
     if asked.ranks is not None:
-        found.summary["ranks"] = _solved(folder, asked.ranks, asked.python)
+        output.summary["ranks"] = _solved(folder, asked.ranks, asked.python)
 
 
 def _mesh(network: VesselNetwork, part: ThreeDPart, fillet_ratio: float) -> LumenMesh:

@@ -23,7 +23,7 @@ from printctl.recipe.parts import FlowPart
 from printctl.recipe.waves import OneDPart
 
 
-def steady(network: VesselNetwork, part: FlowPart, tables: FlowTables, found: FlowOutput) -> None:
+def steady(network: VesselNetwork, part: FlowPart, tables: FlowTables, output: FlowOutput) -> None:
     """Solve the steady flow and write its table.
 
     Raises
@@ -32,7 +32,7 @@ def steady(network: VesselNetwork, part: FlowPart, tables: FlowTables, found: Fl
         As `steady_conditions` and `solve_steady`.
     """
     _, summary = solve_steady(tables, network, steady_conditions(part, Path(), network), part)
-    found.summary |= summary
+    output.summary |= summary
 
 
 def pulsatile(
@@ -40,7 +40,7 @@ def pulsatile(
     part: FlowPart,
     tables: FlowTables,
     svzerod: Path | None,
-    found: FlowOutput,
+    output: FlowOutput,
 ) -> None:
     """Solve for the periodic state where the section asks for a pulse, and write its tables.
 
@@ -52,10 +52,10 @@ def pulsatile(
     if part.pulse is None:
         return
     conditions = pulsatile_conditions(part, part.pulse, Path(), network=network)
-    found.summary["pulsatile"] = solve_and_write(tables, network, conditions, part.pulse.steps)
+    output.summary["pulsatile"] = solve_and_write(tables, network, conditions, part.pulse.steps)
     if svzerod is not None:
         write_svzerod(svzerod, network, conditions, part.pulse.steps)
-        found.files.append(svzerod)
+        output.files.append(svzerod)
 
 
 def waves(
@@ -63,7 +63,7 @@ def waves(
     part: FlowPart,
     tables: FlowTables,
     svoned: Path | None,
-    found: FlowOutput,
+    output: FlowOutput,
 ) -> None:
     """Follow the pulse along vessels where the section asks for it, and write its tables.
 
@@ -82,16 +82,16 @@ def waves(
             def tell(cycle: int, change: float) -> None:
                 status.update(f"1D flow, cycle {cycle}: changed by {change:.2g} of the swing")
 
-            found.summary["one_d"] = solve_and_write_one_d(
+            output.summary["one_d"] = solve_and_write_one_d(
                 tables, network, conditions, options, tell
             )
     if svoned is not None:
         write_svoned(svoned, network, conditions, options)
-        found.files.append(svoned)
+        output.files.append(svoned)
 
 
 def space(
-    network: VesselNetwork, part: FlowPart, out: Path, fillet_ratio: float, found: FlowOutput
+    network: VesselNetwork, part: FlowPart, out: Path, fillet_ratio: float, output: FlowOutput
 ) -> None:
     """Resolve the flow in space and compare fidelities, as far as the section asks for it.
 
@@ -108,5 +108,5 @@ def space(
     case = Case(network, part, steady_conditions(part, Path(), network), pulse, fillet_ratio)
     with messages().status("3D flow") as status:
         done = solve_fidelities(out, case, lambda _, doing: status.update(f"3D flow: {doing}"))
-    found.summary |= done.summary
-    found.files += [out / name for name in done.files]
+    output.summary |= done.summary
+    output.files += [out / name for name in done.files]

@@ -118,10 +118,10 @@ def rebuild(
 
 
 def _show(query: HistoryQuery, as_csv: bool, as_json: bool) -> None:
-    found = PrintHistory().find(query)
-    entries = [_running(entry) for entry in found.entries]
+    matches = PrintHistory().find(query)
+    entries = [_running(entry) for entry in matches.entries]
     if as_json:
-        print_json({"prints": [_plain(entry) for entry in entries], "total": found.total})
+        print_json({"prints": [_plain(entry) for entry in entries], "total": matches.total})
     elif as_csv:
         sys.stdout.writelines(csv_lines(entries))
     else:
@@ -148,5 +148,5 @@ def _lines(entry: PrintEntry) -> list[str]:
     known = f"{entry.done} of {entry.total} lines"
     when = local_time(entry.started)
     head = f"{when}  {entry.state:<16} {entry.file}  {known}  {entry.profile}  {entry.by}"
-    told = [f"    {entry.message}"] if entry.message and entry.state != "done" else []
-    return [f"{head}  [{entry.id}]", *told, *(f"    ! {alarm.text}" for alarm in entry.alarms)]
+    message = [f"    {entry.message}"] if entry.message and entry.state != "done" else []
+    return [f"{head}  [{entry.id}]", *message, *(f"    ! {alarm.text}" for alarm in entry.alarms)]

@@ -37,7 +37,7 @@ def show(print_id: IdArg, as_json: JsonFlag = False) -> None:
     Example: `printctl history show 1795267901`
     """
     entry = PrintHistory().one(print_id)
-    found = evidence(entry)
+    record = evidence(entry)
     try:
         line = time_line(entry.journal)
     except OSError:
@@ -46,12 +46,12 @@ def show(print_id: IdArg, as_json: JsonFlag = False) -> None:
         print_json({
             "print": filed(entry).model_dump(mode="json"),
             "journal": str(entry.journal),
-            "gcode": str(found.gcode) if found.gcode else None,
-            "run": str(found.run) if found.run else None,
-            "report": {name: str(path) for name, path in found.report.items()},
-            "verdict": found.verdict,
-            "note": found.note(),
-            "missing": list(found.missing),
+            "gcode": str(record.gcode) if record.gcode else None,
+            "run": str(record.run) if record.run else None,
+            "report": {name: str(path) for name, path in record.report.items()},
+            "verdict": record.verdict,
+            "note": record.note(),
+            "missing": list(record.missing),
             "events": [asdict(event) for event in line.events] if line else [],
         })  # fmt: skip
         return
@@ -63,10 +63,10 @@ def show(print_id: IdArg, as_json: JsonFlag = False) -> None:
         f"lines    {entry.done} of {entry.total}",
         f"operator {entry.by} at {entry.host}",
         f"printer  {entry.profile} at {entry.port}",
-        f"verdict  {outcome(found.verdict) or 'none'}",
-        f"report   {found.report.get('report.html', 'none')}",
+        f"verdict  {outcome(record.verdict) or 'none'}",
+        f"report   {record.report.get('report.html', 'none')}",
         f"journal  {entry.journal}",
-        *(f"missing  {text}" for text in found.missing),
+        *(f"missing  {text}" for text in record.missing),
         "",
         *(f"{e.after_s:9.1f} s  {e.kind:<10} {e.text}" for e in (line.events if line else ())),
     )
@@ -118,21 +118,21 @@ def verify(
     """
     own = known_lab_key() if not keys else None
     trusted = [read_public_file(path) for path in keys or ()] + ([own] if own else [])
-    found = verify_bundle(file, trusted)
+    result = verify_bundle(file, trusted)
     if as_json:
         print_json({
-            "whole": found.whole,
-            "signature": found.signature.value,
-            "fingerprint": found.fingerprint,
-            "changed": list(found.changed),
-            "print": found.manifest.print.model_dump(mode="json") if found.manifest else None,
+            "whole": result.whole,
+            "signature": result.signature.value,
+            "fingerprint": result.fingerprint,
+            "changed": list(result.changed),
+            "print": result.manifest.print.model_dump(mode="json") if result.manifest else None,
         })  # fmt: skip
     else:
-        print_lines(*found.lines())
-        if found.whole and found.manifest:
-            told = found.manifest.print
-            print_lines(f"  {told.file}, {told.state}, {local_time(told.started)}, {told.who}")
-    if not found.good:
+        print_lines(*result.lines())
+        if result.whole and result.manifest:
+            entry = result.manifest.print
+            print_lines(f"  {entry.file}, {entry.state}, {local_time(entry.started)}, {entry.who}")
+    if not result.good:
         raise typer.Exit(1)
 
 
@@ -187,10 +187,10 @@ def repeat(
             "set_up": plan.set_up,
         })  # fmt: skip
         return
-    print_lines(*_told(plan, made))
+    print_lines(*_plan_lines(plan, made))
 
 
-def _told(plan: RepeatPlan, made: Path | None) -> list[str]:
+def _plan_lines(plan: RepeatPlan, made: Path | None) -> list[str]:
     lines = [f"the G-code is the one that was printed ({plan.entry.sha256})"]
     lines += [f"differs: {one.line()}" for one in plan.differences] or ["nothing known differs"]
     lines += [f"not known: {text}" for text in plan.unknown]

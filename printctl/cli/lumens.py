@@ -66,17 +66,19 @@ def lumens(
     Of layers what they leave open; of an embedded print what its filaments make open. Ends with
     exit code 3 when a lumen is closed or leaks.
     """
-    said = InkOptions(printer, syringe, ink, needle, flow_ul_s, filament_mm, line_um, layer_um)
-    writing, gcode = writing_of(said), read_gcode_file(file)
+    ink_options = InkOptions(
+        printer, syringe, ink, needle, flow_ul_s, filament_mm, line_um, layer_um
+    )
+    writing, gcode = writing_of(ink_options), read_gcode_file(file)
     designed = None if network is None else read_designed(network, unit)
     part = read_part(model, network, unit)
     if designed is None and part is None:
         raise UsageError("nothing says where lumens should be; give --network or --model")
     if embedded or (designed is not None and is_embedded(file, gcode, writing)):
-        found = _filaments(gcode, writing, designed, place, leak_um * 1e-3)
+        check = _filaments(gcode, writing, designed, place, leak_um * 1e-3)
     else:
-        found = _layers(gcode, writing, designed, part, place, leak_um * 1e-3)
-    _show(found, file, every, as_json)
+        check = _layers(gcode, writing, designed, part, place, leak_um * 1e-3)
+    _show(check, file, every, as_json)
 
 
 def _layers(
@@ -117,12 +119,12 @@ def _filaments(
 
 def _show(checked: Found, file: Path, every: bool, as_json: bool) -> None:
     check, at = checked
-    found = {"file": str(file), "place_mm": at.tolist(), **check.as_dict()}
+    facts = {"file": str(file), "place_mm": at.tolist(), **check.as_dict()}
     if as_json:
-        print_json(found)
+        print_json(facts)
     else:
-        print_lines(*lumen_lines(found, every))
-        for note in found["notes"]:
+        print_lines(*lumen_lines(facts, every))
+        for note in facts["notes"]:
             messages().print(f"note: {note}", markup=False)
     if check.refusal is not None:
         raise SafetyError(check.refusal)

@@ -44,7 +44,7 @@ class InkOptions:
     layer_um: float | None = None
 
 
-def writing_of(said: InkOptions) -> Writing:
+def writing_of(options: InkOptions) -> Writing:
     """How the file's moves become ink.
 
     Raises
@@ -52,60 +52,67 @@ def writing_of(said: InkOptions) -> Writing:
     UsageError
         When that isn't said, or twice.
     """
-    printer = load(Printer, said.printer)
-    layer_mm = None if said.layer_um is None else said.layer_um * 1e-3
-    inks = None if said.ink is None else [load(Ink, n) for n in of_each(printer, said.ink, "--ink")]
+    printer = load(Printer, options.printer)
+    layer_mm = None if options.layer_um is None else options.layer_um * 1e-3
+    inks = (
+        None
+        if options.ink is None
+        else [load(Ink, n) for n in of_each(printer, options.ink, "--ink")]
+    )
     beads = (BeadSection(),) if inks is None else tuple(ink.bead_section for ink in inks)
     if printer.pneumatic is not None:
-        flow = _flow(said, printer)
+        flow = _flow(options, printer)
         return Writing(printer, flow_ul_s=flow, layer_mm=layer_mm, beads=beads)
-    if said.flow_ul_s is not None:
+    if options.flow_ul_s is not None:
         raise UsageError(
             f"--flow-ul-s: {printer.name} has a plunger, whose E says what flows; name a printer "
             "with a pneumatic head (--printer)"
         )
-    areas = _areas(said, printer, inks)
+    areas = _areas(options, printer, inks)
     return Writing(
         printer,
         None if areas is None else areas[0],
-        line_mm=None if said.line_um is None else said.line_um * 1e-3,
+        line_mm=None if options.line_um is None else options.line_um * 1e-3,
         layer_mm=layer_mm,
         beads=beads,
         ul_per_e_of_heads=tuple(areas or ()) if printer.heads else (),
     )
 
 
-def _flow(said: InkOptions, printer: Printer) -> float:
+def _flow(options: InkOptions, printer: Printer) -> float:
     head = printer.pneumatic
     for option, value in (
-        ("--syringe", said.syringe),
-        ("--filament-mm", said.filament_mm),
-        ("--line-um", said.line_um),
+        ("--syringe", options.syringe),
+        ("--filament-mm", options.filament_mm),
+        ("--line-um", options.line_um),
     ):
         if value is not None:
             raise UsageError(f"{option}: {printer.name} has no plunger; give --flow-ul-s")
-    if said.flow_ul_s is not None:
-        return said.flow_ul_s
-    if head is None or said.ink is None or said.needle is None:
+    if options.flow_ul_s is not None:
+        return options.flow_ul_s
+    if head is None or options.ink is None or options.needle is None:
         raise UsageError(
             f"what flows while the valve of {printer.name} is open must be said: --flow-ul-s, or "
             "--ink and --needle (the profile's pressure then foresees it)"
         )
-    return steady_flow(head, load(Ink, said.ink), load(Needle, said.needle)).ul_s
+    return steady_flow(head, load(Ink, options.ink), load(Needle, options.needle)).ul_s
 
 
-def _areas(said: InkOptions, printer: Printer, inks: list[Ink] | None) -> list[float] | None:
+def _areas(options: InkOptions, printer: Printer, inks: list[Ink] | None) -> list[float] | None:
     """Volume of one E of each head, µL/mm; None where line widths are given."""
-    if sum(value is not None for value in (said.syringe, said.filament_mm, said.line_um)) != 1:
+    if (
+        sum(value is not None for value in (options.syringe, options.filament_mm, options.line_um))
+        != 1
+    ):
         raise UsageError(
             "what E means must be said once: --syringe NAME (the plunger's travel), "
             "--filament-mm D (PrusaSlicer and others, often 1.75), or --line-um W"
         )
-    if said.line_um is not None:
+    if options.line_um is not None:
         return None
-    bores = [said.filament_mm or 0.0] * printer.head_count
-    if said.syringe is not None:
-        bores = [load(Syringe, n).inner_mm for n in of_each(printer, said.syringe, "--syringe")]
+    bores = [options.filament_mm or 0.0] * printer.head_count
+    if options.syringe is not None:
+        bores = [load(Syringe, n).inner_mm for n in of_each(printer, options.syringe, "--syringe")]
     factors = [1.0] * len(bores) if inks is None else [ink.flow_factor for ink in inks]
     return [np.pi / 4 * d**2 * factor for d, factor in zip(bores, factors, strict=True)]
 
@@ -151,8 +158,8 @@ def place_of_layers(text: str | None, lines: WrittenLines, part: Solid | None) -
     return find_place(lines, part)
 
 
-def place_of_filaments(text: str | None, found: Strands, network: VesselNetwork) -> np.ndarray:
+def place_of_filaments(text: str | None, strands: Strands, network: VesselNetwork) -> np.ndarray:
     """The part's origin: as said, or where the filaments lie over the network's axes."""
     if text is not None:
         return np.array(three_numbers(text, "--place"))
-    return find_filament_place(found, network)
+    return find_filament_place(strands, network)

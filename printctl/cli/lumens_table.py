@@ -11,24 +11,24 @@ ROWS: Final = 20
 """Lumens that are shown without ``--all``: those that lose most."""
 
 
-def lumen_lines(found: Numbers, every: bool) -> list[str]:
+def lumen_lines(numbers: Numbers, every: bool) -> list[str]:
     """`printctl.lumens.LumenCheck.as_dict` for a terminal, worst lumens first."""
-    rows = found["lumens"] if every else found["lumens"][:ROWS]
-    left = len(found["lumens"]) - len(rows)
+    rows = numbers["lumens"] if every else numbers["lumens"][:ROWS]
+    left = len(numbers["lumens"]) - len(rows)
     return [
-        *_head(found),
+        *_head(numbers),
         "",
         *(_row(row) for row in (None, *rows)),
         *([f"  … and {left} lumens that lose less (--all shows them)"] if left else []),
-        *_closed(found["lumens"]),
-        *_leaks(found["leaks"]),
-        *_merges(found.get("merges", [])),
+        *_closed(numbers["lumens"]),
+        *_leaks(numbers["leaks"]),
+        *_merges(numbers.get("merges", [])),
     ]
 
 
-def _head(found: Numbers) -> Iterator[str]:
-    summary = found["summary"]
-    yield f"{_what(found)}; part's origin at {_at(found['place_mm'], 3)} mm"
+def _head(numbers: Numbers) -> Iterator[str]:
+    summary = numbers["summary"]
+    yield f"{_what(numbers)}; part's origin at {_at(numbers['place_mm'], 3)} mm"
     yield (
         f"median diameter {summary['diameter_error_median_um']:+.1f} µm from the design, "
         f"{summary['stepped_diameter_error_median_um']:+.1f} after motor steps"
@@ -39,7 +39,7 @@ def _head(found: Numbers) -> Iterator[str]:
         f"{100 * summary['stepped_conductance_median']:.1f} %, "
         f"{100 * summary['stepped_conductance_least']:.1f} %"
     )
-    if found["method"] == "layers":
+    if numbers["method"] == "layers":
         yield f"{summary['closed']} closed, {summary['leaks']} leaking"
     else:
         yield (
@@ -47,20 +47,20 @@ def _head(found: Numbers) -> Iterator[str]:
             f"{summary['joints']} joints broken, {summary['merges']} merging "
             f"({summary['merges_across_trees']} across trees)"
         )
-        yield found["meaning"]
+        yield numbers["meaning"]
 
 
-def _what(found: Numbers) -> str:
+def _what(numbers: Numbers) -> str:
     """What was read, and how much of it."""
-    count = found["summary"]["lumens"]
-    if found["method"] == "layers":
+    count = numbers["summary"]["lumens"]
+    if numbers["method"] == "layers":
         return (
-            f"{count} lumens among lines of {found['line_um']:.0f} µm in layers of "
-            f"{found['layer_um']:.0f} µm{_bead(found['bead_uncertainty_um'])}"
+            f"{count} lumens among lines of {numbers['line_um']:.0f} µm in layers of "
+            f"{numbers['layer_um']:.0f} µm{_bead(numbers['bead_uncertainty_um'])}"
         )
     return (
-        f"{count} vessels written in {found['passes']} passes of filament, median "
-        f"{found['filament_um']:.0f} µm"
+        f"{count} vessels written in {numbers['passes']} passes of filament, median "
+        f"{numbers['filament_um']:.0f} µm"
     )
 
 

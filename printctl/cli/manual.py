@@ -22,7 +22,7 @@ class Manual:
 
     def epilog(self) -> str:
         """The end of the command's help, as Markdown."""
-        codes = "; ".join(f"{code} {said}" for code, said in self.exit_codes().items())
+        codes = "; ".join(f"{code} {meaning}" for code, meaning in self.exit_codes().items())
         lines = "\n".join(self.examples)
         return f"Examples\n\n```text\n{lines}\n```\n\nExit codes: {codes}."
 

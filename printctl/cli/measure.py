@@ -77,20 +77,20 @@ def measure(
         murray_exponent=murray_exponent,
     )
     around = tissue_around(tissue if tissue is not None else network, tissue_unit)
-    found = measures_dict(
+    measures = measures_dict(
         measure_network(source.network, around, options, source.known.flow.get("flow_ul_s"))
     )
     if against is not None:
-        found["against"] = compare_orders(source.network, against)
-    text = json.dumps(found, indent=1, allow_nan=False) + "\n"
+        measures["against"] = compare_orders(source.network, against)
+    text = json.dumps(measures, indent=1, allow_nan=False) + "\n"
     if out is not None:
         write_text(out, text)
     if as_json:
-        print_json(found)
+        print_json(measures)
         return
     for note in source.notes:
         messages().print(note, style="dim", markup=False)
-    print_lines(*measure_lines(found), *([str(out)] if out is not None else []))
+    print_lines(*measure_lines(measures), *([str(out)] if out is not None else []))
 
 
 def tissue_around(path: Path, unit: LengthUnit | None) -> Tissue:

@@ -18,36 +18,36 @@ _FORKS: Final = {
 }
 
 
-def measure_lines(found: Numbers) -> list[str]:
+def measure_lines(numbers: Numbers) -> list[str]:
     """`design.measures.measures_dict` for a terminal, a line a measure, by sections."""
-    lines = [*_size(found)]
-    for title, key in (("Supply by all lumens", "supply"), (_printable(found), "printable")):
-        if found[key] is not None:
-            lines += ["", title, *_supply(found[key])]
-    if found["options"]["printable_diameter_mm"] is not None and found["printable"] is None:
-        lines += ["", _printable(found), "  none is as wide"]
-    lines += [*_branching(found), *_flow(found)]
-    for kind, tables in found["morphometry"].items():
+    lines = [*_size(numbers)]
+    for title, key in (("Supply by all lumens", "supply"), (_printable(numbers), "printable")):
+        if numbers[key] is not None:
+            lines += ["", title, *_supply(numbers[key])]
+    if numbers["options"]["printable_diameter_mm"] is not None and numbers["printable"] is None:
+        lines += ["", _printable(numbers), "  none is as wide"]
+    lines += [*_branching(numbers), *_flow(numbers)]
+    for kind, tables in numbers["morphometry"].items():
         for name in ("strahler", "diameter_defined"):
             lines += ["", *_orders(kind, name, tables[name])]
-    if "against" in found:
-        lines += ["", *_against(found["against"])]
+    if "against" in numbers:
+        lines += ["", *_against(numbers["against"])]
     return lines
 
 
-def _against(found: Numbers) -> Iterator[str]:
+def _against(numbers: Numbers) -> Iterator[str]:
     """A published table beside the network's, a line an order."""
-    yield f"Arteries against {found['table']} ({found['source']})"
-    if found["orders"]:
+    yield f"Arteries against {numbers['table']} ({numbers['source']})"
+    if numbers["orders"]:
         heads = ("diameter, mm", "length, mm", "length/diameter")
         yield "  order  elements  " + "".join(f"{one:<30}" for one in heads).rstrip()
-    for row in found["orders"]:
+    for row in numbers["orders"]:
         cells = (_beside(row[key]) for key in ("diameter_mm", "length_mm", "length_over_diameter"))
         yield f"  {row['order']:>5}{row['elements']:>10}  " + "".join(f"{one:<30}" for one in cells)
-    for name, value in found["ratios"].items():
+    for name, value in numbers["ratios"].items():
         yield f"  {name.replace('_', ' '):<17}  {_beside(value)}"
-    yield from _forks(found["forks"])
-    yield "  Not compared: " + "; ".join(found["left_out"])
+    yield from _forks(numbers["forks"])
+    yield "  Not compared: " + "; ".join(numbers["left_out"])
 
 
 def _forks(rows: list[Numbers]) -> Iterator[str]:
@@ -82,22 +82,22 @@ def _row(name: str, value: float | None, unit: str = "") -> str:
     return f"  {name:<{_NAME}}{text:>{_VALUE}} {unit}".rstrip()
 
 
-def _printable(found: Numbers) -> str:
-    width = found["options"]["printable_diameter_mm"]
+def _printable(numbers: Numbers) -> str:
+    width = numbers["options"]["printable_diameter_mm"]
     return f"Supply by lumens of {width:g} mm and more" if width else ""
 
 
-def _size(found: Numbers) -> Iterator[str]:
+def _size(numbers: Numbers) -> Iterator[str]:
     yield "Network"
-    yield _row("vessels", found["vessels"])
-    yield _row("inlets", found["inlets"])
-    yield _row("outlets", found["outlets"])
-    yield _row("length", found["length_mm"], "mm")
-    yield _row("volume of the lumens", found["volume_mm3"], "mm³")
-    yield _row("surface of the lumens", found["surface_mm2"], "mm²")
-    yield _row("thinnest diameter", found["diameter_least_mm"], "mm")
-    yield _row("widest diameter", found["diameter_greatest_mm"], "mm")
-    yield _row("volume of the tissue", found["tissue_mm3"], "mm³")
+    yield _row("vessels", numbers["vessels"])
+    yield _row("inlets", numbers["inlets"])
+    yield _row("outlets", numbers["outlets"])
+    yield _row("length", numbers["length_mm"], "mm")
+    yield _row("volume of the lumens", numbers["volume_mm3"], "mm³")
+    yield _row("surface of the lumens", numbers["surface_mm2"], "mm²")
+    yield _row("thinnest diameter", numbers["diameter_least_mm"], "mm")
+    yield _row("widest diameter", numbers["diameter_greatest_mm"], "mm")
+    yield _row("volume of the tissue", numbers["tissue_mm3"], "mm³")
 
 
 def _supply(supply: Numbers) -> Iterator[str]:
@@ -119,8 +119,8 @@ def _supply(supply: Numbers) -> Iterator[str]:
     yield _row("tissue without oxygen (estimate)", 100.0 * oxygen["anoxic"], "%")
 
 
-def _branching(found: Numbers) -> Iterator[str]:
-    murray, ways = found["murray"], found["ways"]
+def _branching(numbers: Numbers) -> Iterator[str]:
+    murray, ways = numbers["murray"], numbers["ways"]
     if murray is not None:
         yield from (
             "",
@@ -142,8 +142,8 @@ def _branching(found: Numbers) -> Iterator[str]:
         yield _row("the same of single vessels, most", ways["vessel_tortuosity_max"])
 
 
-def _flow(found: Numbers) -> Iterator[str]:
-    flow = found["terminal_flow"]
+def _flow(numbers: Numbers) -> Iterator[str]:
+    flow = numbers["terminal_flow"]
     if flow is None:
         return
     yield from ("", "Flow of the terminals")

@@ -68,11 +68,13 @@ def overlay(
                 scan, overrides, scan_said.oct_calibration, scan_said.air_above
             )
         with bars.stage("segmentation"):
-            found = segment(measured, segmentation_options(measured, options, run.thinnest_mm))
+            segmentation = segment(
+                measured, segmentation_options(measured, options, run.thinnest_mm)
+            )
         with bars.stage("pose"):
-            known = known or align_pose(measured, found, run.solid, fit)
+            known = known or align_pose(measured, segmentation, run.solid, fit)
         with bars.stage("measuring") as report:
-            laid = overlay_scan(run, measured, found, known, report)
+            laid = overlay_scan(run, measured, segmentation, known, report)
         with bars.stage("drawing") as report:
             facts = {"schema": 1, "scan": str(scan), "model": str(model)}
             facts |= {"walls": None if options.walls is None else asdict(options.walls)}

@@ -98,18 +98,18 @@ def oxygen(
         flow = solve_flow(source.network, drive.conditions())
     around = tissue_around(tissue if tissue is not None else network, tissue_unit)
     out.mkdir(parents=True, exist_ok=True)
-    found = solve_and_write(out, source.network, flow, around, part, _told)
-    write_text(out / NUMBERS, json.dumps(found, indent=1, allow_nan=False) + "\n")
+    numbers = solve_and_write(out, source.network, flow, around, part, _report_progress)
+    write_text(out / NUMBERS, json.dumps(numbers, indent=1, allow_nan=False) + "\n")
     if as_json:
-        print_json(found)
+        print_json(numbers)
         return
     for note in source.notes:
         messages().print(note, style="dim", markup=False)
     files = (NUMBERS, TABLE, FIELD, SLICE)
-    print_lines(hypoxia(found, part), *_lines(found), *(str(out / name) for name in files))
+    print_lines(hypoxia(numbers, part), *_lines(numbers), *(str(out / name) for name in files))
 
 
-def _told(fraction: float, note: str = "") -> None:
+def _report_progress(fraction: float, note: str = "") -> None:
     messages().print(f"solving at {note} ...")
 
 
@@ -145,11 +145,11 @@ def _node_pressure(network: VesselNetwork, enter: Any, leave: Any) -> Any:
     return pressure
 
 
-def _lines(found: dict[str, Any]) -> list[str]:
+def _lines(numbers: dict[str, Any]) -> list[str]:
     """The main numbers, a line each."""
     keys = (
         "hypoxic_percent", "hypoxic_coarser_percent", "mean_millimolar", "least_millimolar",
         "outlet_millimolar", "extraction_percent", "demand_met_percent", "cells",
         "cells_fed_at_most", "imbalance", "spacing_um",
     )  # fmt: skip
-    return [f"{key}: {found[key]:.4g}" for key in keys if key in found]
+    return [f"{key}: {numbers[key]:.4g}" for key in keys if key in numbers]

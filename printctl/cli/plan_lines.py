@@ -22,25 +22,25 @@ def plan_lines(plan: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _left_out(one: Mapping[str, Any]) -> str:
-    found = (
+    text = (
         f"vessel {one['vessel']} isn't written: too near to vessel {one['other']} at "
         f"{_place(one)}; they would have to be at least {one['apart_mm']:.3f} mm further apart"
     )
     if one["needle_mm"] > 0:
-        found += f", or the needle's tip {one['needle_mm']:.3f} mm wide outside"
-    return found
+        text += f", or the needle's tip {one['needle_mm']:.3f} mm wide outside"
+    return text
 
 
 def _open(one: Mapping[str, Any]) -> str:
-    found = f"joint of vessels {one['vessel']} and {one['other']} at {_place(one)} stays open"
+    text = f"joint of vessels {one['vessel']} and {one['other']} at {_place(one)} stays open"
     if one["barred_by"] >= 0:
-        found += f": vessel {one['barred_by']} is in the shaft's way on either side"
+        text += f": vessel {one['barred_by']} is in the shaft's way on either side"
     if one["needle_mm"] > 0:
-        found += (
+        text += (
             f"; a quarter of the overlap has room with that vessel {one['apart_mm']:.3f} mm "
             f"further off sideways, or a tip {one['needle_mm']:.3f} mm wide outside"
         )
-    return found
+    return text
 
 
 def _place(one: Mapping[str, Any]) -> str:

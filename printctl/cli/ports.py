@@ -34,21 +34,21 @@ def ports(
         return
     wanted = [*shipped(Printer), *filter(None, [printer])]
     known = {name: load(Printer, name) for name in wanted}
-    found = [(p, [n for n, facts in known.items() if matches(facts, p)]) for p in list_ports()]
+    rows = [(p, [n for n, facts in known.items() if matches(facts, p)]) for p in list_ports()]
     if as_json:
-        print_json({"ports": [vars(port) | {"profiles": names} for port, names in found]})
+        print_json({"ports": [vars(port) | {"profiles": names} for port, names in rows]})
         return
-    for port, names in found:
+    for port, names in rows:
         print_lines(_line(port, names))
-    if not found:
+    if not rows:
         messages().print(
             "no serial port found; plug the printer in, or use port: simulated in the recipe"
         )
 
 
 def _line(port: PortInfo, profiles: list[str]) -> str:
-    told: list[Any] = [port.device, port.usb_id or "-", port.serial_number or "-"]
-    return "\t".join([*told, port.description, ", ".join(profiles) or "no profile's"])
+    cells: list[Any] = [port.device, port.usb_id or "-", port.serial_number or "-"]
+    return "\t".join([*cells, port.description, ", ".join(profiles) or "no profile's"])
 
 
 def _find(printer: str | None, as_json: bool) -> None:

@@ -225,7 +225,7 @@ def _print(
 def _tell(outcome: PrintOutcome, folder: Path, as_json: bool) -> None:
     if as_json:
         state, lines, message = outcome.state.value, outcome.lines_done, outcome.message
-        told = {"state": state, "proved": outcome.proved, "lines": lines, "message": message}
-        print_json({**told, "folder": str(folder)})
+        facts = {"state": state, "proved": outcome.proved, "lines": lines, "message": message}
+        print_json({**facts, "folder": str(folder)})
     else:
         print_lines(f"{outcome.state.value}: {outcome.message}", str(folder))

@@ -23,19 +23,19 @@ def check(
     Exit code 1 when it mustn't be used as it is, 2 when it is no profile.
     """
     kind, facts = find_profile(file)
-    found = profile_doubts(facts, [load(Syringe, name) for name in shipped(Syringe)])
-    grave = [doubt for doubt in found if doubt.grave]
+    doubts = profile_doubts(facts, [load(Syringe, name) for name in shipped(Syringe)])
+    grave = [doubt for doubt in doubts if doubt.grave]
     if as_json:
         print_json(
             {
                 "file": file,
                 "sort": kind,
                 "passed": not grave,
-                "doubts": [asdict(doubt) for doubt in found],
+                "doubts": [asdict(doubt) for doubt in doubts],
             }
         )
     else:
-        rows = [("FAIL" if doubt.grave else "note", doubt) for doubt in found]
+        rows = [("FAIL" if doubt.grave else "note", doubt) for doubt in doubts]
         print_lines(
             f"{kind} {facts.name}: {'not to be used so' if grave else 'sound'}",
             *(f"{mark} {doubt.key}: {doubt.text}" for mark, doubt in rows),

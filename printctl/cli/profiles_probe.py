@@ -38,26 +38,26 @@ def probe(
     something differs.
     """
     printer = load(Printer, profile)
-    told = query_settings(port, printer, baud)
-    rows = compare(told, printer)
-    kin = link_facts(printer).says in told.firmware.lower()
+    settings = query_settings(port, printer, baud)
+    rows = compare(settings, printer)
+    kin = link_facts(printer).says in settings.firmware.lower()
     differs = [row for row in rows if not row.same]
     if as_json:
         print_json(
             {
                 "profile": printer.name,
-                "firmware": told.firmware,
+                "firmware": settings.firmware,
                 "family_agrees": kin,
                 "rows": [asdict(row) for row in rows],
-                "notes": list(told.notes),
+                "notes": list(settings.notes),
                 "same": kin and not differs,
             }
         )
     else:
-        print_lines(f"{told.firmware or 'a firmware that says no name'} on {port}")
+        print_lines(f"{settings.firmware or 'a firmware that says no name'} on {port}")
         if not kin:
             print_lines(f"DIFFERS firmware: the profile says {printer.firmware}")
-        notes = [f"note    {note}" for note in (*told.notes, *_untold(printer, rows))]
+        notes = [f"note    {note}" for note in (*settings.notes, *_untold(printer, rows))]
         print_lines(*(_line(row) for row in rows), *notes)
     if write is not None:
         text = yaml.safe_dump(
@@ -80,6 +80,6 @@ def _line(row: Row) -> str:
 
 def _untold(printer: Printer, rows: list[Row]) -> list[str]:
     """What the profile calls a starting value and the printer can't tell."""
-    told = {row.key.partition(".")[0] for row in rows}
-    left = [name for name in printer.starting_values if name.partition(".")[0] not in told]
+    reported = {row.key.partition(".")[0] for row in rows}
+    left = [name for name in printer.starting_values if name.partition(".")[0] not in reported]
     return [f"not told by the printer, measure: {', '.join(left)}"] if left else []

@@ -55,11 +55,11 @@ def show(
 
     `printctl profiles NAME` is short for it. A file of your own is shown with its defaults.
     """
-    found = _all() if name is None else _one(name)
+    profiles = _all() if name is None else _one(name)
     if as_json:
-        print_json(found)
+        print_json(profiles)
         return
-    for kind, entries in found.items():
+    for kind, entries in profiles.items():
         for entry, facts in entries.items():
             print_lines(f"{kind:<8} {entry:<18} {facts['name']}{_sizes(kind, facts)}")
             if name is not None:

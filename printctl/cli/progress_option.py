@@ -50,14 +50,14 @@ class Steps:
         if self.path is None:
             yield
             return
-        told = ProgressFile(self.path)
+        progress = ProgressFile(self.path)
         with ExitStack() as stack:
-            stack.enter_context(told.whole(message_of))
+            stack.enter_context(progress.whole(message_of))
             stack.enter_context(run_lock(self.folder))
-            told.begin(self.names, self.names[-1])
-            self._told = told
+            progress.begin(self.names, self.names[-1])
+            self._told = progress
             yield
-            told.done(self._at[-1], "")
+            progress.done(self._at[-1], "")
 
     def begin(self, name: str) -> None:
         """Say that a step begins, and that the one before has ended."""

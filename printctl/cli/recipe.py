@@ -58,7 +58,7 @@ def migrate(
     elif out.exists():
         raise UsageError(f"{out} exists and isn't overwritten; give another name")
     write_text(out or file, made)
-    print_lines(*_told(steps), str(out or file))
+    print_lines(*_step_lines(steps), str(out or file))
 
 
 def _backup(file: Path, schema: int) -> Path:
@@ -71,5 +71,5 @@ def _backup(file: Path, schema: int) -> Path:
     return kept
 
 
-def _told(steps: tuple[Step, ...]) -> list[str]:
+def _step_lines(steps: tuple[Step, ...]) -> list[str]:
     return [f"schema {step.old} to {step.old + 1}: {step.why}" for step in steps]

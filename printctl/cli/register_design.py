@@ -78,10 +78,10 @@ def _printed(model: Path, named: Path | None) -> dict[str, Any] | None:
     from printctl.cli.run_folder import print_folder
     from printctl.link.print_identity import print_identity
 
-    found = print_identity(print_folder(named or model))
-    if found is None and named is not None:
+    identity = print_identity(print_folder(named or model))
+    if identity is None and named is not None:
         raise UsageError(
             f"--print {named} has no journal of a print; give the print's folder, its run's, or "
             "its G-code file"
         )
-    return found
+    return identity

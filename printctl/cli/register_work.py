@@ -64,9 +64,9 @@ def read_and_register(how: Measuring, design: DesignRead, steps: Steps) -> Regis
     measured = corrected_scan(how.scan, how.said, how.optics, how.air_above, True)
     note(measured.notes)
     steps.begin("registration")
-    found = register_scan(measured, design.surface, design.vessels, options)
+    report = register_scan(measured, design.surface, design.vessels, options)
     return RegisteredScan(how.scan, measured, design.model, design.surface, design.network,
-                      design.vessels, found, design.printed)  # fmt: skip
+                      design.vessels, report, design.printed)  # fmt: skip
 
 
 def judge_registration(

@@ -49,8 +49,8 @@ def resume(
     if unchanged and (syringe is not None or plunger_mm is not None):
         raise UsageError("--unchanged excludes --syringe and --plunger-mm")
     folder = print_folder(run)
-    with attach(folder) as found:
-        ended = found.status.ended
+    with attach(folder) as attached:
+        ended = attached.status.ended
     continue_print(
         folder,
         port=port,

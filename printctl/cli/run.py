@@ -64,12 +64,12 @@ def run(
     Exit code 1 when the print doesn't pass, 3 when a safety check refuses it, 4 when the printer
     fails.
     """
-    told = None if progress_file is None else ProgressFile(progress_file)
-    with nullcontext() if told is None else told.whole(message_of):
+    progress = None if progress_file is None else ProgressFile(progress_file)
+    with nullcontext() if progress is None else progress.whole(message_of):
         loaded = load_recipe(recipe, print_note)
         folder = out if out is not None else Path("runs") / loaded.name
-        how = RunOptions(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=told)
-        with kernels_for_a_run(*_works(loaded, until), listener=told):
+        how = RunOptions(assume_yes=yes, pdf=pdf, until=until, printed=printed, listener=progress)
+        with kernels_for_a_run(*_works(loaded, until), listener=progress):
             data = run_recipe(loaded, recipe.resolve().parent, folder, messages(), how)
     if as_json:
         print_json(data)

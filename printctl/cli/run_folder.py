@@ -25,8 +25,8 @@ def print_folder(run: Path) -> Path:
     """Folder of the print's journal; where one should be when none is found."""
     beside = Path(f"{run}.print") if run.is_file() else run
     places = (run, run / "print", beside)
-    found = (place for place in places if (place / RECORD).is_file())
-    return next(found, beside)
+    folders = (place for place in places if (place / RECORD).is_file())
+    return next(folders, beside)
 
 
 def running_print(run: Path) -> PrintClient:

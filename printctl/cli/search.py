@@ -74,17 +74,17 @@ def search(
     """
     jobs = slurm_workers(slurm, slurm_set or [], out)
     asked, who = load_search(search_file), Workers(workers, scheduler, wait_min, jobs)
-    found = run_search(asked, search_file.resolve().parent, out, messages(), who, limit)
-    written = [str(path) for path in write_results(found, out)]
+    result = run_search(asked, search_file.resolve().parent, out, messages(), who, limit)
+    written = [str(path) for path in write_results(result, out)]
     if as_json:
-        print_json(as_dict(found) | {"written": written})
+        print_json(as_dict(result) | {"written": written})
     else:
-        print_lines(*table_lines(found), *count_lines(found), *written)
-    if found.broken or (found.best is None and not found.left):
+        print_lines(*table_lines(result), *count_lines(result), *written)
+    if result.broken or (result.best is None and not result.left):
         raise typer.Exit(1)
 
 
-def as_dict(found: SearchResult) -> dict[str, Any]:
+def as_dict(result: SearchResult) -> dict[str, Any]:
     """The ranked candidates as plain values."""
     rows = [
         {
@@ -97,6 +97,6 @@ def as_dict(found: SearchResult) -> dict[str, Any]:
             "numbers": dict(row.numbers),
             "said": row.said,
         }
-        for row in found.rows
+        for row in result.rows
     ]
-    return {"candidates": rows, "left": found.left, "broken": dict(found.broken)}
+    return {"candidates": rows, "left": result.left, "broken": dict(result.broken)}

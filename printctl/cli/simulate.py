@@ -68,13 +68,13 @@ def simulate(
     run = dry_run(gcode, profile, tip)
     shaft = file_shaft(file, run, mounted)
     checks = [*file_checks(run, mounted, file.with_suffix(".map.npz")), *shaft.checks]
-    said = options.BeadChoices(out, lag_s, network, unit, place, voxel_um, window_s)
+    choices = options.BeadChoices(out, lag_s, network, unit, place, voxel_um, window_s)
     bead = None
-    if said.asks:
+    if choices.asks:
         # What measures and draws the bead takes seconds to load; the dry run needs none of it.
         from printctl.cli.simulate_bead import print_predictions, write_predictions
 
-        bead = write_predictions(file, gcode, run, mounted, said, placed_failures(checks))
+        bead = write_predictions(file, gcode, run, mounted, choices, placed_failures(checks))
     if as_json:
         print_json(
             {

@@ -37,7 +37,7 @@ def write_predictions(
     gcode: bytes,
     run: DryRun,
     setup: SetUp,
-    said: BeadChoices,
+    choices: BeadChoices,
     remarks: tuple[tuple[int, str], ...] = (),
 ) -> list[dict[str, Any]]:
     """Predict, write what is wanted, and give a dict for each head.
@@ -50,33 +50,33 @@ def write_predictions(
         For options without what they belong to; when nothing is written, or the part's place
         can't be told.
     """
-    wanted = replace(_wanted(said), title=file.name, remarks=remarks)
+    wanted = replace(_wanted(choices), title=file.name, remarks=remarks)
     lines = gcode.count(b"\n") + (not gcode.endswith(b"\n"))
     line_map, notes = read_line_map(file, lines)
     for note in notes:
         messages().print(f"note: {note}", markup=False)
     loads = [setup.load_of(number) for number in range(setup.printer.head_count)]
     mountings = [Mounting(one.syringe, one.ink, one.needle) for one in loads]
-    heads = predict_job(run, gcode, setup.printer, mountings, line_map, said.lag_s)
-    held = _against_design(heads, said)
+    heads = predict_job(run, gcode, setup.printer, mountings, line_map, choices.lag_s)
+    held = _against_design(heads, choices)
     facts = []
     for one in heads:
         own = {head: pair for head, *pair in held}.get(one.head, (None, None))
         facts.append(prediction_facts(one, setup.bath, *own))
-    if said.out is not None:
-        written = write_prediction(said.out, heads, held, facts, wanted)
-        facts[0]["files"] = [str(said.out / name) for name in written]
+    if choices.out is not None:
+        written = write_prediction(choices.out, heads, held, facts, wanted)
+        facts[0]["files"] = [str(choices.out / name) for name in written]
     return facts
 
 
-def _wanted(said: BeadChoices) -> OutputFiles:
-    for option, value in (("--voxel-um", said.voxel_um), ("--window-s", said.window)):
-        if value is not None and said.out is None:
+def _wanted(choices: BeadChoices) -> OutputFiles:
+    for option, value in (("--voxel-um", choices.voxel_um), ("--window-s", choices.window)):
+        if value is not None and choices.out is None:
             raise UsageError(f"{option} says how a file is written; give --out FOLDER, too")
-    if said.place is not None and said.network is None:
+    if choices.place is not None and choices.network is None:
         raise UsageError("--place is where a network's origin stands; give --network, too")
-    window = None if said.window is None else _window(said.window)
-    return OutputFiles(None if said.voxel_um is None else said.voxel_um * 1e-3, window)
+    window = None if choices.window is None else _window(choices.window)
+    return OutputFiles(None if choices.voxel_um is None else choices.voxel_um * 1e-3, window)
 
 
 def _window(text: str) -> tuple[float, float]:
@@ -90,10 +90,10 @@ def _window(text: str) -> tuple[float, float]:
 
 
 def _against_design(
-    heads: tuple[InkPrediction, ...], said: BeadChoices
+    heads: tuple[InkPrediction, ...], choices: BeadChoices
 ) -> list[tuple[int, VesselDiameters, VesselDiameters | None]]:
     """Vessels of each head, with and without lag; empty without a network."""
-    if said.network is None:
+    if choices.network is None:
         return []
     if any(one.bead.style == "layered" for one in heads):
         raise UsageError(
@@ -110,9 +110,9 @@ def _against_design(
             "--network: the file writes vessels as several strands side by side, and one strand is "
             "no vessel; the run's dry_run.json has their predicted diameters"
         )
-    network = read_designed(said.network, said.unit)
+    network = read_designed(choices.network, choices.unit)
     place = place_of_filaments(
-        said.place, written_filaments([one.prompt for one in heads]), network
+        choices.place, written_filaments([one.prompt for one in heads]), network
     )
     return [(one.head, *_both(one, network, place)) for one in heads]
 

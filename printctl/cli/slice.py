@@ -100,7 +100,7 @@ def _adaptive(printer: Printer, thinnest_um: float | None, stair_um: float) -> A
 def _lines_mm(printer: Printer, text: str) -> tuple[float, ...]:
     """Width of each head's lines, mm."""
     low, high = _LINES_UM
-    found = []
+    widths = []
     for word in of_each(printer, text, "--line-um"):
         try:
             width = float(word)
@@ -108,27 +108,27 @@ def _lines_mm(printer: Printer, text: str) -> tuple[float, ...]:
             raise UsageError(f"--line-um {text!r}: {word!r} isn't a number of µm") from exc
         if not low <= width <= high:
             raise UsageError(f"--line-um {width:g} lies outside {low:g} to {high:g} µm")
-        found.append(width * 1e-3)
-    return tuple(found)
+        widths.append(width * 1e-3)
+    return tuple(widths)
 
 
 def _notes(job: SliceJob, written: JobFigures) -> list[str]:
     """What a person should know before printing."""
-    found = _height_note(written)
+    notes = _height_note(written)
     for number, ul in enumerate(written.report.written_ul_of_heads):
         barrel = job.loads[number].syringe
         if ul > barrel.volume_ul:
-            found.append(
+            notes.append(
                 f"{ul:.4g} µL is more than {barrel.name} holds ({barrel.volume_ul:g} µL)"
                 f"{f' in head {number}' if job.printer.heads else ''}: it will be changed on the "
                 "way (printctl reload)"
             )
     if written.report.changes and job.dish is None:
-        found.append(
+        notes.append(
             "heads are changed 5 mm above the part, wherever the dish's wall ends; give --dish to "
             "have them changed above it"
         )
-    return found
+    return notes
 
 
 def _height_note(written: JobFigures) -> list[str]:
@@ -145,7 +145,7 @@ def _height_note(written: JobFigures) -> list[str]:
 
 def _facts(job: SliceJob, written: JobFigures, models: list[Path], out: Path) -> dict[str, Any]:
     report = written.report
-    found = {
+    facts = {
         "gcode": str(out),
         "layers": report.layers,
         "layer_um": [1e3 * height for height in written.heights_mm],
@@ -158,19 +158,19 @@ def _facts(job: SliceJob, written: JobFigures, models: list[Path], out: Path) ->
         "place_mm": written.place_mm.tolist(),
     }
     if not job.printer.heads:
-        return found
-    found["meshes"] = [
+        return facts
+    facts["meshes"] = [
         {"file": str(model), "head": head}
         for model, head in zip(models, job.parts.heads, strict=True)
     ]
-    found["changes"] = report.changes
-    found["heads"] = [
+    facts["changes"] = report.changes
+    facts["heads"] = [
         {"head": number, "name": one.name, "ink": job.loads[number].ink.name, "written_ul": ul}
         for number, (one, ul) in enumerate(
             zip(job.printer.heads, _of_each_head(job, report.written_ul_of_heads), strict=True)
         )
     ]
-    return found
+    return facts
 
 
 def _of_each_head(job: SliceJob, written: tuple[float, ...]) -> tuple[float, ...]:

@@ -61,21 +61,21 @@ def solid(
     for note in notes:
         messages().print(note, style="dim", markup=False)
     if kind == "step":
-        found = asdict(write_step(out, network))
+        facts = asdict(write_step(out, network))
     else:
         if wall_mm is None:
             made = lumen_solid(network, fillet_ratio=fillet_ratio)
         else:
             made = tube_solid(network, wall_mm, fillet_ratio=fillet_ratio)
         WRITERS[kind](out, made)
-        found = {"file": out.name, "volume": made.volume_mm3, "faces": len(made.faces)}
+        facts = {"file": out.name, "volume": made.volume_mm3, "faces": len(made.faces)}
         if out.suffix.lower() in SUFFIXES:
             check = validate_file(out)
             check.require_valid()
-            found = asdict(check)
+            facts = asdict(check)
     if as_json:
-        print_json(found)
+        print_json(facts)
         return
-    shown = f"{out}: {found['volume']:.6g} mm³, {found['faces']} faces"
-    crossing = found.get("crossing_faces", 0)
+    shown = f"{out}: {facts['volume']:.6g} mm³, {facts['faces']} faces"
+    crossing = facts.get("crossing_faces", 0)
     print_lines(shown + (f", {crossing} of which cross others" if crossing else ""))

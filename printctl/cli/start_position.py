@@ -16,7 +16,7 @@ from printctl.link.start_checks import ASIDE_MM
 Place = tuple[float, float, float]
 
 
-def read_start_position(file: Path, printer: Printer, said: str | None) -> Place:
+def read_start_position(file: Path, printer: Printer, text: str | None) -> Place:
     """Return the tip's position before the first line, mm.
 
     Parameters
@@ -24,7 +24,7 @@ def read_start_position(file: Path, printer: Printer, said: str | None) -> Place
     file : Path
         Its first lines may tell the firmware (G92, SET_KINEMATIC_POSITION).
     printer : Printer
-    said : str or None
+    text : str or None
         ``--start``.
 
     Raises
@@ -32,13 +32,13 @@ def read_start_position(file: Path, printer: Printer, said: str | None) -> Place
     UsageError
         When the two aren't the same place, or the file tells a part of it and nobody the rest.
     """
-    given = None if said is None else three_numbers(said, "--start")
+    given = None if text is None else three_numbers(text, "--start")
     declared = _declared(file, printer, given)
     if declared is None:
         return given or (0.0, 0.0, 0.0)
     if given is not None and math.dist(given, declared) > ASIDE_MM:
         raise UsageError(
-            f"--start {said}: the first lines of {file} tell the printer that the tip stands at "
+            f"--start {text}: the first lines of {file} tell the printer that the tip stands at "
             f"{','.join(f'{mm:g}' for mm in declared)}; leave --start out, or correct the file"
         )
     return declared

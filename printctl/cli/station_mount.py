@@ -48,7 +48,7 @@ def mount(
         "bath_level_mm": bath_level,
         "plunger_mm": plunger,
     }
-    said = {key: value for key, value in given.items() if value is not None}
-    if not said:
+    named = {key: value for key, value in given.items() if value is not None}
+    if not named:
         raise UsageError("nothing is named; give --needle, --dish or the like")
-    print_status(the_station(folder).mount(**said), as_json)
+    print_status(the_station(folder).mount(**named), as_json)

@@ -56,12 +56,12 @@ def status_text(status: StationStatus) -> list[str]:
         target = f", target {one.target_c:g} °C" if one.target_c else ""
         lines.append(f"{one.name} {one.now_c:g} °C{target}")
     lines += [f"reads {reading}" for reading in status.readings]
-    said = status.mounted
-    there = [f"{what} {name}" for what, name in vars(said).items() if name and what in _SHOWN]
+    mounted = status.mounted
+    there = [f"{what} {name}" for what, name in vars(mounted).items() if name and what in _SHOWN]
     if there:
         lines.append("mounted: " + ", ".join(there))
-    if said.floor_mm is not None:
-        lines.append(f"floor of the dish at Z {said.floor_mm:.2f} mm")
+    if mounted.floor_mm is not None:
+        lines.append(f"floor of the dish at Z {mounted.floor_mm:.2f} mm")
     if status.ul_left is not None:
         lines.append(f"{status.ul_left:.1f} µL left")
     if status.print_folder:

@@ -23,11 +23,11 @@ def status(run: RunArg, as_json: JsonFlag = False) -> None:
 
     Only looks: the print isn't touched, and of one that has ended the journal tells.
     """
-    found = read_print(print_folder(run))
+    state = read_print(print_folder(run))
     if as_json:
-        print_json(found.to_dict())
+        print_json(state.to_dict())
         return
-    print_lines(*status_lines(found, str(run)))
+    print_lines(*status_lines(state, str(run)))
 
 
 def status_lines(truth: PrintTruth, run: str) -> list[str]:

@@ -22,8 +22,10 @@ def stop(run: RunArg) -> None:
     """
     with running_print(run) as client:
         client.stop()
-        told = client.status
-    print_lines(f"{told.state.value}: {told.message}; `printctl status {run}` tells how it ended")
+        status = client.status
+    print_lines(
+        f"{status.state.value}: {status.message}; `printctl status {run}` tells how it ended"
+    )
 
 
 def kill(run: RunArg) -> None:

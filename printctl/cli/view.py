@@ -90,14 +90,14 @@ def view(
             colour, layer, printer, syringe, filament_mm, flow_ul_s, layer_um, width, palette,
             model, unit, place,
         )  # fmt: skip
-        found = view_gcode(source, page, png, asked)
+        written = view_gcode(source, page, png, asked)
     else:
         drive = Drive(inlet_flow_ml_min, viscosity_mpa_s)
         settings = NetworkViewOptions(
             colour, seen_from, width, palette, unit, tissue, tissue_unit, drive, most_pieces
         )
-        found = view_network(source, page, png, settings)
-    _finish(*found, open_page, as_json)
+        written = view_network(source, page, png, settings)
+    _finish(*written, open_page, as_json)
 
 
 def _check(

@@ -141,13 +141,13 @@ def _pushing(settings: GcodeViewOptions) -> Pushing:
             "with a pneumatic head (--printer)"
         )
     syringe = load(Syringe, settings.syringe or _SYRINGE)
-    bore, said = settings.filament_mm, "--filament-mm"
+    bore, source = settings.filament_mm, "--filament-mm"
     if settings.syringe is not None:
-        bore, said = syringe.inner_mm, syringe.name
+        bore, source = syringe.inner_mm, syringe.name
     return Pushing(
         printer=printer,
         bore_mm=bore,
-        bore_said=said,
+        bore_said=source,
         syringe_mm=syringe.inner_mm,
         syringe_said=f"{syringe.name}, as neither the file nor --syringe says another",
         flow_ul_s=settings.flow_ul_s,

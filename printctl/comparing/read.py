@@ -98,19 +98,19 @@ def _read(
             f"{folder / NUMBERS} holds no registration; run it, or register the scan, again"
         )
     made = whole.get("printed") if own else print_identity(folder / JOURNAL_FOLDER)
-    told = whole.get("verdict") if own else _report_verdict(folder)
+    its_verdict = whole.get("verdict") if own else _report_verdict(folder)
     if judged is not None:
-        told = _judged(numbers, judged, folder)
-    made, told, record = made or {}, told or {}, _record(numbers)
+        its_verdict = _judged(numbers, judged, folder)
+    made, its_verdict, record = made or {}, its_verdict or {}, _record(numbers)
     part = named["part"] or record.get("part")
     origin = Origin(
         label=label,
         design=_design(numbers, folder),
         print_id=named["print"] or made.get("id") or part or str(folder.resolve()),
         started=made.get("started"),
-        passed=told.get("passed"),
-        undecided=told.get("undecided") is True,
-        reasons=tuple(told.get("reasons", ())),
+        passed=its_verdict.get("passed"),
+        undecided=its_verdict.get("undecided") is True,
+        reasons=tuple(its_verdict.get("reasons", ())),
         operator=named["operator"] or record.get("operator"),
         part=part,
     )
@@ -119,8 +119,8 @@ def _read(
 
 def _record(numbers: dict[str, Any]) -> dict[str, Any]:
     """Return the measurement record; empty where none was given."""
-    found = numbers.get("record")
-    return found if isinstance(found, dict) else {}
+    record = numbers.get("record")
+    return record if isinstance(record, dict) else {}
 
 
 def _judged(numbers: dict[str, Any], judged: NewLimits, folder: Path) -> dict[str, Any]:
@@ -146,12 +146,12 @@ def _load(folder: Path) -> dict[str, Any]:
             "nor a folder of `printctl register`"
         )
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as exc:
         raise UsageError(f"{path} can't be read ({exc}); register the scan again") from exc
-    if not isinstance(found, dict):
+    if not isinstance(data, dict):
         raise UsageError(f"{path} holds no registration; register the scan again")
-    return found
+    return data
 
 
 def _design(numbers: dict[str, Any], folder: Path) -> str:
@@ -167,7 +167,7 @@ def _design(numbers: dict[str, Any], folder: Path) -> str:
 def _report_verdict(folder: Path) -> dict[str, Any] | None:
     """Of a whole run; None where it has none that can be read."""
     try:
-        found = json.loads((folder / REPORT).read_text(encoding="utf-8"))["verdict"]
+        judged = json.loads((folder / REPORT).read_text(encoding="utf-8"))["verdict"]
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    return found if isinstance(found, dict) else None
+    return judged if isinstance(judged, dict) else None

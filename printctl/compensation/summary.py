@@ -24,10 +24,10 @@ def _radial(made: CompensationFile) -> str:
     radial = made.radial
     if not radial.offset_um and not radial.slope_um_per_mm:
         return "no radial offset"
-    said = f"lumens' radius {radial.offset_um:+.1f} µm"
+    text = f"lumens' radius {radial.offset_um:+.1f} µm"
     if radial.slope_um_per_mm:
-        said += f" at {radial.at_mm:.2f} mm, {radial.slope_um_per_mm:+.1f} µm per mm of diameter"
-    return said
+        text += f" at {radial.at_mm:.2f} mm, {radial.slope_um_per_mm:+.1f} µm per mm of diameter"
+    return text
 
 
 def _count(number: int, what: str) -> str:

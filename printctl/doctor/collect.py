@@ -57,8 +57,8 @@ class Examination:
 
     def as_dict(self) -> dict[str, Any]:
         """All of it, for JSON."""
-        found = [{"text": one.text, "blocks": one.blocks} for one in self.findings]
-        return {**self.facts, "findings": found, "fit": not self.blocked}
+        findings = [{"text": one.text, "blocks": one.blocks} for one in self.findings]
+        return {**self.facts, "findings": findings, "fit": not self.blocked}
 
 
 def examine() -> Examination:
@@ -114,11 +114,13 @@ def _python() -> list[Finding]:
 
 def _ours() -> tuple[dict[str, str], list[Finding]]:
     """Where our packages come from; another's of the same name may stand in the way."""
-    found = {name: str(Path(importlib.import_module(name).__file__ or "?").parent) for name in OURS}
-    homes = {str(Path(place).parent) for place in found.values()}
+    folders = {
+        name: str(Path(importlib.import_module(name).__file__ or "?").parent) for name in OURS
+    }
+    homes = {str(Path(place).parent) for place in folders.values()}
     if len(homes) == 1:
-        return found, []
-    return found, [
+        return folders, []
+    return folders, [
         Finding(
             f"our packages come from {len(homes)} places ({', '.join(sorted(homes))}): another's "
             "of the same name, or two versions; use an environment of its own",
@@ -128,21 +130,21 @@ def _ours() -> tuple[dict[str, str], list[Finding]]:
 
 
 def _libraries() -> tuple[dict[str, str], list[Finding]]:
-    found, missing = {}, []
+    versions, missing = {}, []
     for name in LIBRARIES:
         try:
-            found[name] = metadata.version(name)
+            versions[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            found[name] = "missing"
+            versions[name] = "missing"
             missing.append(Finding(f"{name} is missing; pip install printctl again", True))
-    return found, missing
+    return versions, missing
 
 
 def _places(here: Path, data: Path) -> tuple[dict[str, str], list[Finding]]:
-    found, findings = {}, []
+    places, findings = {}, []
     for name, place in (("here", here), ("data", data)):
         free, writable = free_gb(place), is_writable(place)
-        found[name] = f"{place} ({free:.1f} GB free, {'writable' if writable else 'read only'})"
+        places[name] = f"{place} ({free:.1f} GB free, {'writable' if writable else 'read only'})"
         findings += disk_findings(name, place, free)
         if not writable and name == "data":
             findings.append(
@@ -152,12 +154,12 @@ def _places(here: Path, data: Path) -> tuple[dict[str, str], list[Finding]]:
                     True,
                 )
             )
-    return found, findings
+    return places, findings
 
 
 def _kernels(folder: Path) -> tuple[dict[str, Any], list[Finding]]:
     count = sum(1 for _ in folder.rglob("*.nbc")) if folder.is_dir() else 0
-    found = {"cache": str(folder), "compiled": count}
+    facts = {"cache": str(folder), "compiled": count}
     findings = (
         []
         if count
@@ -174,4 +176,4 @@ def _kernels(folder: Path) -> tuple[dict[str, Any], list[Finding]]:
                 "rights, or name another folder in PRINTCTL_CACHE"
             )
         )
-    return found, findings
+    return facts, findings

@@ -64,9 +64,9 @@ def udev_rule(usb_id: str) -> str:
 
 
 def _remedy(port: PortInfo, group: str) -> str:
-    said = f"you may not open {port.device}"
+    text = f"you may not open {port.device}"
     if not sys.platform.startswith("linux"):
-        return f"{said}; see to its rights"
+        return f"{text}; see to its rights"
     joined = f"`sudo usermod -aG {group} $USER`, then log out and in again"
     if group == "root" or not port.usb_id:
         joined = "`sudo usermod -aG dialout $USER` (on Arch uucp), then log out and in again"
@@ -76,4 +76,4 @@ def _remedy(port: PortInfo, group: str) -> str:
             "; or write this line into /etc/udev/rules.d/70-printctl.rules, plug the printer in "
             f"anew, and nothing else takes the port for a modem: {udev_rule(port.usb_id)}"
         )
-    return f"{said}: {joined}{rule}"
+    return f"{text}: {joined}{rule}"

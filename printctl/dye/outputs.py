@@ -107,7 +107,7 @@ def _write_curves(
 
 def volume_share(network: VesselNetwork, places: Sequence[VesselPlace]) -> FloatArray:
     """Share of each place's vessel's volume before it, from its first node, (n,)."""
-    found = []
+    shares = []
     for place in places:
         points, radius = network.polyline(place.vessel)
         step = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -115,5 +115,5 @@ def volume_share(network: VesselNetwork, places: Sequence[VesselPlace]) -> Float
         fine = np.unique(np.concatenate([arc, np.linspace(0.0, arc[-1], 257)]))
         area = np.interp(fine, arc, radius) ** 2
         volume = np.concatenate([[0.0], np.cumsum((area[1:] + area[:-1]) / 2 * np.diff(fine))])
-        found.append(np.interp(place.share * arc[-1], fine, volume) / volume[-1])
-    return np.array(found)
+        shares.append(np.interp(place.share * arc[-1], fine, volume) / volume[-1])
+    return np.array(shares)

@@ -93,7 +93,7 @@ def estimate(prints: Sequence[Print], choices: Choices | None = None) -> Compens
             "no vessel's diameter could be used: none was measured outside defects; look at the "
             "report and scan again"
         )
-    read = [found for found in read if found]
+    read = [one for one in read if one]
     common = radial(read, voxel_mm, choices.bias or unknown_bias(prints, voxel_mm))
     own = local_excess(read, common, voxel_mm) if choices.local else ()
     moved = node_offsets(prints[0].network, read, voxel_mm) if choices.local else ()
@@ -209,8 +209,8 @@ def _about(print_: Print) -> FloatArray:
 
 
 def _size(print_: Print, choices: Choices, voxel_mm: float) -> Size:
-    found = readings(print_, print_.base.stretch, whole_changes=True)
-    kept = {vessel: one for vessel, one in found.items() if vessel not in choices.without}
+    per_vessel = readings(print_, print_.base.stretch, whole_changes=True)
+    kept = {vessel: one for vessel, one in per_vessel.items() if vessel not in choices.without}
     return size_of(print_, kept, np.array(print_.design.bounds_mm).mean(axis=0), voxel_mm)
 
 
@@ -218,7 +218,7 @@ def _stretch(
     prints: Sequence[Print], sizes: Sequence[Size], depth: Depth, gain: float
 ) -> tuple[Stretch, dict[str, dict[str, Any]]]:
     """What the next print is stretched by, and the evidence of each axis."""
-    factor, said = [], {}
+    factor, evidence = [], {}
     for axis, name in enumerate("xyz"):
         bases = [float(np.log(p.base.stretch.factor[axis])) for p in prints]
         base = float(np.mean(bases))
@@ -227,18 +227,18 @@ def _stretch(
             float(np.log(one.scale[axis])) - own + base
             for one, own in zip(sizes, bases, strict=True)
         ]
-        found = pool_prints(size, [float(one.half[axis]) for one in sizes])
+        mean = pool_prints(size, [float(one.half[axis]) for one in sizes])
         asked = axis < 2 or depth.corrected
-        applied = asked and found.is_real
-        factor.append(round(float(np.exp(base - gain * found.value * applied)), 6))
-        said[name] = {
-            "size": round(float(np.exp(found.value)), 6),
-            "interval_95": round(found.half, 6),
+        applied = asked and mean.is_real
+        factor.append(round(float(np.exp(base - gain * mean.value * applied)), 6))
+        evidence[name] = {
+            "size": round(float(np.exp(mean.value)), 6),
+            "interval_95": round(mean.half, 6),
             "corrected": applied,
             "by": "lumens" if all(one.by_lumens[axis] for one in sizes) else "surface",
         }
     x, y, z = _about(prints[0]).tolist()
-    return Stretch((factor[0], factor[1], factor[2]), (x, y, z)), said
+    return Stretch((factor[0], factor[1], factor[2]), (x, y, z)), evidence
 
 
 def stretch_part(stretch: Stretch, depth: Depth) -> StretchPart:
@@ -257,11 +257,11 @@ def _read(
 
     Of the axes' offsets what the print's size explains is taken out.
     """
-    found = readings(print_, stretch, whole_changes=len(bases) > 1)
+    per_vessel = readings(print_, stretch, whole_changes=len(bases) > 1)
     middle = np.array(print_.design.bounds_mm).mean(axis=0)
     return {
         vessel: rebase_reading(without_size(reading, print_, size, middle), print_, bases)
-        for vessel, reading in found.items()
+        for vessel, reading in per_vessel.items()
         if vessel not in without
     }
 
@@ -313,12 +313,12 @@ def _node_parts(
         # A shift in depth that grows with height is the depth's scale by another name.
         real[2] &= depth.corrected
         change[one.node] = change[one.node] - gain * np.where(real, one.offset_mm, 0.0)
-    found = []
+    parts = []
     for node in nodes:
         if np.linalg.norm(change[node]) >= 1e-3 * LEAST_UM:
             x, y, z = (round(1e3 * float(v), 1) + 0.0 for v in change[node])
-            found.append(NodePart(node=node, offset_um=(x, y, z)))
-    return tuple(found)
+            parts.append(NodePart(node=node, offset_um=(x, y, z)))
+    return tuple(parts)
 
 
 def _evidence(

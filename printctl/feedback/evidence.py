@@ -95,17 +95,17 @@ def read_print(folder: Path) -> Print:
             f"{folder}: it isn't known how the part was printed: {_why(data)}; register it anew "
             "with --model RUN, a whole run's folder"
         )
-    found = data.get("registration", data)
-    _check(folder, found)
-    _check_network(folder, found, origin["design"]["network_sha256"])
+    registration = data.get("registration", data)
+    _check(folder, registration)
+    _check_network(folder, registration, origin["design"]["network_sha256"])
     made = folder / PRINTED_WITH if origin["compensation_sha256"] else None
     return Print(
-        facts=_facts(folder, origin, found, digest_file(path)),
+        facts=_facts(folder, origin, registration, digest_file(path)),
         design=DesignPart(**origin["design"]),
         made_with=PrintConditions(**origin["made_with"]),
         network=read_network_csv(folder / NETWORK, unit="mm"),
         base=_base(made, origin),
-        found=found,
+        found=registration,
         simulated=bool(origin["simulated"]),
     )
 
@@ -210,9 +210,9 @@ def _json(path: Path) -> dict[str, Any]:
     return data
 
 
-def _check_network(folder: Path, found: dict[str, Any], designed: str) -> None:
+def _check_network(folder: Path, numbers: dict[str, Any], designed: str) -> None:
     """Vessels are known by their numbers, which are another network's own affair."""
-    gauged = found.get("design", {}).get("network_sha256", designed)
+    gauged = numbers.get("design", {}).get("network_sha256", designed)
     if gauged != designed or not _unchanged(folder / NETWORK, designed):
         raise UsageError(
             f"{folder}: it was registered against another network than its run's (or {NETWORK} was "
@@ -220,23 +220,23 @@ def _check_network(folder: Path, found: dict[str, Any], designed: str) -> None:
         )
 
 
-def _check(folder: Path, found: dict[str, Any]) -> None:
-    rows = found.get("vessels") or [{}]
-    if "measured_by" not in found or "shift_along_um" not in rows[0]:
+def _check(folder: Path, numbers: dict[str, Any]) -> None:
+    rows = numbers.get("vessels") or [{}]
+    if "measured_by" not in numbers or "shift_along_um" not in rows[0]:
         raise UsageError(
             f"{folder / NUMBERS} was written by an older printctl, without what a compensation "
             "needs; run the recipe (or register) again"
         )
-    if found["ambiguity"]["flag"]:
-        margin = found["ambiguity"]["margin"]
-        said = f" (margin {margin:.2f})" if margin is not None else ""
+    if numbers["ambiguity"]["flag"]:
+        margin = numbers["ambiguity"]["margin"]
+        margin_text = f" (margin {margin:.2f})" if margin is not None else ""
         raise PrintctlError(
-            f"{folder}: the pose is ambiguous{said}, so "
+            f"{folder}: the pose is ambiguous{margin_text}, so "
             "corrections could land on the wrong vessels; give the part marks (solid.fiducials), "
             "or leave this print out"
         )
-    lay = found.get("lay")
-    if lay and lay["depth_axis"] != "z" and not found["measured_by"]["depth_standard"]:
+    lay = numbers.get("lay")
+    if lay and lay["depth_axis"] != "z" and not numbers["measured_by"]["depth_standard"]:
         raise PrintctlError(
             f"{folder}: the part lay {lay['words']}, so its {lay['depth_axis']} axis is the scan's "
             "depth, whose scale rests on the refractive index; scan it upright, or calibrate depth "
@@ -244,15 +244,15 @@ def _check(folder: Path, found: dict[str, Any]) -> None:
         )
 
 
-def _facts(folder: Path, origin: dict[str, Any], found: dict[str, Any], digest: str) -> PrintPart:
+def _facts(folder: Path, origin: dict[str, Any], numbers: dict[str, Any], digest: str) -> PrintPart:
     return PrintPart(
         folder=folder.as_posix(),
         recipe_sha256=origin["recipe_sha256"],
         registration_sha256=digest,
         scan_sha256=origin["scan_sha256"],
         compensation_sha256=origin["compensation_sha256"],
-        scale=_three(found["scale"]),
-        scale_interval_95=tuple(found["interval_95"]["scale"]),
+        scale=_three(numbers["scale"]),
+        scale_interval_95=tuple(numbers["interval_95"]["scale"]),
     )
 
 
@@ -275,8 +275,8 @@ def _scan_digest(manifest: Manifest) -> str | None:
     outputs = record.outputs if record else {}
     simulated = next((d for name, d in outputs.items() if name in SIMULATED_SCANS), None)
     name = (manifest.facts["recipe"].get("scan") or {}).get("file")
-    found: str | None = simulated or manifest.facts.get("inputs", {}).get(name)
-    return found
+    digest: str | None = simulated or manifest.facts.get("inputs", {}).get(name)
+    return digest
 
 
 def _scan_simulated(manifest: Manifest) -> bool:

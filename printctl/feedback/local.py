@@ -72,11 +72,11 @@ def _prior(means: FloatArray, errors: FloatArray) -> float:
 
     One that had an accident says little of how much the others differ.
     """
-    found = 0.0
+    variance = 0.0
     for _ in range(_STEPS):
-        weight = 1 / (found + errors**2) ** 2
-        found = max(0.0, float((weight * (means**2 - errors**2)).sum() / weight.sum()))
-    return found
+        weight = 1 / (variance + errors**2) ** 2
+        variance = max(0.0, float((weight * (means**2 - errors**2)).sum() / weight.sum()))
+    return variance
 
 
 def _table(
@@ -84,15 +84,15 @@ def _table(
 ) -> dict[int, list[tuple[float, float]]]:
     """Residual and error of each vessel in each print; what a whole print has too much is out."""
     table: dict[int, list[tuple[float, float]]] = {}
-    for found in prints:
+    for readings in prints:
         over = {
             v: r.excess_mm - common.of(r.diameter_mm)
-            for v, r in found.items()
+            for v, r in readings.items()
             if r.sections >= LEAST_SECTIONS
         }
         middle = float(np.median(list(over.values()))) if over else 0.0
         for vessel, value in over.items():
-            table.setdefault(vessel, []).append((value - middle, found[vessel].error_mm))
+            table.setdefault(vessel, []).append((value - middle, readings[vessel].error_mm))
     return table
 
 
@@ -188,17 +188,17 @@ def _equations(
     network: VesselNetwork, prints: Sequence[dict[int, Reading]], voxel_mm: float
 ) -> tuple[FloatArray, FloatArray]:
     """Normal matrix (m, 3, 3) and right side (m, 3) of each node."""
-    told: dict[tuple[int, int], list[tuple[FloatArray, float]]] = {}
-    for found in prints:
-        for vessel, reading in found.items():
+    measured: dict[tuple[int, int], list[tuple[FloatArray, float]]] = {}
+    for readings in prints:
+        for vessel, reading in readings.items():
             if reading.ends_mm is not None:
                 for end in (0, 1):
                     error = float(reading.ends_error_mm[end])
-                    told.setdefault((vessel, end), []).append((reading.ends_mm[end], error))
-    between = _between([[offset for offset, _ in rows] for rows in told.values()])
+                    measured.setdefault((vessel, end), []).append((reading.ends_mm[end], error))
+    between = _between([[offset for offset, _ in rows] for rows in measured.values()])
     matrix = np.zeros((len(network.nodes), 3, 3))
     pull = np.zeros((len(network.nodes), 3))
-    for (vessel, end), rows in told.items():
+    for (vessel, end), rows in measured.items():
         own = float(np.mean([error**2 for _, error in rows]))
         apart = _between([[offset for offset, _ in rows]])
         square = max(own, between, apart) / len(rows) + (OFFSET_VOXELS * voxel_mm) ** 2

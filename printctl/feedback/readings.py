@@ -64,11 +64,11 @@ def readings(print_: Print, stretch: Stretch, whole_changes: bool) -> dict[int, 
         Whether a vessel that is narrow or wide over all of its length counts as it is: several
         prints can tell that from an accident, one can't.
     """
-    found = (
+    measured = (
         _reading(row, print_, stretch, _left_out(print_.found["defects"], row, whole_changes))
         for row in print_.found["vessels"]
     )
-    return {reading.vessel: reading for reading in found if reading is not None}
+    return {reading.vessel: reading for reading in measured if reading is not None}
 
 
 def rebase_reading(reading: Reading, print_: Print, bases: Sequence[Corrections]) -> Reading:

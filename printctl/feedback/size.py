@@ -56,13 +56,15 @@ class Size:
         return np.asarray(self.shift_mm + self.growth * (places - about))
 
 
-def size_of(print_: Print, found: dict[int, Reading], about: FloatArray, voxel_mm: float) -> Size:
+def size_of(
+    print_: Print, per_vessel: dict[int, Reading], about: FloatArray, voxel_mm: float
+) -> Size:
     """A print's size.
 
     Parameters
     ----------
     print_ : Print
-    found : dict of Reading
+    per_vessel : dict of Reading
     about : (3,) float64, mm
         The part's middle.
     voxel_mm : float, mm
@@ -72,7 +74,7 @@ def size_of(print_: Print, found: dict[int, Reading], about: FloatArray, voxel_m
     low, high = np.array(print_.design.bounds_mm)
     if "budget" not in print_.found:
         surface = np.hypot(surface, BIAS_VOXELS * voxel_mm / ((high - low) / 2))
-    best, error = _fit(print_.network, found, about, voxel_mm)
+    best, error = _fit(print_.network, per_vessel, about, voxel_mm)
     half = NORMAL_95 * error[3:]
     by_lumens = half < GOOD_ENOUGH
     growth = np.where(by_lumens, best[3:], 0.0)
@@ -113,14 +115,14 @@ def projector_across(network: VesselNetwork, vessel: int, end: int) -> FloatArra
 
 
 def _fit(
-    network: VesselNetwork, found: dict[int, Reading], about: FloatArray, voxel_mm: float
+    network: VesselNetwork, per_vessel: dict[int, Reading], about: FloatArray, voxel_mm: float
 ) -> tuple[FloatArray, FloatArray]:
     """Shift and growth (6,) that explain the vessels' offsets best, and standard errors.
 
     What single lumens are off beside that widens the errors (method of moments).
     """
     rows, values, errors = [], [], []
-    for vessel, reading in found.items():
+    for vessel, reading in per_vessel.items():
         if reading.ends_mm is None:
             continue
         for end in (0, 1):

@@ -50,12 +50,12 @@ def pool_prints(values: Sequence[float], halves: Sequence[float]) -> Mean:
     Their spread tells what differs from print to print (Student's t over the prints); beside it
     stands the measurement's own interval, which doesn't shrink with their number.
     """
-    found, own = np.array(values), float(np.sqrt(np.mean(np.square(halves))))
-    count = len(found)
+    value, own = np.array(values), float(np.sqrt(np.mean(np.square(halves))))
+    count = len(value)
     if count == 1:
-        return Mean(float(found[0]), own)
-    between = -float(stdtrit(count - 1, 0.025)) * float(np.std(found, ddof=1)) / np.sqrt(count)
-    return Mean(float(found.mean()), float(np.hypot(own, between)))
+        return Mean(float(value[0]), own)
+    between = -float(stdtrit(count - 1, 0.025)) * float(np.std(value, ddof=1)) / np.sqrt(count)
+    return Mean(float(value.mean()), float(np.hypot(own, between)))
 
 
 @dataclass(frozen=True)
@@ -115,10 +115,10 @@ def radial(prints: Sequence[dict[int, Reading]], voxel_mm: float, bias: Mean) ->
     bias : Mean, mm
         Of the scanner's diameters: taken off.
     """
-    every = [reading for found in prints for reading in found.values()]
+    every = [reading for readings in prints for reading in readings.values()]
     diameters = np.array([reading.diameter_mm for reading in every])
-    alike = [_common(_told(found), voxel_mm) for found in prints]
-    fits = [_line(found, voxel_mm, float(diameters.mean())) for found in alike]
+    alike = [_common(_well_measured(readings), voxel_mm) for readings in prints]
+    fits = [_line(readings, voxel_mm, float(diameters.mean())) for readings in alike]
     offset = pool_prints([a.value for a, _ in fits], [a.half for a, _ in fits])
     slope = pool_prints([b.value for _, b in fits], [b.half for _, b in fits])
     low, high = float(diameters.min()), float(diameters.max())
@@ -133,27 +133,27 @@ def radial(prints: Sequence[dict[int, Reading]], voxel_mm: float, bias: Mean) ->
     )
 
 
-def _told(found: dict[int, Reading]) -> list[Reading]:
+def _well_measured(readings: dict[int, Reading]) -> list[Reading]:
     """The vessels that are told well, where there are some."""
-    well = [reading for reading in found.values() if reading.sections >= LEAST_SECTIONS]
-    return well if len(well) >= 3 else list(found.values())
+    well = [reading for reading in readings.values() if reading.sections >= LEAST_SECTIONS]
+    return well if len(well) >= 3 else list(readings.values())
 
 
-def _common(found: list[Reading], voxel_mm: float) -> list[Reading]:
+def _common(readings: list[Reading], voxel_mm: float) -> list[Reading]:
     """Without single vessels that lie far off the others' line: faults and accidents of their own.
 
     Outliers by the median absolute deviation, from `LEAST_FOR_OUTLIERS` vessels on.
     """
-    if len(found) < LEAST_FOR_OUTLIERS:
-        return found
-    x = np.array([reading.diameter_mm for reading in found])
-    y = np.array([reading.excess_mm for reading in found])
-    own = np.array([np.hypot(reading.error_mm, VESSEL_VOXELS * voxel_mm) for reading in found])
-    some = slice(None, None, 1 + len(found) // _PAIRED)
+    if len(readings) < LEAST_FOR_OUTLIERS:
+        return readings
+    x = np.array([reading.diameter_mm for reading in readings])
+    y = np.array([reading.excess_mm for reading in readings])
+    own = np.array([np.hypot(reading.error_mm, VESSEL_VOXELS * voxel_mm) for reading in readings])
+    some = slice(None, None, 1 + len(readings) // _PAIRED)
     slope = _median_slope(x[some], y[some])
     rest = np.abs(y - slope * x - np.median(y - slope * x))
     limit = OUTLIER * np.maximum(own, 1.4826 * float(np.median(rest)))
-    return [reading for reading, off in zip(found, rest > limit, strict=True) if not off]
+    return [reading for reading, off in zip(readings, rest > limit, strict=True) if not off]
 
 
 def _median_slope(x: FloatArray, y: FloatArray) -> float:
@@ -164,12 +164,14 @@ def _median_slope(x: FloatArray, y: FloatArray) -> float:
     return float(np.median(rise[apart] / run[apart])) if apart.any() else 0.0
 
 
-def _line(found: Sequence[Reading], voxel_mm: float, at_mm: float) -> tuple[Mean, Mean]:
+def _line(readings: Sequence[Reading], voxel_mm: float, at_mm: float) -> tuple[Mean, Mean]:
     """Weighted line through one print's vessels: value at a diameter, and slope."""
-    x = np.array([reading.diameter_mm for reading in found]) - at_mm
-    y = np.array([reading.excess_mm for reading in found])
-    own = np.array([reading.error_mm for reading in found]) ** 2 + (VESSEL_VOXELS * voxel_mm) ** 2
-    sloped = len(np.unique(np.round(x, 3))) >= 3 and len(found) >= 4
+    x = np.array([reading.diameter_mm for reading in readings]) - at_mm
+    y = np.array([reading.excess_mm for reading in readings])
+    own = (
+        np.array([reading.error_mm for reading in readings]) ** 2 + (VESSEL_VOXELS * voxel_mm) ** 2
+    )
+    sloped = len(np.unique(np.round(x, 3))) >= 3 and len(readings) >= 4
     columns = np.stack([np.ones_like(x), x], axis=1) if sloped else np.ones((len(x), 1))
     extra = 0.0
     for _ in range(30):  # vessels differ by more than their errors: by the method of moments

@@ -108,5 +108,5 @@ def _drawn(
     points = np.repeat(shown > 0.0, np.diff(network.offset))
     radius = part.radius * np.repeat(shown[kept], np.diff(part.offset))
     values = quantity.values[points if quantity.at_points(network) else kept]
-    told = replace(quantity, values=radius if as_wide else values)
-    return replace(part, radius=radius), told
+    coloured = replace(quantity, values=radius if as_wide else values)
+    return replace(part, radius=radius), coloured

@@ -119,24 +119,24 @@ def _solved(
         solution = solve_pulsatile(network, conditions, 2 * film.frames)
         return pulsatile_at_probes(network, solution, conditions, places, film.frames)
     options = replace(one_d_options(part or OneDPart(), film.frames), probes=places)
-    found = solve_one_d(network, conditions, options).probes
-    if found is None:
+    waves = solve_one_d(network, conditions, options).probes
+    if waves is None:
         raise UsageError("1D flow gave no waves along the vessels; film --solver 0d")
-    return found
+    return waves
 
 
 def _quantity(waves: ProbeWaves, shown: str) -> Quantity:
     """The values (p, t), on one scale for all times."""
-    found: Quantity | None
+    quantity: Quantity | None
     if shown == "flow":
-        found = magnitude("flow", "Flow", "mL/min", np.abs(waves.flow) / UL_S_PER_ML_MIN)
+        quantity = magnitude("flow", "Flow", "mL/min", np.abs(waves.flow) / UL_S_PER_ML_MIN)
     else:
         low = float(np.abs(waves.pressure).max()) < _MMHG_FROM * PA_PER_MMHG
         values: FloatArray = waves.pressure if low else waves.pressure / PA_PER_MMHG
-        found = magnitude("pressure", "Pressure", "Pa" if low else "mmHg", values, log=False)
-    if found is None:
+        quantity = magnitude("pressure", "Pressure", "Pa" if low else "mmHg", values, log=False)
+    if quantity is None:
         raise UsageError("the pulse has no number to show; check flow.pulse")
-    return found
+    return quantity
 
 
 def _driving(conditions: PulsatileConditions) -> DrivingWave:

@@ -69,9 +69,9 @@ def read_print(folder: Path) -> tuple[list[dict[str, Any]], FloatArray]:
             f"there is none at {path}; register a scan first, or leave --as-printed out"
         )
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        scale = np.array(found.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64).reshape(3)
-        return list(found["vessels"]), scale
+        numbers = json.loads(path.read_text(encoding="utf-8"))
+        scale = np.array(numbers.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64).reshape(3)
+        return list(numbers["vessels"]), scale
     except (ValueError, KeyError, TypeError, AttributeError) as exc:
         raise UsageError(f"{path} can't be read ({exc}); register the scan again") from exc
 
@@ -104,12 +104,12 @@ def printed_lumens(network: VesselNetwork, rows: Sequence[Mapping[str, Any]]) ->
 def _lumen(network: VesselNetwork, vessel: int, row: Mapping[str, Any]) -> MeasuredLumen:
     """A vessel's stations as registration placed them, and what it found at some of them."""
     length = float(network.lengths()[vessel])
-    share, found = float(row.get("gauged_fraction") or 0.0), _numbers(row, "along_mm")
-    count = round(len(found) / share) if share > 0.0 else 1
+    share, places = float(row.get("gauged_fraction") or 0.0), _numbers(row, "along_mm")
+    count = round(len(places) / share) if share > 0.0 else 1
     spacing = length / (count - 0.5) if count > 1 else _FEW * length
     along, centre, _, radius = stations(network, vessel, spacing)
     diameter, oval = np.full(len(along), np.nan), np.full(len(along), np.nan)
-    place = np.abs(along[:, None] - found).argmin(axis=0) if len(found) else np.zeros(0, np.int64)
+    place = np.abs(along[:, None] - places).argmin(axis=0) if len(places) else np.zeros(0, np.int64)
     diameter[place] = 1e-3 * _numbers(row, "diameter_um")
     oval[place] = _numbers(row, "ovality_along")
     return MeasuredLumen(centre, radius, diameter, oval)
@@ -167,11 +167,11 @@ class OpenPart:
 
     def _supplies(self, supplies: Sequence[Supply]) -> tuple[Supply, ...]:
         """Those that still feed an inlet, their whole flow through the inlets left."""
-        found = (
+        fed = (
             (tuple(self.node[node] for node in supply.inlets if node in self.node), supply)
             for supply in supplies
         )
-        return tuple(replace(supply, inlets=inlets) for inlets, supply in found if inlets)
+        return tuple(replace(supply, inlets=inlets) for inlets, supply in fed if inlets)
 
     def _of_nodes(self, values: Mapping[int, Any]) -> dict[int, Any]:
         return {self.node[node]: value for node, value in values.items() if node in self.node}

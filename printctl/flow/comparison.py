@@ -145,20 +145,20 @@ def _at(wave: ProbeWaves, time_s: FloatArray, period: float) -> ProbeWaves:
     return ProbeWaves(time_s, brought(wave.pressure), brought(wave.flow))
 
 
-def comparison_table(found: Comparison) -> dict[str, Any]:
+def comparison_table(comparison: Comparison) -> dict[str, Any]:
     """A row a place and fidelity: means, swings, and how far from the ideal."""
-    blocks = [_block(found, name) for name in found.waves]
+    blocks = [_block(comparison, name) for name in comparison.waves]
     return {key: np.concatenate([block[key] for block in blocks]) for key in blocks[0]}
 
 
-def _block(found: Comparison, name: str) -> dict[str, Any]:
-    wave, ideal = found.waves[name], found.waves[IDEAL]
+def _block(comparison: Comparison, name: str) -> dict[str, Any]:
+    wave, ideal = comparison.waves[name], comparison.waves[IDEAL]
     flow, pressure = wave.flow - ideal.flow, wave.pressure - ideal.pressure
-    count = len(found.probes.vessel)
+    count = len(comparison.probes.vessel)
     return {
         "fidelity": np.full(count, name),
-        "vessel": found.probes.vessel,
-        "fraction": found.probes.fraction,
+        "vessel": comparison.probes.vessel,
+        "fraction": comparison.probes.fraction,
         "flow_ml_min": wave.flow.mean(axis=1) / UL_S_PER_ML_MIN,
         "flow_swing_ml_min": np.ptp(wave.flow, axis=1) / UL_S_PER_ML_MIN,
         "pressure_mmhg": wave.pressure.mean(axis=1) / PA_PER_MMHG,
@@ -168,35 +168,35 @@ def _block(found: Comparison, name: str) -> dict[str, Any]:
     }
 
 
-def comparison_summary(found: Comparison) -> dict[str, Any]:
+def comparison_summary(comparison: Comparison) -> dict[str, Any]:
     """Largest deviations from the ideal of each fidelity, in units and as parts of the inlet's."""
-    told: dict[str, Any] = {"along_vessel": found.along}
-    ideal = found.waves[IDEAL]
-    for name, wave in found.waves.items():
+    summary: dict[str, Any] = {"along_vessel": comparison.along}
+    ideal = comparison.waves[IDEAL]
+    for name, wave in comparison.waves.items():
         if name == IDEAL:
             continue
         flow = float(np.abs(wave.flow - ideal.flow).max())
         pressure = float(np.abs(wave.pressure - ideal.pressure).max())
-        told[name] = {
+        summary[name] = {
             "flow_off_ul_min": flow * _UL_MIN,
-            "flow_off_percent_of_inlet": 100.0 * flow / found.inlet_flow_ul_s,
+            "flow_off_percent_of_inlet": 100.0 * flow / comparison.inlet_flow_ul_s,
             "pressure_off_mmhg": pressure / PA_PER_MMHG,
-            "pressure_off_percent_of_inlet": 100.0 * pressure / found.inlet_pressure_pa,
-            "flow_spread_percent": _spread(found, wave),
+            "pressure_off_percent_of_inlet": 100.0 * pressure / comparison.inlet_pressure_pa,
+            "flow_spread_percent": _spread(comparison, wave),
         }
-    told["ideal_flow_spread_percent"] = _spread(found, ideal)
-    return told
+    summary["ideal_flow_spread_percent"] = _spread(comparison, ideal)
+    return summary
 
 
-def _spread(found: Comparison, wave: ProbeWaves) -> float:
+def _spread(comparison: Comparison, wave: ProbeWaves) -> float:
     """Standard deviation over mean of the flow amid vessels, in percent."""
-    amid = len(found.probes.vessel) - found.points
+    amid = len(comparison.probes.vessel) - comparison.points
     flow = np.abs(wave.flow[:amid].mean(axis=1))
     return float(100.0 * flow.std() / flow.mean()) if flow.mean() > 0.0 else 0.0
 
 
-def write_comparison(folder: Path, found: Comparison) -> str:
+def write_comparison(folder: Path, comparison: Comparison) -> str:
     """Write `COMPARISON`; its name."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_columns(folder / COMPARISON, comparison_table(found))
+    write_columns(folder / COMPARISON, comparison_table(comparison))
     return COMPARISON

@@ -47,10 +47,10 @@ def steady_conditions(
     behind: Mapping[int, Outlet] = {}
     if network is not None:
         every = None if part.outlet is None else outlet_of(part.outlet, _distal(part))
-        found = _outlets(part, every, folder, network, 1.0)
+        outlets = _outlets(part, every, folder, network, 1.0)
         nodes = network.outlets().tolist()
-        if found is not None:
-            behind = found if isinstance(found, Mapping) else dict.fromkeys(nodes, found)
+        if outlets is not None:
+            behind = outlets if isinstance(outlets, Mapping) else dict.fromkeys(nodes, outlets)
     return FlowConditions(
         viscosity_pa_s=part.viscosity_mpa_s * 1e-3,
         inlet_flow_ul_s=part.inlet_flow_ml_min * UL_S_PER_ML_MIN if by_flow else None,
@@ -84,7 +84,7 @@ def supplies_of(
         )
         if node in inlets
     }
-    found = []
+    supplies = []
     for number, supply in enumerate(part.supplies):
         lacking = sorted(set(supply.trees) - set(of_inlet.values()))
         if lacking:
@@ -93,8 +93,8 @@ def supplies_of(
                 f"{', '.join(map(str, sorted(set(of_inlet.values()))))}"
             )
         nodes = tuple(node for node, tree in of_inlet.items() if tree in supply.trees)
-        found.append(Supply(nodes, supply.flow_ml_min * UL_S_PER_ML_MIN * volume))
-    return tuple(found)
+        supplies.append(Supply(nodes, supply.flow_ml_min * UL_S_PER_ML_MIN * volume))
+    return tuple(supplies)
 
 
 def fluid_of(part: FluidPart) -> Fluid:
@@ -140,12 +140,12 @@ def pulsatile_conditions(
     """
     volume = print_scale**3
     every = outlet_of(part.outlet or pulse.outlet, _distal(part), volume)
-    found = None if network is None else _outlets(part, every, folder, network, volume)
+    outlets = None if network is None else _outlets(part, every, folder, network, volume)
     return PulsatileConditions(
         viscosity_pa_s=part.viscosity_mpa_s * 1e-3,
         inlet=_wave(part, pulse, folder, volume),
         inlet_is="flow" if part.inlet_pressure_mmhg is None else "pressure",
-        outlet=every if found is None else found,
+        outlet=every if outlets is None else outlets,
         wall=_wall(pulse, print_scale),
         profile=pulse.profile,
         density=part.density_g_cm3 * PA_S2_MM2_PER_G_CM3,
@@ -189,11 +189,11 @@ def _table(path: Path, mean: float, pulse: PulsePart, scale: float, *, by_flow: 
     wave = read_waveform(path, column, scale, pulse.period_s)
     if by_flow:
         _refuse_backflow(path, wave, scale)
-    found = float(wave.at(cycle_times(wave.period_s, 2000)).mean()) / scale
-    if abs(found - mean) > _MEAN * abs(mean):
+    table_mean = float(wave.at(cycle_times(wave.period_s, 2000)).mean()) / scale
+    if abs(table_mean - mean) > _MEAN * abs(mean):
         raise UsageError(
-            f"{path}: the {column.split('_')[0]}'s mean is {found:.4g} {unit}, and {key} is "
-            f"{mean:g}; set {key}: {found:.4g}, or scale the table"
+            f"{path}: the {column.split('_')[0]}'s mean is {table_mean:.4g} {unit}, and {key} is "
+            f"{mean:g}; set {key}: {table_mean:.4g}, or scale the table"
         )
     return wave
 

@@ -68,17 +68,19 @@ def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
     FlowError, SolidError, OSError
         As `resolve`, `pulse_at`, `solve_one_d` and the writers.
     """
-    done, found = Outcome(), None
+    done, resolved = Outcome(), None
     if case.part.three_d is not None:
         driven = case.steady
-        found, summary = resolve(case.network, driven, case.part.three_d, case.fillet_ratio, tell)
-        summary["reduced"] = reduced_summary(case.network, driven, found.steady)
+        resolved, summary = resolve(
+            case.network, driven, case.part.three_d, case.fillet_ratio, tell
+        )
+        summary["reduced"] = reduced_summary(case.network, driven, resolved.steady)
         done.summary["three_d"] = summary
-        done.files += write_resolved(folder, found)
-        write_bytes(folder / SEEN, shear_figure(found.mesh, found.steady.wall_shear))
+        done.files += write_resolved(folder, resolved)
+        write_bytes(folder / SEEN, shear_figure(resolved.mesh, resolved.steady.wall_shear))
         done.files.append(SEEN)
-    if case.part.compare is not None and (found is not None or case.part.one_d is not None):
-        compared = _compared(case, case.part.compare, found, tell)
+    if case.part.compare is not None and (resolved is not None or case.part.one_d is not None):
+        compared = _compared(case, case.part.compare, resolved, tell)
         done.summary["comparison"] = comparison_summary(compared)
         done.files.append(write_comparison(folder, compared))
         write_bytes(folder / COMPARED, comparison_figure(compared.line()))
@@ -86,12 +88,12 @@ def solve_fidelities(folder: Path, case: Case, tell: Tell) -> Outcome:
     return done
 
 
-def _compared(case: Case, part: ComparePart, found: FlowInMesh | None, tell: Tell) -> Comparison:
+def _compared(case: Case, part: ComparePart, resolved: FlowInMesh | None, tell: Tell) -> Comparison:
     probes, _ = places(case.network, part)
     if case.pulse is None:
-        others = {} if found is None else {"3D": _steady_at(found, probes)}
+        others = {} if resolved is None else {"3D": _steady_at(resolved, probes)}
         return steady_comparison(case.network, case.steady, part, others)
-    waves = _waves(case, case.pulse, probes, found, tell)
+    waves = _waves(case, case.pulse, probes, resolved, tell)
     # At the times of the slowest to solve; the others know theirs at more.
     times = waves["3D" if "3D" in waves else "1D"].time_s
     return pulsatile_comparison(case.network, case.pulse, part, waves, times)
@@ -101,7 +103,7 @@ def _waves(
     case: Case,
     conditions: PulsatileConditions,
     probes: Probes,
-    found: FlowInMesh | None,
+    resolved: FlowInMesh | None,
     tell: Tell,
 ) -> dict[str, ProbeWaves]:
     waves: dict[str, ProbeWaves] = {}
@@ -111,18 +113,18 @@ def _waves(
         solved = solve_one_d(case.network, conditions, options).probes
         if solved is not None:
             waves["1D"] = solved
-    if found is not None and case.part.three_d is not None:
+    if resolved is not None and case.part.three_d is not None:
         tell(0.0, "3D, in pulses")
-        at, whole = pulse_at(found, conditions, case.part.three_d, probes)
+        at, whole = pulse_at(resolved, conditions, case.part.three_d, probes)
         # The first places are amid every vessel.
         amid = at.flow[: case.network.vessel_count]
-        flow = conserve_mass(case.network, amid, found.mesh.ports, whole.port_flow)
+        flow = conserve_mass(case.network, amid, resolved.mesh.ports, whole.port_flow)
         waves["3D"] = replace(at, flow=flow[probes.vessel])
     return waves
 
 
-def _steady_at(found: FlowInMesh, probes: Probes) -> ProbeWaves:
+def _steady_at(resolved: FlowInMesh, probes: Probes) -> ProbeWaves:
     """Pressure at probes, and the flow of their vessels: a section amid a fork isn't one's own."""
-    at = probe_steady(found.network, probes, found.steady.field)
-    flow = vessel_flows(found.network, found.steady)
+    at = probe_steady(resolved.network, probes, resolved.steady.field)
+    flow = vessel_flows(resolved.network, resolved.steady)
     return replace(at, flow=flow[probes.vessel, None])

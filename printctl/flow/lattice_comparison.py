@@ -96,7 +96,7 @@ def compare_with_lattice(
     write_columns(folder / TABLE, _table(both))
     flows = {one.name: one.flow / one.flow.mean() for one in both}
     write_bytes(folder / PICTURE, spread_figure(flows))
-    return {one.name: _told(one) for one in both}, [TABLE, PICTURE]
+    return {one.name: _supply_numbers(one) for one in both}, [TABLE, PICTURE]
 
 
 def _table(both: tuple[TissueSupply, ...]) -> dict[str, Any]:
@@ -108,7 +108,7 @@ def _table(both: tuple[TissueSupply, ...]) -> dict[str, Any]:
     }
 
 
-def _told(one: TissueSupply) -> dict[str, Any]:
+def _supply_numbers(one: TissueSupply) -> dict[str, Any]:
     mean = one.flow.mean()
     return {
         "feeding_vessels": len(one.vessel),

@@ -85,17 +85,17 @@ def reduced_summary(
     FlowError
         As `effective_network`.
     """
-    found = effective_network(network, conditions, solution)
-    ratio = found.resistance / found.nominal
-    told: dict[str, Any] = {
+    effective = effective_network(network, conditions, solution)
+    ratio = effective.resistance / effective.nominal
+    summary: dict[str, Any] = {
         "resistance_over_nominal_least": float(ratio.min()),
         "resistance_over_nominal_most": float(ratio.max()),
     }
-    for name, each in (("nominal", network), ("effective", found.network)):
-        off = flow_error(each, conditions, found)
-        told[f"{name}_flow_off_percent_of_inlet"] = _PERCENT * off.flow
-        told[f"{name}_pressure_off_percent_of_drop"] = _PERCENT * off.pressure
-    return told
+    for name, each in (("nominal", network), ("effective", effective.network)):
+        off = flow_error(each, conditions, effective)
+        summary[f"{name}_flow_off_percent_of_inlet"] = _PERCENT * off.flow
+        summary[f"{name}_pressure_off_percent_of_drop"] = _PERCENT * off.pressure
+    return summary
 
 
 def _history(done: MatchedNetwork) -> dict[str, Any]:
@@ -116,14 +116,14 @@ def _vessels(done: MatchedNetwork) -> dict[str, Any]:
     count = done.network.vessel_count
     wanted = np.full(count, np.nan)
     wanted[done.target.vessel] = done.target.flow
-    found = done.effective
+    effective = done.effective
     return {
         "vessel": np.arange(count),
         "wanted_ml_min": wanted / UL_S_PER_ML_MIN,
-        "flow_ml_min": found.flow / UL_S_PER_ML_MIN,
+        "flow_ml_min": effective.flow / UL_S_PER_ML_MIN,
         "radius_scale": done.history[done.best].scale,
         "mean_radius_mm": done.network.mean_radius(),
-        "resistance_over_nominal": found.resistance / found.nominal,
+        "resistance_over_nominal": effective.resistance / effective.nominal,
     }
 
 
@@ -137,9 +137,9 @@ def options_from(
     FlowError
         As `MatchOptions` and `MeshOptions`.
     """
-    found = MatchOptions(tolerance=percent / _PERCENT, least_radius_mm=0.5 * least_lumen_mm)
+    options = MatchOptions(tolerance=percent / _PERCENT, least_radius_mm=0.5 * least_lumen_mm)
     return replace(
-        found,
-        mesh=replace(found.mesh, edge_ratio=edge_ratio, fillet_ratio=fillet_ratio),
-        flow=replace(found.flow, convection=inertia),
+        options,
+        mesh=replace(options.mesh, edge_ratio=edge_ratio, fillet_ratio=fillet_ratio),
+        flow=replace(options.flow, convection=inertia),
     )

@@ -74,22 +74,22 @@ def read_outlets(path: Path, network: VesselNetwork, volume: float = 1.0) -> dic
         wrong = f"has a column {strange[0]!r}" if strange else "has no column node or vessel"
         raise UsageError(f"{path} {wrong}; its first line names node,{','.join(_VALUES)}")
     ends = network.outlets()
-    found: dict[int, Outlet] = {}
+    outlets: dict[int, Outlet] = {}
     for line, row in enumerate(rows, 2):
         place = f"{path}, line {line}"
         node = _node(place, key, row, network)
-        if node not in ends or node in found:
-            wrong = "has a row already" if node in found else "isn't one of the outlets"
+        if node not in ends or node in outlets:
+            wrong = "has a row already" if node in outlets else "isn't one of the outlets"
             raise UsageError(f"{place}: {key} {row[key]} {wrong}; outlets are the nodes "
                              f"{', '.join(map(str, ends[:8]))}")  # fmt: skip
-        found[node] = _row(place, row, volume)
-    bare = [int(node) for node in ends if node not in found]
+        outlets[node] = _row(place, row, volume)
+    bare = [int(node) for node in ends if node not in outlets]
     if bare:
         raise UsageError(
             f"{path}: outlet {bare[0]} has no condition ({len(bare)} of {len(ends)} such); give it "
             "a row with its pressure or resistance"
         )
-    return found
+    return outlets
 
 
 def _node(place: str, key: str, row: Mapping[str, str], network: VesselNetwork) -> int:

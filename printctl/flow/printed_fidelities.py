@@ -110,13 +110,13 @@ def lumped(network: VesselNetwork, conditions: FlowConditions) -> VesselFlow:
     FlowError
         As `solve_flow`.
     """
-    found = solve_flow(network, conditions)
+    flow = solve_flow(network, conditions)
     return VesselFlow(
-        found.resistance,
-        found.flow,
-        np.abs(found.wall_shear),
-        _drop(network, found.pressure),
-        _inflow(network, found.flow),
+        flow.resistance,
+        flow.flow,
+        np.abs(flow.wall_shear),
+        _drop(network, flow.pressure),
+        _inflow(network, flow.flow),
     )
 
 
@@ -130,12 +130,12 @@ def mean_one_d(
     FlowError
         As `solve_one_d`.
     """
-    found = solve_one_d(network, conditions, options)
-    first, last = found.pressure_in.mean(axis=1), found.pressure_out.mean(axis=1)
-    flow = found.flow.mean(axis=1)
+    solution = solve_one_d(network, conditions, options)
+    first, last = solution.pressure_in.mean(axis=1), solution.pressure_out.mean(axis=1)
+    flow = solution.flow.mean(axis=1)
     pressure = np.zeros(len(network.nodes))
     pressure[network.vessel_nodes] = np.column_stack([first, last])
-    shear = np.abs(found.wall_shear(conditions.viscosity_pa_s)).mean(axis=1)
+    shear = np.abs(solution.wall_shear(conditions.viscosity_pa_s)).mean(axis=1)
     return VesselFlow(
         _over(first - last, flow), flow, shear, _drop(network, pressure), _inflow(network, flow)
     )
@@ -152,23 +152,23 @@ def in_space(
         As `solve_steady`.
     """
     mesh = straighten_edges(mesh)[0]
-    found = solve_steady(mesh, conditions, options_of(part, conditions.density))
+    solution = solve_steady(mesh, conditions, options_of(part, conditions.density))
     every = np.arange(network.vessel_count)
     places = _apart(network)
     probes = Probes(np.repeat(every, 3), places.ravel())
-    waves = probe_steady(network, probes, found.field)
+    waves = probe_steady(network, probes, solution.field)
     pressure, flow = waves.pressure[:, 0].reshape(-1, 3), waves.flow[:, 0].reshape(-1, 3)[:, 1]
     between = places[:, 2] - places[:, 0]
     lost = (pressure[:, 0] - pressure[:, 2]) / between
     # Through a vessel that is all junction a section is the fork's, and its flow nobody's.
     flow = np.where(_all_junction(network), np.nan, flow)
-    ports = found.port_flow
+    ports = solution.port_flow
     inflow = -float(ports[ports < 0.0].sum())
     return VesselFlow(
         np.where(np.abs(flow) < _NO_FLOW * inflow, np.nan, _over(lost, flow)),
         flow,
-        wall_shear_of_vessels(network, found)[0],
-        float(np.ptp(found.port_pressure)),
+        wall_shear_of_vessels(network, solution)[0],
+        float(np.ptp(solution.port_pressure)),
         inflow,
     )
 
@@ -179,13 +179,13 @@ def _apart(network: VesselNetwork) -> FloatArray:
     Two radii further in than what is clear of junctions: a section is a slab that reaches to the
     sides, and vessels that meet at a sharp angle part late.
     """
-    found = np.full((network.vessel_count, 3), 0.5)
+    shares = np.full((network.vessel_count, 3), 0.5)
     more = 2.0 * network.mean_radius() / network.lengths()
     for vessel in range(network.vessel_count):
         first, last = clear_parts(network)[vessel]
-        found[vessel, 0] = min(first + more[vessel], _MOST_CLEAR)
-        found[vessel, 2] = max(last - more[vessel], 1.0 - _MOST_CLEAR)
-    return found
+        shares[vessel, 0] = min(first + more[vessel], _MOST_CLEAR)
+        shares[vessel, 2] = max(last - more[vessel], 1.0 - _MOST_CLEAR)
+    return shares
 
 
 def _all_junction(network: VesselNetwork) -> NDArray[np.bool_]:
@@ -234,8 +234,8 @@ def printed_table(
 def _block(design: VesselNetwork, printed: PrintedNetwork, name: str, pair: Pair) -> dict[str, Any]:
     count, one, other = design.vessel_count, pair.designed, pair.printed
     ends = _known(pair, count)
-    wide, found = 2e3 * design.mean_radius(), 2e3 * printed.network.mean_radius()
-    found = np.where(printed.closed, 0.0, found)
+    wide, seen = 2e3 * design.mean_radius(), 2e3 * printed.network.mean_radius()
+    seen = np.where(printed.closed, 0.0, seen)
     with np.errstate(divide="ignore", invalid="ignore"):
         return {
             "fidelity": np.full(count, name),
@@ -243,8 +243,8 @@ def _block(design: VesselNetwork, printed: PrintedNetwork, name: str, pair: Pair
             "open": ~printed.closed,
             "measured": printed.measured,
             "designed_diameter_um": wide,
-            "diameter_um": found,
-            "diameter_off_percent": 100.0 * (found / wide - 1.0),
+            "diameter_um": seen,
+            "diameter_off_percent": 100.0 * (seen / wide - 1.0),
             "designed_resistance_pa_s_ul": one.resistance,
             "resistance_pa_s_ul": other.resistance,
             **_low_high("resistance_pa_s_ul", ends.resistance),
@@ -280,20 +280,20 @@ def printed_summary(
     printed: PrintedNetwork, pairs: Mapping[str, Pair], band: ShearBand | None
 ) -> Any:
     """What the print does to the flow, by fidelity."""
-    told: dict[str, Any] = {
+    summary: dict[str, Any] = {
         "vessels": len(printed.closed),
         "closed_vessels": np.flatnonzero(printed.closed).tolist(),
         "unmeasured_vessels": int((~printed.measured).sum()),
     }
-    return told | {name: _told(pair, band) for name, pair in pairs.items()}
+    return summary | {name: _pair_numbers(pair, band) for name, pair in pairs.items()}
 
 
-def _told(pair: Pair, band: ShearBand | None) -> dict[str, Any]:
+def _pair_numbers(pair: Pair, band: ShearBand | None) -> dict[str, Any]:
     one, other = pair.designed, pair.printed
     ends = _known(pair, len(one.flow))
     change = 100.0 * (other.share - one.share)
     worst = int(np.argmax(np.abs(np.nan_to_num(change))))
-    told: dict[str, Any] = {
+    numbers: dict[str, Any] = {
         "designed_pressure_drop_mmhg": one.drop_pa / PA_PER_MMHG,
         "pressure_drop_mmhg": other.drop_pa / PA_PER_MMHG,
         "pressure_drop_mmhg_interval_95": _interval(ends.drop_pa / PA_PER_MMHG),
@@ -306,9 +306,9 @@ def _told(pair: Pair, band: ShearBand | None) -> dict[str, Any]:
         "worst_share_vessel": worst,
     }
     if band is not None:
-        told["designed_in_shear_band"] = _inside(one, band)
-        told["in_shear_band"] = _inside(other, band)
-    return told
+        numbers["designed_in_shear_band"] = _inside(one, band)
+        numbers["in_shear_band"] = _inside(other, band)
+    return numbers
 
 
 def _interval(ends: FloatArray) -> list[float] | None:

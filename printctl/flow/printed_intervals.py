@@ -134,7 +134,7 @@ def _ends(values: Sequence[Any]) -> FloatArray:
 
 
 def carry_intervals(
-    found: FlowIntervals, lumped_flow: VesselFlow, other: VesselFlow
+    intervals: FlowIntervals, lumped_flow: VesselFlow, other: VesselFlow
 ) -> FlowIntervals:
     """Intervals of another fidelity: the lumped one's, relative to its value, about the other's.
 
@@ -142,8 +142,8 @@ def carry_intervals(
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         made = {
-            name: getattr(found, name) / getattr(lumped_flow, name) * getattr(other, name)
+            name: getattr(intervals, name) / getattr(lumped_flow, name) * getattr(other, name)
             for name in ("resistance", "flow", "wall_shear", "drop_pa", "inflow_ul_s")
         }
     made["flow"] = np.sort(made["flow"], axis=0)
-    return FlowIntervals(**made, share=found.share - lumped_flow.share + other.share)
+    return FlowIntervals(**made, share=intervals.share - lumped_flow.share + other.share)

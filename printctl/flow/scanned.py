@@ -87,13 +87,13 @@ def scanned_lumen(folder: Path, network: VesselNetwork) -> ScannedLumen:
 
 def _numbers(folder: Path) -> dict[str, Any]:
     try:
-        found = json.loads((folder / NUMBERS).read_text(encoding="utf-8"))
+        numbers = json.loads((folder / NUMBERS).read_text(encoding="utf-8"))
     except (OSError, ValueError) as exc:
         raise UsageError(f"{folder / NUMBERS} can't be read ({exc}); register the scan") from exc
-    missing = {"transform_scan_to_part", "scaled_scan_to_part", "measured_by"} - set(found)
+    missing = {"transform_scan_to_part", "scaled_scan_to_part", "measured_by"} - set(numbers)
     if missing:
         raise UsageError(f"{folder / NUMBERS} has no {min(missing)}; register the scan again")
-    return dict(found)
+    return dict(numbers)
 
 
 def _applied(matrix: FloatArray, points: FloatArray) -> FloatArray:
@@ -131,10 +131,10 @@ def _along_axes(network: VesselNetwork, radius: FloatArray) -> Manifold:
 
 def _check_size(lumen: Manifold, network: VesselNetwork) -> None:
     expected = float((np.pi * network.mean_radius() ** 2 * network.lengths()).sum())
-    found = float(lumen.volume())
-    if not _LEAST < found / expected < _MOST:
+    volume = float(lumen.volume())
+    if not _LEAST < volume / expected < _MOST:
         raise FlowError(
-            f"the scan has {found:.3g} µL of lumen where the measured vessels have "
+            f"the scan has {volume:.3g} µL of lumen where the measured vessels have "
             f"{expected:.3g}; leave --scanned out, or register the scan again"
         )
 

@@ -50,7 +50,7 @@ def blur_squared(lumen: Manifold, network: VesselNetwork) -> float:
 
     The median over all sections; below 0 where the surface is wider than the wall.
     """
-    found = []
+    variances = []
     for vessel in range(network.vessel_count):
         first, last = clear_parts(network)[vessel]
         if last - first < _LEAST_CLEAR:
@@ -64,8 +64,8 @@ def blur_squared(lumen: Manifold, network: VesselNetwork) -> float:
             radius = float(np.interp(at, path, radii))
             seen = _section_radius(lumen, place, step / np.linalg.norm(step))
             if abs(seen / radius - 1.0) < _NEAR:
-                found.append(2.0 * radius * (radius - seen))
-    return float(np.median(found)) if found else 0.0
+                variances.append(2.0 * radius * (radius - seen))
+    return float(np.median(variances)) if variances else 0.0
 
 
 def facing(lumen: Manifold, place: FloatArray, way: FloatArray) -> tuple[Manifold, FloatArray]:

@@ -111,7 +111,7 @@ def options_of(part: ThreeDPart, density: float) -> FlowOptions:
     )
 
 
-def write_resolved(folder: Path, found: FlowInMesh) -> tuple[str, str]:
+def write_resolved(folder: Path, resolved: FlowInMesh) -> tuple[str, str]:
     """Write `THREE_D`, a row a vessel, and `FIELD` for ParaView; their names.
 
     Raises
@@ -120,20 +120,20 @@ def write_resolved(folder: Path, found: FlowInMesh) -> tuple[str, str]:
         When a file can't be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    write_columns(folder / THREE_D, vessel_table(found))
-    age = at_points(found.mesh, found.ages.age[..., None], 2)[:, 0]
+    write_columns(folder / THREE_D, vessel_table(resolved))
+    age = at_points(resolved.mesh, resolved.ages.age[..., None], 2)[:, 0]
     more = {"residence_time_s": age}
-    write_flow_vtu(folder / FIELD, found.steady.field, found.steady.wall_shear, more)
+    write_flow_vtu(folder / FIELD, resolved.steady.field, resolved.steady.wall_shear, more)
     return THREE_D, FIELD
 
 
-def vessel_table(found: FlowInMesh) -> dict[str, Any]:
+def vessel_table(resolved: FlowInMesh) -> dict[str, Any]:
     """Flow and pressure amid each vessel, and wall shear on its wall."""
-    amid = probe_steady(found.network, midpoints(found.network), found.steady.field)
-    mean, most = wall_shear_of_vessels(found.network, found.steady)
+    amid = probe_steady(resolved.network, midpoints(resolved.network), resolved.steady.field)
+    mean, most = wall_shear_of_vessels(resolved.network, resolved.steady)
     return {
-        "vessel": np.arange(found.network.vessel_count),
-        "flow_ml_min": vessel_flows(found.network, found.steady) / UL_S_PER_ML_MIN,
+        "vessel": np.arange(resolved.network.vessel_count),
+        "flow_ml_min": vessel_flows(resolved.network, resolved.steady) / UL_S_PER_ML_MIN,
         "pressure_mmhg": amid.pressure[:, 0] / PA_PER_MMHG,
         "wall_shear_mean_dyn_cm2": mean * DYN_CM2_PER_PA,
         "wall_shear_max_dyn_cm2": most * DYN_CM2_PER_PA,
@@ -163,7 +163,7 @@ def wall_shear_of_vessels(
 
 
 def pulse_at(
-    found: FlowInMesh,
+    resolved: FlowInMesh,
     conditions: PulsatileConditions,
     part: ThreeDPart,
     probes: Probes,
@@ -175,9 +175,9 @@ def pulse_at(
     FlowError
         As `march_flow`.
     """
-    sections = sections_at(found.network, probes, found.mesh, part.order)
+    sections = sections_at(resolved.network, probes, resolved.mesh, part.order)
     clock = Stepping(steps=part.steps, frames=0)
     waves = march_flow(
-        found.mesh, conditions, options_of(part, conditions.density), clock, sections
+        resolved.mesh, conditions, options_of(part, conditions.density), clock, sections
     )
     return ProbeWaves(waves.time_s, waves.section_pressure, waves.section_flow), waves

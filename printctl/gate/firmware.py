@@ -74,11 +74,11 @@ def differences(answers: Answers, printer: Printer) -> list[Difference]:
         Question to the lines that were said to it.
     printer : Printer
     """
-    found = [*_factors(answers), *_limits(answers), *_flags(answers), *_shifts(answers)]
+    all_differences = [*_factors(answers), *_limits(answers), *_flags(answers), *_shifts(answers)]
     settings = _settings(answers.get(LISTED, ()))
     for code, check in _CHECKS.items():
-        found += check(settings.get(code), printer)
-    return [*found, *_speeds(settings, printer)]
+        all_differences += check(settings.get(code), printer)
+    return [*all_differences, *_speeds(settings, printer)]
 
 
 def levelling_is_on(lines: Sequence[str], printer: Printer) -> bool:
@@ -91,17 +91,19 @@ def reported_settings(answers: Answers, printer: Printer) -> dict[str, str]:
 
     The junction deviation is left out: no job sets it, and its last digits aren't told.
     """
-    found: dict[str, str] = {}
+    commands: dict[str, str] = {}
     for code, words in _settings(answers.get(LISTED, ())).items():
         if code in ("M201", "M203", "M204", "M205"):
-            told = [f"{key}{value}" for key, value in words.items() if (code, key) != ("M205", "J")]
-            found[code] = " ".join([code, *told])
+            words_set = [
+                f"{key}{value}" for key, value in words.items() if (code, key) != ("M205", "J")
+            ]
+            commands[code] = " ".join([code, *words_set])
     for text in answers.get("M302", ()):
         cold = _COLD.search(text)
         if cold:
             least = "" if cold[2] is None else f"S{cold[2]} "  # S sets P, too: it stands first
-            found["M302"] = f"M302 {least}P{int(cold[1] == 'en')}"
-    return found | _told_timeout(answers, printer)
+            commands["M302"] = f"M302 {least}P{int(cold[1] == 'en')}"
+    return commands | _told_timeout(answers, printer)
 
 
 def _told_timeout(answers: Answers, printer: Printer) -> dict[str, str]:
@@ -109,54 +111,54 @@ def _told_timeout(answers: Answers, printer: Printer) -> dict[str, str]:
     timeout = family_of(printer).timeout
     if timeout is None:
         return {}
-    told = [_TIMEOUT.search(text) for text in answers.get(timeout.code, ())]
-    return dict([(timeout.code, timeout.command(said[1])) for said in told if said][:1])
+    matches = [_TIMEOUT.search(text) for text in answers.get(timeout.code, ())]
+    return dict([(timeout.code, timeout.command(match[1])) for match in matches if match][:1])
 
 
 def _settings(lines: Sequence[str]) -> dict[str, dict[str, str]]:
     """Words of each setting that M503 lists, as it writes them."""
-    found: dict[str, dict[str, str]] = {}
+    settings: dict[str, dict[str, str]] = {}
     for text in lines:
-        said = _SETTING.match(text)
-        if said:
-            words = dict(_WORD.findall(said[2])) or dict.fromkeys(said[2].split(), "")
-            found.setdefault(said[1], words)
-    return found
+        match = _SETTING.match(text)
+        if match:
+            words = dict(_WORD.findall(match[2])) or dict.fromkeys(match[2].split(), "")
+            settings.setdefault(match[1], words)
+    return settings
 
 
 def _factors(answers: Answers) -> list[Difference]:
-    found = []
+    off = []
     for code, name in _FACTORS.items():
-        told = [_PERCENT.search(text) for text in answers.get(code, ())]
-        for percent in (float(one[1]) for one in told if one):
+        matches = [_PERCENT.search(text) for text in answers.get(code, ())]
+        for percent in (float(one[1]) for one in matches if one):
             if percent != 100:
-                found.append(Difference(f"{name} is {percent:g} % ({code})", f"{code} S100"))
-    return found
+                off.append(Difference(f"{name} is {percent:g} % ({code})", f"{code} S100"))
+    return off
 
 
 def _limits(answers: Answers) -> list[Difference]:
     texts = answers.get("M211", ())
-    found = []
+    off = []
     if any("M211 S0" in text or "endstops: Off" in text for text in texts):
-        found.append(Difference("the soft endstops are off (M211 S0)", "M211 S1"))
+        off.append(Difference("the soft endstops are off (M211 S0)", "M211 S1"))
     for text in answers.get("M564", ()):
         if "outside the bed is permitted" in text:
-            found.append(Difference("moves outside the bed are permitted (M564 S0)", "M564 S1"))
+            off.append(Difference("moves outside the bed are permitted (M564 S0)", "M564 S1"))
     for text in answers.get("M290", ()):
         if any(float(mm) for mm in _OFFSETS.findall(text)):
-            found.append(
+            off.append(
                 Difference(
                     f"places are shifted by baby steps ({text})",
                     remedy="take them back at the panel (M290 R0 S0 moves the tip), touch off "
                     "again",
                 )
             )
-    return found
+    return off
 
 
 def _flags(answers: Answers) -> list[Difference]:
-    told = [_FLAGS.search(text) for text in answers.get("M111", ())]
-    on = [one[1].strip() for one in told if one]
+    matches = [_FLAGS.search(text) for text in answers.get("M111", ())]
+    on = [one[1].strip() for one in matches if one]
     return [
         Difference(f"debug flags are set: {flags} (M111)", "M111 S0")
         for flags in on
@@ -166,9 +168,9 @@ def _flags(answers: Answers) -> list[Difference]:
 
 def _shifts(answers: Answers) -> list[Difference]:
     """What G92 has left where the firmware keeps it beside the head's own place."""
-    said = [_PLACE.search(text) for text in answers.get("GET_POSITION", ())]
-    told = {one[1]: [float(mm) for mm in one.groups()[1:]] for one in said if one}
-    shift, place = told.get("gcode base"), told.get("gcode")
+    matches = [_PLACE.search(text) for text in answers.get("GET_POSITION", ())]
+    offsets = {one[1]: [float(mm) for mm in one.groups()[1:]] for one in matches if one}
+    shift, place = offsets.get("gcode base"), offsets.get("gcode")
     if place is None or shift is None or not any(shift):
         return []
     x, y, z = shift
@@ -201,10 +203,10 @@ def _home_offset(words: dict[str, str] | None, printer: Printer) -> list[Differe
     shifted = {axis: mm for axis, mm in (words or {}).items() if float(mm)}
     if not shifted:
         return []
-    said = " ".join(f"{axis}{mm}" for axis, mm in shifted.items())
+    offsets = " ".join(f"{axis}{mm}" for axis, mm in shifted.items())
     return [
         Difference(
-            f"homing is shifted by M206 {said} mm",
+            f"homing is shifted by M206 {offsets} mm",
             remedy="set it back with the maker's own program (M206 X0 Y0 Z0, M500), or have the "
             "firmware built with these places, and home again",
         )
@@ -237,10 +239,12 @@ def _skew(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
 
 
 def _advance(words: dict[str, str] | None, printer: Printer) -> list[Difference]:
-    told = float((words or {}).get("K", printer.advance_s))
-    if abs(told - printer.advance_s) <= 0.005:
+    advance_s = float((words or {}).get("K", printer.advance_s))
+    if abs(advance_s - printer.advance_s) <= 0.005:
         return []
-    what = f"pressure advance is {told:g} s, {printer.advance_s:g} s in the profile (advance_s)"
+    what = (
+        f"pressure advance is {advance_s:g} s, {printer.advance_s:g} s in the profile (advance_s)"
+    )
     return [Difference(what, f"M900 K{printer.advance_s:g}")]
 
 

@@ -32,8 +32,8 @@ def check_heat(known: PrinterSituation, heater: str, celsius: float) -> None:
     if celsius == 0 and heater.partition(" ")[0] in _KINDS:
         return  # off is always right
     if known.heaters is not None and heater not in known.heaters:
-        told = ", ".join(known.heaters) or "none"
-        raise NotAllowed(f"this printer tells of no {heater!r}, only of {told}")
+        names = ", ".join(known.heaters) or "none"
+        raise NotAllowed(f"this printer tells of no {heater!r}, only of {names}")
     limit = known.hottest(heater)
     if not 0 <= celsius <= limit.celsius:
         raise NotAllowed(
@@ -87,11 +87,11 @@ class NamedTarget:
         ------
         NotAllowed
         """
-        facts, told = self.facts, line.parameters
-        if unknown := set(told) - {facts.key, *facts.targets}:
+        facts, given = self.facts, line.parameters
+        if unknown := set(given) - {facts.key, *facts.targets}:
             raise NotAllowed(f"it takes no {', '.join(sorted(unknown))}; {self._form}")
         heater = self._heater(line, known)
-        targets = [_number(told[key], key) for key in facts.targets if key in told]
+        targets = [_number(given[key], key) for key in facts.targets if key in given]
         if not targets:
             raise NotAllowed(f"it names no temperature; {self._form}")
         if targets != sorted(targets):

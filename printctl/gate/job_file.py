@@ -22,21 +22,21 @@ def refused_lines(
         Line of the file, and what stands there.
     printer : Printer
     """
-    found, known, kept = [], PrinterSituation.of_job(printer), dict[bytes, Verdict]()
+    refused, known, kept = [], PrinterSituation.of_job(printer), dict[bytes, Verdict]()
     for number, line in lines:
         if line.text not in kept:
             kept[line.text] = judge_line(line, LineOrigin.JOB, known)
         verdict = kept[line.text]
         if isinstance(verdict, Refusal):
-            found.append((number, line.code, verdict.message))
-    return found
+            refused.append((number, line.code, verdict.message))
+    return refused
 
 
 def changed_settings(lines: Sequence[GcodeLine], printer: Printer) -> tuple[str, ...]:
     """Settings of the firmware (codes) that a job changes, in its order; undone at its end."""
-    known, found = PrinterSituation.of_job(printer), dict[str, None]()
+    known, settings = PrinterSituation.of_job(printer), dict[str, None]()
     for line in lines:
         verdict = judge_line(line, LineOrigin.JOB, known)
         if not isinstance(verdict, Refusal):
-            found.update(dict.fromkeys(verdict.undo))
-    return tuple(found)
+            settings.update(dict.fromkeys(verdict.undo))
+    return tuple(settings)

@@ -66,14 +66,14 @@ def judge_line(line: GcodeLine, origin: LineOrigin, known: PrinterSituation) -> 
     """Judge one line that was read."""
     printer, shown = known.printer, line.text.decode("ascii")
     console = origin is LineOrigin.CONSOLE
-    said = _of_profile(line, printer)
-    if said is not None:
-        if console and said == "print":
+    by_profile = _of_profile(line, printer)
+    if by_profile is not None:
+        if console and by_profile == "print":
             return Refusal(f"{shown} {NOT_BY_HAND}: it switches what a print alone switches")
         return AllowedLine(shown)
-    found = rule(line, printer.firmware, origin)
+    verdict = rule(line, printer.firmware, origin)
     prefix = f"{shown} {NOT_BY_HAND}" if console else shown
-    if found is None:
+    if verdict is None:
         if not console and line.code in printer.extra_commands:
             return AllowedLine(shown)
         listed = rules(printer.firmware, origin)
@@ -81,7 +81,7 @@ def judge_line(line: GcodeLine, origin: LineOrigin, known: PrinterSituation) -> 
     if console and not is_known_line(printer, line):
         return Refusal(f"{prefix}: {line.code} is unknown to {printer.firmware}")
     try:
-        return found(line, known)
+        return verdict(line, known)
     except NotAllowed as exc:
         return Refusal(f"{prefix}: {exc}")
 

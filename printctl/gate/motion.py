@@ -88,10 +88,10 @@ def _push(
         )
     limit = min(printer.max_speed_mm_s.e, known.plunger_mm_s)
     if speed is None or speed > limit * (1 + 1e-9):
-        said = "no F is given" if speed is None else f"{speed:g} mm/s of the plunger"
+        speed_text = "no F is given" if speed is None else f"{speed:g} mm/s of the plunger"
         raise NotAllowed(
-            f"{said}, at most {limit:g} mm/s (max_speed_mm_s.e of {printer.name}, plunger_ul_s of "
-            f"the ink); write F{limit * 60:g} or less"
+            f"{speed_text}, at most {limit:g} mm/s (max_speed_mm_s.e of {printer.name}, "
+            f"plunger_ul_s of the ink); write F{limit * 60:g} or less"
         )
     return AllowedLine(line.text.decode("ascii"))
 

@@ -67,8 +67,8 @@ def only_with(values: Mapping[str, float], also: str = "", remedy: str = "") -> 
         wrong = [key for key, value in given.items() if key not in also and (
             key not in values or value != values[key])]  # fmt: skip
         if wrong or not given.keys() & values.keys():
-            said = " ".join(f"{key}{value:g}" for key, value in values.items())
-            raise NotAllowed(f"only {line.code} {said} passes; {remedy}")
+            words = " ".join(f"{key}{value:g}" for key, value in values.items())
+            raise NotAllowed(f"only {line.code} {words} passes; {remedy}")
         return AllowedLine(line.text.decode("ascii"))
 
     return judge
@@ -85,9 +85,9 @@ def allow_planned_setting(planned: Planned, words: str) -> Judge:
         for letter, value in line.words.items():
             wanted, key = planned(known, letter)
             if value is None or not abs(value - wanted) <= _SAME * wanted:
-                said = letter if value is None else f"{letter}{value:g}"
+                word = letter if value is None else f"{letter}{value:g}"
                 raise NotAllowed(
-                    f"{said} isn't {letter}{wanted:g} ({key} of {known.printer.name}), with which "
+                    f"{word} isn't {letter}{wanted:g} ({key} of {known.printer.name}), with which "
                     "the dry run plans; take it out, or correct the profile"
                 )
         return AllowedLine(line.text.decode("ascii"), undo=(line.code,))
@@ -145,13 +145,13 @@ def keyed(spans: Mapping[str, tuple[float, float] | None], needs: tuple[str, ...
     """Let a command with a name pass: these keys, with numbers in these spans (None: a text)."""
 
     def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
-        told = line.parameters
-        beyond = sorted(set(told) - set(spans))
-        missing = [key for key in needs if key not in told]
-        if beyond or missing or not told:
-            said = ", ".join(beyond) or "too little"
-            raise NotAllowed(f"it says {said}; only {', '.join(spans)} are looked at here")
-        for key, text in told.items():
+        given = line.parameters
+        beyond = sorted(set(given) - set(spans))
+        missing = [key for key in needs if key not in given]
+        if beyond or missing or not given:
+            problem = ", ".join(beyond) or "too little"
+            raise NotAllowed(f"it says {problem}; only {', '.join(spans)} are looked at here")
+        for key, text in given.items():
             span, value = spans[key], as_number(text)
             if span is not None and (value is None or not span[0] <= value <= span[1]):
                 raise NotAllowed(f"{key}={text} is outside {span[0]:g} to {span[1]:g}")
@@ -169,11 +169,11 @@ def choose_head(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
     """
     printer = known.printer
     own = family_of(printer).heads
-    found = own.select.fullmatch(line.text.decode("ascii")) if own else None
-    if own is None or found is None:
+    match = own.select.fullmatch(line.text.decode("ascii")) if own else None
+    if own is None or match is None:
         example = own.example if own else "no head"
         raise NotAllowed(f"it names no head in a way that checks follow; write {example}")
-    if int(found[1] or 0) >= printer.head_count:
+    if int(match[1] or 0) >= printer.head_count:
         raise NotAllowed(f"{printer.name} has {printer.head_count} heads, counted from 0 (heads)")
     return AllowedLine(line.text.decode("ascii"))
 

@@ -74,10 +74,10 @@ def _advance(key: str) -> Judge:
 
     def judge(line: GcodeLine, known: PrinterSituation) -> AllowedLine:
         own = known.printer.advance_s
-        said = line.parameters.get(key)
-        if said is None and not line.code[1:].isdigit():
+        number = line.parameters.get(key)
+        if number is None and not line.code[1:].isdigit():
             return AllowedLine(line.text.decode("ascii"))  # by its name alone it asks
-        value = line.number(key) if said is None else as_number(said)
+        value = line.number(key) if number is None else as_number(number)
         if value is None or not abs(value - own) <= 1e-9 or set(line.words) - {key}:
             raise NotAllowed(
                 f"pressure advance is {own:g} s (advance_s of {known.printer.name}), and checks "

@@ -32,31 +32,31 @@ def speeds_apart(settings: Settings, printer: Printer) -> Iterator[tuple[str, bo
         Code to words, as the firmware writes them.
     printer : Printer
     """
-    for name, key, unit, told, wanted in _pairs(settings, printer):
-        if abs(told - wanted) > _SAME * wanted:
-            slower = told < wanted
+    for name, key, unit, reported, wanted in _pairs(settings, printer):
+        if abs(reported - wanted) > _SAME * wanted:
+            slower = reported < wanted
             way = "slower" if slower else "faster"
-            text = f"{name} is {told:g} {unit}, {way} than the profile's {wanted:g} ({key})"
+            text = f"{name} is {reported:g} {unit}, {way} than the profile's {wanted:g} ({key})"
             yield text, slower
     yield from _advanced_apart(settings.get("M205", {}), printer)
 
 
-def _advanced_apart(told: Mapping[str, str], printer: Printer) -> Iterator[tuple[str, bool]]:
+def _advanced_apart(words: Mapping[str, str], printer: Printer) -> Iterator[tuple[str, bool]]:
     """Yield the same for what M205 tells."""
     wanted = printer.junction_deviation_mm
-    corner = float(told.get("J", wanted))
+    corner = float(words.get("J", wanted))
     if abs(corner - wanted) > _ROUNDED:
         way = "slower" if corner < wanted else "faster"
         text = f"junction deviation (M205 J) is {corner:g} mm, {way} than the profile's {wanted:g}"
         yield f"{text} (junction_deviation_mm)", corner < wanted
     wanted_us = printer.min_segment_time_s * 1e6
-    segment = float(told.get("B", wanted_us))
+    segment = float(words.get("B", wanted_us))
     if abs(segment - wanted_us) > _SAME * wanted_us:
         way = "slower" if segment > wanted_us else "faster"
         text = f"least time of a segment (M205 B) is {segment:g} µs, {way} than the profile's"
         yield f"{text} {wanted_us:g} (min_segment_time_s)", segment > wanted_us
     for word, moves in (("S", "moves that write"), ("T", "travels")):
-        least = float(told.get(word, 0))
+        least = float(words.get(word, 0))
         if least > 0:
             text = f"least speed of {moves} (M205 {word}) is {least:g} mm/s, faster than the"
             yield f"{text} profile's 0; M205 {word}0 takes it back", word == "S"
@@ -69,11 +69,11 @@ def _pairs(settings: Settings, printer: Printer) -> Iterator[tuple[str, str, str
          printer.max_acceleration_mm_s2),
     )  # fmt: skip
     for code, what, key, unit, wanted in by_axis:
-        for axis, told in settings.get(code, {}).items():
+        for axis, reported in settings.get(code, {}).items():
             if axis in ("X", "Y", "Z") or (axis == "E" and not printer.pneumatic):
                 letter = axis.lower()
                 name = f"{what} of {axis} ({code})"
-                yield name, f"{key}.{letter}", unit, float(told), getattr(wanted, letter)
+                yield name, f"{key}.{letter}", unit, float(reported), getattr(wanted, letter)
     for word in "PT" if printer.pneumatic else "PRT":
         told_text = settings.get("M204", {}).get(word)
         if told_text is not None:

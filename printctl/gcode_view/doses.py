@@ -16,7 +16,7 @@ from sim.reading.comments import Comments
 
 
 def plunger_doses(
-    rows: Rows, program: Program, said: Comments, pushing: Pushing
+    rows: Rows, program: Program, comments: Comments, pushing: Pushing
 ) -> tuple[FloatArray, float, str]:
     """Doses of a plunger.
 
@@ -30,8 +30,8 @@ def plunger_doses(
         Where the bore comes from.
     """
     bore, whence = pushing.bore_mm, pushing.bore_said
-    if bore is None and said.filament_mm is not None:
-        bore, whence = said.filament_mm, "filament_diameter in the file"
+    if bore is None and comments.filament_mm is not None:
+        bore, whence = comments.filament_mm, "filament_diameter in the file"
     if bore is None:
         bore, whence = pushing.syringe_mm, pushing.syringe_said
     area = math.pi * bore**2 / 4

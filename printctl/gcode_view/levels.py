@@ -47,7 +47,12 @@ def line_heights(levels: FloatArray, usual_mm: float | None) -> FloatArray:
 
 
 def make_layers(
-    z: FloatArray, line: IntArray, run: IntArray, flat: bool, said: Comments, layer_mm: float | None
+    z: FloatArray,
+    line: IntArray,
+    run: IntArray,
+    flat: bool,
+    comments: Comments,
+    layer_mm: float | None,
 ) -> tuple[IntArray, Layers]:
     """Layer of each written move and the layers.
 
@@ -58,18 +63,18 @@ def make_layers(
     flat : bool
         Whether the job is layered by height; else by the slicer's comments where there are some,
         else by runs.
-    said : Comments
+    comments : Comments
     layer_mm : float or None, mm
         Height of the lines, as the user says.
     """
     if flat:
         level, top = split_levels(z)
-        return level, Layers(False, top, _said_heights(level, line, top, said, layer_mm))
-    if len(said.layer_lines) > 1:
-        at = np.searchsorted(said.layer_lines, line)
+        return level, Layers(False, top, _said_heights(level, line, top, comments, layer_mm))
+    if len(comments.layer_lines) > 1:
+        at = np.searchsorted(comments.layer_lines, line)
         level = np.unique(at, return_inverse=True)[1].astype(np.int64)
         top = _highest(level, z)
-        return level, Layers(False, top, _said_heights(level, line, top, said, layer_mm))
+        return level, Layers(False, top, _said_heights(level, line, top, comments, layer_mm))
     top = _highest(run, z)
     return run, Layers(True, top, np.full(len(top), np.nan))
 
@@ -81,15 +86,15 @@ def _highest(group: IntArray, z: FloatArray) -> FloatArray:
 
 
 def _said_heights(
-    level: IntArray, line: IntArray, top: FloatArray, said: Comments, layer_mm: float | None
+    level: IntArray, line: IntArray, top: FloatArray, comments: Comments, layer_mm: float | None
 ) -> FloatArray:
     """Heights as the user or the slicer says, else from the levels."""
     heights = line_heights(top, layer_mm)
-    if layer_mm is not None or not len(said.height_lines):
+    if layer_mm is not None or not len(comments.height_lines):
         return heights
     first = np.unique(level, return_index=True)[1]
-    at = np.searchsorted(said.height_lines, line[first]) - 1
-    return np.asarray(np.where(at >= 0, said.height_mm[np.maximum(at, 0)], heights))
+    at = np.searchsorted(comments.height_lines, line[first]) - 1
+    return np.asarray(np.where(at >= 0, comments.height_mm[np.maximum(at, 0)], heights))
 
 
 def fill_rows(values: IntArray, rows: IntArray, count: int) -> IntArray:

@@ -68,11 +68,11 @@ def read_line_map(gcode: Path, lines: int) -> tuple[LineMap | None, tuple[str, .
     if not path.is_file():
         return None, ()
     try:
-        with np.load(path, allow_pickle=False) as found:
-            source, counts = found["source"].astype(np.int64), str(found["source_kind"])
-            kind = found["kind"].astype(np.int64) if "kind" in found else None
-            lag_s = float(found["lag_s"]) if "lag_s" in found else 0.0
-            strand = found["strand"].astype(np.int64) if "strand" in found else None
+        with np.load(path, allow_pickle=False) as arrays_file:
+            source, counts = arrays_file["source"].astype(np.int64), str(arrays_file["source_kind"])
+            kind = arrays_file["kind"].astype(np.int64) if "kind" in arrays_file else None
+            lag_s = float(arrays_file["lag_s"]) if "lag_s" in arrays_file else 0.0
+            strand = arrays_file["strand"].astype(np.int64) if "strand" in arrays_file else None
     except (OSError, ValueError, KeyError, zipfile.BadZipFile):
         return None, (f"{path.name} beside the file can't be read and is left out.",)
     if source.shape != (lines,):

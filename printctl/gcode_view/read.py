@@ -83,16 +83,16 @@ def read_with_program(
     rows = _at_tips(rows, program.tool, pushing)
     if not (rows.act == Act.WRITE).any():
         raise UsageError(_nothing(program, name, pushing, valve))
-    said = read_comments(text)
-    layer, layers = _layers(rows, program, said, line_map, pushing.layer_mm)
+    comments = read_comments(text)
+    layer, layers = _layers(rows, program, comments, line_map, pushing.layer_mm)
     if valve is None:
-        dose, digit_ul, said_dose = plunger_doses(rows, program, said, pushing)
+        dose, digit_ul, said_dose = plunger_doses(rows, program, comments, pushing)
     else:
         dose, said_dose = valve_doses(rows, program, pushing)
         digit_ul = 0.0
     width, said_width = _widths(rows, layer, layers, dose, digit_ul, pushing.bead)
     line = program.line[rows.row]
-    kind, kinds = _kinds(said, line_map, line)
+    kind, kinds = _kinds(comments, line_map, line)
     job = GcodeJob(
         name=name,
         start=rows.start,
@@ -147,7 +147,7 @@ def _nothing(program: Program, name: str, pushing: Pushing, valve: Valve | None)
 def _layers(
     rows: Rows,
     program: Program,
-    said: Comments,
+    comments: Comments,
     line_map: LineMap | None,
     layer_mm: float | None,
 ) -> tuple[IntArray, Layers]:
@@ -158,7 +158,7 @@ def _layers(
         flat = False
     run = np.cumsum(np.diff(at, prepend=-2) != 1) - 1
     height = np.maximum(rows.start[at, 2], rows.end[at, 2])
-    layer, layers = make_layers(height, program.line[rows.row[at]], run, flat, said, layer_mm)
+    layer, layers = make_layers(height, program.line[rows.row[at]], run, flat, comments, layer_mm)
     return fill_rows(layer, at, len(rows.row)), layers
 
 
@@ -208,12 +208,12 @@ def _widths(
 
 
 def _kinds(
-    said: Comments, line_map: LineMap | None, line: IntArray
+    comments: Comments, line_map: LineMap | None, line: IntArray
 ) -> tuple[IntArray, tuple[str, ...]]:
     """What the last comment before each line calls it, else what the map says; -1 for nothing."""
-    if len(said.kind):
-        at = np.searchsorted(said.kind_lines, line) - 1
-        return np.asarray(np.where(at >= 0, said.kind[np.maximum(at, 0)], -1)), said.kinds
+    if len(comments.kind):
+        at = np.searchsorted(comments.kind_lines, line) - 1
+        return np.asarray(np.where(at >= 0, comments.kind[np.maximum(at, 0)], -1)), comments.kinds
     if line_map is not None and line_map.kind is not None:
         return line_map.kind[line - 1], KINDS
     return np.full(len(line), -1, np.int64), ()
@@ -221,14 +221,14 @@ def _kinds(
 
 def _doubts(program: Program, text: bytes) -> tuple[str, ...]:
     """What this reading leaves out."""
-    found = []
+    doubts = []
     flows = (program.code == code("M221")) & (np.nan_to_num(program.value, nan=100.0) != 100.0)
     if flows.any():
         line = int(program.line[flows][0])
-        found.append(f"The flow factor of line {line} (M221) isn't in the volumes.")
+        doubts.append(f"The flow factor of line {line} (M221) isn't in the volumes.")
     if _VOLUMES.search(text):
-        found.append("M200 makes E a volume; widths here take it as a length.")
+        doubts.append("M200 makes E a volume; widths here take it as a length.")
     bad = int((program.kind == BAD).sum())
     if bad:
-        found.append(f"{bad} arcs can't be made out and aren't shown.")
-    return tuple(found)
+        doubts.append(f"{bad} arcs can't be made out and aren't shown.")
+    return tuple(doubts)

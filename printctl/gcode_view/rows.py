@@ -85,8 +85,8 @@ def _forget_the_way_there(
     act: NDArray[np.uint8], begin: FloatArray, end: FloatArray, goes: BoolArray
 ) -> None:
     """Mark what comes before x, y and z have all been said once: its place isn't known."""
-    told = [np.flatnonzero(goes & (begin[:, axis] != end[:, axis])) for axis in range(3)]
-    known = max((int(rows[0]) for rows in told if len(rows)), default=-1)
+    moved = [np.flatnonzero(goes & (begin[:, axis] != end[:, axis])) for axis in range(3)]
+    known = max((int(rows[0]) for rows in moved if len(rows)), default=-1)
     writes = np.flatnonzero(act == Act.WRITE)
     early = np.arange(len(act)) <= (min(known, int(writes[0])) if len(writes) else known)
     act[early & goes & (act != Act.WRITE)] = Act.JUMP

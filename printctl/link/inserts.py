@@ -68,14 +68,6 @@ def file_count(done: int, positions: Sequence[Position]) -> int:
     return done - sum(min(max(done - after, 0), count) for after, count in positions)
 
 
-def file_command(index: int, positions: Sequence[Position]) -> int:
-    """Return the file's command, from 0, that line ``index`` of a grown job is.
-
-    Of an insert's line, the file's last command before it; -1 where there is none.
-    """
-    return file_count(index + 1, positions) - 1
-
-
 def behind(index: int, after: int, count: int) -> int:
     """Return a place between lines of a job as it is once ``count`` lines follow its ``after``."""
     return index + count if index > after else index

@@ -77,22 +77,22 @@ class FilamentCheck:
     @property
     def notes(self) -> list[str]:
         """What a person should look at."""
-        found = []
+        notes = []
         within = [f"{m.vessels[0]} with {m.vessels[1]}" for m in self.merges if not m.across_trees]
         if within:
-            found.append(f"filaments of one tree merge beside their joints: {list_names(within)}")
+            notes.append(f"filaments of one tree merge beside their joints: {list_names(within)}")
         if 2 * int(self.ideal.closed.sum()) > len(self.ideal.names):
-            found.append(
+            notes.append(
                 "most vessels aren't written: does the part stand where --place says, and is this "
                 "its G-code?"
             )
-        return found
+        return notes
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON."""
-        found = report_dict(self.ideal, self.stepped, ())
+        report = report_dict(self.ideal, self.stepped, ())
         across = sum(merge.across_trees for merge in self.merges)
-        found["summary"] |= {
+        report["summary"] |= {
             "merges": len(self.merges),
             "merges_across_trees": across,
             "joints": len(self.joints),
@@ -105,7 +105,7 @@ class FilamentCheck:
             "meaning": MEANING,
             "filament_um": 1e3 * self.filament_mm,
             "passes": self.passes,
-            **found,
+            **report,
             "merges": [merge.as_dict(self.place_mm) for merge in self.merges],
             "notes": self.notes,
         }
@@ -146,12 +146,12 @@ def check_filaments(
 
 
 def _joints(
-    network: VesselNetwork, stations: SectionStations, found: Openings, place_mm: FloatArray
+    network: VesselNetwork, stations: SectionStations, openings: Openings, place_mm: FloatArray
 ) -> FloatArray:
     """Opening over design at the narrowest of each joint's vessels, near the joint."""
     degree, ends = network.degree(), network.vessel_nodes[stations.lumen]
     least, widest = np.full(len(network.nodes), np.inf), np.zeros(len(network.nodes))
-    share = np.minimum(found.diameter / stations.designed_mm, 1.0)
+    share = np.minimum(openings.diameter / stations.designed_mm, 1.0)
     for side in (0, 1):
         np.maximum.at(widest, ends[:, side], stations.radius)
     for side in (0, 1):

@@ -26,16 +26,16 @@ PASSES: Final = 6
 TOUCH_MM: Final = 1e-6
 
 
-def measure_filaments(found: Strands, stations: SectionStations) -> Openings:
+def measure_filaments(strands: Strands, stations: SectionStations) -> Openings:
     """Widest circle and written area of each station's section; 0 where nothing is written.
 
     Parameters
     ----------
-    found : Strands
+    strands : Strands
     stations : SectionStations
         Of the designed vessels, in the printer's frame.
     """
-    pieces = in_short_pieces(found)
+    pieces = in_short_pieces(strands)
     middle = (pieces.start + pieces.end) / 2
     half = np.linalg.norm(pieces.end - pieces.start, axis=1) / 2
     reach = float((half + pieces.radius).max()) if len(pieces) else 0.0

@@ -48,19 +48,19 @@ def filaments(strokes: Strands, window_mm: float) -> Strands:
     )
 
 
-def in_short_pieces(found: Strands) -> Strands:
+def in_short_pieces(strands: Strands) -> Strands:
     """The same in pieces about as long as they are thick, to be found by their middles."""
-    length = found.length
-    most = np.maximum(2 * PIECE_DIAMETERS * found.radius, LEAST_PIECE_MM)
+    length = strands.length
+    most = np.maximum(2 * PIECE_DIAMETERS * strands.radius, LEAST_PIECE_MM)
     count = np.maximum(np.ceil(length / most), 1).astype(np.int64)
-    of = np.repeat(np.arange(len(found)), count)
+    of = np.repeat(np.arange(len(strands)), count)
     within = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
-    way = (found.end - found.start)[of]
+    way = (strands.end - strands.start)[of]
     return Strands(
-        found.start[of] + (within / count[of])[:, None] * way,
-        found.start[of] + ((within + 1) / count[of])[:, None] * way,
-        (found.dose_ul / count)[of],
-        found.area_mm2[of],
-        found.stroke[of],
-        found.line[of],
+        strands.start[of] + (within / count[of])[:, None] * way,
+        strands.start[of] + ((within + 1) / count[of])[:, None] * way,
+        (strands.dose_ul / count)[of],
+        strands.area_mm2[of],
+        strands.stroke[of],
+        strands.line[of],
     )

@@ -107,7 +107,9 @@ def find_leaks(lines: WrittenLines, lumens: DesignedLumens, width_mm: float) -> 
     """
     grid = _grid(lines, width_mm)
     runs = _all_runs(lines, lumens, width_mm, grid)
-    first = np.concatenate([[0], np.cumsum([len(found) for found in runs])]).astype(np.int64)
+    first = np.concatenate([[0], np.cumsum([len(layer_runs) for layer_runs in runs])]).astype(
+        np.int64
+    )
     run = np.concatenate(runs)
     space, touch = _spaces(run, first)
     return _leaks(run, first, space, touch, lumens, grid, lines)
@@ -136,8 +138,8 @@ def _all_runs(
             corner = (grid.left, grid.bottom, grid.pixel)
             block_lines(line[at[k] : at[k + 1]], width / 2, *corner, pixels)
             lumens.label(k, grid, pixels)
-        found: Pixels = find_runs(pixels, lumens.group)
-        return found
+        layer_runs: Pixels = find_runs(pixels, lumens.group)
+        return layer_runs
 
     with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
         return list(pool.map(one, range(-1, len(lines.low) + 1)))
@@ -186,10 +188,10 @@ def _leaks(
     edge = 3 * grid.pixel + 1.5 * float((lines.high - lines.low).max())
     counted = ~_at_mouth(at, lumens, edge)
     tree = inner[:, 3].astype(np.int64)
-    found = _direct(np.flatnonzero(counted & (outer[:, 3] != TISSUE)), tree, outer[:, 3])
+    ways = _direct(np.flatnonzero(counted & (outer[:, 3] != TISSUE)), tree, outer[:, 3])
     loose = np.flatnonzero(counted & (outer[:, 3] == TISSUE))
     # The layer below all others is one space: the outside.
-    found = _by_spaces(loose, tree, space[touch[:, 1]], int(space[0]), at) | found
+    ways = _by_spaces(loose, tree, space[touch[:, 1]], int(space[0]), at) | ways
     return tuple(
         Leak(
             lumens.names[one],
@@ -197,7 +199,7 @@ def _leaks(
             at[k],
             int(np.clip(layer[k], 0, len(middle) - 1)),
         )
-        for (one, into), k in sorted(found.items())
+        for (one, into), k in sorted(ways.items())
     )
 
 
@@ -207,31 +209,31 @@ Ways = dict[tuple[int, int], int]
 
 def _direct(touches: IntArray, tree: IntArray, other: NDArray[np.int32]) -> Ways:
     """Trees whose open spaces touch without tissue between."""
-    found: Ways = {}
+    ways: Ways = {}
     for k in touches:
-        found.setdefault((int(tree[k]), int(other[k])), int(k))
-        found.setdefault((int(other[k]), int(tree[k])), int(k))
-    return found
+        ways.setdefault((int(tree[k]), int(other[k])), int(k))
+        ways.setdefault((int(other[k]), int(tree[k])), int(k))
+    return ways
 
 
 def _by_spaces(
     touches: IntArray, tree: IntArray, space: IntArray, outside: int, at: FloatArray
 ) -> Ways:
     """Trees that share a space in the tissue, or open into the outside."""
-    found: Ways = {}
+    ways: Ways = {}
     for where in np.unique(space[touches]):
         here = touches[space[touches] == where]
         trees = np.unique(tree[here])
         groups = [here[tree[here] == one] for one in trees]
         for one, group in zip(trees, groups, strict=True):
             if where == outside:
-                found.setdefault((int(one), OUTSIDE), int(group[0]))
+                ways.setdefault((int(one), OUTSIDE), int(group[0]))
             for other, facing in zip(trees, groups, strict=True):
                 if other != one:
                     # Where the two are nearest: the space may reach along both of them.
                     away, _ = cKDTree(at[facing]).query(at[group])
-                    found.setdefault((int(one), int(other)), int(group[away.argmin()]))
-    return found
+                    ways.setdefault((int(one), int(other)), int(group[away.argmin()]))
+    return ways
 
 
 def _at_mouth(at: FloatArray, lumens: DesignedLumens, edge: float) -> NDArray[np.bool_]:
@@ -239,10 +241,10 @@ def _at_mouth(at: FloatArray, lumens: DesignedLumens, edge: float) -> NDArray[np
     if len(lumens.mouth) == 0 or len(at) == 0:
         return np.zeros(len(at), dtype=np.bool_)
     tree = cKDTree(lumens.mouth)
-    found = np.zeros(len(at), dtype=np.bool_)
+    at_mouth = np.zeros(len(at), dtype=np.bool_)
     reach = lumens.reach + edge
     widest = float(reach.max())
     for k, near in enumerate(tree.query_ball_point(at, widest)):
         away = np.linalg.norm(lumens.mouth[near] - at[k], axis=1)
-        found[k] = bool((away <= reach[near]).any())
-    return found
+        at_mouth[k] = bool((away <= reach[near]).any())
+    return at_mouth

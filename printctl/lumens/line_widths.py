@@ -64,8 +64,8 @@ class LayerHeightComments:
 
 def comment_heights(gcode: bytes) -> LayerHeightComments:
     """Read a file's comments."""
-    said = read_comments(plain_lines(gcode))
-    return LayerHeightComments(said.height_lines, said.height_mm)
+    comments = read_comments(plain_lines(gcode))
+    return LayerHeightComments(comments.height_lines, comments.height_mm)
 
 
 def slabs(
@@ -91,9 +91,9 @@ def slabs(
     gaps = np.diff(high)
     layer = np.searchsorted(high, height + LEVEL_TOLERANCE_MM, side="right") - 1
     if layer_mm is None and said_mm is not None and not np.isnan(said_mm).any():
-        said = np.array([np.median(own) for own in _of_each(said_mm, layer, len(high))])
+        commented = np.array([np.median(own) for own in _of_each(said_mm, layer, len(high))])
         below = np.concatenate([[np.inf], gaps])
-        thick = np.where(below > said + LEVEL_TOLERANCE_MM, said, below)
+        thick = np.where(below > commented + LEVEL_TOLERANCE_MM, commented, below)
         return high - thick, high, layer.astype(np.int64)
     if layer_mm is None and len(gaps) == 0:
         raise UsageError("the G-code has one layer, whose thickness is unknown; give --layer-um")
@@ -133,8 +133,8 @@ def dose_per_mm(
     # A window that leaves its stroke is moved back into it.
     low = np.maximum(np.minimum(middle - half, shuts - 2 * half), opens)
     high = np.minimum(low + 2 * half, shuts)
-    found: FloatArray = (np.interp(high, way, dosed) - np.interp(low, way, dosed)) / (high - low)
-    return found
+    doses: FloatArray = (np.interp(high, way, dosed) - np.interp(low, way, dosed)) / (high - low)
+    return doses
 
 
 def dots(dose: FloatArray, stroke: IntArray) -> FloatArray:
@@ -145,5 +145,5 @@ def dots(dose: FloatArray, stroke: IntArray) -> FloatArray:
     dosed = np.concatenate([[0.0], np.cumsum(dose)])
     opens = dosed[np.searchsorted(stroke, stroke, side="left")]
     shuts = dosed[np.searchsorted(stroke, stroke, side="right")]
-    found: FloatArray = np.sqrt(4.0 / np.pi * (shuts - opens))
-    return found
+    widths: FloatArray = np.sqrt(4.0 / np.pi * (shuts - opens))
+    return widths

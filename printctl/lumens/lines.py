@@ -118,8 +118,10 @@ def read_lines(
     if len(strokes.line) == 0:
         raise UsageError("no move of the G-code pushes ink while it goes sideways; is E in it?")
     window = flow_window(program.plunger, strokes, 1.0 if ul_per_e is None else ul_per_e)
-    said = comment_heights(gcode)
-    lines = layered(strokes.moved(origin(program, gcode)), layer_mm, window, [bead], said=said)
+    heights = comment_heights(gcode)
+    lines = layered(
+        strokes.moved(origin(program, gcode)), layer_mm, window, [bead], comments=heights
+    )
     if line_mm is not None:
         width, thick = np.full(len(lines), line_mm), (lines.high - lines.low)[lines.layer]
         lines = replace(lines, width=width, mean=bead.area(width, thick) / thick)
@@ -164,7 +166,7 @@ def layered(
     window_mm: float,
     beads: Sequence[BeadSection] = (ROUNDED,),
     head: IntArray | None = None,
-    said: LayerHeightComments | None = None,
+    comments: LayerHeightComments | None = None,
 ) -> WrittenLines:
     """Strokes as lines in level layers; see `read_lines`.
 
@@ -177,7 +179,7 @@ def layered(
         Of each head.
     head : (n,) int64 or None
         Of each stroke; None where one head writes all.
-    said : LayerHeightComments or None
+    comments : LayerHeightComments or None
         Heights that the file says.
 
     Raises
@@ -187,7 +189,9 @@ def layered(
     """
     begin, end = strokes.start, strokes.end
     check_level(begin, end, strokes.line)
-    low, high, layer = slabs(end[:, 2], layer_mm, None if said is None else said.of(strokes.line))
+    low, high, layer = slabs(
+        end[:, 2], layer_mm, None if comments is None else comments.of(strokes.line)
+    )
     thick = (high - low)[layer]
     length = np.hypot(*(end - begin)[:, :2].T)
     area = dose_per_mm(length, strokes.dose_ul, strokes.stroke, window_mm)

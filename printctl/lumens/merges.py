@@ -54,7 +54,7 @@ class Merge:
 
 
 def find_merges(
-    found: Strands, network: VesselNetwork, place_mm: FloatArray, width_mm: float
+    strands: Strands, network: VesselNetwork, place_mm: FloatArray, width_mm: float
 ) -> tuple[Merge, ...]:
     """Pairs of vessels whose filaments overlap by at least ``width_mm`` where the design doesn't.
 
@@ -63,14 +63,14 @@ def find_merges(
 
     Parameters
     ----------
-    found : Strands
+    strands : Strands
     network : VesselNetwork
         In the part's frame.
     place_mm : (3,) float64, mm
         The part's origin in the filaments' frame.
     width_mm : float, mm
     """
-    pieces = in_short_pieces(found)
+    pieces = in_short_pieces(strands)
     start, end, r0, r1, vessel = network.pieces()
     start, end, radius = start + place_mm, end + place_mm, np.maximum(r0, r1)
     owner = owners(pieces, start, end, radius)

@@ -73,7 +73,7 @@ def _section(body: Manifold, z: float) -> list[FloatArray]:
 
 
 def _holes(rings: list[FloatArray], layer: int) -> list[_Hole]:
-    found = []
+    holes = []
     for corner in rings:
         area = signed_area(corner)
         if area > -LEAST_AREA_MM2:
@@ -82,8 +82,8 @@ def _holes(rings: list[FloatArray], layer: int) -> list[_Hole]:
         reach = float(np.abs(corner - centre).max())
         local = np.ascontiguousarray(corner - centre)
         x, y, radius = widest_in_polygon(local, 0.0, 0.0, reach, CIRCLE_MM)
-        found.append(_Hole(layer, corner, centre + [x, y], radius, -area))
-    return found
+        holes.append(_Hole(layer, corner, centre + [x, y], radius, -area))
+    return holes
 
 
 def _follow(holes: list[_Hole], layers: int) -> tuple[IntArray, IntArray]:

@@ -62,7 +62,7 @@ def find_place(lines: WrittenLines, part: Solid) -> FloatArray:
     return np.array([*middle, z])
 
 
-def find_filament_place(found: Strands, network: VesselNetwork) -> FloatArray:
+def find_filament_place(strands: Strands, network: VesselNetwork) -> FloatArray:
     """The part's origin in the printer's frame, (3,), mm: written axes over the designed ones.
 
     Raises
@@ -72,7 +72,7 @@ def find_filament_place(found: Strands, network: VesselNetwork) -> FloatArray:
         too, or overlaps reach beyond it.
     """
     asked = np.array([network.points.min(axis=0), network.points.max(axis=0)])
-    ends = np.concatenate([found.start, found.end])
+    ends = np.concatenate([strands.start, strands.end])
     wrote = np.array([ends.min(axis=0), ends.max(axis=0)])
     shift: FloatArray = wrote - asked
     if np.abs(shift[1] - shift[0]).max() > TOLERANCE_MM:
@@ -93,12 +93,12 @@ _REMEDY: Final = (
 def _sections(part: Solid, heights: FloatArray) -> FloatArray:
     """Bounds of the part's sections, (k, 2, 2), mm; NaN where there is none."""
     body = solid_manifold(part, "the part")
-    found = np.full((len(heights), 2, 2), np.nan)
+    bounds = np.full((len(heights), 2, 2), np.nan)
     for k, z in enumerate(heights):
         section = body.slice(float(z))
         if not section.is_empty():
-            found[k] = np.reshape(section.bounds(), (2, 2))
-    return found
+            bounds[k] = np.reshape(section.bounds(), (2, 2))
+    return bounds
 
 
 def _ink(lines: WrittenLines) -> FloatArray:

@@ -102,10 +102,10 @@ def read_layers(gcode: bytes, writing: Writing) -> tuple[WrittenLines, WrittenLi
     if not len(ideal.line):
         raise UsageError(_NEVER)
     stepped = run_strokes(run, printer, 0.0, writing.flow_ul_s)
-    said = comment_heights(gcode)
+    heights = comment_heights(gcode)
     both = (
-        layered(ideal, writing.layer_mm, WINDOWLESS_MM, writing.beads, said=said),
-        layered(stepped, writing.layer_mm, WINDOWLESS_MM, writing.beads, said=said),
+        layered(ideal, writing.layer_mm, WINDOWLESS_MM, writing.beads, comments=heights),
+        layered(stepped, writing.layer_mm, WINDOWLESS_MM, writing.beads, comments=heights),
     )
     check_width(both[0].width, both[0].line)
     return both

@@ -132,7 +132,7 @@ def _summary(
     ideal: LumenReport, stepped: LumenReport | None, leaks: tuple[Leak, ...]
 ) -> dict[str, Any]:
     worse = stepped or ideal
-    found: dict[str, Any] = {
+    summary: dict[str, Any] = {
         "lumens": len(ideal.names),
         "closed": int((ideal.closed | worse.closed).sum()),
         "leaks": len(leaks),
@@ -141,10 +141,10 @@ def _summary(
         "diameter_error_median_um": 1e3 * float(np.median(ideal.error_mm)),
     }
     if stepped is not None:
-        found["stepped_conductance_median"] = float(np.median(stepped.conductance))
-        found["stepped_conductance_least"] = float(stepped.conductance.min())
-        found["stepped_diameter_error_median_um"] = 1e3 * float(np.median(stepped.error_mm))
-    return found
+        summary["stepped_conductance_median"] = float(np.median(stepped.conductance))
+        summary["stepped_conductance_least"] = float(stepped.conductance.min())
+        summary["stepped_diameter_error_median_um"] = 1e3 * float(np.median(stepped.error_mm))
+    return summary
 
 
 def _row(k: int, ideal: LumenReport, stepped: LumenReport | None) -> dict[str, Any]:

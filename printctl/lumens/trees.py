@@ -77,5 +77,5 @@ def _mouths(network: VesselNetwork, group: IntArray) -> tuple[IntArray, IntArray
         np.minimum.at(lowest, node, group)
         np.maximum.at(highest, node, group)
         np.maximum.at(widest, node, ends[side])
-    found = np.flatnonzero((network.degree() == 1) | ((highest > lowest) & (highest >= 0)))
-    return found, lowest[found], widest[found]
+    nodes = np.flatnonzero((network.degree() == 1) | ((highest > lowest) & (highest >= 0)))
+    return nodes, lowest[nodes], widest[nodes]

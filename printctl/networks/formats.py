@@ -51,8 +51,8 @@ def read_noted(path: Path, unit: LengthUnit | None, ends: Path | None = None) ->
     _check_said(path, unit)
     if ends is not None and not ends.is_file():
         raise UsageError(f"{ends} isn't there, or no file; check the path")
-    found = read_network_xcavate(path, ends)
-    return NetworkWithNotes(found.network, found.notes)
+    xcavate = read_network_xcavate(path, ends)
+    return NetworkWithNotes(xcavate.network, xcavate.notes)
 
 
 def read_network(path: Path, unit: LengthUnit | None) -> VesselNetwork:

@@ -109,18 +109,18 @@ def _rows(table: dict[str, Any]) -> list[dict[str, Any]]:
     return [dict(zip(table, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
-def hypoxia(found: dict[str, Any], part: OxygenPart) -> str:
+def hypoxia(summary: dict[str, Any], part: OxygenPart) -> str:
     """The finding in a sentence, and which of ``part``'s constants are assumptions of ours."""
-    x, y, z = found["worst_place_mm"]
+    x, y, z = summary["worst_place_mm"]
     usual = {key: OxygenPart.model_fields[key].default for key in _ASSUMED}
     rests = "".join(
         f"; {key} {value:g} is an assumption, not measured: give yours"
         for key, value in usual.items()
         if getattr(part, key) == value
     )
-    word = " the widest such place is " if found["hypoxic_percent"] > 0.0 else " "
+    word = " the widest such place is " if summary["hypoxic_percent"] > 0.0 else " "
     return (
-        f"{found['hypoxic_percent']:.3g} % of the tissue is below "
-        f"{found['threshold_millimolar']:g} mM; the least is {found['least_millimolar']:.3g} mM,"
-        f"{word}at ({x:g}, {y:g}, {z:g}) mm{rests}"
+        f"{summary['hypoxic_percent']:.3g} % of the tissue is below "
+        f"{summary['threshold_millimolar']:g} mM; the least is "
+        f"{summary['least_millimolar']:.3g} mM,{word}at ({x:g}, {y:g}, {z:g}) mm{rests}"
     )

@@ -90,34 +90,36 @@ def anatomic_trees(context: RunContext, part: GrownNetwork) -> AnatomicTrees:
         options = replace(options, murray_exponent=preset.murray_exponent)
     if "pressure_drop_mmhg" not in own:
         options = replace(options, pressure_drop_pa=preset.pressure_drop_mmhg * PA_PER_MMHG)
-    found = _grown(context.tissue, options, anatomy)
-    ends, flow = terminals_of(found.trees)
+    trees = _grown(context.tissue, options, anatomy, "pressure_drop_mmhg" not in own)
+    ends, flow = terminals_of(trees.trees)
     _, notes = check_supply(context.tissue, ends, flow)
     # A kidney's template has a demand of its own.
     uneven = () if anatomy.template == "kidney" else uneven_notes(context.tissue, ends)
-    return replace(found, notes=(*found.notes, *notes, *uneven))
+    return replace(trees, notes=(*trees.notes, *notes, *uneven))
 
 
-def _grown(tissue: Tissue, options: GrowthOptions, part: AnatomyPart) -> AnatomicTrees:
+def _grown(
+    tissue: Tissue, options: GrowthOptions, part: AnatomyPart, published_radii: bool
+) -> AnatomicTrees:
     at = {name: inlet.at_mm for name, inlet in part.inlets.items()}
     if part.template == "kidney":
-        said: dict[str, Any] = {
+        given: dict[str, Any] = {
             "hilum_mm": at.get("hilum"),
             "vein": part.vein,
             "cortex_mm": part.cortex_mm,
             "cortex_demand": part.cortex_demand,
             "trunk_ends": part.trunk_ends,
         }
-        return grow_kidney(tissue, options, KidneyAnatomy(**_known(said)))
+        return grow_kidney(tissue, options, KidneyAnatomy(**_known(given)))
     if part.template == "liver":
-        said = {
+        given = {
             "porta_mm": at.get("porta_hepatis"),
             "cava_mm": at.get("vena_cava"),
             "trunk_ends": part.trunk_ends,
         }
-        return grow_liver(tissue, options, LiverAnatomy(**_known(said)))
+        return grow_liver(tissue, options, LiverAnatomy(**_known(given)))
     if part.template == "cortex":
-        said = {
+        given = {
             "entry_mm": at.get("pial_artery"),
             "pial_direction": part.pial_direction,
             "thickness_mm": part.cortex_mm,
@@ -125,21 +127,22 @@ def _grown(tissue: Tissue, options: GrowthOptions, part: AnatomyPart) -> Anatomi
             "trunk_depth_mm": part.trunk_depth_mm,
             "arterioles_per_mm2": part.arterioles_per_mm2,
         }
-        return grow_cortex(tissue, options, CortexAnatomy(**_known(said)))
-    said = {
+        return grow_cortex(tissue, options, CortexAnatomy(**_known(given)))
+    given = {
         "trunk_ends": part.trunk_ends,
         "trunk_depth_mm": part.trunk_depth_mm,
         "base": part.base_direction,
         "right": part.right_direction,
         "left_ostium_mm": at.get("left_coronary"),
         "right_ostium_mm": at.get("right_coronary"),
+        "published_radii": published_radii,
     }
-    return grow_heart(tissue, options, HeartAnatomy(**_known(said)))
+    return grow_heart(tissue, options, HeartAnatomy(**_known(given)))
 
 
-def _known(said: dict[str, Any]) -> dict[str, Any]:
+def _known(given: dict[str, Any]) -> dict[str, Any]:
     """What the recipe says; the rest is as by default."""
-    return {name: value for name, value in said.items() if value is not None}
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def printable_tree(context: RunContext, part: GrownNetwork, options: GrowthOptions) -> VesselTree:

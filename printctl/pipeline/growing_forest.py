@@ -44,10 +44,10 @@ def grown_forest(
         lambda one: rebalanced(one, shared, shared.flow_ul_s(tissue.volume_mm3)),
     )
     notes += _supply_notes(tissue, part, trees)
-    told: dict[str, Any] = {
-        "networks": [_told(*each) for each in zip(part.grown, closed, strict=True)]
+    facts: dict[str, Any] = {
+        "networks": [_tree_facts(*each) for each in zip(part.grown, closed, strict=True)]
     }
-    return network, told | ({"notes": list(notes)} if notes else {})
+    return network, facts | ({"notes": list(notes)} if notes else {})
 
 
 def _given(part: Forest, folder: Path) -> tuple[VesselNetwork | None, tuple[str, ...]]:
@@ -58,14 +58,14 @@ def _given(part: Forest, folder: Path) -> tuple[VesselNetwork | None, tuple[str,
 
 def _roots(part: Forest, shared: GrowthOptions, folder: Path) -> list[RootSpec]:
     """Each tree's options, trunk and territory."""
-    found = []
+    roots = []
     for number, one in enumerate(part.grown):
         whole = part.territories == "whole" or (
             part.territories == "by_network" and one.how == "mixing"
         )
         group = 0 if part.territories == "divided" else number
         for tree in one.trees:
-            found.append(
+            roots.append(
                 RootSpec(
                     _options(part, one, tree, shared),
                     VesselKind[tree.kind.upper()],
@@ -74,7 +74,7 @@ def _roots(part: Forest, shared: GrowthOptions, folder: Path) -> list[RootSpec]:
                     group,
                 )
             )
-    return found
+    return roots
 
 
 def _trunk(tree: TreePart, folder: Path) -> Any:
@@ -107,18 +107,18 @@ def _perfusion(part: Forest, one: GrownTrees, tree: TreePart) -> float:
         for each in one.trees
         if each.kind == "artery"
     )
-    said = [each.perfusion_ml_min_per_ml for each in one.trees if each.kind != "artery"]
-    left = brought - sum(value for value in said if value is not None)
-    return max(left / said.count(None), 1e-6)
+    given = [each.perfusion_ml_min_per_ml for each in one.trees if each.kind != "artery"]
+    left = brought - sum(value for value in given if value is not None)
+    return max(left / given.count(None), 1e-6)
 
 
 def _by_network(part: Forest, trees: tuple[VesselTree, ...]) -> list[JoinedTrees]:
-    first, found = 0, []
+    first, groups = 0, []
     for one in part.grown:
         kinds = tuple(VesselKind[tree.kind.upper()] for tree in one.trees)
-        found.append(JoinedTrees(trees[first : first + len(kinds)], kinds, one.how))
+        groups.append(JoinedTrees(trees[first : first + len(kinds)], kinds, one.how))
         first += len(kinds)
-    return found
+    return groups
 
 
 def _supply_notes(tissue: Tissue, part: Forest, trees: tuple[VesselTree, ...]) -> tuple[str, ...]:
@@ -135,7 +135,7 @@ def _supply_notes(tissue: Tissue, part: Forest, trees: tuple[VesselTree, ...]) -
     )
 
 
-def _told(one: GrownTrees, closed: ClosedLoops) -> dict[str, Any]:
+def _tree_facts(one: GrownTrees, closed: ClosedLoops) -> dict[str, Any]:
     kinds = [tree.kind for tree in one.trees]
     joined = {} if one.how == "none" else loops_report(closed)
     return {"trees": kinds, "join": one.how, **joined}

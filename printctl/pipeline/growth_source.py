@@ -128,8 +128,8 @@ def read_given(path: Path, unit: LengthUnit | None) -> tuple[VesselNetwork, tupl
         case ".vtp":
             return read_network_vtp(path, unit or "mm"), ()
         case ".txt":
-            found = read_network_xcavate(path)
-            return found.network, found.notes
+            xcavate = read_network_xcavate(path)
+            return xcavate.network, xcavate.notes
     return read_network_csv(path, unit=unit or "mm"), ()
 
 
@@ -161,16 +161,18 @@ def read_terminals(path: Path) -> tuple[FloatArray, FloatArray | None]:
 
 
 def _numbers(path: Path, line: int, row: dict[str, str], wanted: list[str]) -> list[float]:
-    said = [row.get(name) for name in wanted]
+    texts = [row.get(name) for name in wanted]
     try:
-        found = [float(row[name]) for name in wanted]
+        numbers = [float(row[name]) for name in wanted]
     except (TypeError, ValueError) as exc:
-        raise RecipeError(f"{path}, line {line}: {said} aren't numbers; mend or remove it") from exc
-    if not np.isfinite(found).all():
-        raise RecipeError(f"{path}, line {line}: {said} aren't all finite; mend or remove it")
-    if len(found) == 4 and not found[3] > 0.0:
-        raise RecipeError(f"{path}, line {line}: flow is {found[3]:g}; give one above 0")
-    return found
+        raise RecipeError(
+            f"{path}, line {line}: {texts} aren't numbers; mend or remove it"
+        ) from exc
+    if not np.isfinite(numbers).all():
+        raise RecipeError(f"{path}, line {line}: {texts} aren't all finite; mend or remove it")
+    if len(numbers) == 4 and not numbers[3] > 0.0:
+        raise RecipeError(f"{path}, line {line}: flow is {numbers[3]:g}; give one above 0")
+    return numbers
 
 
 def _refuse_twins(path: Path, table: list[tuple[int, list[float]]]) -> None:

@@ -34,15 +34,15 @@ def vessel_heads(network: VesselNetwork, heads: Sequence[HeadPart]) -> IntArray:
     """
     if all(head.writes_the_rest for head in heads):
         return np.zeros(len(network.kind), dtype=np.int64)
-    found = np.full(len(network.kind), _NOBODY, dtype=np.int64)
+    head_of = np.full(len(network.kind), _NOBODY, dtype=np.int64)
     for number, head in enumerate(heads):
         kinds = [int(VesselKind[kind.upper()]) for kind in head.kinds]
-        found[np.isin(network.kind, kinds)] = number
+        head_of[np.isin(network.kind, kinds)] = number
     for number, head in enumerate(heads):
-        found[np.isin(network.tree, list(head.trees))] = number
+        head_of[np.isin(network.tree, list(head.trees))] = number
     rest = next((k for k, head in enumerate(heads) if head.writes_the_rest), _NOBODY)
-    found[found == _NOBODY] = rest
-    nobody = np.flatnonzero(found == _NOBODY)
+    head_of[head_of == _NOBODY] = rest
+    nobody = np.flatnonzero(head_of == _NOBODY)
     if len(nobody):
         vessel = int(nobody[0])
         kind = VesselKind(int(network.kind[vessel])).name.lower()
@@ -51,7 +51,7 @@ def vessel_heads(network: VesselNetwork, heads: Sequence[HeadPart]) -> IntArray:
             f"nor are {len(nobody) - 1} more; name its kind or tree in printer.heads, or let one "
             "head name neither: it writes the rest"
         )
-    return found
+    return head_of
 
 
 def layer_lines_um(part: Fresh, heads: Sequence[HeadPart], count: int) -> list[float]:
@@ -77,8 +77,8 @@ def layer_lines_um(part: Fresh, heads: Sequence[HeadPart], count: int) -> list[f
                 f"printer.heads.{number} names kinds or trees: vessels are written into a bath "
                 "and left open in layers; name the head in toolpath.regions instead (head)"
             )
-    found = [part.line_um] * count
-    said: dict[int, int] = {}
+    widths = [part.line_um] * count
+    region_of: dict[int, int] = {}
     for number, region in enumerate(part.regions):
         if region.head is None:
             continue
@@ -89,12 +89,12 @@ def layer_lines_um(part: Fresh, heads: Sequence[HeadPart], count: int) -> list[f
             )
         if region.line_um is None:
             continue
-        first = said.setdefault(region.head, number)
-        found[region.head] = region.line_um
+        first = region_of.setdefault(region.head, number)
+        widths[region.head] = region.line_um
         if part.regions[first].line_um != region.line_um:
             raise UsageError(
                 f"toolpath.regions.{number}: line_um is {region.line_um:g}, and region {first} "
                 f"gives the same head {part.regions[first].line_um:g}; a needle writes lines of "
                 "one width"
             )
-    return found
+    return widths

@@ -57,11 +57,13 @@ def layer_pictures(gcode: Path, pushing: Pushing, design: Design | None = None) 
     names = [
         f"toolpath/Layer {k + 1} of {count}, tip at z = {job.layers.z_mm[k]:.2f} mm" for k in chosen
     ]
-    found = {name: layer_figure(job, k, colouring) for name, k in zip(names, chosen, strict=True)}
+    pictures = {
+        name: layer_figure(job, k, colouring) for name, k in zip(names, chosen, strict=True)
+    }
     if design is not None:
         outline = PartOutlines(job, *design).at(chosen[0])
-        found[f"{names[0]}: {OUTLINED}"] = layer_figure(job, chosen[0], colouring, outline)
-    return found
+        pictures[f"{names[0]}: {OUTLINED}"] = layer_figure(job, chosen[0], colouring, outline)
+    return pictures
 
 
 def _by_width(job: GcodeJob) -> Colouring:

@@ -43,5 +43,5 @@ def run_outlines(run: Path, job: GcodeJob) -> PartOutlines | None:
     if design is None or job.layers.passes:
         return None
     outlines = PartOutlines(job, *design)
-    found = beyond_um(outlines.at((len(job.layers) - 1) // 2))
-    return outlines if found and abs(found[1]) < _FAR_UM else None
+    beyond = beyond_um(outlines.at((len(job.layers) - 1) // 2))
+    return outlines if beyond and abs(beyond[1]) < _FAR_UM else None

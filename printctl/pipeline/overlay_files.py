@@ -24,14 +24,14 @@ _DIMMEST: Final = 0.15
 
 
 def write_overlay(
-    folder: Path, found: Overlay, chosen: Sequence[int], data: dict[str, Any], report: Report
+    folder: Path, overlay: Overlay, chosen: Sequence[int], data: dict[str, Any], report: Report
 ) -> dict[str, Any]:
     """Draw the chosen layers and write pictures, numbers and page; return overlay.json's content.
 
     Parameters
     ----------
     folder : Path
-    found : Overlay
+    overlay : Overlay
     chosen : sequence of int
         Places of the layers, the lowest first.
     data : dict
@@ -41,15 +41,15 @@ def write_overlay(
     folder.mkdir(parents=True, exist_ok=True)
     pictures: dict[int, bytes] = {}
     for done, k in enumerate(chosen):
-        layer = found.numbers[k].layer.number
-        pictures[layer] = draw_overlay(_picture(found, k))
+        layer = overlay.numbers[k].layer.number
+        pictures[layer] = draw_overlay(_picture(overlay, k))
         write_bytes(folder / picture_name(layer), pictures[layer])
         report((done + 1) / len(chosen), f"layer {layer}")
-    layers = [overlay_dict(found.numbers[k], found.status[k]) for k in chosen]
-    data = {**data, **_facts(found), "layers": layers}
+    layers = [overlay_dict(overlay.numbers[k], overlay.status[k]) for k in chosen]
+    data = {**data, **_facts(overlay), "layers": layers}
     write_text(folder / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
     write_text(folder / CSV, overlay_csv(layers))
-    write_overlay_html(folder / HTML, _page(found, layers, data), layers, pictures)
+    write_overlay_html(folder / HTML, _page(overlay, layers, data), layers, pictures)
     return data
 
 
@@ -58,52 +58,52 @@ def picture_name(layer: int) -> str:
     return f"layer_{layer:04d}.png"
 
 
-def _picture(found: Overlay, k: int) -> PictureOf:
-    height = found.numbers[k].layer.middle_mm
+def _picture(overlay: Overlay, k: int) -> PictureOf:
+    height = overlay.numbers[k].layer.middle_mm
     return PictureOf(
-        numbers=found.numbers[k],
-        status=found.status[k],
-        cut=found.cutter.cut(found.raster, height),
-        lumen=found.lumens.mask(found.raster, height),
-        raster=found.raster,
-        grey=_shown(found, k),
-        scale="dB" if found.scan.scale == "db" else "linear",
-        count=len(found.numbers),
+        numbers=overlay.numbers[k],
+        status=overlay.status[k],
+        cut=overlay.cutter.cut(overlay.raster, height),
+        lumen=overlay.lumens.mask(overlay.raster, height),
+        raster=overlay.raster,
+        grey=_shown(overlay, k),
+        scale="dB" if overlay.scan.scale == "db" else "linear",
+        count=len(overlay.numbers),
     )
 
 
-def _shown(found: Overlay, k: int) -> tuple[float, float]:
+def _shown(overlay: Overlay, k: int) -> tuple[float, float]:
     """What is drawn black and white: one black for all layers, each layer's own white."""
-    every = np.array(found.grey)
+    every = np.array(overlay.grey)
     black = float(np.nanmin(every[:, 0]))
     brightest = float(np.nanmax(every[:, 1]))
     own = float(np.nan_to_num(every[k, 1], nan=brightest))
     return black, max(own, black + _DIMMEST * (brightest - black), black + 1e-9)
 
 
-def _facts(found: Overlay) -> dict[str, Any]:
+def _facts(overlay: Overlay) -> dict[str, Any]:
     """What holds for all layers."""
     return {
         "pose": {
-            "said": found.pose.said,
-            "this_scan_aligned": found.pose.aligned,
-            "scan_to_part": found.pose.matrix.tolist(),
-            "notes": list(found.pose.notes),
+            "said": overlay.pose.said,
+            "this_scan_aligned": overlay.pose.aligned,
+            "scan_to_part": overlay.pose.matrix.tolist(),
+            "notes": list(overlay.pose.notes),
         },
-        "pixel_um": 1e3 * found.raster.pixel_mm,
-        "edge_um": 1e3 * found.limits.edge_mm,
-        "least_mm2": found.limits.least_mm2,
-        "least_width_um": 1e3 * found.limits.least_width_mm,
-        "layer_count": len(found.numbers),
-        "under_way": _under_way(found),
-        "status_counts": {str(one): found.status.count(one) for one in LayerStatus},
-        "notes": [*found.run.notes, *found.scan.notes],
+        "pixel_um": 1e3 * overlay.raster.pixel_mm,
+        "edge_um": 1e3 * overlay.limits.edge_mm,
+        "least_mm2": overlay.limits.least_mm2,
+        "least_width_um": 1e3 * overlay.limits.least_width_mm,
+        "layer_count": len(overlay.numbers),
+        "under_way": _under_way(overlay),
+        "status_counts": {str(one): overlay.status.count(one) for one in LayerStatus},
+        "notes": [*overlay.run.notes, *overlay.scan.notes],
     }
 
 
-def _under_way(found: Overlay) -> dict[str, int] | None:
+def _under_way(overlay: Overlay) -> dict[str, int] | None:
     """Layer and last written line of the layer that was being written."""
-    for one, status in zip(found.numbers, found.status, strict=True):
+    for one, status in zip(overlay.numbers, overlay.status, strict=True):
         if status == LayerStatus.UNDER_WAY:
             return {"layer": one.layer.number, "line": int(one.layer.line[-1])}
     return None
@@ -114,14 +114,14 @@ def summary_lines(data: dict[str, Any]) -> list[str]:
     judged = [one for one in data["layers"] if one["gap_count"] is not None]
     bad = [one for one in judged if one["gap_count"] or one["blob_count"]]
     counts = data["status_counts"]
-    told = [f"{count} {name}" for name, count in counts.items() if count]
+    parts = [f"{count} {name}" for name, count in counts.items() if count]
     head = "No gap and no blob" if not bad else f"{len(bad)} layer{_s(len(bad))} to look at"
     if not judged:
         head = "Nothing of these layers to judge"
-    said = [head, f"Of {data['layer_count']} layers: {', '.join(told)}."]
+    lines = [head, f"Of {data['layer_count']} layers: {', '.join(parts)}."]
     if data["under_way"] is not None:
         last = data["under_way"]
-        said.append(f"Layer {last['layer']} is written up to line {last['line']} of the G-code.")
+        lines.append(f"Layer {last['layer']} is written up to line {last['line']} of the G-code.")
     for name, text in (("gaps", "gap"), ("blobs", "blob of gel in a lumen")):
         worst = max(
             (one for one in judged if one[name]),
@@ -130,12 +130,12 @@ def summary_lines(data: dict[str, Any]) -> list[str]:
         )
         if worst is not None:
             x, y, z = worst[name][0]["at_mm"]
-            said.append(
+            lines.append(
                 f"Largest {text}: layer {worst['layer']}, "
                 f"{number(worst[name][0]['area_mm2'], 2)} mm² at x {x:.2f}, y {y:.2f}, z {z:.2f} mm"
                 + (f", {_lines(worst[name][0])}." if name == "gaps" else ".")
             )
-    return said
+    return lines
 
 
 def _s(count: int) -> str:
@@ -148,19 +148,19 @@ def _lines(gap: dict[str, Any]) -> str:
     return f"{gap['line_count']} lines of the G-code, {gap['first_line']} to {gap['last_line']}"
 
 
-def _page(found: Overlay, layers: Sequence[dict[str, Any]], data: dict[str, Any]) -> OverlayPage:
-    said = summary_lines(data)
+def _page(overlay: Overlay, layers: Sequence[dict[str, Any]], data: dict[str, Any]) -> OverlayPage:
+    lines = summary_lines(data)
     judged = any(one["gap_count"] is not None for one in layers)
     wrong = any(one["gap_count"] or one["blob_count"] for one in layers)
     edge, least, thin = (number(data[k], 2) for k in ("edge_um", "least_mm2", "least_width_um"))
     return OverlayPage(
-        title=f"{found.run.name}: scan over G-code",
+        title=f"{overlay.run.name}: scan over G-code",
         facts=(f"Scan: {data['scan']}", f"Run: {data['model']}", f"{len(layers)} layers shown"),
-        verdict=tuple(said),
+        verdict=tuple(lines),
         good=not wrong if judged else None,
         notes=(
-            found.pose.said,
-            *found.pose.notes,
+            overlay.pose.said,
+            *overlay.pose.notes,
             "Gel or not is decided by the segmentation that printctl register uses; grey values "
             "are the scan's own, cut level at the middle of each layer.",
             f"Gaps and blobs lie farther than {edge} µm (twice the blur) from the border of "

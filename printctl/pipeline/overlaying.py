@@ -89,7 +89,7 @@ def overlay_scan(
             f"under this pose none of {run.name}'s {len(numbers)} layers lies in the scan's field "
             f"of view ({pose.said}) Give the pose of a scan that was taken in the same place"
         )
-    found = Overlay(
+    overlay = Overlay(
         run,
         scan,
         pose,
@@ -101,27 +101,27 @@ def overlay_scan(
         tuple(statuses(numbers)),
         tuple(grey),
     )
-    return _with_the_last(found)
+    return _with_the_last(overlay)
 
 
-def _with_the_last(found: Overlay) -> Overlay:
+def _with_the_last(overlay: Overlay) -> Overlay:
     """The same; the topmost layer with gel is judged up to the line that it reached."""
-    status, numbers = list(found.status), list(found.numbers)
+    status, numbers = list(overlay.status), list(overlay.numbers)
     there = [k for k, one in enumerate(status) if one.judged]
     if there and LayerStatus.NOT_SEEN in status[there[-1] + 1 : there[-1] + 2]:
-        return found  # what is written later wasn't looked at: a gap stays a gap
+        return overlay  # what is written later wasn't looked at: a gap stays a gap
     moves = reached(numbers[there[-1]]) if there else None
     if moves is None:
-        return found
+        return overlay
     last = there[-1]
     layer = numbers[last].layer.upto(moves)
-    cut = found.cutter.cut(found.raster, layer.middle_mm)
-    lumen = found.lumens.mask(found.raster, layer.middle_mm)
+    cut = overlay.cutter.cut(overlay.raster, layer.middle_mm)
+    lumen = overlay.lumens.mask(overlay.raster, layer.middle_mm)
     numbers[last] = measure_layer(
-        layer, lumen, cut, found.raster, found.limits, found.run.corrected
+        layer, lumen, cut, overlay.raster, overlay.limits, overlay.run.corrected
     )
     status[last] = LayerStatus.UNDER_WAY
-    return replace(found, numbers=tuple(numbers), status=tuple(status))
+    return replace(overlay, numbers=tuple(numbers), status=tuple(status))
 
 
 def _greys(cut: ScanCut) -> tuple[float, float]:

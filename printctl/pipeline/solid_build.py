@@ -142,7 +142,7 @@ def _fitted_ports(
 def _with_fittings(
     ports: list[Port], inlets: ConnectorPart | None, outlets: ConnectorPart | None, key: str
 ) -> list[tuple[Port, ConnectorPart]]:
-    found = []
+    pairs = []
     for name, fitting, inlet in (("inlets", inlets, True), ("outlets", outlets, False)):
         chosen = [port for port in ports if port.inlet == inlet]
         if fitting is None:
@@ -158,8 +158,8 @@ def _with_fittings(
                     f"{key}.{name}.outer_mm {fitting.outer_mm:g} isn't wider than the vessel of "
                     f"{2.0 * port.radius_mm:.3g} mm at node {port.node}; make it wider"
                 )
-            found.append((port, fitting))
-    return found
+            pairs.append((port, fitting))
+    return pairs
 
 
 def _lumens(

@@ -55,7 +55,7 @@ def checkable(name: str) -> bool:
 def _write_steps(context: RunContext, built: RunSolids) -> dict[str, Any]:
     """The lumens, and the construct where it is a block or cylinder with lumens and dimples."""
     network = context.network
-    found = {"lumen.step": write_step(context.folder / "lumen.step", network)}
+    files = {"lumen.step": write_step(context.folder / "lumen.step", network)}
     body = _step_body(context)
     if body is None:
         context.bars.remark(
@@ -63,8 +63,8 @@ def _write_steps(context: RunContext, built: RunSolids) -> dict[str, Any]:
             "solid.step isn't written: only a block or cylinder minus lumens and dimples can be; "
             "lumen.step is, and the other formats hold all",
         )
-        return found
-    found["solid.step"] = write_step(
+        return files
+    files["solid.step"] = write_step(
         context.folder / "solid.step",
         network,
         body=body,
@@ -72,7 +72,7 @@ def _write_steps(context: RunContext, built: RunSolids) -> dict[str, Any]:
         extend_ends_mm=built.beyond_mm,
         extend_nodes=built.ports,
     )
-    return found
+    return files
 
 
 def _step_body(context: RunContext) -> StepBody | None:

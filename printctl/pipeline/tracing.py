@@ -63,9 +63,9 @@ def read_job(
     place_mm : (3,) mm
         Part to printer.
     """
-    with np.load(line_map, allow_pickle=False) as found:
-        of_line = found["source"].astype(np.int64)
-        of_vessels = str(found["source_kind"]) == "vessel"
+    with np.load(line_map, allow_pickle=False) as arrays_file:
+        of_line = arrays_file["source"].astype(np.int64)
+        of_vessels = str(arrays_file["source_kind"]) == "vessel"
     x, y, z = start_mm.tolist()
     program, valve = read_with_valve(gcode.read_bytes(), printer, (x, y, z))
     if valve is None:
@@ -92,21 +92,21 @@ def _spans(of_line: IntArray) -> tuple[IntArray, IntArray]:
     return np.where(last > 0, first, 0), last
 
 
-def by_layer(found: RegistrationReport, job: Job) -> list[dict[str, Any]]:
+def by_layer(report: RegistrationReport, job: Job) -> list[dict[str, Any]]:
     """Deviation after the scaled fit of the seen surface in each layer, and the layer's lines.
 
     Parameters
     ----------
-    found : RegistrationReport
+    report : RegistrationReport
     job : Job
         Written in layers, each below the height that its lines are written at.
     """
-    again = found.scaled_scan_to_part @ np.linalg.inv(found.transform_scan_to_part)
-    z = found.surface.vertices @ again[2, :3] + again[2, 3]
+    again = report.scaled_scan_to_part @ np.linalg.inv(report.transform_scan_to_part)
+    z = report.surface.vertices @ again[2, :3] + again[2, 3]
     count, tops = len(job.first_line), layer_tops(job)
-    known = found.seen & np.isfinite(found.scaled_deviation_um)
+    known = report.seen & np.isfinite(report.scaled_deviation_um)
     layer = np.minimum(np.searchsorted(tops, z[known], side="right"), count - 1)
-    deviation = found.scaled_deviation_um[known]
+    deviation = report.scaled_deviation_um[known]
     points = np.bincount(layer, minlength=count)
     some = np.maximum(points, 1)
     mean = np.bincount(layer, deviation, count) / some

@@ -47,7 +47,7 @@ def verdict(registration: Record) -> dict[str, Any]:
         When it wasn't judged: an older version wrote it.
     """
     features = registration["judging"]["features"]
-    of_features: list[Finding] = [(f["decision"], reason(f)) for f in _told(features)]
+    of_features: list[Finding] = [(f["decision"], reason(f)) for f in _worth_saying(features)]
     others: list[Finding] = [
         *(_in_this_pose(registration, *one) for one in _flow(registration)),
         *_pose(registration),
@@ -75,7 +75,7 @@ def _in_this_pose(registration: Record, decision: Decision, text: str) -> Findin
     return decision, text
 
 
-def _told(features: Sequence[Record]) -> list[Record]:
+def _worth_saying(features: Sequence[Record]) -> list[Record]:
     """What isn't a pass; of a vessel's mean only where its worst section doesn't say as much."""
     sure = [decision_at_sure_pose(f) for f in features]
     by_section = {f["vessel"]: f["decision"] for f in sure if f["name"] == "section"}
@@ -91,8 +91,8 @@ def _told(features: Sequence[Record]) -> list[Record]:
     ]
 
 
-def _some(found: Sequence[Finding], decision: Decision) -> list[str]:
-    texts = [text for one, text in found if one == decision]
+def _some(findings: Sequence[Finding], decision: Decision) -> list[str]:
+    texts = [text for one, text in findings if one == decision]
     left = len(texts) - MOST_REASONS
     if left <= 0:
         return texts
@@ -109,12 +109,12 @@ def _proven(registration: Record, features: Sequence[Record]) -> list[Finding]:
     """What passes, in a line each."""
     vessels = registration["vessels"]
     good = [row for row in vessels if row["decision"] == "pass"]
-    said = f"{len(good)} of {len(vessels)} vessels pass"
+    text = f"{len(good)} of {len(vessels)} vessels pass"
     sections = [f for f in features if f["name"] == "section" and f["decision"] == "pass"]
     if sections:
         largest = max(sections, key=lambda f: abs(f["value_um"]) / f["designed_um"])
-        said += f"; of their sections the one farthest off: {reason(largest)}"
-    out: list[Finding] = [("pass", said)]
+        text += f"; of their sections the one farthest off: {reason(largest)}"
+    out: list[Finding] = [("pass", text)]
     if all(row["open"] is True for row in vessels):
         out.append(("pass", f"All {len(vessels)} vessels are open"))
     if not any(f["name"] == "leak" for f in features) and not pose_in_doubt(
@@ -141,24 +141,24 @@ def _not_judged(registration: Record) -> list[Finding]:
 
 def _outer_faces(registration: Record) -> str:
     surfaces = registration.get("by_surface") or {}
-    found = (surfaces.get("outer_faces") or {}).get("scaled") or {}
-    if found.get("max_um") is None:
+    faces = (surfaces.get("outer_faces") or {}).get("scaled") or {}
+    if faces.get("max_um") is None:
         return "outer faces (face_profile_um)"
     return (
-        f"outer faces (face_profile_um), of which 95 % lie within {found['p95_um']:.0f} µm and the "
-        f"farthest place is {found['max_um']:.0f} µm off"
+        f"outer faces (face_profile_um), of which 95 % lie within {faces['p95_um']:.0f} µm and the "
+        f"farthest place is {faces['max_um']:.0f} µm off"
     )
 
 
 def _places(registration: Record) -> list[Finding]:
     """Where outer faces stand out: the three largest places."""
     surfaces = registration.get("by_surface") or {}
-    found = (surfaces.get("outer_faces") or {}).get("places") or []
-    if not found:
+    places = (surfaces.get("outer_faces") or {}).get("places") or []
+    if not places:
         return []
-    said = "; ".join(_place_words(one) for one in found[:3])
-    more = f"; {len(found) - 3} more" if len(found) > 3 else ""
-    return [("pass", f"Away from lumens the print stands out from the design: {said}{more}")]
+    text = "; ".join(_place_words(one) for one in places[:3])
+    more = f"; {len(places) - 3} more" if len(places) > 3 else ""
+    return [("pass", f"Away from lumens the print stands out from the design: {text}{more}")]
 
 
 def _place_words(place: Record) -> str:
@@ -177,8 +177,8 @@ def _flow(registration: Record) -> list[Finding]:
     starved = [str(row["vessel"]) for row in flow["vessels"] if not row["fed"]]
     if starved:
         few = _few(starved)
-        said = "1 vessel carries" if len(starved) == 1 else f"{len(starved)} vessels carry"
-        return [("fail", f"{said} no flow as printed: {few}")]
+        count_text = "1 vessel carries" if len(starved) == 1 else f"{len(starved)} vessels carry"
+        return [("fail", f"{count_text} no flow as printed: {few}")]
     drop, designed = flow["pressure_drop_pa"], flow["designed_pressure_drop_pa"]
     if not drop or not designed:
         return []

@@ -82,12 +82,12 @@ def read_written(
     corrections = _corrections(folder, part)
     stretch = corrections.stretch
     if not stretch.is_neutral:
-        said = (
+        text = (
             "are drawn in the design's size, which the scaled fit gives the scan"
             if fit == "scaled"
             else "are drawn as written, over a part that may have shrunk since"
         )
-        notes.append(f"The G-code isn't of the design's size (compensation): lines {said}.")
+        notes.append(f"The G-code isn't of the design's size (compensation): lines {text}.")
     corrected = fit == "scaled" and corrections.changes_lumens
     if corrected:
         notes.append(

@@ -28,11 +28,11 @@ def expand(words: Sequence[str], plate: Plate, key: str) -> list[str]:
     RecipeError
         For what is no name, isn't on the plate or is named twice.
     """
-    found = [well for word in words for well in _of_word(word, plate, key)]
-    twice = next((well for well in found if found.count(well) > 1), None)
+    wells = [well for word in words for well in _of_word(word, plate, key)]
+    twice = next((well for well in wells if wells.count(well) > 1), None)
     if twice:
         raise RecipeError(f"{key} names {twice} twice; a well holds one part, so name it once")
-    return found
+    return wells
 
 
 def _of_word(word: str, plate: Plate, key: str) -> list[str]:

@@ -111,16 +111,16 @@ def standing_plate(
         (printer.x_mm.low + printer.x_mm.high) / 2,
         (printer.y_mm.low + printer.y_mm.high) / 2,
     )
-    found = StandingPlate(plate, middle, turned_deg, printer.z_mm.low, bath_mm)
+    standing = StandingPlate(plate, middle, turned_deg, printer.z_mm.low, bath_mm)
     if a1_mm is not None:
-        x, y = found.turned(*plate.offset_mm("A1"))
-        found = StandingPlate(
+        x, y = standing.turned(*plate.offset_mm("A1"))
+        standing = StandingPlate(
             plate, (a1_mm[0] - x, a1_mm[1] - y), turned_deg, printer.z_mm.low, bath_mm
         )
-    if found.safe_z_mm > printer.z_mm.high:
+    if standing.safe_z_mm > printer.z_mm.high:
         raise RecipeError(
             f"plate.profile: {plate.name} is {plate.height_mm:g} mm high, and a tip that clears it "
-            f"by {RIM_CLEARANCE_MM:g} mm would be at z {found.safe_z_mm:g} mm, above the "
+            f"by {RIM_CLEARANCE_MM:g} mm would be at z {standing.safe_z_mm:g} mm, above the "
             f"{printer.z_mm.high:g} mm of {printer.name} (z_mm); take a lower plate"
         )
-    return found
+    return standing

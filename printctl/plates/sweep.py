@@ -77,13 +77,13 @@ def points(sweep: Mapping[str, Sequence[Any]], combine: str) -> list[Point]:
     rows = product(*sweep.values()) if combine == "grid" else zip(*sweep.values(), strict=True)
     if not sweep:
         return [Point()]
-    found = [Point(dict(zip(sweep, row, strict=True))) for row in rows]
-    twice = next((point for point in found if found.count(point) > 1), None)
+    variants = [Point(dict(zip(sweep, row, strict=True))) for row in rows]
+    twice = next((point for point in variants if variants.count(point) > 1), None)
     if twice:
         raise RecipeError(
             f"plate.sweep holds {twice.label} more than once; say it once, and copies for more"
         )
-    return found
+    return variants
 
 
 def _check_key(key: str) -> None:

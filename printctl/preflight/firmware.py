@@ -153,9 +153,9 @@ def _least_timeout(run: DryRun, timeout: IdleTimeout) -> tuple[float, int]:
     program = run.program
     moves = np.flatnonzero(program.kind == MOVE)
     first = int(program.line[moves[0]]) if len(moves) else math.inf
-    said = _timeouts(run, timeout)
-    before = [at for at in said if at[1] < first][-1:] or [(0.0, 0)]
-    return min([*before, *(at for at in said if at[1] > first)])
+    timeouts = _timeouts(run, timeout)
+    before = [at for at in timeouts if at[1] < first][-1:] or [(0.0, 0)]
+    return min([*before, *(at for at in timeouts if at[1] > first)])
 
 
 def _timeouts(run: DryRun, timeout: IdleTimeout) -> list[tuple[float, int]]:

@@ -57,7 +57,7 @@ def _output_checks(run: DryRun, printer: Printer) -> list[Check]:
     ]
     if not others:
         return [Check(_OUTPUTS, 0, 0, "", True)]
-    said = "none" if head is None else f"{head.opens}, {head.closes}"
+    dispenser = "none" if head is None else f"{head.opens}, {head.closes}"
     return [
         Check(
             _OUTPUTS,
@@ -67,7 +67,7 @@ def _output_checks(run: DryRun, printer: Printer) -> list[Check]:
             False,
             f"line {others[0].line}",
             f"{_setting(others[0].words)}, and the profile's valve alone may be switched "
-            f"(dispenser: {said}); take it out, or name the valve in a copy of the profile",
+            f"(dispenser: {dispenser}); take it out, or name the valve in a copy of the profile",
         )
     ]
 

@@ -38,13 +38,13 @@ _COUNTED_REMEDY = {
 
 def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
     """Every check of a dry run, passed or not."""
-    found = {finding.code: finding for finding in run.findings}
+    findings = {finding.code: finding for finding in run.findings}
     checks = [
         *_travel(run, printer),
-        *_speed(run, found),
-        *_plunger(run, printer, found),
+        *_speed(run, findings),
+        *_plunger(run, printer, findings),
         *_pulled_back(run),
-        _line_length(run, printer, found),
+        _line_length(run, printer, findings),
         _merged(run, printer),
         _starved(run, printer),
         *(_counted(code, name, run.findings) for code, name in _counted_for(printer).items()),
@@ -57,11 +57,11 @@ def gcode_checks(run: DryRun, printer: Printer) -> list[Check]:
         *valve_checks(run, printer),
         *profile_checks(printer),
     ]
-    told = {*_counted_for(printer), "plunger_travel", "long_line"}
+    listed = {*_counted_for(printer), "plunger_travel", "long_line"}
     others = [
         finding
-        for code, finding in found.items()
-        if code not in told and not code.startswith(("outside_", "speed_"))
+        for code, finding in findings.items()
+        if code not in listed and not code.startswith(("outside_", "speed_"))
     ]
     return checks + [_other(finding) for finding in others]
 
@@ -100,7 +100,7 @@ def _travel(run: DryRun, printer: Printer) -> list[Check]:
     return checks
 
 
-def _speed(run: DryRun, found: dict[str, Finding]) -> list[Check]:
+def _speed(run: DryRun, findings: dict[str, Finding]) -> list[Check]:
     fastest = run.speed_mm_s.max(axis=0, initial=0.0)
     return [
         Check(
@@ -108,22 +108,22 @@ def _speed(run: DryRun, found: dict[str, Finding]) -> list[Check]:
             float(fastest[axis]),
             float(run.limit_mm_s[axis]),
             "mm/s",
-            f"speed_{name}" not in found,
-            _line(found.get(f"speed_{name}")),
+            f"speed_{name}" not in findings,
+            _line(findings.get(f"speed_{name}")),
             "lower the speed in the recipe: the firmware would slow the whole move",
         )
         for axis, name in enumerate("xyze")
     ]
 
 
-def _plunger(run: DryRun, printer: Printer, found: dict[str, Finding]) -> list[Check]:
+def _plunger(run: DryRun, printer: Printer, findings: dict[str, Finding]) -> list[Check]:
     """Each head's; none for a pneumatic one."""
     if printer.heads:
-        return check_each_head(run, printer, lambda _, view, one: [_travelled(view, one, found)])
-    return [] if printer.plunger_travel_mm is None else [_travelled(run, printer, found)]
+        return check_each_head(run, printer, lambda _, view, one: [_travelled(view, one, findings)])
+    return [] if printer.plunger_travel_mm is None else [_travelled(run, printer, findings)]
 
 
-def _travelled(run: DryRun, printer: Printer, found: dict[str, Finding]) -> Check:
+def _travelled(run: DryRun, printer: Printer, findings: dict[str, Finding]) -> Check:
     limit = printer.plunger_travel_mm or np.inf
     return Check(
         "plunger travel",
@@ -131,7 +131,7 @@ def _travelled(run: DryRun, printer: Printer, found: dict[str, Finding]) -> Chec
         limit,
         "mm",
         run.plunger_max_mm <= limit + _TINY_MM,
-        _line(found.get("plunger_travel")),
+        _line(findings.get("plunger_travel")),
         "use a wider syringe or a smaller part",
     )
 
@@ -156,14 +156,14 @@ def _pulled_back(run: DryRun) -> list[Check]:
     ]
 
 
-def _line_length(run: DryRun, printer: Printer, found: dict[str, Finding]) -> Check:
+def _line_length(run: DryRun, printer: Printer, findings: dict[str, Finding]) -> Check:
     size, line = run.longest_line
     return Check(
         "longest line as sent",
         size,
         printer.max_line_bytes,
         "bytes",
-        "long_line" not in found,
+        "long_line" not in findings,
         f"line {line}",
         "shorten it: the firmware would cut it",
     )

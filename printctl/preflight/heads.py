@@ -44,14 +44,14 @@ def check_each_head(
     checks : callable
         Given a head's number, the run as that head sees it, and the printer with it alone.
     """
-    found: list[Check] = []
+    all_checks: list[Check] = []
     for number in range(printer.head_count):
         if not (run.program.pushed[run.program.tool == number] != 0).any():
             continue
         name = f"head {number} ({printer.heads[number].name})"
         own = checks(number, run.of_head(number), printer.of_head(number))
-        found += [replace(check, check=f"{name}: {check.check}") for check in own]
-    return found
+        all_checks += [replace(check, check=f"{name}: {check.check}") for check in own]
+    return all_checks
 
 
 def head_checks(
@@ -99,7 +99,7 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
             "it would push ink into the air; lower it before (heads: lowers)",
         ),
     )
-    found = [_none(run, *row) for row in rows]
+    checks = [_none(run, *row) for row in rows]
     switched = np.flatnonzero((np.diff(heads.raised, axis=0, append=heads.raised[-1:])).any(axis=1))
     begun = np.flatnonzero(moves)
     first = int(begun[0]) if len(begun) else len(program)
@@ -108,7 +108,7 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
     late[[row for row in switched.tolist() if row > first and not _stands(still, moves, row)]] = (
         True
     )
-    found.append(
+    checks.append(
         _none(
             run,
             "heads raised or lowered while the carriage may still move",
@@ -119,7 +119,7 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
     short = np.zeros(len(program), dtype=np.bool_)
     least = max((head.moving_s for head in printer.heads if head.moves), default=0.0)
     short[[row for row in switched.tolist() if _waits(run, row) < least - 1e-9]] = True
-    found.append(
+    checks.append(
         replace(
             _none(
                 run,
@@ -130,7 +130,7 @@ def _states(run: DryRun, printer: Printer) -> list[Check]:
             weight="warns",
         )
     )
-    return found
+    return checks
 
 
 def _stands(still: NDArray[np.bool_], moves: NDArray[np.bool_], row: int) -> bool:

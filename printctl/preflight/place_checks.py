@@ -25,11 +25,11 @@ _AXES: Final = "XYZ"
 
 def place_checks(run: DryRun, printer: Printer) -> list[Check]:
     """A row for the first place that the job tells anew with other numbers."""
-    for number, axis, told, stands in _told_anew(run):
+    for number, axis, stated, stands in _told_anew(run):
         return [
             Check(
                 f"place of {axis} told anew",
-                told,
+                stated,
                 stands,
                 "mm",
                 False,
@@ -49,9 +49,9 @@ def _told_anew(run: DryRun) -> Iterator[tuple[int, str, float, float]]:
     first = int(moves.min()) if moves.size else 0
     shift, by_g92 = dict[str, float](), set[str]()
     for number, line in run.others:
-        told = _places(line)
-        row = int(np.searchsorted(program.line, number)) if told else 0
-        for axis, value in told.items():
+        stated = _places(line)
+        row = int(np.searchsorted(program.line, number)) if stated else 0
+        for axis, value in stated.items():
             at = _stood(run, row)[_AXES.index(axis)]
             by_name = line.code != "G92"
             stands = at + shift.setdefault(axis, value - at if number < first or not first else 0.0)

@@ -11,58 +11,59 @@ if TYPE_CHECKING:
     from sim.clearance import Clearance, ShaftContact
 
 
-def shaft_checks(found: Clearance, allowed: int, *, accepted: bool = False) -> list[Check]:
+def shaft_checks(clearance: Clearance, allowed: int, *, accepted: bool = False) -> list[Check]:
     """Whether the shaft passes through nothing but joints, and keeps its clearance.
 
     Parameters
     ----------
-    found : Clearance
+    clearance : Clearance
     allowed : int
         Pairs of vessels, one being written and one crossed. So many are told, more refuse.
     accepted : bool
         Whether the user takes all of them: they are told.
     """
-    taken = accepted or found.pairs <= allowed
+    taken = accepted or clearance.pairs <= allowed
     crossing = Check(
         "vessels that the needle's shaft passes through",
-        found.pairs,
+        clearance.pairs,
         allowed,
         "",
-        not found.crossings,
-        f"line {found.crossings[0].line}" if found.crossings else "",
-        _worst(found.crossings, "cross")
+        not clearance.crossings,
+        f"line {clearance.crossings[0].line}" if clearance.crossings else "",
+        _worst(clearance.crossings, "cross")
         + "use a thinner needle or a sparser network, leave such vessels out (toolpath.leave_out "
         "in a recipe), or accept them: --accept-crossings of `printctl print`, "
         "toolpath.allowed_crossings in a recipe",
         "warns" if taken else "refuses",
     )
     graze = Check(
-        f"vessels that the shaft passes by nearer than {found.clearance_mm:g} mm",
-        found.grazed_pairs,
+        f"vessels that the shaft passes by nearer than {clearance.clearance_mm:g} mm",
+        clearance.grazed_pairs,
         0,
         "",
-        not found.grazes,
-        f"line {found.grazes[0].line}" if found.grazes else "",
-        _worst(found.grazes, "come so near") + "the needle must be straight and well calibrated",
+        not clearance.grazes,
+        f"line {clearance.grazes[0].line}" if clearance.grazes else "",
+        _worst(clearance.grazes, "come so near")
+        + "the needle must be straight and well calibrated",
         "warns",
     )
     return [crossing, graze]
 
 
-def _worst(found: Sequence[ShaftContact], do: str) -> str:
-    if not found:
+def _worst(contacts: Sequence[ShaftContact], do: str) -> str:
+    if not contacts:
         return ""
-    more = f"; {len(found)} moves {do} in all" if len(found) > 1 else ""
-    return f"{found[0].sentence()}{more}; "
+    more = f"; {len(contacts)} moves {do} in all" if len(contacts) > 1 else ""
+    return f"{contacts[0].sentence()}{more}; "
 
 
 def shaft_lines(facts: Mapping[str, Any]) -> list[str]:
     """For people, from `Clearance.as_dict`."""
     near = facts["nearest_apart_mm"]
-    told = "nothing within 1 mm" if near is None else f"{near:.3f} mm at the nearest"
+    nearest = "nothing within 1 mm" if near is None else f"{near:.3f} mm at the nearest"
     lines = [
         f"needle's shaft: {facts['moves']} moves looked at, {facts['crossed_pairs']} vessels "
-        f"crossed; to vessels without a joint {told}"
+        f"crossed; to vessels without a joint {nearest}"
     ]
     if facts["own_overlaps"]:
         worst = facts["overlap"][0]
@@ -88,11 +89,11 @@ def unmapped_check() -> Check:
     )
 
 
-def accepted_text(found: Clearance) -> str:
+def accepted_text(clearance: Clearance) -> str:
     """What a journal is to keep of crossings that a user accepted; empty without any."""
-    if not found.crossings:
+    if not clearance.crossings:
         return ""
     return (
-        f"{len(found.crossings)} moves that cross {found.pairs} pairs of vessels; worst: "
-        f"{found.crossings[0].sentence()}"
+        f"{len(clearance.crossings)} moves that cross {clearance.pairs} pairs of vessels; worst: "
+        f"{clearance.crossings[0].sentence()}"
     )

@@ -73,11 +73,11 @@ def file_shaft(file: Path, run: DryRun, mounted: SetUp, *, accepted: bool = Fals
         return FileShaft([])
     _check_lines(file, path, len(written.sources.vessel))
     loads = [mounted.load_of(number) for number in range(mounted.printer.head_count)]
-    found = shaft_clearance(run, mounted.printer, loads, written)
-    text = accepted_text(found)
+    clearance = shaft_clearance(run, mounted.printer, loads, written)
+    text = accepted_text(clearance)
     return FileShaft(
-        shaft_checks(found, 0, accepted=accepted),
-        found,
+        shaft_checks(clearance, 0, accepted=accepted),
+        clearance,
         (text,) if accepted and text else (),
     )
 

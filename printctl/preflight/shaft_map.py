@@ -87,8 +87,8 @@ def read_written(path: Path) -> ShaftMap | None:
     if not path.is_file():
         return None
     try:
-        with np.load(path, allow_pickle=False) as found:
-            data = {name: found[name] for name in found.files}
+        with np.load(path, allow_pickle=False) as arrays_file:
+            data = {name: arrays_file[name] for name in arrays_file.files}
         if str(data["source_kind"]) != "vessel":
             return None
         return read_written_arrays(data)

@@ -79,7 +79,7 @@ def viability_checks(time: PrintTime, budget: Budget | None) -> list[Check]:
 
 def viability_facts(time: PrintTime, budget: Budget | None) -> dict[str, Any]:
     """For the report: the time and what it is held against, or that nobody knows."""
-    said = (
+    available = (
         "not known: neither the ink (viability_min) nor the recipe says it"
         if budget is None
         else f"{budget.minutes:g} min ({budget.source})"
@@ -87,6 +87,6 @@ def viability_facts(time: PrintTime, budget: Budget | None) -> dict[str, Any]:
     return {
         "print_time_s": 60 * time.minutes,
         "changes_of_syringe": time.reloads,
-        "time_the_cells_have": said,
+        "time_the_cells_have": available,
         **({"changes_timed": False} if time.lacks_reloads else {}),
     }

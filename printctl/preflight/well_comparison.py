@@ -43,10 +43,13 @@ def compare_well_moves(
     same = len(here[0]) == len(there[0])
     off = float(np.abs(here[0] - there[0] - moved_mm).max(initial=0.0)) if same else np.inf
     pushed = float(np.abs(here[1] - there[1]).max(initial=0.0)) if same else np.inf
-    said = {"mm": (off, allowed), "mm of the plunger": (pushed, _ROUNDINGS * 10.0**-digits.e)}
+    differences = {
+        "mm": (off, allowed),
+        "mm of the plunger": (pushed, _ROUNDINGS * 10.0**-digits.e),
+    }
     if not same:
-        said = {"moves": (float(abs(len(here[0]) - len(there[0]))), 0.0)}
-    unit, (value, limit) = max(said.items(), key=lambda one: one[1][0] - one[1][1])
+        differences = {"moves": (float(abs(len(here[0]) - len(there[0]))), 0.0)}
+    unit, (value, limit) = max(differences.items(), key=lambda one: one[1][0] - one[1][1])
     return Check(
         "wells against the same part alone, whose needle and lumens were looked at",
         value,
@@ -60,5 +63,5 @@ def compare_well_moves(
 
 
 def _moves(program: Program, rows: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    found = rows & (program.kind == MOVE)
-    return program.target[found, :3], program.pushed[found]
+    chosen = rows & (program.kind == MOVE)
+    return program.target[chosen, :3], program.pushed[chosen]

@@ -49,10 +49,10 @@ def read_wells(path: Path, line: NDArray[np.int64], volume_ul: FloatArray) -> We
     """
     if not path.is_file():
         return None
-    with np.load(path, allow_pickle=False) as found:
-        if "plate_wells" not in found.files or len(found["well"]) < line.max(initial=0):
+    with np.load(path, allow_pickle=False) as arrays_file:
+        if "plate_wells" not in arrays_file.files or len(arrays_file["well"]) < line.max(initial=0):
             return None
-        data = {name: found[name] for name in found.files}
+        data = {name: arrays_file[name] for name in arrays_file.files}
     well = data["well"][line - 1]
     ink = {str(name): float(volume_ul[well == k].sum()) for k, name in enumerate(data["wells"])}
     return _wells(data, ink)

@@ -73,8 +73,8 @@ def well_checks(run: DryRun, wells: Wells, needle: Needle) -> list[Check]:
         _of_well(run, wells, needle, number, low & (near == number).any(axis=1))
         for number in np.unique(near[low]).tolist()
     ]
-    for name in dict.fromkeys(check.check for found in asked for check in found):
-        checks += _worst([check for found in asked for check in found if check.check == name])
+    for name in dict.fromkeys(check.check for group in asked for check in group):
+        checks += _worst([check for group in asked for check in group if check.check == name])
     return checks
 
 
@@ -91,14 +91,14 @@ def _crossing(run: DryRun, wells: Wells, tips: FloatArray, across: NDArray[np.bo
     """Ways from one well to another must be above the rims."""
     height = np.where(across, tips[:, :, 2].min(axis=1), np.inf)
     row = int(height.argmin()) if len(height) else -1
-    found = row >= 0 and bool(across.any())
+    crosses = row >= 0 and bool(across.any())
     return Check(
         "ways between wells, above the plate's rims",
-        float(height[row]) if found else wells.safe_z_mm,
+        float(height[row]) if crosses else wells.safe_z_mm,
         wells.safe_z_mm,
         "mm",
-        not found,
-        f"line {int(run.program.line[row])}" if found else "",
+        not crosses,
+        f"line {int(run.program.line[row])}" if crosses else "",
         "the needle would drag through the wells' walls; go over them (height_mm of the plate, and "
         "what is kept above it)",
     )

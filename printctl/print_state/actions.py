@@ -139,8 +139,8 @@ def _changed(folder: Path) -> tuple[tuple[str, int], ...]:
     files = [folder / RECORD, folder / JOURNAL, *(station / STATION_RECORD for station in near)]
     with contextlib.suppress(LinkError):
         files.append(Path(load_record(folder).job))
-    found = [(str(path), path.stat().st_mtime_ns) for path in files if path.exists()]
-    return *found, *((str(station), int(alive(station, STATION_LOCK))) for station in near)
+    times = [(str(path), path.stat().st_mtime_ns) for path in files if path.exists()]
+    return *times, *((str(station), int(alive(station, STATION_LOCK))) for station in near)
 
 
 def _why_no_going_on(folder: Path) -> str:

@@ -58,28 +58,28 @@ def continue_print(
     LinkError
         When the printer can't be reached, or the print can't be gone on with.
     """
-    told = syringe is not None or plunger_mm is not None
-    if unchanged and told:
+    changed = syringe is not None or plunger_mm is not None
+    if unchanged and changed:
         raise UsageError("the syringe is either unchanged or a new one; say one of both")
-    with attach(folder) as found:
-        status = found.status
-    if status.state in _GOING_ON and not status.waits_for and not (told or unchanged):
+    with attach(folder) as attached:
+        status = attached.status
+    if status.state in _GOING_ON and not status.waits_for and not (changed or unchanged):
         raise PrintctlError(
             f"the print in {folder} isn't paused ({status.state.value}: {status.message})"
         )
-    if told and status.ended:
+    if changed and status.ended:
         _refuse_unchanged(folder)
     if not (status.ended or unobserved):
         ensure_observer(folder)
     with restart(folder, port, unobserved) if status.ended else attach(folder) as client:
         if status.ended and client.status.state is not LinkState.PAUSED:
-            if told and not client.status.ended:
+            if changed and not client.status.ended:
                 raise PrintctlError(
                     f"the print in {folder} goes on with the syringe that was told before its link "
                     "process died; what was told now isn't counted"
                 )
             return client.status
-        change = new_syringe_of(client, syringe, plunger_mm) if told else None
+        change = new_syringe_of(client, syringe, plunger_mm) if changed else None
         client.resume(change, unchanged)
         return client.status
 

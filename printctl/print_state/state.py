@@ -140,14 +140,14 @@ def assemble_state(
 
 def _next_step(actions: tuple[Possible, ...]) -> str:
     """Say what can be done after an interruption; promise nothing that would be refused."""
-    found = {one.action: one for one in actions}
-    if found[PrintAction.GO_ON].possible:
+    by_action = {one.action: one for one in actions}
+    if by_action[PrintAction.GO_ON].possible:
         return (
             "if the printer kept its power, Go on (`printctl resume`) asks it for its last line "
             "and goes on from there"
         )
-    recover = found[PrintAction.RECOVER]
-    ways = f"it can't be gone on with: {found[PrintAction.GO_ON].reason}"
+    recover = by_action[PrintAction.RECOVER]
+    ways = f"it can't be gone on with: {by_action[PrintAction.GO_ON].reason}"
     if recover.possible and "recover" not in ways.lower():
         ways += "; Recover (`printctl recover`) plans the rest as a job of its own"
     return ways
@@ -155,11 +155,11 @@ def _next_step(actions: tuple[Possible, ...]) -> str:
 
 def remaining_of(table: JobTable, journal: JournalledFacts) -> Remaining:
     """Return the estimate of what is left, by the pace that the journal's checkpoints tell."""
-    found = Remaining(float(table.time_s[-1]))
+    estimate = Remaining(float(table.time_s[-1]))
     positions = [(one.after, one.count) for one in journal.inserts]
     for done, active_s in journal.paces:
-        found.saw(predicted_s(table, file_count(done, positions)), active_s)
-    return found
+        estimate.saw(predicted_s(table, file_count(done, positions)), active_s)
+    return estimate
 
 
 def filling_of(folder: Path, journal: JournalledFacts) -> Filling | None:

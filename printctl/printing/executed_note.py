@@ -44,12 +44,12 @@ def write_note(record: Path, sha256: str, printer: Printer, blocks: int) -> None
 def is_complete_record(record: Path, sha256: str, printer: Printer) -> bool:
     """Whether a record is of this job on this printer, by this version, and whole."""
     try:
-        said = json.loads(_note(record).read_text(encoding="utf-8"))
+        note = json.loads(_note(record).read_text(encoding="utf-8"))
         with np.load(record) as data:
             blocks = len(data["line"])
     except (OSError, ValueError, KeyError):
         return False
-    return bool(said == _facts(sha256, printer, blocks))
+    return bool(note == _facts(sha256, printer, blocks))
 
 
 def _note(record: Path) -> Path:

@@ -70,10 +70,12 @@ class JobTable:
     @staticmethod
     def load(path: Path) -> JobTable:
         """Read what `save` wrote."""
-        with np.load(path, allow_pickle=False) as found:
+        with np.load(path, allow_pickle=False) as arrays_file:
             return JobTable(
                 **{
-                    one.name: found[one.name] if found[one.name].ndim else found[one.name].item()
+                    one.name: arrays_file[one.name]
+                    if arrays_file[one.name].ndim
+                    else arrays_file[one.name].item()
                     for one in fields(JobTable)
                 }
             )

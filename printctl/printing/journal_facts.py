@@ -62,26 +62,26 @@ def read_journal_facts(path: Path) -> JournalledFacts:
 
 def read_so_far(records: Iterable[dict[str, Any]]) -> JournalledFacts:
     """Read the last print of a journal's records."""
-    found, paces = JournalledFacts(), list[tuple[int, float]]()
+    facts, paces = JournalledFacts(), list[tuple[int, float]]()
     for record in records:
         sort, at = record.get("t"), float(record.get("at", 0.0))
         if sort == "job":
-            found, before = _begun(found, record), found
-            paces = paces if before.sha256 == found.sha256 else []
+            facts, before = _begun(facts, record), facts
+            paces = paces if before.sha256 == facts.sha256 else []
         elif sort in ("state", "end"):
-            found = _changed(found, record.get("state") == _AT_WORK and sort == "state", at)
+            facts = _changed(facts, record.get("state") == _AT_WORK and sort == "state", at)
         elif sort == "syringe":
             filled = int(record.get("done", 0)), float(record.get("plunger_mm", 0.0))
-            found = _with(found, filled=filled)
+            facts = _with(facts, filled=filled)
         elif sort == "insert":
-            found = _with(found, inserts=(*found.inserts, inserted_ink(record)))
+            facts = _with(facts, inserts=(*facts.inserts, inserted_ink(record)))
         elif sort == "alarm":
-            found = _with(found, last_alarm=str(record.get("text", "")))
+            facts = _with(facts, last_alarm=str(record.get("text", "")))
         elif sort == "repeated":
-            found = _with(found, last_alarm=times_words(record))
-        elif sort == "checkpoint" and found.since is not None:
-            paces.append((int(record.get("done", 0)), found.active_until(at)))
-    return _with(found, paces=tuple(paces))
+            facts = _with(facts, last_alarm=times_words(record))
+        elif sort == "checkpoint" and facts.since is not None:
+            paces.append((int(record.get("done", 0)), facts.active_until(at)))
+    return _with(facts, paces=tuple(paces))
 
 
 def _begun(before: JournalledFacts, record: dict[str, Any]) -> JournalledFacts:
@@ -98,5 +98,5 @@ def _changed(before: JournalledFacts, works: bool, at: float) -> JournalledFacts
     return _with(before, active_s=before.active_until(at), since=None)
 
 
-def _with(before: JournalledFacts, **said: Any) -> JournalledFacts:
-    return JournalledFacts(**{**vars(before), **said})
+def _with(before: JournalledFacts, **changes: Any) -> JournalledFacts:
+    return JournalledFacts(**{**vars(before), **changes})

@@ -38,8 +38,8 @@ def write_map(job: Path, plan: Recovery, rest: Path) -> None:
 def _map_of_rest(job: Path, plan: Recovery) -> dict[str, Any] | None:
     """Make the rest's map of the job's; None where there is none that can be used."""
     try:
-        with np.load(job.with_suffix(MAP), allow_pickle=False) as found:
-            arrays: dict[str, Any] = {name: found[name] for name in found.files}
+        with np.load(job.with_suffix(MAP), allow_pickle=False) as arrays_file:
+            arrays: dict[str, Any] = {name: arrays_file[name] for name in arrays_file.files}
         lines = _line_count(job.read_bytes())
         if {arrays[name].shape for name in OF_LINES} != {(lines,)}:
             return None

@@ -80,9 +80,9 @@ def simulated_printer(
         )
     limit = time.monotonic() + _COMES_UP_S
     while time.monotonic() < limit and process.poll() is None:
-        found, complete, _ = address.read_text().partition("\n")
+        port, complete, _ = address.read_text().partition("\n")
         if complete:
-            return found.strip()
+            return port.strip()
         time.sleep(0.02)
     ended = process.poll() is not None
     process.kill()

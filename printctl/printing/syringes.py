@@ -58,13 +58,13 @@ def with_reloads(
     try:
         reload_at = plan_reloads(job, usable)
     except LinkError as exc:
-        return [_told(check, f"{check.remedy}; {exc}", short) for check in checks], ()
+        return [_with_remedy(check, f"{check.remedy}; {exc}", short) for check in checks], ()
     if wanted:
         passed = [replace(check, passed=True) if check in short else check for check in checks]
         return passed, reload_at
     lines = ", ".join(str(job.file_line(index + 1)) for index in reload_at)
     offer = f"or {by}: the syringe is then changed before line {lines}"
-    return [_told(check, f"{check.remedy}, {offer}", short) for check in checks], ()
+    return [_with_remedy(check, f"{check.remedy}, {offer}", short) for check in checks], ()
 
 
 def with_reloads_of(
@@ -94,7 +94,7 @@ def with_reloads_of(
     try:
         at, heads = plan_head_reloads(job, usable)
     except LinkError as exc:
-        return [_told(check, f"{check.remedy}; {exc}", short) for check in checks], (), ()
+        return [_with_remedy(check, f"{check.remedy}; {exc}", short) for check in checks], (), ()
     if wanted:
         passed = [replace(check, passed=True) if check in short else check for check in checks]
         return passed, at, heads
@@ -102,7 +102,7 @@ def with_reloads_of(
         f"{job.file_line(index + 1)} (head {head})" for index, head in zip(at, heads, strict=True)
     )
     offer = f"or {by}: the syringe is then changed before line {lines}"
-    return [_told(check, f"{check.remedy}, {offer}", short) for check in checks], (), ()
+    return [_with_remedy(check, f"{check.remedy}, {offer}", short) for check in checks], (), ()
 
 
 def _is_about_it(check: Check) -> bool:
@@ -110,5 +110,5 @@ def _is_about_it(check: Check) -> bool:
     return name.startswith(_ABOUT_THE_SYRINGE)
 
 
-def _told(check: Check, remedy: str, short: list[Check]) -> Check:
+def _with_remedy(check: Check, remedy: str, short: list[Check]) -> Check:
     return replace(check, remedy=remedy) if check in short else check

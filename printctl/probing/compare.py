@@ -37,13 +37,15 @@ class Row:
 def compare(settings: Settings, profile: Printer) -> list[Row]:
     """A row for each key that the printer tells, those that differ first."""
     rows = []
-    for key, told in settings.values.items():
+    for key, reported in settings.values.items():
         name, _, part = key.partition(".")
         mine = getattr(profile, name)
         mine = getattr(mine, part) if part else mine
-        same = told == mine if isinstance(told, bool) else _near(float(mine), float(told))
+        same = (
+            reported == mine if isinstance(reported, bool) else _near(float(mine), float(reported))
+        )
         starting = key in profile.starting_values or name in profile.starting_values
-        rows.append(Row(key, mine, told, same, starting))
+        rows.append(Row(key, mine, reported, same, starting))
     return sorted(rows, key=lambda row: (row.same, row.key))
 
 
@@ -71,8 +73,8 @@ def corrected_profile(profile: Printer, rows: list[Row], port: str, day: str) ->
             data[name] = {**whole, **data.get(name, {}), part: row.printer}
         else:
             data[name] = row.printer
-    told = {row.key for row in rows}
-    data["starting_values"] = _still_starting(profile, told)
+    reported = {row.key for row in rows}
+    data["starting_values"] = _still_starting(profile, reported)
     if not data["starting_values"]:
         del data["starting_values"]
     changed = ", ".join(row.key for row in rows if not row.same) or "nothing"
@@ -81,15 +83,15 @@ def corrected_profile(profile: Printer, rows: list[Row], port: str, day: str) ->
     return data
 
 
-def _still_starting(profile: Printer, told: set[str]) -> list[str]:
+def _still_starting(profile: Printer, reported: set[str]) -> list[str]:
     """Starting values that the printer hasn't told, whole or in part."""
     left = []
     for name in profile.starting_values:
         value = getattr(profile, name.partition(".")[0])
         parts = [] if "." in name else list(getattr(type(value), "model_fields", {}))
-        missing = [f"{name}.{part}" for part in parts if f"{name}.{part}" not in told]
+        missing = [f"{name}.{part}" for part in parts if f"{name}.{part}" not in reported]
         if parts and len(missing) < len(parts):
             left += missing
-        elif name not in told and (missing or not parts):
+        elif name not in reported and (missing or not parts):
             left.append(name)
     return left

@@ -52,25 +52,25 @@ class Settings:
 
 def read_settings(family: Family, answers: dict[bytes, Sequence[bytes]]) -> Settings:
     """Read the answers to a family's questions (`ProbeFacts`)."""
-    told = parse_firmware(answers.get(b"M115", ()))
+    firmware = parse_firmware(answers.get(b"M115", ()))
     values: dict[str, float | bool] = {}
     notes: list[str] = []
     for name, key in (("EMERGENCY_PARSER", "emergency_parser"), ("ADVANCED_OK", "advanced_ok")):
-        if name in told.capabilities:
-            values[key] = told.capabilities[name]
+        if name in firmware.capabilities:
+            values[key] = firmware.capabilities[name]
     for replies in answers.values():
         for reply in replies:
             text = reply.decode("ascii", "replace")
             values.update(_read(family, text))
             notes += _noted(text)
-    return Settings(told.name, values, tuple(notes))
+    return Settings(firmware.name, values, tuple(notes))
 
 
 def _read(family: Family, text: str) -> Iterator[tuple[str, float | bool]]:
     for words, key in family.probe.phrases.items():
-        found = re.search(rf"{re.escape(words)}:? (\d+(?:\.\d+)?)", text)
-        if found:
-            yield key, float(found[1])
+        match = re.search(rf"{re.escape(words)}:? (\d+(?:\.\d+)?)", text)
+        if match:
+            yield key, float(match[1])
     if family.probe.phrases:
         return
     for begin, key, factor in _LISTS:

@@ -247,12 +247,12 @@ class GrownNetwork(Growth):
         return [name for name in (self.terminal_points, self.trunk) if name is not None]
 
     def _counted_by(self) -> str | None:
-        said = {
+        given = {
             "terminals": self.terminals is not None,
             "terminal_points": self.terminal_points is not None,
             "stages": bool(self.stages),
         }
-        named = [key for key, is_there in said.items() if is_there]
+        named = [key for key, is_there in given.items() if is_there]
         if len(named) > 1:
             raise ValueError(f"{' and '.join(named)} each say how many terminals; give one of them")
         return named[0] if named else None

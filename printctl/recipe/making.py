@@ -213,22 +213,22 @@ class PrinterPart(Part):
     @model_validator(mode="after")
     def _heads_agree(self) -> PrinterPart:
         check_heads(self.heads)
-        said = self.model_fields_set & {"syringe", "ink"}
-        if self.heads and said:
+        given = self.model_fields_set & {"syringe", "ink"}
+        if self.heads and given:
             raise ValueError(
-                f"{' and '.join(sorted(said))} of the printer and its heads are both given; say it "
-                "in heads alone"
+                f"{' and '.join(sorted(given))} of the printer and its heads are both given; say "
+                "it in heads alone"
             )
         return self
 
     @model_serializer(mode="wrap")
     def _said_in_heads_alone(self, whole: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """What is dumped can be read again: no syringe and ink beside those of the heads."""
-        said: dict[str, Any] = whole(self)
+        data: dict[str, Any] = whole(self)
         if self.heads:
-            said.pop("syringe", None)
-            said.pop("ink", None)
-        return said
+            data.pop("syringe", None)
+            data.pop("ink", None)
+        return data
 
     @model_validator(mode="after")
     def _faults_are_simulated(self) -> PrinterPart:

@@ -59,19 +59,20 @@ def steps_from(
     RecipeError
         When the recipe is of a newer schema, or of one that no step leads away from.
     """
-    said = data.get("schema")
-    if not isinstance(said, int) or isinstance(said, bool) or said == SCHEMA:
+    schema = data.get("schema")
+    if not isinstance(schema, int) or isinstance(schema, bool) or schema == SCHEMA:
         return ()  # What isn't a version at all is refused with the other wrong keys.
-    if said > SCHEMA:
+    if schema > SCHEMA:
         raise RecipeError(
-            f"{origin} is of schema {said}, and this printctl reads up to {SCHEMA}; it was written "
-            "for a newer printctl: update this one, or ask for the recipe in an older schema"
+            f"{origin} is of schema {schema}, and this printctl reads up to {SCHEMA}; it was "
+            "written for a newer printctl: update this one, or ask for the recipe in an older "
+            "schema"
         )
     known = STEPS if steps is None else steps
-    needed = tuple(step for step in known if step.old >= said)
-    if [step.old for step in needed] != list(range(said, SCHEMA)):
+    needed = tuple(step for step in known if step.old >= schema)
+    if [step.old for step in needed] != list(range(schema, SCHEMA)):
         raise RecipeError(
-            f"{origin} is of schema {said}, and none older than "
+            f"{origin} is of schema {schema}, and none older than "
             f"{min((step.old for step in known), default=SCHEMA)} can be read; write its keys anew "
             "after `printctl init`"
         )
@@ -116,10 +117,10 @@ def _apply(data: dict[str, Any], change: Change) -> None:
 
 def _rewritten(text: str, change: Change) -> str:
     """``text`` with one key renamed, or its value replaced, where YAML says that they stand."""
-    found = _find(yaml.compose(text, Loader=yaml.SafeLoader), change.path)
-    if found is None:
+    nodes = _find(yaml.compose(text, Loader=yaml.SafeLoader), change.path)
+    if nodes is None:
         return text
-    key, value = found
+    key, value = nodes
     if change.value is not None:
         old = read_yaml(text[value.start_mark.index : value.end_mark.index])
         text = _put(text, value, str(yaml.safe_dump(change.value(old))).split("\n")[0])
@@ -128,15 +129,15 @@ def _rewritten(text: str, change: Change) -> str:
 
 def _find(root: Any, path: Sequence[str]) -> tuple[Any, Any] | None:
     """Nodes of the key at ``path`` and of its value."""
-    found = None
+    nodes = None
     for part in path:
         if not isinstance(root, yaml.MappingNode):
             return None
-        found = next(((key, value) for key, value in root.value if key.value == part), None)
-        if found is None:
+        nodes = next(((key, value) for key, value in root.value if key.value == part), None)
+        if nodes is None:
             return None
-        root = found[1]
-    return found
+        root = nodes[1]
+    return nodes
 
 
 def _put(text: str, node: Any, words: str) -> str:

@@ -88,9 +88,11 @@ class Recipe(Part):
         size = self.tissue.size_mm if isinstance(self.tissue, Block) else None
         if size == _PLANAR_BLOCK_MM:
             return
-        said = "" if size is None else " of 16 x 8 x 3 mm, not {:g} x {:g} x {:g}".format(*size)
+        size_text = (
+            "" if size is None else " of 16 x 8 x 3 mm, not {:g} x {:g} x {:g}".format(*size)
+        )
         raise ValueError(
-            f"vasculature.design planar_four_vessel is made for a block{said}: its ports and "
+            f"vasculature.design planar_four_vessel is made for a block{size_text}: its ports and "
             "fiducial dimples lie on that block's faces; give tissue: {shape: block, size_mm: "
             "[16, 8, 3]}, and print_scale for another size of the whole"
         )

@@ -66,8 +66,8 @@ class PlatePart(Part):
     def _lists_are_as_long_as_each_other(self) -> PlatePart:
         lengths = {key: len(values) for key, values in self.sweep.items()}
         if self.combine == "list" and len(set(lengths.values())) > 1:
-            told = ", ".join(f"{key} {count}" for key, count in lengths.items())
-            raise ValueError(f"combine: list takes as many values of each key; there are {told}")
+            counts = ", ".join(f"{key} {count}" for key, count in lengths.items())
+            raise ValueError(f"combine: list takes as many values of each key; there are {counts}")
         for name in ("wells", "scanned"):
             if getattr(self, name) == ():
                 raise ValueError(f"{name} names no well; leave it out, or name some")
@@ -82,10 +82,10 @@ def check_plate(printer: PrinterPart, toolpath: ToolpathPart) -> None:
     ValueError
         With the key and the remedy.
     """
-    said = [name for name in _ALONE if getattr(printer, name) is not None]
-    if said:
+    given = [name for name in _ALONE if getattr(printer, name) is not None]
+    if given:
         raise ValueError(
-            f"printer.{said[0]} is of one dish, and plate gives each part a well of its own; "
+            f"printer.{given[0]} is of one dish, and plate gives each part a well of its own; "
             "leave it out (plate.bath_depth_mm, plate.a1_mm)"
         )
     if printer.heads:

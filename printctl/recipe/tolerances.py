@@ -20,10 +20,10 @@ def _sides(value: Any) -> tuple[float, float]:
     """Read minus and plus of ``10`` or ``+10/-5``."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value), float(value)
-    found = _PAIR.match(value.strip()) if isinstance(value, str) else None
-    if found is None:
+    match = _PAIR.match(value.strip()) if isinstance(value, str) else None
+    if match is None:
         raise ValueError("give one number for both sides, like 10, or both sides, like +10/-5")
-    return float(found[2]), float(found[1])
+    return float(match[2]), float(match[1])
 
 
 def _checked(value: Any) -> Any:
@@ -94,7 +94,7 @@ class VesselTolerancePart(Part):
 
     def changes(self) -> dict[str, Any]:
         """Fields of `VesselLimits` that are given."""
-        found = {
+        given = {
             "diameter": _limit(self.diameter_percent, self.diameter_um),
             "mean": _limit(self.mean_percent, self.mean_um),
             "narrowest": _lower(self.narrowest_percent, self.narrowest_um),
@@ -106,7 +106,7 @@ class VesselTolerancePart(Part):
             "cylindricity_um": self.cylindricity_um,
             "profile_um": self.profile_um,
         }
-        return {name: value for name, value in found.items() if value is not None}
+        return {name: value for name, value in given.items() if value is not None}
 
 
 class OverridePart(VesselTolerancePart):

@@ -52,27 +52,27 @@ def write_bundle(path: Path, entry: PrintEntry, key: LabKey | None) -> Manifest:
     """
     if entry.state == INTERRUPTED and entry.journal.exists() and alive(entry.journal.parent):
         raise BundleError(f"print {entry.id} is still going on; make its bundle when it has ended")
-    found = evidence(entry)
+    record = evidence(entry)
     if not entry.journal.is_file():
         raise BundleError(
             f"the journal {entry.journal} isn't there any more, and without it there is no "
             "record; if the folder was moved, `printctl history rebuild FOLDER`"
         )
     with atomic_replacement(path) as draft, draft.open("w+b") as stream:
-        return _write(stream, found, key)
+        return _write(stream, record, key)
 
 
-def _write(stream: BinaryIO, found: Evidence, key: LabKey | None) -> Manifest:
+def _write(stream: BinaryIO, record: Evidence, key: LabKey | None) -> Manifest:
     out = PlainZipWriter(stream)
     files = []
-    for name, what, source in sorted(_sources(found, key)):
+    for name, what, source in sorted(_sources(record, key)):
         member, digest = out.add(name, _blocks(source))
         files.append(FileEntry(path=name, what=what, sha256=digest, bytes=member.size))
     manifest = Manifest(
-        print=filed(found.entry),
-        verdict=outcome(found.verdict),
-        versions=_versions(found),
-        missing=tuple(text[:_LETTERS] for text in found.missing),
+        print=filed(record.entry),
+        verdict=outcome(record.verdict),
+        versions=_versions(record),
+        missing=tuple(text[:_LETTERS] for text in record.missing),
         files=tuple(files),
         signed_by=key.public.fingerprint if key else "",
     )
@@ -92,30 +92,30 @@ def filed(entry: PrintEntry) -> FiledPrint:
     return FiledPrint.model_validate(cut)
 
 
-def _sources(found: Evidence, key: LabKey | None) -> Iterator[Source]:
-    yield "journal.log", "the link process's journal", found.entry.journal
-    yield "cover.html", "one page to read and print", cover_page(found).encode()
+def _sources(record: Evidence, key: LabKey | None) -> Iterator[Source]:
+    yield "journal.log", "the link process's journal", record.entry.journal
+    yield "cover.html", "one page to read and print", cover_page(record).encode()
     from registration.report.pdf import pdf_missing  # Loads what draws; only wanted here.
 
     if pdf_missing() is None:
         from printctl.records.cover_pdf import cover_pdf  # reportlab is an extra
 
-        yield "cover.pdf", "the same for paper", cover_pdf(found)
-    if found.gcode is not None:
-        yield "job.gcode", "the G-code that was sent", found.gcode
-    yield "job.sha256", "its hash", f"{found.entry.sha256}  job.gcode\n".encode()
-    if "recipe" in found.facts:
-        yield "recipe.json", "the recipe, with all defaults", _json(found.facts["recipe"])
-    for name, values in found.profiles.items():
+        yield "cover.pdf", "the same for paper", cover_pdf(record)
+    if record.gcode is not None:
+        yield "job.gcode", "the G-code that was sent", record.gcode
+    yield "job.sha256", "its hash", f"{record.entry.sha256}  job.gcode\n".encode()
+    if "recipe" in record.facts:
+        yield "recipe.json", "the recipe, with all defaults", _json(record.facts["recipe"])
+    for name, values in record.profiles.items():
         if safe_name(f"{name}.json"):
             yield f"profiles/{name}.json", "a profile as it was", _json(values)
-    for name, path in found.planned.items():
+    for name, path in record.planned.items():
         yield f"preflight/{name}", "checked before the print", path
-    for name, path in found.report.items():
+    for name, path in record.report.items():
         yield f"report/{name}", "found after the print", path
-    for k, (name, path) in enumerate(found.noted.items()):
-        told = name if safe_name(name) else f"photos/photo_{k:04d}{_suffix(path)}"
-        yield told, "noted by the operator", path
+    for k, (name, path) in enumerate(record.noted.items()):
+        member = name if safe_name(name) else f"photos/photo_{k:04d}{_suffix(path)}"
+        yield member, "noted by the operator", path
     if key:
         yield PUBLIC_KEY, "of the key that signed", key.public.pem()
 
@@ -125,10 +125,13 @@ def _suffix(path: Path) -> str:
     return suffix if suffix in (".jpg", ".jpeg", ".png", ".txt", ".pdf") else ".bin"
 
 
-def _versions(found: Evidence) -> dict[str, str]:
-    told: dict[str, Any] = {"written by": version(), "printed by": found.job.get("printctl", "")}
-    designed = found.facts.get("versions", {}).get("printctl", "")
-    return {k: str(v) for k, v in {**told, "designed by": designed}.items() if v}
+def _versions(record: Evidence) -> dict[str, str]:
+    versions: dict[str, Any] = {
+        "written by": version(),
+        "printed by": record.job.get("printctl", ""),
+    }
+    designed = record.facts.get("versions", {}).get("printctl", "")
+    return {k: str(v) for k, v in {**versions, "designed by": designed}.items() if v}
 
 
 def _json(values: Any) -> bytes:

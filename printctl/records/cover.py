@@ -28,10 +28,10 @@ _ENDS: Final = {
 }
 
 
-def cover_page(found: Evidence) -> str:
+def cover_page(record: Evidence) -> str:
     """The page as HTML; what others wrote is in it as text only, and nothing is loaded."""
-    entry = found.entry
-    reasons = [str(text) for text in (found.verdict or {}).get("reasons", ())]
+    entry = record.entry
+    reasons = [str(text) for text in (record.verdict or {}).get("reasons", ())]
     alarms = [f"{utc(a.at)}: {a.text}" for a in entry.alarms[:_MOST_ALARMS]]
     if len(entry.alarms) > _MOST_ALARMS:
         alarms.append(f"and {len(entry.alarms) - _MOST_ALARMS} more, in journal.log")
@@ -39,10 +39,12 @@ def cover_page(found: Evidence) -> str:
         f"<h1>Record of a print: {_text(entry.file)}</h1>",
         _table(cover_facts(entry)),
         "<h2>Verdict of the scan</h2>",
-        _list([_ENDS[outcome(found.verdict)], *reasons]),
+        _list([_ENDS[outcome(record.verdict)], *reasons]),
         "<h2>Alarms</h2>",
         _list(alarms or ["none"]),
-        "<h2>What isn't in this record</h2>" + _list(list(found.missing)) if found.missing else "",
+        "<h2>What isn't in this record</h2>" + _list(list(record.missing))
+        if record.missing
+        else "",
         "<h2>Seen by</h2><table class='sign'><tr><th>Name, date</th><td></td></tr>"
         "<tr><th>Signature</th><td></td></tr></table>",
         "<p>Whether this page and the files beside it are as they were filed: "

@@ -17,20 +17,20 @@ _MOST: Final = 8
 _LETTERS: Final = 300
 
 
-def cover_pdf(found: Evidence) -> bytes:
+def cover_pdf(record: Evidence) -> bytes:
     """One page on top of a record; same print, same bytes."""
-    entry = found.entry
+    entry = record.entry
     alarms = [f"{utc(one.at)}: {one.text}" for one in entry.alarms]
     story = [
         text("printctl · record of a print", OVERLINE),
         text(_plain(entry.file), TITLE),
         text(f"print {entry.id}", META),
-        verdict_box(found.verdict or {}),
+        verdict_box(record.verdict or {}),
         Spacer(0, 10),
     ]
     for name, value in cover_facts(entry):
         story.append(pair([text(name, SMALL)], [text(_plain(value))]))
-    for name, texts in (("Alarms", alarms or ["none"]), ("Not in this record", found.missing)):
+    for name, texts in (("Alarms", alarms or ["none"]), ("Not in this record", record.missing)):
         if texts:
             story.append(text(name, HEADING))
             story += [text(_plain(one)) for one in texts[:_MOST]]
@@ -38,8 +38,8 @@ def cover_pdf(found: Evidence) -> bytes:
                 story.append(text(f"and {len(texts) - _MOST} more", SMALL))
     story += [text("Seen by (name, date, signature)", HEADING), Spacer(0, 30)]
     verify = "printctl history verify FILE.zip --key LAB_KEY.pem tells whether it is whole"
-    said = outcome(found.verdict) or "no verdict"
-    return build_pdf(story, Facts(f"Record of print {entry.id}", said, verify))
+    subject = outcome(record.verdict) or "no verdict"
+    return build_pdf(story, Facts(f"Record of print {entry.id}", subject, verify))
 
 
 def _plain(words: str) -> str:

@@ -29,9 +29,9 @@ def day_ends(text: str, where: str) -> float:
 
 def _day(text: str, where: str) -> datetime:
     try:
-        found = datetime.strptime(text, "%Y-%m-%d")
-        if 1971 <= found.year <= 9000:
-            return found
+        day = datetime.strptime(text, "%Y-%m-%d")
+        if 1971 <= day.year <= 9000:
+            return day
     except ValueError:
         pass
     raise UsageError(f"{where} {text[:40]!r} is no day; write it like 2026-11-21")

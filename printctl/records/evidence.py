@@ -65,10 +65,10 @@ class Evidence:
     @property
     def profiles(self) -> dict[str, dict[str, Any]]:
         """Profiles as they were: the printer's by the journal, the others by the run."""
-        found = {k: v for k, v in self.facts.get("profiles", {}).items() if v}
+        profiles = {k: v for k, v in self.facts.get("profiles", {}).items() if v}
         if isinstance(self.job.get("printer"), dict):
-            found["printer"] = self.job["printer"]
-        return found
+            profiles["printer"] = self.job["printer"]
+        return profiles
 
     def note(self) -> dict[str, Any]:
         """What the operator noted; empty where there is nothing."""
@@ -85,8 +85,8 @@ def evidence(entry: PrintEntry) -> Evidence:
         run, manifest = None, None
         missing.append("the run's folder has another design by now: its recipe isn't here")
     report = _report(run, entry, missing) if run is not None else {}
-    told = read_json(report[JSON]) if JSON in report else None
-    verdict = told.get("verdict") if isinstance(told, dict) else None
+    numbers = read_json(report[JSON]) if JSON in report else None
+    verdict = numbers.get("verdict") if isinstance(numbers, dict) else None
     return Evidence(
         entry,
         gcode,
@@ -133,8 +133,8 @@ def _run_folder(entry: PrintEntry) -> Path | None:
 
 
 def _wrote(manifest: Manifest) -> str:
-    found = (record.outputs.get(GCODE) for record in manifest.stages.values())
-    return next((digest for digest in found if digest), "")
+    digests = (record.outputs.get(GCODE) for record in manifest.stages.values())
+    return next((digest for digest in digests if digest), "")
 
 
 def _there(folder: Path, names: tuple[str, ...]) -> dict[str, Path]:
@@ -142,11 +142,11 @@ def _there(folder: Path, names: tuple[str, ...]) -> dict[str, Path]:
 
 
 def _report(run: Path, entry: PrintEntry, missing: list[str]) -> dict[str, Path]:
-    found = _there(run, (HTML, JSON, PDF, *_MEASURED))
-    if not found:
+    files = _there(run, (HTML, JSON, PDF, *_MEASURED))
+    if not files:
         return {}
     latest = entry.journal.name == JOURNAL and entry.journal.parent.parent == run
-    current = {k: p for k, p in found.items() if p.stat().st_mtime >= entry.started}
+    current = {k: p for k, p in files.items() if p.stat().st_mtime >= entry.started}
     if latest and HTML in current:
         return current
     missing.append("the report in the run's folder is of another print")
@@ -180,9 +180,9 @@ def _noted(entry: PrintEntry) -> Iterator[tuple[str, Path]]:
 def _named_photos(entry: PrintEntry) -> list[str]:
     """Plain file names only: the folder may be another's, and its record say anything."""
     listed = read_notes(entry.journal).get("photos")
-    told = (
+    names = (
         [one.get("name") for one in listed if isinstance(one, dict)]
         if isinstance(listed, list)
         else []
     )
-    return sorted({name for name in told if isinstance(name, str) and name == Path(name).name})
+    return sorted({name for name in names if isinstance(name, str) and name == Path(name).name})

@@ -59,14 +59,14 @@ class Member:
 
     def local(self) -> bytes:
         """The header before its bytes."""
-        told = (_NEEDS, 0, 0, 0, _DAY, self.crc, self.size, self.size, len(self.name), 0)
-        return _LOCAL.pack(b"PK\x03\x04", *told) + self.name.encode("ascii")
+        fields = (_NEEDS, 0, 0, 0, _DAY, self.crc, self.size, self.size, len(self.name), 0)
+        return _LOCAL.pack(b"PK\x03\x04", *fields) + self.name.encode("ascii")
 
     def central(self) -> bytes:
         """Its line in the directory."""
         sizes = (self.crc, self.size, self.size, len(self.name), 0, 0, 0, 0, _MODE, self.start)
-        told = (_MADE_BY, _NEEDS, 0, 0, 0, _DAY, *sizes)
-        return _CENTRAL.pack(b"PK\x01\x02", *told) + self.name.encode("ascii")
+        fields = (_MADE_BY, _NEEDS, 0, 0, 0, _DAY, *sizes)
+        return _CENTRAL.pack(b"PK\x01\x02", *fields) + self.name.encode("ascii")
 
 
 def safe_name(name: str) -> bool:
@@ -166,13 +166,13 @@ def _local_at(stream: BinaryIO, place: int) -> Member | None:
         return None
     if len(head) < _LOCAL.size or head[:4] != b"PK\x03\x04":
         raise BundleError(f"byte {place} isn't the beginning of a file in a bundle")
-    told = _LOCAL.unpack(head)
-    name = stream.read(min(told[9], 256)).decode("ascii", "replace")
+    fields = _LOCAL.unpack(head)
+    name = stream.read(min(fields[9], 256)).decode("ascii", "replace")
     if not safe_name(name):
         raise BundleError(f"name {name[:80]!r} can't stand in a bundle")
-    if told[3]:
+    if fields[3]:
         raise BundleError(f"{name} is compressed, which no file of a bundle is; not unpacked")
-    member = Member(name, told[8], told[6], place)
+    member = Member(name, fields[8], fields[6], place)
     if head + name.encode("ascii") != member.local():
         raise BundleError(f"the header of {name} isn't as printctl writes it")
     return member

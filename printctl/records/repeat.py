@@ -92,16 +92,16 @@ def plan_repeat(entry: PrintEntry, bundle: Path | None = None) -> RepeatPlan:
     RecordsError
         When the bytes that were printed aren't there any more.
     """
-    found = evidence(entry)
-    gcode = found.gcode or _in_bundle(entry, bundle)
+    record = evidence(entry)
+    gcode = record.gcode or _in_bundle(entry, bundle)
     if gcode is None:
         raise RecordsError(
-            f"print {entry.id} can't be repeated exactly: {found.missing[0]}; give its bundle "
+            f"print {entry.id} can't be repeated exactly: {record.missing[0]}; give its bundle "
             "(--bundle FILE.zip), or make the job anew from its recipe"
         )
-    differences, unknown = list(_differences(found)), list(_unknown(found))
+    differences, unknown = list(_differences(record)), list(_unknown(record))
     return RepeatPlan(
-        entry, gcode, found.gcode is None, tuple(differences), tuple(unknown), _set_up(found)
+        entry, gcode, record.gcode is None, tuple(differences), tuple(unknown), _set_up(record)
     )
 
 
@@ -123,14 +123,14 @@ def make_job(plan: RepeatPlan, folder: Path) -> Path:
     beside = plan.gcode.with_suffix(MAP)
     if not plan.bundle and beside.is_file():
         shutil.copyfile(beside, path.with_suffix(MAP))
-    told = {
+    facts = {
         "repeats": plan.entry.id,
         "sha256": plan.entry.sha256,
         "differences": [asdict(one) for one in plan.differences],
         "unknown": list(plan.unknown),
         "set_up": plan.set_up,
     }
-    write_text(path.with_name(f"{path.name}.repeat.json"), json.dumps(told, indent=1) + "\n")
+    write_text(path.with_name(f"{path.name}.repeat.json"), json.dumps(facts, indent=1) + "\n")
     return path
 
 
@@ -156,8 +156,8 @@ def entry_of_bundle(bundle: Path) -> PrintEntry:
     verified = verify_bundle(bundle, ())
     if not verified.whole or verified.manifest is None:
         raise RecordsError(f"{bundle} isn't whole: {'; '.join(verified.changed)}")
-    told = verified.manifest.print.model_dump(exclude={"alarms"})
-    return PrintEntry(journal=bundle.parent / "journal.log", **told)
+    fields = verified.manifest.print.model_dump(exclude={"alarms"})
+    return PrintEntry(journal=bundle.parent / "journal.log", **fields)
 
 
 def _copy(plan: RepeatPlan, to: Path) -> None:
@@ -181,16 +181,16 @@ def _free(folder: Path, entry: PrintEntry) -> Path:
     raise RecordsError(f"{folder} has ten thousand repeats of {kept}; tidy it up")
 
 
-def _differences(found: Evidence) -> Iterator[Difference]:
-    then = found.job
+def _differences(record: Evidence) -> Iterator[Difference]:
+    then = record.job
     if then.get("printctl") and then["printctl"] != version():
         yield Difference("printctl", str(then["printctl"]), version())
-    names = {**_set_up(found), "printer": found.entry.profile}
+    names = {**_set_up(record), "printer": record.entry.profile}
     for sort, model in _SORTS.items():
-        values = found.profiles.get(sort)
+        values = record.profiles.get(sort)
         if values and names.get(sort):
             yield from _changed(f"{sort}'s profile", str(names[sort]), model, values)
-    port = found.entry.port
+    port = record.entry.port
     if port.startswith(_SERIAL) and port not in [one.device for one in list_ports()]:
         yield Difference("port", port, "not there")
 
@@ -211,16 +211,16 @@ def _changed(
             yield Difference(f"{what} {name}, {key}", str(then.get(key)), str(new.get(key)))
 
 
-def _unknown(found: Evidence) -> Iterator[str]:
-    if "printer" not in found.profiles:
+def _unknown(record: Evidence) -> Iterator[str]:
+    if "printer" not in record.profiles:
         yield "which values the printer's profile had (the journal is of an older version)"
-    if not found.profiles.keys() & {"needle", "syringe", "ink", "bath"}:
+    if not record.profiles.keys() & {"needle", "syringe", "ink", "bath"}:
         yield "which needle, syringe, ink and bath were used (the job wasn't made by a run here)"
 
 
-def _set_up(found: Evidence) -> dict[str, Any]:
-    recipe = found.facts.get("recipe", {})
+def _set_up(record: Evidence) -> dict[str, Any]:
+    recipe = record.facts.get("recipe", {})
     part = recipe.get("printer", {})
     names = {k: part.get(k) for k in ("syringe", "ink", "bath", "dish", "bath_depth_mm", "heads")}
     names["needle"] = recipe.get("toolpath", {}).get("needle")
-    return {"profile": found.entry.profile, **{k: v for k, v in names.items() if v}}
+    return {"profile": record.entry.profile, **{k: v for k, v in names.items() if v}}

@@ -29,11 +29,11 @@ def csv_lines(entries: Iterable[PrintEntry]) -> Iterator[str]:
 
 def row(entry: PrintEntry) -> list[Any]:
     """A print's values in the order of `COLUMNS`; times are local, alarms one text."""
-    found = {name: getattr(entry, name) for name in COLUMNS}
-    found |= {name: local_time(getattr(entry, name)) for name in _TIMES}
-    found["journal"] = str(entry.journal)
-    found["alarms"] = "; ".join(alarm.text for alarm in entry.alarms)
-    return list(found.values())
+    values = {name: getattr(entry, name) for name in COLUMNS}
+    values |= {name: local_time(getattr(entry, name)) for name in _TIMES}
+    values["journal"] = str(entry.journal)
+    values["alarms"] = "; ".join(alarm.text for alarm in entry.alarms)
+    return list(values.values())
 
 
 def safe_cell(value: Any) -> Any:

@@ -89,20 +89,20 @@ def time_line(journal: Path) -> TimeLine:
     last: tuple[str, float] | None = None
     total = 0
     for record in read_records(journal):
-        told = _told(record)
-        if told is None:
+        event = _event_of(record)
+        if event is None:
             continue
         at = _number((record or {}).get("at"))
         begun = at if begun is None and at else begun
         after = max(0.0, at - (begun or at)) if at else (last[1] if last else 0.0)
         total += 1
         if len(events) < MOST:
-            events.append(Event(at, told[0], plain_text(told[1]), after))
-        if told[0] in ("begun", "state", "end"):
+            events.append(Event(at, event[0], plain_text(event[1]), after))
+        if event[0] in ("begun", "state", "end"):
             if last is not None and last[0]:
                 stretches.append(Stretch(last[0], last[1], after))
             last = (
-                plain_text((record or {}).get("state", "")) if told[0] == "state" else "",
+                plain_text((record or {}).get("state", "")) if event[0] == "state" else "",
                 after,
             )
     if last is not None and last[0]:
@@ -110,7 +110,7 @@ def time_line(journal: Path) -> TimeLine:
     return TimeLine(tuple(events), tuple(stretches), total - len(events))
 
 
-def _told(record: Record | None) -> tuple[str, str] | None:
+def _event_of(record: Record | None) -> tuple[str, str] | None:
     """Kind and words of a record; None for what is too small to be told."""
     if record is None:
         return "damaged", "a line of the journal can't be read"
@@ -138,8 +138,8 @@ def _told(record: Record | None) -> tuple[str, str] | None:
     if sort == "reload":
         return "reload", f"change of syringe after line {record.get('done', '?')}"
     if sort == "syringe":
-        told = {k: v for k, v in record.items() if k not in ("t", "at", "n", "command")}
-        return "syringe", "new syringe: " + ", ".join(f"{k} {v}" for k, v in told.items() if v)
+        fields = {k: v for k, v in record.items() if k not in ("t", "at", "n", "command")}
+        return "syringe", "new syringe: " + ", ".join(f"{k} {v}" for k, v in fields.items() if v)
     if sort == "end":
         return "end", f"{record.get('state', '')}: {record.get('message', '')}"
     return None

@@ -125,21 +125,21 @@ def verify_stream(stream: BinaryIO, trusted: Sequence[PublicKey]) -> BundleCheck
         changed.append(f"{MANIFEST}: it doesn't match its checksum")
     if manifest_bytes != manifest.to_bytes():
         changed.append(f"{MANIFEST}: not written as printctl writes it")
-    said, fingerprint = _signature(stream, members, manifest, manifest_bytes, trusted)
-    if said is Signature.WRONG:
+    signature, fingerprint = _signature(stream, members, manifest, manifest_bytes, trusted)
+    if signature is Signature.WRONG:
         changed.append(f"{MANIFEST}: it isn't what was signed, or the signature was changed")
-    return BundleCheck(tuple(changed), said, fingerprint, manifest)
+    return BundleCheck(tuple(changed), signature, fingerprint, manifest)
 
 
 def _files(stream: BinaryIO, members: dict[str, Member], manifest: Manifest) -> list[str]:
     """What is changed, missing or more than the manifest says."""
     wanted = {file.path: file for file in manifest.files}
     own = [MANIFEST, SIGNATURE] if SIGNATURE in members else [MANIFEST]
-    found = [f"{name}: not in the bundle any more" for name in sorted({*wanted} - {*members})]
+    problems = [f"{name}: not in the bundle any more" for name in sorted({*wanted} - {*members})]
     more = sorted({*members} - {*wanted, *own})
-    found += [f"{name}: put in afterwards" for name in more]
-    if list(members) != [*sorted(wanted), *own] and not found:
-        found.append("the files aren't in the order in which printctl writes them")
+    problems += [f"{name}: put in afterwards" for name in more]
+    if list(members) != [*sorted(wanted), *own] and not problems:
+        problems.append("the files aren't in the order in which printctl writes them")
     for name in sorted({*wanted} & {*members}):
         digest, crc, size = hashlib.sha256(), 0, 0
         for block in blocks_of(stream, members[name]):
@@ -147,8 +147,8 @@ def _files(stream: BinaryIO, members: dict[str, Member], manifest: Manifest) -> 
             crc, size = zlib.crc32(block, crc), size + len(block)
         file, member = wanted[name], members[name]
         if (digest.hexdigest(), size) != (file.sha256, file.bytes) or crc != member.crc:
-            found.append(f"{name}: changed")
-    return found
+            problems.append(f"{name}: changed")
+    return problems
 
 
 def _signature(

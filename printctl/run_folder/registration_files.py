@@ -38,17 +38,17 @@ def design_facts(network: Path) -> dict[str, str]:
     return {"network_sha256": digest_file(network)}
 
 
-def surface_facts(found: RegistrationReport, network: VesselNetwork) -> dict[str, Any]:
+def surface_facts(report: RegistrationReport, network: VesselNetwork) -> dict[str, Any]:
     """Deviations of lumens and of outer faces apart, and where outer faces stand out."""
-    known = found.seen & np.isfinite(found.scaled_deviation_um)
+    known = report.seen & np.isfinite(report.scaled_deviation_um)
     facts = split_summary(
-        scaled_vertices(found)[known],
+        scaled_vertices(report)[known],
         network,
-        found.deviation_um[known],
-        found.scaled_deviation_um[known],
+        report.deviation_um[known],
+        report.scaled_deviation_um[known],
     )
     if facts["outer_faces"]:
-        facts["outer_faces"]["places"] = [asdict(place) for place in found.places]
+        facts["outer_faces"]["places"] = [asdict(place) for place in report.places]
     return facts
 
 
@@ -74,23 +74,23 @@ def write_exports(
     judged: tuple[RegistrationReport, dict[str, Any]],
 ) -> list[str]:
     """Tables, and files for ParaView and 3D Slicer, of a report and its judged numbers."""
-    found, numbers = judged
-    write_surface_vtp(folder / SURFACE_VTP, found)
-    write_axes_vtp(folder / AXES_VTP, network, found)
+    report, numbers = judged
+    write_surface_vtp(folder / SURFACE_VTP, report)
+    write_axes_vtp(folder / AXES_VTP, network, report)
     # Fine enough to see the thinnest lumen, and small enough to be looked at.
     size = float(np.prod(np.array(scan.geometric_voxel_mm) * scan.volume.shape))
     voxel = max(float(2 * network.radius.min()) / 8, (size / _MOST_VOXELS) ** (1 / 3))
-    write_scan_nrrd(folder / SCAN_NRRD, scan, found, voxel)
+    write_scan_nrrd(folder / SCAN_NRRD, scan, report, voxel)
     return [*write_tables(folder, numbers), SURFACE_VTP, AXES_VTP, SCAN_NRRD]
 
 
-def write_deviation(path: Path, found: RegistrationReport) -> None:
+def write_deviation(path: Path, report: RegistrationReport) -> None:
     """Write the scanned surface after the scaled fit, part frame, with its signed deviation.
 
     The deviation is NaN (grey in viewers) where the surface wasn't seen.
     """
-    surface = Solid(scaled_vertices(found), found.surface.faces)
-    write_ply(path, surface, scalar=found.scaled_deviation_um, scalar_name="deviation_um")
+    surface = Solid(scaled_vertices(report), report.surface.faces)
+    write_ply(path, surface, scalar=report.scaled_deviation_um, scalar_name="deviation_um")
 
 
 def load_deviation(

@@ -15,25 +15,25 @@ from printctl.search.run import SearchResult
 _WITH_FILES = ("tissue", "vasculature", "flow", "toolpath", "scan")
 
 
-def best_recipe(found: SearchResult, row: RankedCandidate, out: Path) -> str:
+def best_recipe(result: SearchResult, row: RankedCandidate, out: Path) -> str:
     """The candidate's recipe as YAML text.
 
     The user's files that it names are told as seen from ``out``, where it is put.
     """
     data = recipe_data(row.candidate.recipe)
-    seen = {name: _seen(found, name, out) for name in row.candidate.task.files}
+    seen = {name: _seen(result, name, out) for name in row.candidate.task.files}
     for section in _WITH_FILES:
         if section in data:
             data[section] = _renamed(data[section], seen)
     head = (
-        f"# Candidate {row.candidate.number} of the search {found.drawn.search.name}, the best of "
-        f"{len(found.rows)}.\n# {row.candidate.label}\n"
+        f"# Candidate {row.candidate.number} of the search {result.drawn.search.name}, the best of "
+        f"{len(result.rows)}.\n# {row.candidate.label}\n"
     )
     return head + yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
 
 
-def _seen(found: SearchResult, name: str, out: Path) -> str:
-    path = found.drawn.folder / name
+def _seen(result: SearchResult, name: str, out: Path) -> str:
+    path = result.drawn.folder / name
     try:
         return Path(os.path.relpath(path, out.resolve())).as_posix()
     except ValueError:  # on Windows, from another drive

@@ -96,11 +96,11 @@ def draw_candidates(search: SearchFile, folder: Path) -> CandidateSet:
         raise RecipeError(
             f"{path} prints on a plate, and a search looks for one part; remove plate from it"
         )
-    found: dict[str, Candidate] = {}
+    by_key: dict[str, Candidate] = {}
     for number, values in enumerate(drawn(search), 1):
         one = _candidate(search, base, path.parent, number, values)
-        found.setdefault(one.key, one)
-    return CandidateSet(search, path.parent, list(found.values()))
+        by_key.setdefault(one.key, one)
+    return CandidateSet(search, path.parent, list(by_key.values()))
 
 
 def _check_key(key: str) -> None:

@@ -24,11 +24,11 @@ def drawn(search: SearchFile) -> list[dict[str, Any]]:
         For a grid of too many.
     """
     rows = _grid(search) if search.draw == "grid" else _sampled(search)
-    found: dict[str, dict[str, Any]] = {}
+    by_text: dict[str, dict[str, Any]] = {}
     for row in rows:
         values = dict(zip(search.vary, row, strict=True))
-        found.setdefault(repr(values), values)
-    return list(found.values())
+        by_text.setdefault(repr(values), values)
+    return list(by_text.values())
 
 
 def _grid(search: SearchFile) -> list[tuple[Any, ...]]:

@@ -119,10 +119,10 @@ def _files(context: RunContext) -> dict[str, str]:
 
 def _limits(context: RunContext) -> tuple[float | None, ...]:
     try:
-        found = printability(context)
+        limits = printability(context)
     except DesignError:  # `evaluate` tells it of this candidate
         return ()
-    return found.lumen_mm, found.widest_mm, found.wall_mm
+    return limits.lumen_mm, limits.widest_mm, limits.wall_mm
 
 
 def evaluate(task: Task) -> dict[str, Any]:
@@ -158,8 +158,8 @@ def evaluate(task: Task) -> dict[str, Any]:
 
 
 def _check_files(context: RunContext, task: Task) -> None:
-    found = _files(context)
-    wrong = [name for name, digest in task.files.items() if found.get(name) != digest]
+    digests = _files(context)
+    wrong = [name for name, digest in task.files.items() if digests.get(name) != digest]
     if wrong:
         raise WorkerError(
             f"{context.recipe_folder / wrong[0]} isn't there on the worker as it is where the "
@@ -184,10 +184,10 @@ def _grown(context: RunContext, task: Task) -> GrownCandidate:
     designed = context.designed_network
     options = replace(measures.options(context), samples=task.samples)
     through = solve_flow(designed, context.designed_conditions).flow
-    found = measures_dict(measure_network(designed, context.tissue, options, through))
+    measured = measures_dict(measure_network(designed, context.tissue, options, through))
     band = shear_band(recipe.flow)
     shares = None if band is None else band_summary(context.network, solution, band)
-    return GrownCandidate(designed, found, flow, printability(context), shares)
+    return GrownCandidate(designed, measured, flow, printability(context), shares)
 
 
 @lru_cache(maxsize=4)

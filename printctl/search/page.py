@@ -15,23 +15,23 @@ from registration.report.svg import inline_figure
 from registration.report.tables import Column, Table, make_table
 
 
-def search_html(found: SearchResult) -> str:
+def search_html(result: SearchResult) -> str:
     """The page as one file that opens offline; the same results give the same text."""
-    search, best = found.drawn.search, found.best
+    search, best = result.drawn.search, result.best
     context = {
         "name": search.name,
-        "count": count_lines(found)[0].split(" (")[0],
+        "count": count_lines(result)[0].split(" (")[0],
         "drawn": search.draw.replace("_", " "),
         "seed": search.seed,
         "style": style(),
         "policy": content_policy([]),
-        "picture": inline_figure(pareto_svg(found), "Goals against each other", "pareto-"),
+        "picture": inline_figure(pareto_svg(result), "Goals against each other", "pareto-"),
         "best": best and best.candidate.label,
         "varied": [(key, _range(one)) for key, one in search.vary.items()],
         "sought": [
             (QUANTITIES[name].title, _wanted(one)) for name, one in search.objectives.items()
         ],
-        "table": ranked_table(found),
+        "table": ranked_table(result),
     }
     return environment().get_template("search.html").render(context)
 
@@ -53,9 +53,9 @@ def _wanted(one: Objective) -> str:
     return ", ".join(words)
 
 
-def ranked_table(found: SearchResult) -> Table:
+def ranked_table(result: SearchResult) -> Table:
     """A row for each candidate, the best first."""
-    search = found.drawn.search
+    search = result.drawn.search
     varied = {f"v{k}": key for k, key in enumerate(search.vary)}
     columns = (
         Column("rank", "Rank"),
@@ -79,6 +79,6 @@ def ranked_table(found: SearchResult) -> Table:
             **{name: row.numbers.get(name) for name in search.objectives},
             "said": row.said or None,
         }
-        for row in found.rows
+        for row in result.rows
     ]
     return make_table("candidates", rows, columns, order="the best first")

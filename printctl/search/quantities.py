@@ -68,8 +68,8 @@ class Quantity:
 
 def numbers_of(grown: GrownCandidate) -> dict[str, float | None]:
     """Every quantity; None where it has no meaning for this network."""
-    found = {name: one.of(grown) for name, one in QUANTITIES.items()}
-    return {name: None if v is None or not isfinite(v) else float(v) for name, v in found.items()}
+    values = {name: one.of(grown) for name, one in QUANTITIES.items()}
+    return {name: None if v is None or not isfinite(v) else float(v) for name, v in values.items()}
 
 
 def _at(section: str, *path: str, factor: float = 1.0) -> Callable[[GrownCandidate], float | None]:
@@ -105,8 +105,8 @@ def _length_percent(grown: GrownCandidate, counts: Callable[[Any, Any], Any]) ->
     """Percent of all pieces' length of which ``counts(thinner, wider diameter)`` is true."""
     start, end, ra, rb, _ = grown.network.pieces()
     length = np.linalg.norm(end - start, axis=1)
-    told = counts(2 * np.minimum(ra, rb), 2 * np.maximum(ra, rb))
-    return float(100 * length[told].sum() / length.sum())
+    counted = counts(2 * np.minimum(ra, rb), 2 * np.maximum(ra, rb))
+    return float(100 * length[counted].sum() / length.sum())
 
 
 def thin_walls(grown: GrownCandidate) -> float:

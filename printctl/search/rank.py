@@ -105,8 +105,8 @@ def _judged(search: SearchFile, candidate: Candidate, result: Mapping[str, Any])
     numbers = result["numbers"]
     missing = [name for name in search.objectives if numbers[name] is None]
     if missing:
-        said = f"{', '.join(missing)} {'has' if len(missing) == 1 else 'have'} no meaning here"
-        return _Row(candidate, "undefined", numbers, 0.0, said)
+        text = f"{', '.join(missing)} {'has' if len(missing) == 1 else 'have'} no meaning here"
+        return _Row(candidate, "undefined", numbers, 0.0, text)
     over = {
         name: one.beyond(round_to_grain(name, numbers)) for name, one in search.objectives.items()
     }

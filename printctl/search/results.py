@@ -18,7 +18,7 @@ PAGE: Final = "search.html"
 BEST: Final = "best.yaml"
 
 
-def write_results(found: SearchResult, out: Path) -> list[Path]:
+def write_results(result: SearchResult, out: Path) -> list[Path]:
     """Write all of it; return what was written.
 
     Raises
@@ -26,13 +26,13 @@ def write_results(found: SearchResult, out: Path) -> list[Path]:
     OSError
         When a file can't be written.
     """
-    write_text(out / TABLE, ranked_csv(found))
-    write_bytes(out / PICTURE, pareto_png(found))
-    write_text(out / PAGE, search_html(found))
+    write_text(out / TABLE, ranked_csv(result))
+    write_bytes(out / PICTURE, pareto_png(result))
+    write_text(out / PAGE, search_html(result))
     names = [TABLE, PICTURE, PAGE]
-    if found.best is None:
+    if result.best is None:
         (out / BEST).unlink(missing_ok=True)  # an earlier one, of other limits
     else:
-        write_text(out / BEST, best_recipe(found, found.best, out))
+        write_text(out / BEST, best_recipe(result, result.best, out))
         names.append(BEST)
     return [out / name for name in names]

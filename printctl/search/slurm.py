@@ -115,8 +115,8 @@ def _asked(command: list[str], folder: Path | None = None) -> str:
     except (OSError, subprocess.TimeoutExpired) as exc:
         raise PrintctlError(f"{command[0]} doesn't answer: {exc}") from exc
     if done.returncode:
-        said = " ".join((done.stderr or done.stdout).split())
-        raise PrintctlError(f"{command[0]} refuses: {said[:500]}; see --slurm-set")
+        reply = " ".join((done.stderr or done.stdout).split())
+        raise PrintctlError(f"{command[0]} refuses: {reply[:500]}; see --slurm-set")
     return done.stdout.strip()
 
 

@@ -29,12 +29,12 @@ class Store:
     def read(self, key: str) -> dict[str, Any] | None:
         """A candidate's result as `evaluate` gave it; None where there is none to rely on."""
         try:
-            found = json.loads(self.path(key).read_text(encoding="utf-8"))
-            if isinstance(found["result"], dict) and found["result"].keys() & {
+            record = json.loads(self.path(key).read_text(encoding="utf-8"))
+            if isinstance(record["result"], dict) and record["result"].keys() & {
                 "numbers",
                 "refused",
             }:
-                return dict(found["result"])
+                return dict(record["result"])
         except (OSError, ValueError, KeyError, TypeError):
             return None
         return None

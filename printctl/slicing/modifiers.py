@@ -56,7 +56,7 @@ def read_modifier(text: str, head_count: int) -> Modifier:
             f"--modifier {text!r} doesn't say what it changes; write it like "
             "core.stl:infill=gyroid,infill-percent=30"
         )
-    said: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for word in settings.split(","):
         name, _, value = word.partition("=")
         name = name.strip()
@@ -65,13 +65,13 @@ def read_modifier(text: str, head_count: int) -> Modifier:
                 f"--modifier {text!r}: {name!r} can't be changed in a place; known are "
                 f"{', '.join(SETTINGS)}"
             )
-        said[name] = value.strip()
+        texts[name] = value.strip()
     return Modifier(
         Path(path),
-        _pattern(said.get("infill"), text),
-        _number(said.get("infill-percent"), text, "infill-percent", 100.0),
-        _angles(said.get("infill-angles"), text),
-        _head(said.get("head"), text, head_count),
+        _pattern(texts.get("infill"), text),
+        _number(texts.get("infill-percent"), text, "infill-percent", 100.0),
+        _angles(texts.get("infill-angles"), text),
+        _head(texts.get("head"), text, head_count),
     )
 
 
@@ -87,29 +87,29 @@ def _number(value: str | None, text: str, name: str, most: float) -> float | Non
     if value is None:
         return None
     try:
-        found = float(value)
+        number = float(value)
     except ValueError:
-        found = -1.0
-    if not 0 <= found <= most:
+        number = -1.0
+    if not 0 <= number <= most:
         raise UsageError(
             f"--modifier {text!r}: {name} is {value!r}; it must be a number within 0 to {most:g}"
         )
-    return found
+    return number
 
 
 def _angles(value: str | None, text: str) -> tuple[float, ...] | None:
     if value is None:
         return None
     try:
-        found = tuple(float(word) for word in value.split("/"))
+        angles = tuple(float(word) for word in value.split("/"))
     except ValueError:
-        found = (math.nan,)
-    if not all(map(math.isfinite, found)):
+        angles = (math.nan,)
+    if not all(map(math.isfinite, angles)):
         raise UsageError(
             f"--modifier {text!r}: infill-angles is {value!r}; write degrees, layer after layer, "
             "like 45/135"
         )
-    return found
+    return angles
 
 
 def _head(value: str | None, text: str, count: int) -> int | None:

@@ -91,7 +91,7 @@ def assemble(
     return Assembly(solids, tuple(heads), tuple(regions))
 
 
-def head_of_each(said: str | None, models: int, printer: Printer) -> list[int]:
+def head_of_each(text: str | None, models: int, printer: Printer) -> list[int]:
     """Head of each mesh: as said (``0,1,1``), else one after the other.
 
     Raises
@@ -100,7 +100,7 @@ def head_of_each(said: str | None, models: int, printer: Printer) -> list[int]:
         For another number of heads than of meshes, or a head that the printer hasn't.
     """
     count = printer.head_count
-    if said is None:
+    if text is None:
         if count > 1 and models > count:
             raise UsageError(
                 f"{models} meshes for the {count} heads of {printer.name}; say which head writes "
@@ -108,17 +108,17 @@ def head_of_each(said: str | None, models: int, printer: Printer) -> list[int]:
             )
         return [k if count > 1 else 0 for k in range(models)]
     try:
-        heads = [int(word) for word in said.split(",")]
+        heads = [int(word) for word in text.split(",")]
     except ValueError as exc:
         raise UsageError(
-            f"--heads {said!r} isn't a list of numbers; write one for each mesh, like 0,1"
+            f"--heads {text!r} isn't a list of numbers; write one for each mesh, like 0,1"
         ) from exc
     if len(heads) != models:
-        raise UsageError(f"--heads {said!r} names {len(heads)}, for {models} meshes; one for each")
+        raise UsageError(f"--heads {text!r} names {len(heads)}, for {models} meshes; one for each")
     for head in heads:
         if not 0 <= head < count:
             raise UsageError(
-                f"--heads {said!r}: {printer.name} has no head {head}, only 0 to {count - 1}; "
+                f"--heads {text!r}: {printer.name} has no head {head}, only 0 to {count - 1}; "
                 "name one of them, or choose another --printer"
             )
     return heads

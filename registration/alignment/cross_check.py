@@ -49,7 +49,7 @@ def cross_check(
     except ImportError:
         return None
     every = max(1, len(points) // POINTS)
-    found = small_gicp.align(
+    pose = small_gicp.align(
         spread,
         fit.apply(points[::every]),
         _off(surface.bounds.mean(axis=0)),
@@ -62,7 +62,7 @@ def cross_check(
         translation_epsilon=1e-6,
     ).T_target_source
     corners = np.stack(np.meshgrid(*surface.bounds.T, indexing="ij"), axis=-1).reshape(-1, 3)
-    moved = corners @ found[:3, :3].T + found[:3, 3] - corners
+    moved = corners @ pose[:3, :3].T + pose[:3, 3] - corners
     return 1e3 * float(np.linalg.norm(moved, axis=1).max())
 
 

@@ -132,19 +132,21 @@ class FitErrors:
 _FIRST_SCALE = 6
 
 
-def uncertainty(found: FitErrors, fit: Fit, freedom: FitFreedom, errors: ScanErrors) -> Uncertainty:
+def uncertainty(
+    spread: FitErrors, fit: Fit, freedom: FitFreedom, errors: ScanErrors
+) -> Uncertainty:
     """95 % intervals of a fit's parameters."""
     beam = fit.rotation @ errors.beam
     budgets = {}
     scale = np.full(3, np.nan)
     for number, axis in enumerate(freedom.axes):
-        budget = found.budget(_FIRST_SCALE + number, errors, float(beam[axis] ** 2))
+        budget = spread.budget(_FIRST_SCALE + number, errors, float(beam[axis] ** 2))
         budgets[f"scale_{'xyz'[axis]}"] = budget
         scale[axis] = budget.expanded / fit.stretch[axis]
-    half = np.array([found.budget(k, errors).expanded for k in range(_FIRST_SCALE)])
+    half = np.array([spread.budget(k, errors).expanded for k in range(_FIRST_SCALE)])
     offset = float("nan")
     if freedom.offset:
-        budgets["offset"] = found.budget(found.patches.shape[1] - 1, errors)
+        budgets["offset"] = spread.budget(spread.patches.shape[1] - 1, errors)
         offset = budgets["offset"].expanded
     return Uncertainty(np.rad2deg(half[:3]), half[3:], scale, offset, budgets)
 
@@ -224,8 +226,8 @@ LEAST_PATCHES = 3
 
 def _numbers(keys: IntArray) -> IntArray:
     """Number of the distinct row that each row is."""
-    _, found = np.unique(keys, axis=0, return_inverse=True)
-    return np.asarray(found).reshape(-1)
+    _, number = np.unique(keys, axis=0, return_inverse=True)
+    return np.asarray(number).reshape(-1)
 
 
 def _summed(values: FloatArray, group: IntArray) -> FloatArray:

@@ -48,10 +48,10 @@ class Search:
         centred = np.ascontiguousarray(points - middle)
         turned = self._oriented(centred)
         placed = np.concatenate([self._placed(centred, pose) for pose in turned])
-        found = self._descend(centred, placed, CLOSE_MM, 18)
-        score = self._losses(centred, found, CLOSE_MM[-1])
+        poses = self._descend(centred, placed, CLOSE_MM, 18)
+        score = self._losses(centred, poses, CLOSE_MM[-1])
         centre = self.surface.bounds.mean(axis=0)
-        ranked = found[np.argsort(score, kind="stable")]
+        ranked = poses[np.argsort(score, kind="stable")]
         kept = ranked[_distinct(ranked, centred, self.options.distinct_mm, most)]
         return [
             Fit(pose[:, :3], pose[:, 3] - pose[:, :3] @ middle, np.ones(3), centre) for pose in kept
@@ -65,8 +65,8 @@ class Search:
         score = self._losses(few, starts, wide)
         chosen = starts[np.argsort(score, kind="stable")[: self.options.descents]]
         more = _some(centred, MEDIUM)
-        found = self._descend(more, chosen, (wide, CLOSE_MM[0]), 8)
-        ranked = found[np.argsort(self._losses(more, found, CLOSE_MM[0]), kind="stable")]
+        poses = self._descend(more, chosen, (wide, CLOSE_MM[0]), 8)
+        ranked = poses[np.argsort(self._losses(more, poses, CLOSE_MM[0]), kind="stable")]
         return np.asarray(ranked[_distinct(ranked, few, 2 * SLIDE_MM, self.options.orientations)])
 
     def _starts(self, few: FloatArray) -> FloatArray:

@@ -64,8 +64,8 @@ def shared_defects(scans: Sequence[GaugedScan], prints: Sequence[int]) -> tuple[
             last.append((row, n))
         else:
             groups.append([(row, n)])
-    found = [_shared(group, scans, prints) for group in groups]
-    return tuple(sorted(found, key=lambda d: (not d.common, d.vessel, d.from_mm)))
+    shared = [_shared(group, scans, prints) for group in groups]
+    return tuple(sorted(shared, key=lambda d: (not d.common, d.vessel, d.from_mm)))
 
 
 def _who(row: Record) -> tuple[Any, ...]:

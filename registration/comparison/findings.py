@@ -16,106 +16,109 @@ FEW = 10
 """Prints below which the notes say what so few are worth."""
 
 
-def verdict(found: Comparison) -> dict[str, Any]:
+def verdict(comparison: Comparison) -> dict[str, Any]:
     """``passed`` (None where no print has a verdict), ``undecided``, and reasons in sentences."""
-    known = [p for p in found.prints if p.passed is not None]
+    known = [p for p in comparison.prints if p.passed is not None]
     short = [p for p in known if not p.passed]
     return {
         "passed": not short if known else None,
         "undecided": bool(short) and all(p.undecided for p in short),
-        "reasons": sentences(found),
+        "reasons": sentences(comparison),
     }
 
 
-def sentences(found: Comparison) -> list[str]:
+def sentences(comparison: Comparison) -> list[str]:
     """What a reader wants to know first."""
     return [
-        _history(found),
-        _centre(found),
-        _spread(found),
-        _standing_out(found),
-        _drift(found),
-        _defects(found),
-        *([] if found.gauge is None else gauge_sentences(found.gauge)),
+        _history(comparison),
+        _centre(comparison),
+        _spread(comparison),
+        _standing_out(comparison),
+        _drift(comparison),
+        _defects(comparison),
+        *([] if comparison.gauge is None else gauge_sentences(comparison.gauge)),
     ]
 
 
-def _history(found: Comparison) -> str:
-    known = [p for p in found.prints if p.passed is not None]
+def _history(comparison: Comparison) -> str:
+    known = [p for p in comparison.prints if p.passed is not None]
     if not known:
-        return f"{len(found.prints)} prints, none with a verdict"
+        return f"{len(comparison.prints)} prints, none with a verdict"
     failed = [p.label for p in known if not p.passed and not p.undecided]
     undecided = [p.label for p in known if p.undecided]
     text = f"{sum(p.passed is True for p in known)} of {len(known)} prints pass"
-    if len(known) < len(found.prints):
-        text += f" ({len(found.prints) - len(known)} more have no verdict)"
+    if len(known) < len(comparison.prints):
+        text += f" ({len(comparison.prints) - len(known)} more have no verdict)"
     if failed:
         text += f"; failed: {_some(failed)}"
     return text + (f"; undecided: {_some(undecided)}" if undecided else "")
 
 
-def _centre(found: Comparison) -> str:
-    mean = found.quantity("mean_diameter_error").parts.mean
+def _centre(comparison: Comparison) -> str:
+    mean = comparison.quantity("mean_diameter_error").parts.mean
     if not math.isfinite(mean.value):
         return "No vessel was measured in every scan, so there is no mean diameter error"
-    return f"Diameters are off by {_told(mean, 'µm', True)} on average"
+    return f"Diameters are off by {_interval_text(mean, 'µm', True)} on average"
 
 
-def _spread(found: Comparison) -> str:
-    pooled = found.repeatability
-    if len(found.prints) < 2:
+def _spread(comparison: Comparison) -> str:
+    pooled = comparison.repeatability
+    if len(comparison.prints) < 2:
         return "One print alone: nothing is known of how prints differ"
     if pooled.observed_sd.df < 1:
         return "No vessel was measured in every scan, so there is no spread common to all"
-    text = f"A vessel's diameter varies from print to print by {_told(pooled.observed_sd, 'µm')} SD"
+    observed = _interval_text(pooled.observed_sd, "µm")
+    text = f"A vessel's diameter varies from print to print by {observed} SD"
     if pooled.scan_sd.df < 1:
         return text + ", scan noise included (no print was scanned twice)"
     return (
-        f"{text}; scans of one print by {_told(pooled.scan_sd, 'µm')}, which leaves "
-        f"{_told(pooled.print_sd, 'µm')} to the prints"
+        f"{text}; scans of one print by {_interval_text(pooled.scan_sd, 'µm')}, which leaves "
+        f"{_interval_text(pooled.print_sd, 'µm')} to the prints"
     )
 
 
-def _standing_out(found: Comparison) -> str:
-    off = [str(v.vessel) for v in found.vessels if v.off]
-    varies = [str(v.vessel) for v in found.vessels if v.varies]
+def _standing_out(comparison: Comparison) -> str:
+    off = [str(v.vessel) for v in comparison.vessels if v.off]
+    varies = [str(v.vessel) for v in comparison.vessels if v.varies]
     if not off and not varies:
         return "No vessel is off in every print, or varies more than the others, beyond chance"
-    said = [
-        f"{len(names)} of {len(found.vessels)} vessels {what}: {_some(names)}"
+    texts = [
+        f"{len(names)} of {len(comparison.vessels)} vessels {what}: {_some(names)}"
         for names, what in ((off, "off in every print alike"), (varies, "varying more than others"))
         if names
     ]
-    return "; ".join(said)
+    return "; ".join(texts)
 
 
-def _drift(found: Comparison) -> str:
-    drawn = [(q, q.per_print) for q in found.quantities if q.per_print is not None]
+def _drift(comparison: Comparison) -> str:
+    drawn = [(q, q.per_print) for q in comparison.quantities if q.per_print is not None]
     if not drawn:
         return "Drift: needs three prints"
-    moving = [f"{q.name.replace('_', ' ')} by {_told(t.slope, q.unit, True)} a print"
+    moving = [f"{q.name.replace('_', ' ')} by {_interval_text(t.slope, q.unit, True)} a print"
               for q, t in drawn if q.p_drift < SIGNIFICANT]  # fmt: skip
-    vessels = [str(v.vessel) for v in found.vessels if v.p_drift < SIGNIFICANT]
+    vessels = [str(v.vessel) for v in comparison.vessels if v.p_drift < SIGNIFICANT]
     if vessels:
         moving.append(f"the diameter of vessels {_some(vessels)}")
     return "Drifts: " + "; ".join(moving) if moving else "No drift beyond chance"
 
 
-def _defects(found: Comparison) -> str:
-    common = [d for d in found.defects if d.common]
-    if not found.defects:
+def _defects(comparison: Comparison) -> str:
+    common = [d for d in comparison.defects if d.common]
+    if not comparison.defects:
         return "No defects"
-    places = ", ".join(f"{d.kind} in vessel {d.vessel} ({len(d.prints)} of {len(found.prints)})"
-                       for d in common[:4])  # fmt: skip
-    single = len(found.defects) - len(common)
+    count = len(comparison.prints)
+    places = ", ".join(
+        f"{d.kind} in vessel {d.vessel} ({len(d.prints)} of {count})" for d in common[:4]
+    )
+    single = len(comparison.defects) - len(common)
     text = f"{len(common)} defect{'s' if len(common) != 1 else ''} common to several prints"
     return f"{text}{f': {places}' if places else ''}; {single} in one print alone"
 
 
-def notes(found: Comparison) -> list[str]:
+def notes(comparison: Comparison) -> list[str]:
     """What a reader must know before trusting the numbers."""
     result = []
-    count = len(found.prints)
+    count = len(comparison.prints)
     if 2 <= count < FEW:
         low, high = sd_factors(count - 1)
         better = sd_factors(FEW - 1)
@@ -123,11 +126,11 @@ def notes(found: Comparison) -> list[str]:
             f"{count} prints are few: a standard deviation from them may be {low:.2f} to "
             f"{high:.3g} times what is given (from {FEW}: {better[0]:.2f} to {better[1]:.2f})."
         )
-    repeated = [p for p in found.prints if len(p.scans) > 1]
+    repeated = [p for p in comparison.prints if len(p.scans) > 1]
     if repeated:
-        said = "; ".join(", ".join(found.scans[k].label for k in p.scans) for p in repeated)
-        result.append(f"Taken for scans of one print: {said}.")
-    if not found.by_time:
+        groups = "; ".join(", ".join(comparison.scans[k].label for k in p.scans) for p in repeated)
+        result.append(f"Taken for scans of one print: {groups}.")
+    if not comparison.by_time:
         result.append(
             "Prints stand in the order in which they were named: not all say when they were made."
         )
@@ -139,37 +142,37 @@ def notes(found: Comparison) -> list[str]:
     return result
 
 
-def comparison_dict(found: Comparison) -> dict[str, Any]:
+def comparison_dict(comparison: Comparison) -> dict[str, Any]:
     """JSON-ready numbers; what isn't known or finite is None. Prints and vessels from 0."""
     plain = {
         "schema": 1,
-        "verdict": verdict(found),
-        "design": {"network_sha256": found.scans[0].design},
-        "by_time": found.by_time,
-        "diameter_tolerance_percent": found.tolerance_percent,
-        "prints": [asdict(p) for p in found.prints],
+        "verdict": verdict(comparison),
+        "design": {"network_sha256": comparison.scans[0].design},
+        "by_time": comparison.by_time,
+        "diameter_tolerance_percent": comparison.tolerance_percent,
+        "prints": [asdict(p) for p in comparison.prints],
         "scans": [
             {"label": s.label, "passed": s.passed, "reasons": s.reasons,
              "error_um": s.error_um.tolist(), "rms_um": s.rms_um, "rigid_rms_um": s.rigid_rms_um}
-            for s in found.scans
+            for s in comparison.scans
         ],
-        "quantities": {q.name: asdict(q) for q in found.quantities},
-        "repeatability": asdict(found.repeatability),
-        "vessels": [{**asdict(v), "off": v.off, "varies": v.varies} for v in found.vessels],
-        "defects": [{**asdict(d), "common": d.common} for d in found.defects],
-        "gauge": None if found.gauge is None else gauge_dict(found.gauge),
-        "notes": notes(found),
+        "quantities": {q.name: asdict(q) for q in comparison.quantities},
+        "repeatability": asdict(comparison.repeatability),
+        "vessels": [{**asdict(v), "off": v.off, "varies": v.varies} for v in comparison.vessels],
+        "defects": [{**asdict(d), "common": d.common} for d in comparison.defects],
+        "gauge": None if comparison.gauge is None else gauge_dict(comparison.gauge),
+        "notes": notes(comparison),
     }  # fmt: skip
     cleaned: dict[str, Any] = json_ready(plain)
     return cleaned
 
 
-def _told(found: Interval, unit: str, signed: bool = False) -> str:
+def _interval_text(interval: Interval, unit: str, signed: bool = False) -> str:
     """``−3.1 µm (−5 to −1)``."""
     form = "+.2f" if signed else ".2f"
-    value = f"{found.value:{form}} {unit}"
-    if math.isfinite(found.low):
-        value += f" (95 %: {found.low:{form}} to {found.high:{form}})"
+    value = f"{interval.value:{form}} {unit}"
+    if math.isfinite(interval.low):
+        value += f" (95 %: {interval.low:{form}} to {interval.high:{form}})"
     return value.replace("-", "\N{MINUS SIGN}")
 
 

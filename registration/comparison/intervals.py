@@ -81,10 +81,10 @@ def holm(p: Sequence[float]) -> FloatArray:
 
     Below 0.05 is what stands out at that level among all of them together.
     """
-    found = np.asarray(p, dtype=np.float64)
-    adjusted = np.full(len(found), np.nan)
-    known = np.flatnonzero(np.isfinite(found))
-    order = known[np.argsort(found[known], kind="stable")]
-    steps = found[order] * (len(order) - np.arange(len(order)))
+    chances = np.asarray(p, dtype=np.float64)
+    adjusted = np.full(len(chances), np.nan)
+    known = np.flatnonzero(np.isfinite(chances))
+    order = known[np.argsort(chances[known], kind="stable")]
+    steps = chances[order] * (len(order) - np.arange(len(order)))
     adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
     return adjusted

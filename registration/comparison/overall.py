@@ -97,7 +97,7 @@ def quantities(
     scale_half = 100 * np.array([scan.scale_half for scan in scans])
     # An axis whose scale wasn't fitted has one by decree, which is no measurement.
     fitted = np.where(np.isfinite(scale_half), scale, np.nan)
-    told: list[tuple[str, str, FloatArray, FloatArray]] = [
+    rows: list[tuple[str, str, FloatArray, FloatArray]] = [
         ("mean_diameter_error", "µm", mean, none),
         *((f"scale_{axis}", "%", fitted[:, k], scale_half[:, k]) for k, axis in enumerate(AXES)),
         (
@@ -108,7 +108,7 @@ def quantities(
         ),
         ("rms_deviation", "µm", np.array([scan.rms_um for scan in scans]), none),
     ]
-    made = [_quantity(name, unit, values, half, prints, days) for name, unit, values, half in told]
+    made = [_quantity(name, unit, values, half, prints, days) for name, unit, values, half in rows]
     corrected = holm([np.nan if q.per_print is None else q.per_print.p for q in made])
     return tuple(replace(q, p_drift=float(p)) for q, p in zip(made, corrected, strict=True))
 

@@ -197,12 +197,16 @@ def check_comparable(scans: Sequence[GaugedScan]) -> None:
     for scan in scans:
         designs.setdefault(scan.design, []).append(scan.label)
     if len(designs) > 1:
-        said = "; ".join(f"{key[:12]}: {', '.join(names)}" for key, names in designs.items())
+        designs_text = "; ".join(
+            f"{key[:12]}: {', '.join(names)}" for key, names in designs.items()
+        )
         raise ComparisonError(
             f"these are prints of {len(designs)} different designs (digests of their "
-            f"network.csv: {said}); compare prints of one design"
+            f"network.csv: {designs_text}); compare prints of one design"
         )
     counts = {scan.label: len(scan.designed_um) for scan in scans}
     if len(set(counts.values())) > 1:
-        said = ", ".join(f"{label}: {count}" for label, count in counts.items())
-        raise ComparisonError(f"the registrations differ in their number of vessels ({said})")
+        designs_text = ", ".join(f"{label}: {count}" for label, count in counts.items())
+        raise ComparisonError(
+            f"the registrations differ in their number of vessels ({designs_text})"
+        )

@@ -11,12 +11,12 @@ from registration.exports.tables import as_csv
 from registration.json_ready import json_ready
 
 
-def comparison_csv(found: Comparison) -> str:
+def comparison_csv(comparison: Comparison) -> str:
     """CSV; unknown numbers are empty. The last columns are each scan's error, in order."""
-    return as_csv([json_ready(vessel_row(found, v)) for v in found.vessels])
+    return as_csv([json_ready(vessel_row(comparison, v)) for v in comparison.vessels])
 
 
-def vessel_row(found: Comparison, vessel: VesselSpread) -> dict[str, Any]:
+def vessel_row(comparison: Comparison, vessel: VesselSpread) -> dict[str, Any]:
     """One vessel's numbers, flat."""
     error = vessel.error
     able = vessel.capability
@@ -41,13 +41,13 @@ def vessel_row(found: Comparison, vessel: VesselSpread) -> dict[str, Any]:
         "varies": vessel.varies,
         **({} if able is None else _flat("cp", able.cp, "") | _flat("cpk", able.cpk, "")),
         **{f"error_{k + 1}_um": float(scan.error_um[vessel.vessel])
-           for k, scan in enumerate(found.scans)},
+           for k, scan in enumerate(comparison.scans)},
     }  # fmt: skip
 
 
-def _flat(name: str, found: Interval, unit: str = "_um") -> dict[str, float]:
+def _flat(name: str, interval: Interval, unit: str = "_um") -> dict[str, float]:
     return {
-        f"{name}{unit}": found.value,
-        f"{name}_low{unit}": found.low,
-        f"{name}_high{unit}": found.high,
+        f"{name}{unit}": interval.value,
+        f"{name}_low{unit}": interval.low,
+        f"{name}_high{unit}": interval.high,
     }

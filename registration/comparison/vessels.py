@@ -137,27 +137,27 @@ def _variance_p(means: FloatArray) -> list[float]:
     df = np.maximum(count - 1, 0)
     middle = np.array([_known(row).mean() if len(_known(row)) else np.nan for row in rest])
     squares = np.nansum((rest - middle[:, None]) ** 2, axis=1)
-    found = []
+    chances = []
     for v in range(len(rest)):
         others_df, others = df.sum() - df[v], squares.sum() - squares[v]
         if df[v] < 1 or others_df < 2 or others <= 0:
-            found.append(np.nan)
+            chances.append(np.nan)
             continue
         ratio = (squares[v] / df[v]) / (others / others_df)
-        found.append(float(stats.f.sf(ratio, df[v], others_df)))
-    return found
+        chances.append(float(stats.f.sf(ratio, df[v], others_df)))
+    return chances
 
 
 def _along(scans: Sequence[GaugedScan], vessel: int) -> tuple[float, float]:
     """Spread along a vessel over the sections that all scans share: of each scan, and of all."""
-    found = [dict(zip(np.round(along, 4).tolist(), diameter.tolist(), strict=True))
+    diameters = [dict(zip(np.round(along, 4).tolist(), diameter.tolist(), strict=True))
              for along, diameter in (scan.sections[vessel] for scan in scans)]  # fmt: skip
-    found = [{x: d for x, d in one.items() if np.isfinite(d) and d > 0} for one in found]
-    found = [one for one in found if one]
-    places = sorted(set.intersection(*map(set, found))) if len(found) > 1 else []
+    diameters = [{x: d for x, d in one.items() if np.isfinite(d) and d > 0} for one in diameters]
+    diameters = [one for one in diameters if one]
+    places = sorted(set.intersection(*map(set, diameters))) if len(diameters) > 1 else []
     if len(places) < 2:
         return float("nan"), float("nan")
-    table = np.array([[one[x] for x in places] for one in found])
+    table = np.array([[one[x] for x in places] for one in diameters])
     profile = table.mean(axis=0)
     rest = table - table.mean(axis=1, keepdims=True) - profile + profile.mean()
     df = (table.shape[0] - 1) * (table.shape[1] - 1)
@@ -166,12 +166,12 @@ def _along(scans: Sequence[GaugedScan], vessel: int) -> tuple[float, float]:
 
 def _openness(scans: Sequence[GaugedScan], prints: Sequence[int], vessel: int) -> list[bool]:
     """Of each print that tells; where any scan shows it closed, it is closed in that print."""
-    told: dict[int, bool] = {}
+    is_open: dict[int, bool] = {}
     for scan, number in zip(scans, prints, strict=True):
         state = scan.open[vessel]
         if state is not None:
-            told[number] = told.get(number, True) and state
-    return list(told.values())
+            is_open[number] = is_open.get(number, True) and state
+    return list(is_open.values())
 
 
 def _capability(part: Components, designed_um: float, percent: float | None) -> Capability | None:

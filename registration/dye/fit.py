@@ -175,5 +175,5 @@ class _Model:
         low, high = self.curves[row, index - 1], self.curves[row, index]
         part = (half - low) / np.maximum(high - low, 1e-12)
         step = self.times[1] - self.times[0]
-        found = start + (self.times[index] - step * (1.0 - np.clip(part, 0.0, 1.0))) / rate
-        return np.where(half > 0.05, found, np.nan)
+        arrival = start + (self.times[index] - step * (1.0 - np.clip(part, 0.0, 1.0))) / rate
+        return np.where(half > 0.05, arrival, np.nan)

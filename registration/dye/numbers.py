@@ -93,8 +93,8 @@ def place_rows(report: DyeReport) -> list[dict[str, Any]]:
             "predicted_tip_s": report.prediction.tip_s[k],
             "level": report.arrivals.level[k],
         }
-        found = {name: float(v) if np.isfinite(v) else None for name, v in numbers.items()}
+        values = {name: float(v) if np.isfinite(v) else None for name, v in numbers.items()}
         dyed, clear = report.arrivals.dyed[k], report.arrivals.clear[k]
         word = "dye" if dyed else "no dye" if clear else "not seen"
-        rows.append({"vessel": vessel, "share": float(stations.share[k]), **found, "seen": word})
+        rows.append({"vessel": vessel, "share": float(stations.share[k]), **values, "seen": word})
     return rows

@@ -59,11 +59,11 @@ def solve_open_flow(
     )
     slot = {node: k for k, node in enumerate(used.tolist())}
     at_in, at_out = (tuple(slot[n] for n in side if n in slot) for side in (inlets, outlets))
-    found = solve_flow(
+    solution = solve_flow(
         part, FlowConditions(viscosity_pa_s, inlet_flow_ul_s=1.0, inlets=at_in, outlets=at_out)
     )
     pressure = np.zeros(len(network.nodes))
-    pressure[used] = found.pressure
+    pressure[used] = solution.pressure
 
     def spread(values: NDArray[np.float64], other: float) -> NDArray[np.float64]:
         whole = np.full(network.vessel_count, other)
@@ -72,8 +72,8 @@ def solve_open_flow(
 
     return FlowSolution(
         pressure=pressure,
-        flow=spread(found.flow, 0.0),
-        velocity=spread(found.velocity, 0.0),
-        wall_shear=spread(found.wall_shear, 0.0),
-        resistance=spread(found.resistance, np.inf),
+        flow=spread(solution.flow, 0.0),
+        velocity=spread(solution.velocity, 0.0),
+        wall_shear=spread(solution.wall_shear, 0.0),
+        resistance=spread(solution.resistance, np.inf),
     )

@@ -132,8 +132,8 @@ def find_patency(
         here = here[np.argsort(share[here], kind="stable")]
         own = stations.vessel == vessel
         last = float(share[own & stations.seen].max(initial=0.0))
-        told = arrivals.dyed[own & (arrivals.dyed | arrivals.clear)]
-        filled = float(told.mean()) if len(told) else 0.0
+        certain = arrivals.dyed[own & (arrivals.dyed | arrivals.clear)]
+        filled = float(certain.mean()) if len(certain) else 0.0
         seen.append(_Seen(share[here], arrivals.dyed[here], last, filled))
     order = downstream_order(network, flow.solution).tolist()
     reached = _reached(network, flow, seen, order)
@@ -146,7 +146,7 @@ def find_patency(
         here = stations.vessel == vessel
         stop = _stop(network, flow, vessel, seen[vessel]) if state == "blocked" else None
         shut = state == "blocked" and stop is None
-        found = VesselDye(
+        judged = VesselDye(
             vessel=vessel,
             patency=state,
             blocked_from_mm=stop[0] if stop else None,
@@ -155,7 +155,7 @@ def find_patency(
             seen_share=float(stations.seen[here].mean()),
         )
         timed = _times(share, arrivals, prediction, here) if state == "open" else {}
-        made.append(replace(found, **timed))
+        made.append(replace(judged, **timed))
     return made
 
 

@@ -78,7 +78,7 @@ class Steadier:
         tried = [
             self._refined(grey, start) for start in (self._last, np.array(moved) / self._small)
         ]
-        self._last = min(tried, key=lambda found: found[0])[1]
+        self._last = min(tried, key=lambda one: one[0])[1]
         return self._last
 
     def _refined(self, grey: FloatImage, shift: FloatArray) -> tuple[float, FloatArray]:
@@ -118,8 +118,8 @@ def sample_picture(frame: FloatImage, pixels: FloatArray) -> FloatImage:
     at = np.zeros((wide * 1024, 2), dtype=np.float32)
     at[: len(pixels)] = pixels
     u, v = at.T.reshape(2, wide, 1024)
-    found = cv2.remap(frame, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found.reshape(wide * 1024, -1)[: len(pixels)])
+    sampled = cv2.remap(frame, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(sampled.reshape(wide * 1024, -1)[: len(pixels)])
 
 
 def ground_pixels(network: VesselNetwork, view: View, shape: tuple[int, int]) -> NDArray[np.bool_]:

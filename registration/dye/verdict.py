@@ -84,11 +84,11 @@ def _out_of_time(
     closed = any(v.patency in ("blocked", "not reached") for v in vessels)
     if closed and report.beside is None:
         return []
-    found = [
+    reasons = [
         _off(v.vessel, v if v.beside is None else v.beside, report.held_to, tolerance_percent)
         for v in vessels
     ]
-    return [reason for reason in found if reason]
+    return [reason for reason in reasons if reason]
 
 
 def _others(vessels: list[VesselDye], slow: list[str], tolerance_percent: float) -> str:

@@ -129,9 +129,9 @@ def find_view(marks: Marks, network: VesselNetwork) -> View:
 
 
 def _turn_over(off: str, marks: Marks, how: str) -> str:
-    said = "mirrored: false" if marks.mirrored else "mirrored: true, if a mirror was used,"
+    setting = "mirrored: false" if marks.mirrored else "mirrored: true, if a mirror was used,"
     return (
-        f"{off}; they fit a mirrored picture {how}: put {said} or the other side than side: "
+        f"{off}; they fit a mirrored picture {how}: put {setting} or the other side than side: "
         f"{marks.side} into the marks"
     )
 

@@ -47,16 +47,16 @@ def write_tables(folder: Path, report: RegistrationReport | Mapping[str, Any]) -
     OSError
         When a file can't be written.
     """
-    found = report_dict(report) if isinstance(report, RegistrationReport) else report
-    write_text(folder / VESSELS, as_csv(_rows(found)))
+    numbers = report_dict(report) if isinstance(report, RegistrationReport) else report
+    write_text(folder / VESSELS, as_csv(_rows(numbers)))
     write_text(
         folder / SECTIONS,
-        as_csv(_sections(found["vessels"]), ("vessel", *_SECTION_COLUMNS.values())),
+        as_csv(_sections(numbers["vessels"]), ("vessel", *_SECTION_COLUMNS.values())),
     )
     write_text(
-        folder / DEFECTS, as_csv([_defect(d) for d in list_findings(found)], _DEFECT_COLUMNS)
+        folder / DEFECTS, as_csv([_defect(d) for d in list_findings(numbers)], _DEFECT_COLUMNS)
     )
-    rows = [_zone(row) for row in found.get("characteristics", ())]
+    rows = [_zone(row) for row in numbers.get("characteristics", ())]
     write_text(folder / ZONES, as_csv(rows, _ZONE_COLUMNS))
     return VESSELS, SECTIONS, DEFECTS, ZONES
 
@@ -70,9 +70,9 @@ def vessel_rows(report: RegistrationReport) -> list[dict[str, Any]]:
     return _rows(report_dict(report))
 
 
-def _rows(found: Mapping[str, Any]) -> list[dict[str, Any]]:
-    vessels = found["vessels"]
-    flow = found["perfusion"]["vessels"] if found["perfusion"] else [{}] * len(vessels)
+def _rows(numbers: Mapping[str, Any]) -> list[dict[str, Any]]:
+    vessels = numbers["vessels"]
+    flow = numbers["perfusion"]["vessels"] if numbers["perfusion"] else [{}] * len(vessels)
     return [_scalars(vessel) | driven for vessel, driven in zip(vessels, flow, strict=True)]
 
 
@@ -115,8 +115,8 @@ def _sections(vessels: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 def _along(vessel: Mapping[str, Any], key: str) -> Sequence[Any]:
     """A list of the vessel's, or as many unknowns where nothing was judged."""
-    found: Sequence[Any] = vessel.get(key) or [None] * len(vessel["along_mm"])
-    return found
+    values: Sequence[Any] = vessel.get(key) or [None] * len(vessel["along_mm"])
+    return values
 
 
 def _zone(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -260,10 +260,10 @@ def _defects(series: _Series) -> list[Defect]:
 
 def _runs(flags: BoolArray) -> list[NDArray[np.int64]]:
     """Stations of each run of flagged ones, gaps of one closed."""
-    found = np.flatnonzero(flags)
-    if len(found) == 0:
+    flagged = np.flatnonzero(flags)
+    if len(flagged) == 0:
         return []
-    return np.split(found, np.flatnonzero(np.diff(found) > 2) + 1)
+    return np.split(flagged, np.flatnonzero(np.diff(flagged) > 2) + 1)
 
 
 def _defect(series: _Series, sign: int, run: NDArray[np.int64]) -> Defect:

@@ -65,8 +65,8 @@ def _closures(trace: VesselTrace, measured: Ends) -> list[Defect]:
         return []
     if is_missing(trace):
         return [_missing(trace, np.flatnonzero(closed))]
-    found = np.flatnonzero(closed)
-    runs = np.split(found, np.flatnonzero(np.diff(found) > 1) + 1)
+    closed_at = np.flatnonzero(closed)
+    runs = np.split(closed_at, np.flatnonzero(np.diff(closed_at) > 1) + 1)
     return [_occlusion(trace, run, measured) for run in runs]
 
 

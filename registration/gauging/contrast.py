@@ -54,9 +54,9 @@ def liquid_level(traces: tuple[VesselTrace, ...], evidence: GelEvidence, fit: Fi
     if np.abs(fit.scale - 1).max() > LANDED:
         return 1.0
     medians = [
-        np.nanmedian(found)
+        np.nanmedian(known)
         for trace in traces
-        if np.isfinite(found := evidence.at(trace.planes.centre[trace.seen])).any()
+        if np.isfinite(known := evidence.at(trace.planes.centre[trace.seen])).any()
     ]
     return float(np.percentile(medians, 25)) if medians else 1.0
 
@@ -69,8 +69,8 @@ def withdraw_sections(
 
 
 def _withdrawn(trace: VesselTrace, evidence: GelEvidence, liquid: float) -> VesselTrace:
-    told = reliable_sections(trace, evidence, liquid)
-    return replace(trace, seen=trace.seen & told, counted=trace.counted & told)
+    reliable = reliable_sections(trace, evidence, liquid)
+    return replace(trace, seen=trace.seen & reliable, counted=trace.counted & reliable)
 
 
 def reliable_sections(trace: VesselTrace, evidence: GelEvidence, liquid: float) -> BoolArray:
@@ -100,8 +100,8 @@ def core_means(trace: VesselTrace, evidence: GelEvidence) -> tuple[FloatArray, F
         + across[:, None]
         + shift[None, :, None, None] * along[:, None, None]
     )
-    found = evidence.at(places.reshape(len(places), -1, 3))
+    values = evidence.at(places.reshape(len(places), -1, 3))
     own = (2 * np.sqrt(np.pi) * SIGMA_MM) ** 3
     volume = np.pi * (CORE * planes.radius) ** 2 * 2 * half
     error = evidence.scatter_at(planes.centre) * np.sqrt(own / (own + volume))
-    return np.nan_to_num(found, nan=1.0).mean(axis=1), error
+    return np.nan_to_num(values, nan=1.0).mean(axis=1), error

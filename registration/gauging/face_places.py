@@ -76,17 +76,17 @@ class ScannedFaces:
         limit = max(LEAST_UM, _SPREADS * self.spread_um)
         faces = self.surface.faces[np.isfinite(self.deviation_um)[self.surface.faces].any(axis=1)]
         shares = _areas(self.surface.vertices, faces)
-        found = [
+        places = [
             place
             for side in (off, -off)
             for place in _connected(faces, np.nan_to_num(side, nan=0.0) > limit)
             if side[place].max() > _DEEPEST * limit and shares[place].sum() > _AREA_MM2
         ]
         volume = shares * np.abs(self.deviation_um)
-        found.sort(key=lambda place: -float(volume[place].sum()))
-        return tuple(self._told(place, shares) for place in found[:_MOST])
+        places.sort(key=lambda place: -float(volume[place].sum()))
+        return tuple(self._place_of(place, shares) for place in places[:_MOST])
 
-    def _told(self, place: NDArray[np.intp], shares: FloatArray) -> FacePlace:
+    def _place_of(self, place: NDArray[np.intp], shares: FloatArray) -> FacePlace:
         here = self.deviation_um[place]
         x, y, z = self.surface.vertices[place[np.abs(here).argmax()]].round(3).tolist()
         size = float(np.sign(here[0]) * np.percentile(np.abs(here), 95))

@@ -127,15 +127,17 @@ def _marked(trace: VesselTrace, at: FloatArray, bright: BoolArray) -> VesselTrac
     narrow = trace.counted & (trace.sections.diameter < _NARROWED * 2 * trace.radius)
     narrowed = trace.seen & (~trace.sections.open | narrow)
     ends = trace.spacing * np.arange(len(trace.along) + 1)
-    found = np.zeros(len(trace.along), dtype=np.bool_)
+    marked = np.zeros(len(trace.along), dtype=np.bool_)
     for first, last in at[_stretches(bright)]:
         touched = (ends[:-1] <= last) & (ends[1:] >= first)
         # What closes or narrows a section is judged by that, and so are its blurred edges.
         beside = touched | np.roll(touched, 1) | np.roll(touched, -1)
         if not (beside & narrowed).any():
-            found |= touched
-    found &= sound & (trace.to_end > -trace.spacing)
-    return replace(trace, gel_like=found, seen=trace.seen & ~found, counted=trace.counted & ~found)
+            marked |= touched
+    marked &= sound & (trace.to_end > -trace.spacing)
+    return replace(
+        trace, gel_like=marked, seen=trace.seen & ~marked, counted=trace.counted & ~marked
+    )
 
 
 def _stretches(bright: BoolArray) -> NDArray[np.intp]:
@@ -168,14 +170,14 @@ def _core(trace: VesselTrace, evidence: GelEvidence, fit: Fit, along: FloatArray
 
 def _bath(trace: VesselTrace, along: FloatArray, evidence: GelEvidence, fit: Fit) -> FloatArray:
     """Bath in the last voxels before a vessel's mouths, (n,); 0 elsewhere."""
-    found, reach = np.zeros(len(along)), _MOUTH_VOXELS * float(evidence.voxel_mm.max())
+    levels, reach = np.zeros(len(along)), _MOUTH_VOXELS * float(evidence.voxel_mm.max())
     from_end = along, trace.length - along
     beyond = np.linspace(*_BEYOND_MM, 9)
     mouth = trace.to_end[[0, -1]] < trace.spacing
     for free, at, away in zip(mouth, (-beyond, trace.length + beyond), from_end, strict=True):
         if free and len(trace.along) > 1:
-            found[away < reach] = np.median(_core(trace, evidence, fit, at).mean(axis=1))
-    return found
+            levels[away < reach] = np.median(_core(trace, evidence, fit, at).mean(axis=1))
+    return levels
 
 
 def _brightened(core: FloatArray, usual: FloatArray, step: float, trace: VesselTrace) -> BoolArray:

@@ -57,11 +57,11 @@ def with_ledges(
     wider = 2 * (field.cut_mm - (1 - part) * field.faint_mm)
     moved = tuple(_widened(trace, wider) for trace in traces)
     left = replace(errors, faint_mm=part * errors.faint_mm)
-    found = wall_profile(moved, segmentation)
-    if found is not None and found.told and found.error_mm < left.faint_mm:
-        moved = tuple(_widened(trace, 2 * found.place_mm) for trace in moved)
-        wider += 2 * found.place_mm
-        left = replace(left, faint_mm=0.0, facing_mm=0.0, cut_mm=0.0, line_mm=found.error_mm)
+    profile = wall_profile(moved, segmentation)
+    if profile is not None and profile.told and profile.error_mm < left.faint_mm:
+        moved = tuple(_widened(trace, 2 * profile.place_mm) for trace in moved)
+        wider += 2 * profile.place_mm
+        left = replace(left, faint_mm=0.0, facing_mm=0.0, cut_mm=0.0, line_mm=profile.error_mm)
         return moved, left, field.wall_mm + wider / 2
     smooth = wall_profile(moved, segmentation, across_light=True)
     if smooth is not None and smooth.told:
@@ -83,10 +83,10 @@ def share_of_ledges(
     half of the variance is left, over the rise of a step under the blur σ, 1/(√(2π) σ): by
     √π σ / contrast.
     """
-    found = np.concatenate([np.zeros(0), *(_scatter(trace, blur_mm) for trace in traces)])
-    if len(found) == 0:
+    scatter = np.concatenate([np.zeros(0), *(_scatter(trace, blur_mm) for trace in traces)])
+    if len(scatter) == 0:
         return 1.0
-    rough = float(np.median(found**2)) - np.pi * (blur_mm / contrast) ** 2
+    rough = float(np.median(scatter**2)) - np.pi * (blur_mm / contrast) ** 2
     return float(np.clip(rough / (ROUGH * depth_mm) ** 2, 0.0, 1.0))
 
 

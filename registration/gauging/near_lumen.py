@@ -69,9 +69,9 @@ def split_summary(
 
 
 def _plain(deviation_um: FloatArray) -> dict[str, Any]:
-    found = asdict(summarise(1e-3 * deviation_um))
-    found["within"] = {f"{limit:g}": share for limit, share in found["within"].items()}
-    return found
+    summary = asdict(summarise(1e-3 * deviation_um))
+    summary["within"] = {f"{limit:g}": share for limit, share in summary["within"].items()}
+    return summary
 
 
 def near_lumen(points: FloatArray, network: VesselNetwork) -> NDArray[np.bool_]:

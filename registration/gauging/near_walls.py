@@ -55,5 +55,5 @@ def near_walls(
 def _classes(radius: FloatArray) -> list[NDArray[np.int64]]:
     """Stations of about one radius together; none where all are alike."""
     step = np.floor(np.log(radius / radius.min()) / np.log(CLASS)).astype(np.int64)
-    found = [np.flatnonzero(step == one) for one in np.unique(step)]
-    return found if len(found) > 1 else []
+    classes = [np.flatnonzero(step == one) for one in np.unique(step)]
+    return classes if len(classes) > 1 else []

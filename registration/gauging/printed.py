@@ -36,8 +36,8 @@ class MeasuredLumen:
     @property
     def error(self) -> float:
         """Median of measured less designed radius over the open stations, mm; NaN without any."""
-        found = (self.diameter / 2 - self.designed)[self.diameter > 0]
-        return float(np.median(found)) if len(found) else float("nan")
+        errors = (self.diameter / 2 - self.designed)[self.diameter > 0]
+        return float(np.median(errors)) if len(errors) else float("nan")
 
     def radius(self, error: float) -> FloatArray:
         """As it conducts, (n,), mm; where nothing was measured, the designed one plus ``error``."""

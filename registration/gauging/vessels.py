@@ -312,8 +312,8 @@ def _summary(trace: VesselTrace, stretch: float) -> dict[str, float]:
 
 def _finite(values: FloatArray) -> FloatArray:
     """Those that are finite, or one NaN."""
-    found = values[np.isfinite(values)]
-    return found if len(found) else np.array([np.nan])
+    finite = values[np.isfinite(values)]
+    return finite if len(finite) else np.array([np.nan])
 
 
 def _wall_rms(

@@ -92,17 +92,17 @@ def wall_profile(
         parts = [part[np.abs(part[:, 1]) > SLANT] for part in parts]
     if len(parts) < 2 * GROUPS or sum(len(part) for part in parts) < FEWEST:
         return None
-    found = _fitted(np.concatenate(parts), None)
-    if not found[2] > np.exp(found[1]):
+    fitted = _fitted(np.concatenate(parts), None)
+    if not fitted[2] > np.exp(fitted[1]):
         return None
     others = [
-        _fitted(np.concatenate([parts[k] for k in range(len(parts)) if k not in group]), found)
+        _fitted(np.concatenate([parts[k] for k in range(len(parts)) if k not in group]), fitted)
         for group in groups
     ]
     chance = np.sqrt((GROUPS - 1) * np.var(others, axis=0))
-    error = float(np.hypot(chance[0], _by_direction(np.concatenate(parts), found)))
+    error = float(np.hypot(chance[0], _by_direction(np.concatenate(parts), fitted)))
     return WallProfile(
-        float(found[0]), error, float(np.exp(found[1])), float(found[2]), float(chance[2])
+        float(fitted[0]), error, float(np.exp(fitted[1])), float(fitted[2]), float(chance[2])
     )
 
 
@@ -111,11 +111,11 @@ def _measured(trace: VesselTrace) -> NDArray[np.int64]:
     return np.flatnonzero(whole & (np.nan_to_num(trace.diameter) > 0))
 
 
-def _by_direction(samples: FloatArray, found: FloatArray) -> float:
+def _by_direction(samples: FloatArray, fitted: FloatArray) -> float:
     """Standard error of the mean over walls along the light, facing it, and facing away."""
     facing = samples[:, 1]
     sides = (facing < -SLANT, np.abs(facing) <= SLANT, facing > SLANT)
-    places = [_fitted(samples[s], found)[0] for s in sides if np.count_nonzero(s) > FEWEST / 4]
+    places = [_fitted(samples[s], fitted)[0] for s in sides if np.count_nonzero(s) > FEWEST / 4]
     return float(np.std(places, ddof=1) / np.sqrt(len(places))) if len(places) > 1 else 0.0
 
 
@@ -182,10 +182,10 @@ def _fitted(samples: FloatArray, start: FloatArray | None) -> FloatArray:
 
     def fitted(first: FloatArray, usual: FloatArray) -> FloatArray:
         weight = np.sqrt(number) / np.hypot(usual, FLOOR)
-        found = least_squares(
+        fit = least_squares(
             lambda at: (mean - _profile(at, middle)) * weight, first, bounds=(low, high)
         )
-        return np.append(found.x, found.cost)
+        return np.append(fit.x, fit.cost)
 
     low = np.array([-REACH_MM, np.log(BIN_MM), 0.0, -3.0, -9.0])
     high = np.array([REACH_MM, np.log(REACH_MM), 5.0, 3.0, 2.0])

@@ -47,18 +47,18 @@ def _programme(along: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
         # Of step, outer and inner radius: r + slope step <= outer, >= inner.
         above = np.column_stack([slope[used], -ones, 0 * ones])
         below = np.column_stack([-slope[used], 0 * ones, ones])
-        found = linprog(
+        solution = linprog(
             [0, 0, 0, 0, 1, -1],
             np.vstack([above, below]),
             np.concatenate([-radius[used], radius[used]]),
             bounds=[(-0.1, 0.1)] * 4 + [(None, None)] * 2,
             method="highs-ds",
         )
-        if found.x is None:
+        if solution.x is None:
             break
-        step = found.x[:4]
+        step = solution.x[:4]
         moved = radius + slope @ step
-        outside = (moved > found.x[4] + 1e-9) | (moved < found.x[5] - 1e-9)
+        outside = (moved > solution.x[4] + 1e-9) | (moved < solution.x[5] - 1e-9)
         if not (outside & ~used).any():
             break
         used |= outside

@@ -49,14 +49,14 @@ def read_datum(text: str) -> Datum:
     ------
     DatumError
     """
-    said = " ".join(text.lower().split())
-    if said == "ports":
+    name = " ".join(text.lower().split())
+    if name == "ports":
         return Datum("ports")
-    if found := _FACE.match(said):
-        return Datum("face", ("+" if found[1] == "+" else "-") + found[2])
-    if found := _VESSEL.match(said):
+    if match := _FACE.match(name):
+        return Datum("face", ("+" if match[1] == "+" else "-") + match[2])
+    if match := _VESSEL.match(name):
         kinds: dict[str, Kind] = {"axis": "axis", "inlet": "inlet", "outlet": "outlet"}
-        return Datum(kinds[found[1]], vessel=int(found[2]))
+        return Datum(kinds[match[1]], vessel=int(match[2]))
     raise DatumError(
         f"datum {text!r} isn't known; give a face by the way it looks (face -z), a straight "
         "vessel's axis (axis 3), a mouth by its vessel (inlet 0, outlet 3), or ports"
@@ -74,12 +74,12 @@ def read_datums(texts: Sequence[str]) -> tuple[Datum, ...]:
     given = [text for text in texts if text.strip()]
     if [text.strip().lower() for text in given] == [BEST_FIT]:
         return ()
-    found = tuple(map(read_datum, given))
-    if len(found) > MOST:
+    datums = tuple(map(read_datum, given))
+    if len(datums) > MOST:
         raise DatumError(
-            f"{len(found)} datums are given, of at most {MOST}; name primary, secondary, tertiary"
+            f"{len(datums)} datums are given, of at most {MOST}; name primary, secondary, tertiary"
         )
-    for one in found:
-        if found.count(one) > 1:
+    for one in datums:
+        if datums.count(one) > 1:
             raise DatumError(f"datum {one} is given twice; name another feature")
-    return found
+    return datums

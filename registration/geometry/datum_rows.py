@@ -50,13 +50,13 @@ def rows_of(datum: Datum, scene: Scene, setting: Setting) -> Rows:
 def _ports(scene: Scene, setting: Setting) -> Rows:
     """All mouths that are seen, as one datum."""
     ends = scene.mouths()
-    found = [one for one in (_mouth(v, e, scene, setting) for v, e in ends) if one is not None]
-    if len(found) < 2:
+    mouths = [one for one in (_mouth(v, e, scene, setting) for v, e in ends) if one is not None]
+    if len(mouths) < 2:
         raise DatumError(
-            f"datum ports: {len(found)} of {len(ends)} mouths are seen, at least 2 are needed; "
+            f"datum ports: {len(mouths)} of {len(ends)} mouths are seen, at least 2 are needed; "
             "scan more of the part, or name faces"
         )
-    return stack_features(found)
+    return stack_features(mouths)
 
 
 def named_face(datum: Datum, faces: Sequence[Face]) -> Face:
@@ -88,13 +88,13 @@ def named_face(datum: Datum, faces: Sequence[Face]) -> Face:
 
 def _axis(datum: Datum, scene: Scene, fit: Fit) -> Lumen:
     straight_axis(datum, scene.network)
-    found = scene.lumen(datum.vessel, fit)
-    if found is None:
+    lumen = scene.lumen(datum.vessel, fit)
+    if lumen is None:
         raise DatumError(
             f"datum {datum} isn't seen: fewer than {LEAST_SECTIONS} whole sections of vessel "
             f"{datum.vessel} were measured; {_seen_axes(scene, fit)}"
         )
-    return found
+    return lumen
 
 
 def _seen_axes(scene: Scene, fit: Fit) -> str:
@@ -109,6 +109,6 @@ def _seen_axes(scene: Scene, fit: Fit) -> str:
 
 
 def _mouth(vessel: int, last: bool, scene: Scene, setting: Setting) -> Rows | None:
-    found = scene.lumen(vessel, setting.fit)
-    there = None if found is None else mouth(found, last)
+    lumen = scene.lumen(vessel, setting.fit)
+    there = None if lumen is None else mouth(lumen, last)
     return None if there is None else mouth_rows(there, scene.face_at(there.node), setting)

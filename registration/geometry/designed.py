@@ -62,8 +62,8 @@ def designed_mouth(datum: Datum, network: VesselNetwork) -> tuple[int, bool]:
     mouths = designed_mouths(network)
     named = (datum.vessel, datum.kind == "outlet")
     if named not in mouths:
-        said = [f"{'outlet' if last else 'inlet'} {v}" for v, last in mouths]
-        have = ", ".join(said[:MOST_NAMED]) + (" ..." if len(said) > MOST_NAMED else "")
+        names = [f"{'outlet' if last else 'inlet'} {v}" for v, last in mouths]
+        have = ", ".join(names[:MOST_NAMED]) + (" ..." if len(names) > MOST_NAMED else "")
         raise DatumError(f"datum {datum}: no such mouth in the design; it has {have}")
     return named
 

@@ -33,15 +33,15 @@ def face_zone(
     Places are averaged in cells of 0.2 mm and filtered by a Gaussian over distance (areal, after
     ISO 16610-61), cells weighed by their places.
     """
-    found = Characteristic("face", face.name, SURFACE, seen=face.seen, note="not seen")
+    characteristic = Characteristic("face", face.name, SURFACE, seen=face.seen, note="not seen")
     places = frame.fit.apply(face.scanned)
     if len(places) == 0:
-        return found
+        return characteristic
     height = _height(face, surface, places)
     cell = cells(places, CELL_MM)
     count = np.bincount(cell).astype(np.float64)
     if len(count) < _LEAST_CELLS:
-        return found
+        return characteristic
     middle = np.column_stack([np.bincount(cell, column) / count for column in places.T])
     mean = np.bincount(cell, height) / count
     smooth = _gaussian(middle, count)
@@ -86,12 +86,12 @@ def _noise(middle: FloatArray, off: FloatArray) -> float:
     Robust. Places stand so far apart that they share no noise through the filter; a slope has none.
     """
     tree = cKDTree(middle)
-    found = []
+    noises = []
     for way in APART_MM * np.eye(3):
         (ahead_mm, ahead), (back_mm, back) = tree.query(middle + way), tree.query(middle - way)
         both = np.maximum(ahead_mm, back_mm) < 0.75 * CELL_MM
-        found.append((off[ahead] - 2 * off + off[back])[both] / np.sqrt(6))
-    return float(np.median(np.abs(np.concatenate(found))) / NORMAL_QUARTILE)
+        noises.append((off[ahead] - 2 * off + off[back])[both] / np.sqrt(6))
+    return float(np.median(np.abs(np.concatenate(noises))) / NORMAL_QUARTILE)
 
 
 def _shared(place: FloatArray, normal: FloatArray, frame: Frame, errors: ScanErrors) -> float:

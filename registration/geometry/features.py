@@ -33,8 +33,8 @@ def plane_rows(face: Face, there: Setting) -> Rows:
     if face.normal is None:
         raise DatumError(f"{face.name} has no plane; name a planar face")
     plane = _Plane.of(there.fit.apply(face.scanned), face.normal, face.size_mm / 2)
-    found = plane.terms.T @ ((plane.points - face.point) @ plane.normal)
-    asked = -(plane.bread @ found)
+    deviation = plane.terms.T @ ((plane.points - face.point) @ plane.normal)
+    asked = -(plane.bread @ deviation)
     pulls = np.vstack([plane.noise(face.point, asked), plane.level(there)])
     return Rows(plane.matrix(there), asked, -pulls, -plane.strained(there))
 

@@ -73,9 +73,9 @@ def _reach(network: VesselNetwork, faces: Sequence[Face]) -> float:
 
 def _words(datums: Sequence[Datum]) -> str:
     order = ("primary", "secondary", "tertiary")
-    said = ", ".join(f"{one} ({name})" for one, name in zip(datums, order, strict=False))
+    names = ", ".join(f"{one} ({name})" for one, name in zip(datums, order, strict=False))
     return (
-        f"Datums: {said}. The design is laid, without stretching it, so that it meets the primary "
+        f"Datums: {names}. The design is laid, without stretching it, so that it meets the primary "
         "datum as measured; each further datum only settles what those before it left free. "
         'Planes and axes of datums are least squares fits. "Rigid" in this report is that frame.'
     )

@@ -141,8 +141,8 @@ class _Placed:
 
 def _rays(wall: FloatArray, middle: FloatArray, met: NDArray[np.bool_]) -> FloatArray:
     """Lengths of rays (n, rays) from the centroids; where one met no wall, their mean."""
-    found = np.linalg.norm(wall - middle[:, None], axis=-1)
-    return np.asarray(np.where(met, found, np.nanmean(found, axis=1)[:, None]))
+    lengths = np.linalg.norm(wall - middle[:, None], axis=-1)
+    return np.asarray(np.where(met, lengths, np.nanmean(lengths, axis=1)[:, None]))
 
 
 def _circle(rays: FloatArray) -> FloatArray:

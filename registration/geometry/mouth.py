@@ -59,14 +59,14 @@ def mouth(lumen: Lumen, last: bool) -> AxisEnd | None:
     return AxisEnd(node, way, weights @ off, lumen.shared(weights))
 
 
-def mouth_rows(found: AxisEnd, face: Face | None, there: Setting) -> Rows:
+def mouth_rows(end: AxisEnd, face: Face | None, there: Setting) -> Rows:
     """Return what a mouth asks: its middle, and where it was seen the face around it."""
-    u, v = vectors_across(found.way)
-    arm = found.node - there.fit.centre
+    u, v = vectors_across(end.way)
+    arm = end.node - there.fit.centre
     light = light_across(there, u, v)
     matrix = [side @ motion(arm) for side in (u, v)]
-    asked = [-(side @ found.off) for side in (u, v)]
-    pulls = [[found.noise_mm, 0], [0, found.noise_mm], list(light)]
+    asked = [-(side @ end.off) for side in (u, v)]
+    pulls = [[end.noise_mm, 0], [0, end.noise_mm], list(light)]
     strained = [[-(side @ s @ arm) for side in (u, v)] for s in there.strains]
     rows = Rows(np.array(matrix), np.array(asked), np.array(pulls), np.array(strained))
     if face is None or face.normal is None:
@@ -74,7 +74,7 @@ def mouth_rows(found: AxisEnd, face: Face | None, there: Setting) -> Rows:
     plane = plane_rows(face, there)
     # The plane's distance at the mouth, from that at its middle and both tilts.
     reach = face.size_mm / 2
-    away = found.node - there.fit.apply(face.scanned).mean(axis=0)
+    away = end.node - there.fit.apply(face.scanned).mean(axis=0)
     s, t = (away @ side / reach for side in vectors_across(face.normal))
     here = np.array([s, t, 1.0])
     both = np.zeros((len(rows.pulls) + len(plane.pulls), 3))

@@ -50,8 +50,8 @@ def plane_name(plane: Plane | None, planes: Sequence[Plane]) -> str:
     axis = int(np.abs(normal).argmax())
     if abs(normal[axis]) < np.cos(np.deg2rad(1.0)):
         way = ", ".join(f"{v:.2f}".replace("-", "\N{MINUS SIGN}") for v in normal + 0.0)
-        said = f"face ({way})"
+        name = f"face ({way})"
     else:
-        said = f"face {'+' if normal[axis] > 0 else chr(0x2212)}{'xyz'[axis]}"
+        name = f"face {'+' if normal[axis] > 0 else chr(0x2212)}{'xyz'[axis]}"
     alike = [one for one in planes if one[0] @ normal > 0.9999]
-    return said if len(alike) == 1 else f"{said} at {point @ normal:.2f} mm"
+    return name if len(alike) == 1 else f"{name} at {point @ normal:.2f} mm"

@@ -35,5 +35,5 @@ def wall_spectrum(rays: FloatArray, middle: FloatArray) -> FloatArray:
 def _differences(values: NDArray[Any]) -> NDArray[Any]:
     """Second differences over (n, k), with the variance of one value: a slope has none."""
     lag = min(_LAG, (len(values) - 1) // 3)
-    found = values[: -2 * lag] - 2 * values[lag:-lag] + values[2 * lag :]
-    return np.asarray(found / np.sqrt(6))
+    differences = values[: -2 * lag] - 2 * values[lag:-lag] + values[2 * lag :]
+    return np.asarray(differences / np.sqrt(6))

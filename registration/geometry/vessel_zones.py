@@ -34,20 +34,20 @@ def vessel_zones(
     rng = np.random.default_rng(case.vessel)
     axis = POSITION if case.line.straight else LINE_PROFILE
     unknown = "too few whole sections were measured"
-    found = case.lumen
-    if found is None:
+    lumen = case.lumen
+    if lumen is None:
         rows = [unmeasured_row(case, "axis", axis, unknown)]
         rows += [without_mouth(case, last, unknown) for last in ends]
         rows += [no_cylinder(case) or unmeasured_row(case, "cylindricity", CYLINDRICITY, unknown)]
         return [*rows, unmeasured_row(case, "lumen", SURFACE, unknown)]
-    rows = [row(case, "axis", axis, _axis(found, frame, errors, rng))]
-    rows += [_port(case, found, last, frame, errors) for last in ends]
-    wall = found.drawn_walls(rng)
+    rows = [row(case, "axis", axis, _axis(lumen, frame, errors, rng))]
+    rows += [_port(case, lumen, last, frame, errors) for last in ends]
+    wall = lumen.drawn_walls(rng)
     rows.append(
         no_cylinder(case)
-        or row(case, "cylindricity", CYLINDRICITY, _cylinder(found, wall, frame, errors))
+        or row(case, "cylindricity", CYLINDRICITY, _cylinder(lumen, wall, frame, errors))
     )
-    return [*rows, row(case, "lumen", SURFACE, _surface(found, wall, frame, errors))]
+    return [*rows, row(case, "lumen", SURFACE, _surface(lumen, wall, frame, errors))]
 
 
 def _axis(lumen: Lumen, frame: Frame, errors: ScanErrors, rng: np.random.Generator) -> Zone:

@@ -143,11 +143,11 @@ class _Vessel:
         row: Record,
         series: Series,
         limits: VesselLimits,
-        found: Sequence[Record],
+        defects: Sequence[Record],
         ways: Sequence[tuple[Record, Feature]],
         zones: Sequence[Feature],
     ) -> None:
-        own = [d for d in found if d["vessel"] == row["vessel"] and d["kind"] not in _WAYS]
+        own = [d for d in defects if d["vessel"] == row["vessel"] and d["kind"] not in _WAYS]
         band = band_of(series, limits.section)
         closures = [_closure(d, limits) for d in own if d["kind"] in ("occlusion", "missing")]
         self.features: list[Feature] = [
@@ -233,8 +233,8 @@ def plain_tolerances(tolerances: Tolerances) -> dict[str, Any]:
 
 
 def _limits(limits: VesselLimits) -> dict[str, Any]:
-    found = {f.name: _value(getattr(limits, f.name)) for f in fields(limits)}
-    return {key: value for key, value in found.items() if value is not None}
+    values = {f.name: _value(getattr(limits, f.name)) for f in fields(limits)}
+    return {key: value for key, value in values.items() if value is not None}
 
 
 def _value(value: Any) -> Any:

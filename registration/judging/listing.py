@@ -10,5 +10,5 @@ Record = Mapping[str, Any]
 
 def list_findings(numbers: Record) -> Sequence[Record]:
     """Return all findings of a registration; the defects of one that wasn't judged."""
-    found = numbers.get("findings", numbers.get("defects", ()))
-    return found if isinstance(found, Sequence) else ()
+    findings = numbers.get("findings", numbers.get("defects", ()))
+    return findings if isinstance(findings, Sequence) else ()

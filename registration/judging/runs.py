@@ -25,7 +25,7 @@ _CLOSED = ("occlusion", "missing")
 
 
 def findings(
-    row: Record, band: Band, limit: Limit, found: Sequence[Record]
+    row: Record, band: Band, limit: Limit, records: Sequence[Record]
 ) -> list[dict[str, Any]]:
     """List what isn't a pass on a vessel, and what stands out from it; one place is one finding.
 
@@ -37,19 +37,21 @@ def findings(
         Its sections.
     limit : Limit
         Of their diameters.
-    found : sequence of mapping
+    records : sequence of mapping
         Its bulges, stenoses and closures that were found without a tolerance. A change whose own
         interval includes zero isn't listed (`is_refuted`).
     """
     changes = [
         change
-        for change in (judged_change(row, band, limit, one) for one in found if one["kind"] in SIGN)
+        for change in (
+            judged_change(row, band, limit, one) for one in records if one["kind"] in SIGN
+        )
         if not is_refuted(band, change)
     ]
     # What is known of a junction's own wall is measured otherwise than the sections beside it.
     alone = [one for one in changes if apart_from_sections(band, one)]
     within = [one for one in changes if one not in alone]
-    runs = [_finding(row, band, limit, run) for run in _runs(row, band, _closed(band, found))]
+    runs = [_finding(row, band, limit, run) for run in _runs(row, band, _closed(band, records))]
     return [*alone, *(_joined(band, limit, group) for group in groups(within, runs))]
 
 
@@ -81,11 +83,11 @@ def _as_found(change: Record) -> dict[str, Any]:
     return {key: value for key, value in change.items() if key not in BARE}
 
 
-def _closed(band: Band, found: Sequence[Record]) -> BoolArray:
+def _closed(band: Band, records: Sequence[Record]) -> BoolArray:
     """Closed sections that a closure accounts for."""
     series, half = band.series, band.series.spacing_mm / 2
     out = np.zeros(len(series.along_mm), dtype=np.bool_)
-    for one in found:
+    for one in records:
         if one["kind"] in _CLOSED:
             out |= (series.along_mm >= one["from_mm"] - half) & (
                 series.along_mm <= one["to_mm"] + half

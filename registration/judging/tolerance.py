@@ -44,8 +44,8 @@ class Limit:
 
     def __str__(self) -> str:
         parts = [(self.minus_percent, self.plus_percent, "%"), (self.minus_um, self.plus_um, "µm")]
-        said = [_pair(m, p, unit) for m, p, unit in parts if math.isfinite(min(m, p))]
-        return " and ".join(said) or "no limit"
+        texts = [_pair(m, p, unit) for m, p, unit in parts if math.isfinite(min(m, p))]
+        return " and ".join(texts) or "no limit"
 
 
 def symmetric(percent: float) -> Limit:
@@ -139,11 +139,11 @@ class Tolerances:
 
     def of(self, vessel: int, kind: str) -> VesselLimits:
         """Limits of one vessel."""
-        found = self.limits
+        limits = self.limits
         for override in self.overrides:
             if override.holds(vessel, kind):
-                found = replace(found, **override.changes)
-        return found
+                limits = replace(limits, **override.changes)
+        return limits
 
     def check_network(self, network: VesselNetwork) -> None:
         """Refuse overrides of vessels that `network` doesn't have; raise as `check` does."""

@@ -58,21 +58,21 @@ def _rms(feature: Record) -> str:
 def _way(feature: Record) -> str:
     other = feature.get("other")
     to = "out" if other is None else f"into vessel {other}"
-    said = f"{_place(feature)}: a way {_measured(feature)} wide leads {to}, {feature['limit']}"
-    return said + _DOUBTS.get(feature.get("doubt", ""), "")
+    text = f"{_place(feature)}: a way {_measured(feature)} wide leads {to}, {feature['limit']}"
+    return text + _DOUBTS.get(feature.get("doubt", ""), "")
 
 
 def _zone(feature: Record) -> str:
     """Say of a zone: its width, interval and limit."""
     value, ends = feature.get("value_um"), feature.get("interval_um")
     place = str(feature["of"])
-    said = f"{place[:1].upper()}{place[1:]}: {feature['words']} "
+    text = f"{place[:1].upper()}{place[1:]}: {feature['words']} "
     if value is None or not ends:
-        return f"{said}isn't known, limit {feature['limit']}"
+        return f"{text}isn't known, limit {feature['limit']}"
     ends_said = f"{ends[0]:.0f} to {ends[1]:.0f}"
     unseen = feature["decision"] == "undecided" and ends[1] <= feature["upper_um"]
     end = ": not all of it was seen" if unseen else _end(feature)
-    return f"{said}{value:.0f} µm ({ends_said} µm, 95 %), limit {feature['limit']}{end}"
+    return f"{text}{value:.0f} µm ({ends_said} µm, 95 %), limit {feature['limit']}{end}"
 
 
 def _diameter(feature: Record) -> str:

@@ -79,6 +79,6 @@ def _decision(row: Record, low: float, high: float, limit: float) -> Decision:
         np.array([middle]), np.array([half]), np.array([single_width(half)]),
         np.array([math.inf]), np.array([limit]),
     )  # fmt: skip
-    found = ORDER[int(code[0])]
+    decision = ORDER[int(code[0])]
     unseen = row["name"] == "face" and row["seen_fraction"] < FACE_SEEN
-    return "undecided" if found == "pass" and unseen else found
+    return "undecided" if decision == "pass" and unseen else decision

@@ -45,8 +45,8 @@ def annotated(
     for one in lines:
         _edges(image, view, one, thick)
         _number(image, mapped(view.matrix, one.way.points[:1])[0], one.line.number, thick)
-    for gap, found in gaps:
-        colour = _OPEN if np.nanmedian(found.open_mm) > 0 else _CLOSED
+    for gap, width in gaps:
+        colour = _OPEN if np.nanmedian(width.open_mm) > 0 else _CLOSED
         for way in gap.lines[:: max(1, len(gap.lines) - 1)]:
             _path(image, mapped(view.matrix, way), colour, thick)
         _number(image, mapped(view.matrix, gap.lines[-1].mean(axis=0)[None])[0],

@@ -63,7 +63,7 @@ def measure_gaps(
     wider_mm : float, mm
         By how much a filament's diameter exceeds its width at half level.
     """
-    found = []
+    widths = []
     for gap in gaps:
         wide = []
         inks = sample(picture.ink, view, gap.lines[:, 0])
@@ -74,8 +74,8 @@ def measure_gaps(
             seen = sample(picture.ink, view, np.linspace(begin, end, steps + 1))
             below = _open(seen, level) * length / steps
             wide.append(max(below - wider_mm, 0.0) if below > 0 else below)
-        found.append(GapWidth(gap.number, np.array(wide)))
-    return found
+        widths.append(GapWidth(gap.number, np.array(wide)))
+    return widths
 
 
 def _open(seen: FloatArray, level: float) -> float:

@@ -58,15 +58,15 @@ def read_picture(path: Path, lens: Lens | None = None) -> Picture:
     PictureError
         When it can't be read, or nothing stands out in it.
     """
-    found = decoded(path)
-    return _chosen(found if lens is None else lens.straighten(found, path), path)
+    pixels = decoded(path)
+    return _chosen(pixels if lens is None else lens.straighten(pixels, path), path)
 
 
-def _chosen(found: NDArray[Any], path: Path) -> Picture:
+def _chosen(pixels: NDArray[Any], path: Path) -> Picture:
     """The channel with the best contrast, ink made high."""
-    shrunk = min(1.0, COARSE_PX / max(found.shape[:2]))
-    size = [max(1, round(side * shrunk)) for side in found.shape[1::-1]]
-    small = cv2.resize(found, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    shrunk = min(1.0, COARSE_PX / max(pixels.shape[:2]))
+    size = [max(1, round(side * shrunk)) for side in pixels.shape[1::-1]]
+    small = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     best: tuple[float, int, float, BoolImage] = (0.0, 0, 1.0, np.zeros((1, 1), bool))
     grey = all(np.array_equal(small[:, :, 0], small[:, :, other]) for other in (1, 2))
     for channel in range(1 if grey else 3):
@@ -82,8 +82,8 @@ def _chosen(found: NDArray[Any], path: Path) -> Picture:
             f"{path}: nothing stands out from the ground (contrast {contrast:.1f} of its noise, "
             f"{_LEAST_CONTRAST:g} wanted); light it evenly, focus on the lines, dye the ink"
         )
-    ink = sign * np.ascontiguousarray(found[:, :, channel]).astype(np.float32)
-    return Picture(ink, _eight_bit(found), mask, shrunk)
+    ink = sign * np.ascontiguousarray(pixels[:, :, channel]).astype(np.float32)
+    return Picture(ink, _eight_bit(pixels), mask, shrunk)
 
 
 def _ground(plain: FloatImage) -> FloatImage:
@@ -113,9 +113,9 @@ def _split(flat: FloatImage) -> tuple[float, BoolImage]:
     return apart / max(noise, 1e-3 * high), ink
 
 
-def _eight_bit(found: NDArray[Any]) -> NDArray[np.uint8]:
-    if found.dtype == np.uint8:
-        return np.asarray(found)
-    low, high = np.percentile(found, [0.1, 99.9])
-    share = (found.astype(np.float32) - low) / max(float(high - low), 1e-9)
+def _eight_bit(pixels: NDArray[Any]) -> NDArray[np.uint8]:
+    if pixels.dtype == np.uint8:
+        return np.asarray(pixels)
+    low, high = np.percentile(pixels, [0.1, 99.9])
+    share = (pixels.astype(np.float32) - low) / max(float(high - low), 1e-9)
     return np.asarray(np.clip(share * 255, 0, 255), dtype=np.uint8)

@@ -163,7 +163,7 @@ def middles(seen: Profiles, width_mm: float, least: float = 0.0) -> tuple[FloatA
     top = smooth.argmax(axis=1)
     height = smooth[np.arange(len(top)), top]
     usual = float(np.median(height))
-    found = seen.inside & (height > max(LEAST_OF_INK * usual, least)) & (height > 0)
+    has_ink = seen.inside & (height > max(LEAST_OF_INK * usual, least)) & (height > 0)
     above = seen.values > 0.5 * height[:, None]
     # Only what hangs together with the peak.
     index = np.arange(seen.values.shape[1])
@@ -174,4 +174,4 @@ def middles(seen: Profiles, width_mm: float, least: float = 0.0) -> tuple[FloatA
     weight = np.where(own, np.maximum(seen.values, 0.0), 0.0)
     total = np.maximum(weight.sum(axis=1), 1e-12)
     at = (weight * seen.across_mm).sum(axis=1) / total
-    return at, found & own.any(axis=1)
+    return at, has_ink & own.any(axis=1)

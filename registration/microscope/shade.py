@@ -81,8 +81,8 @@ class Shade:
             return half_width_mm
         low, high = max(float(known.min()) * 0.6, 1e-4), float(known.max()) * 1.4
         grid = np.geomspace(low, high, 40)
-        found = np.interp(half_width_mm, np.maximum.accumulate(self.half_width(grid)), grid)
-        return np.where(np.isfinite(half_width_mm), found, np.nan)
+        diameter = np.interp(half_width_mm, np.maximum.accumulate(self.half_width(grid)), grid)
+        return np.where(np.isfinite(half_width_mm), diameter, np.nan)
 
     def opaque(self, diameter_mm: float) -> bool:
         """Whether a filament of that diameter lets no light through its middle (95 %)."""
@@ -132,7 +132,7 @@ def fit_shade(
             parts.append(columns @ best - profile)
         return np.concatenate(parts)
 
-    found = None
+    lowest = None
     for start in _STARTS:
         begin = [math.log(start / typical), math.log(max(0.08 * typical, 0.5 * px_mm))]
         low = [math.log(0.05 / typical), math.log(0.15 * px_mm)]
@@ -144,14 +144,14 @@ def fit_shade(
         solved = least_squares(
             residuals, begin, bounds=(low, high), x_scale="jac", ftol=1e-6, max_nfev=40
         )
-        if found is None or solved.cost < found.cost:
-            found = solved
-    assert found is not None  # there is a start
-    rms = math.sqrt(2 * float(found.cost) / sum(map(len, scaled)))
-    per_mm, blur_mm = math.exp(found.x[0]), math.exp(found.x[1])
+        if lowest is None or solved.cost < lowest.cost:
+            lowest = solved
+    assert lowest is not None  # there is a start
+    rms = math.sqrt(2 * float(lowest.cost) / sum(map(len, scaled)))
+    per_mm, blur_mm = math.exp(lowest.x[0]), math.exp(lowest.x[1])
     # Neighbouring samples of a blurred profile aren't independent.
     together = max(1.0, 3.5 * blur_mm / float(across_mm[1] - across_mm[0]))
-    inverse = np.linalg.pinv(found.jac.T @ found.jac)
+    inverse = np.linalg.pinv(lowest.jac.T @ lowest.jac)
     variance = float(np.median(np.diag(inverse)[2::2])) * rms**2 * together
     return Shade(per_mm, blur_mm, rms, math.sqrt(variance))
 

@@ -149,17 +149,17 @@ def _side_middles(
         inner = side[0] + np.array([[0.06], [0.94]]) * (side[1] - side[0])
         way = ScanLine.straight(inner[0], inner[1], max(target.width_mm, 0.2))
         seen = profiles_along(picture.ink, matrix, way, reach, coarse)
-        at, found = middles(seen, target.width_mm)
-        if found.mean() < LEAST_SIDES:
+        at, has_ink = middles(seen, target.width_mm)
+        if has_ink.mean() < LEAST_SIDES:
             name = ("left", "bottom", "right", "top")[number]
             raise PictureError(
-                f"the frame's {name} side is found at {found.mean():.0%} of its length "
+                f"the frame's {name} side is found at {has_ink.mean():.0%} of its length "
                 f"({LEAST_SIDES:.0%} wanted): is it the picture of this pattern (--pattern), "
                 "with the whole frame in it, in focus?"
             )
-        places = way.points[found] + at[found, None] * way.normals[found]
+        places = way.points[has_ink] + at[has_ink, None] * way.normals[has_ink]
         pixels.append(mapped(matrix, places))
-        which.append(np.full(int(found.sum()), float(number)))
+        which.append(np.full(int(has_ink.sum()), float(number)))
     return np.concatenate(pixels), np.concatenate(which)
 
 

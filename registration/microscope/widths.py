@@ -103,8 +103,8 @@ def measure_lines(
     heights = [usual_height(*pair) for pair in zip(across, expected, strict=True)]
     least = _LEAST_OF_ALL * float(np.median(heights))
     for line, way, seen in zip(lines, ways, across, strict=True):
-        middle, found = middles(seen, line.width_mm, least)
-        left, right, height = _edges(seen, middle, found, line.width_mm)
+        middle, has_ink = middles(seen, line.width_mm, least)
+        left, right, height = _edges(seen, middle, has_ink, line.width_mm)
         raw.append(LineWidths(line, way, right - left, left, right, height, seen.inside))
         profiles.append(_mean_profile(seen, (left + right) / 2, right - left))
     shade = replace(_optics(raw, profiles, view.um_per_px * 1e-3), smoothed_mm=smooth)
@@ -112,12 +112,12 @@ def measure_lines(
 
 
 def _edges(
-    seen: Profiles, middle: FloatArray, found: BoolImage, width_mm: float
+    seen: Profiles, middle: FloatArray, has_ink: BoolImage, width_mm: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Places left and right of the middle at which half of its height is passed; the height."""
     left, right, heights = (np.full(len(middle), np.nan) for _ in range(3))
     step, first = seen.step_mm, float(seen.across_mm[0])
-    for k in np.flatnonzero(found).tolist():
+    for k in np.flatnonzero(has_ink).tolist():
         profile, at = seen.values[k], (float(middle[k]) - first) / step
         wide = width_mm
         for _ in range(2):  # the middle's part follows from the width

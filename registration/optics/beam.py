@@ -131,13 +131,13 @@ class Beam:
             When fan or surface is steeper than this model holds.
         """
         places = points[:, :2].copy()
-        found = np.empty_like(points)
+        positions = np.empty_like(points)
         for _ in range(_ROUNDS):
-            found = np.column_stack([places, self._depth_at(places, points[:, 2])])
-            off = points[:, :2] - self.to_true(found)[:, :2]
+            positions = np.column_stack([places, self._depth_at(places, points[:, 2])])
+            off = points[:, :2] - self.to_true(positions)[:, :2]
             places = places + off
             if np.abs(off).max(initial=0.0) < _CLOSE_MM:
-                return found
+                return positions
         raise RegistrationError(
             f"the correction doesn't settle (still {np.abs(off).max():.2g} mm off): fan or surface "
             "is too steep; level the sample or check the calibration"

@@ -51,25 +51,25 @@ def read_calibration(path: Path) -> OctCalibration:
     if not path.is_file() or path.stat().st_size > _MOST_BYTES:
         raise ScanFileError(f"{path}: no calibration there; write one with printctl calibrate oct")
     try:
-        found = read_yaml(path.read_text(encoding="utf-8"))
+        data = read_yaml(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as exc:
         raise ScanFileError(f"{path}: not YAML ({exc}); calibrate again") from exc
-    if not isinstance(found, dict) or found.get("schema") != SCHEMA:
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         raise ScanFileError(f"{path}: isn't a calibration of an OCT device (schema {SCHEMA})")
     known = set(asdict(OctCalibration()))
-    unknown = sorted(str(key) for key in set(found) - known - {"schema"})
+    unknown = sorted(str(key) for key in set(data) - known - {"schema"})
     if unknown:
         raise ScanFileError(f"{path}: unknown key {unknown[0]}; known are {', '.join(known)}")
-    numbers = {name: _numbers(name, found, path) for name in _LIMITS if found.get(name) is not None}
-    return _built(numbers, found, path)
+    numbers = {name: _numbers(name, data, path) for name in _LIMITS if data.get(name) is not None}
+    return _built(numbers, data, path)
 
 
-def _built(numbers: dict[str, list[float]], found: dict[str, Any], path: Path) -> OctCalibration:
+def _built(numbers: dict[str, list[float]], data: dict[str, Any], path: Path) -> OctCalibration:
     plain = OctCalibration()
     lateral = numbers.get("lateral", [1.0, 0.0, 0.0, 1.0])
     fan, bow = numbers.get("fan_per_mm", [0.0] * 2), numbers.get("bow_per_mm", [0.0] * 3)
-    intervals = found.get("intervals") or {}
-    standard = found.get("depth_standard", False)
+    intervals = data.get("intervals") or {}
+    standard = data.get("depth_standard", False)
     if not isinstance(standard, bool) or not isinstance(intervals, dict):
         raise ScanFileError(f"{path}: depth_standard must be true or false, intervals a mapping")
     if lateral[2] != 0 or min(lateral[0], lateral[3]) < 0.5:
@@ -93,13 +93,12 @@ def _pair(name: object, value: Any, path: Path) -> tuple[float, float]:
     return flat[0], flat[1]
 
 
-def _numbers(name: str, found: dict[str, Any], path: Path) -> list[float]:
+def _numbers(name: str, data: dict[str, Any], path: Path) -> list[float]:
     count, low, high = _LIMITS[name]
-    flat = _flat(found[name])
+    flat = _flat(data[name])
     if flat is None or len(flat) != count or not all(low <= value <= high for value in flat):
         raise ScanFileError(
-            f"{path}: {name} is {found[name]!r}; it must be {count} number(s) in {low:g} to "
-            f"{high:g}"
+            f"{path}: {name} is {data[name]!r}; it must be {count} number(s) in {low:g} to {high:g}"
         )
     return flat
 

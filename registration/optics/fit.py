@@ -93,10 +93,10 @@ def fit_grid(
     first = np.concatenate([_identity()[:count], plain.x])
     best = least_squares(misfit, first, args=(count,), x_scale="jac")
     left = best.fun.reshape(-1, 3)
-    found = _calibration(np.concatenate([best.x[:count], _identity()[count:]]), base)
+    calibration = _calibration(np.concatenate([best.x[:count], _identity()[count:]]), base)
     return GridFit(
         replace(
-            found,
+            calibration,
             intervals={
                 **base.intervals,
                 **_certified(_intervals(best, count), pitch_u_mm / pitch_mm),
@@ -191,10 +191,10 @@ def _first_pose(view: GridView, pitch_mm: float) -> FloatArray:
 
 
 def _certified(
-    found: dict[str, tuple[float, float]], relative_u: float
+    intervals: dict[str, tuple[float, float]], relative_u: float
 ) -> dict[str, tuple[float, float]]:
     """Intervals with a certificate's relative expanded uncertainty (k = 2) put to the scales'."""
-    made = dict(found)
+    made = dict(intervals)
     for name in ("scale_x", "scale_y"):
         if name in made:
             low, high = made[name]

@@ -60,15 +60,15 @@ def find_grid(scan: Scan, pitch_mm: float) -> GridView:
             "target and bring more of it into the view"
         )
     places = centres * step
-    index, found = _indexed(places, pitch_mm)
-    if found.sum() < _FEWEST:
+    index, indexed = _indexed(places, pitch_mm)
+    if indexed.sum() < _FEWEST:
         raise SegmentationError(
-            f"{scan.came_from}: {found.sum()} of {len(places)} dots lie on a square lattice of "
+            f"{scan.came_from}: {indexed.sum()} of {len(places)} dots lie on a square lattice of "
             f"{1e3 * pitch_mm:g} µm (needed: {_FEWEST}); check --pitch-um and the voxel size"
         )
-    depth = _depth_at(seen, centres[found], pitch_mm, step)
+    depth = _depth_at(seen, centres[indexed], pitch_mm, step)
     middle = np.array([seen.x_mm[-1], seen.y_mm[-1]]) / 2
-    return GridView(np.column_stack([places[found], depth]), index[found], middle)
+    return GridView(np.column_stack([places[indexed], depth]), index[indexed], middle)
 
 
 def _flattened(seen: Columns, pitch_mm: float, step: FloatArray) -> FloatArray:
@@ -96,18 +96,18 @@ def _indexed(places: FloatArray, pitch_mm: float) -> tuple[IntArray, NDArray[np.
     first = int(tree.query(places.mean(axis=0))[1])
     ways = _ways(places[tree.query_ball_point(places[first], 1.3 * pitch_mm)] - places[first])
     index = np.zeros((len(places), 2), dtype=np.int64)
-    found = np.zeros(len(places), dtype=bool)
+    reached = np.zeros(len(places), dtype=bool)
     if ways is None:
-        return index, found
-    found[first], queue = True, deque([first])
+        return index, reached
+    reached[first], queue = True, deque([first])
     while queue:
         here = queue.popleft()
         for way, turn in zip(ways, ((1, 0), (-1, 0), (0, 1), (0, -1)), strict=True):
             off, there = tree.query(places[here] + way)
-            if off < _NEAR * pitch_mm and not found[there]:
-                found[there], index[there] = True, index[here] + turn
+            if off < _NEAR * pitch_mm and not reached[there]:
+                reached[there], index[there] = True, index[here] + turn
                 queue.append(int(there))
-    return index, found
+    return index, reached
 
 
 def _ways(near: FloatArray) -> FloatArray | None:

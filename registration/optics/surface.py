@@ -85,11 +85,11 @@ def find_surface(scan: Scan) -> SampleSurface:
     """
     dz, dy, dx = scan.voxel_mm
     step_y, step_x = (max(1, round(_CELL_MM / size)) for size in (dy, dx))
-    found = []
+    heights = []
     for first in range(0, scan.volume.shape[1] - step_y + 1, step_y):
         values = _cells(scan, slice(first, first + step_y), step_x)
-        found.append(_first_rise(values))
-    depth = np.array(found)
+        heights.append(_first_rise(values))
+    depth = np.array(heights)
     seen = np.isfinite(depth)
     if seen.mean() < _LEAST_SHARE:
         raise SegmentationError(

@@ -71,7 +71,7 @@ def undistort(
     per_voxel = np.array(scan.voxel_mm[::-1]) * np.array([1.0, 1.0, optical_mm])
     grid = _straight_grid(scan, beam, per_voxel)
     volume = _resampled(scan, beam, per_voxel, grid)
-    note = f"{_RELAID}: {_told(beam, grid, scan)}"
+    note = f"{_RELAID}: {_note(beam, grid, scan)}"
     return replace(
         scan,
         volume=volume,
@@ -126,11 +126,11 @@ def _lattice(
     rows, columns = (np.arange(0, n + 2 * _STEP, _STEP) for n in grid.shape[1:])
     z, y, x = np.meshgrid(planes, rows, columns, indexing="ij")
     places = np.stack([x, y, z], axis=-1).reshape(-1, 3) * grid.voxel + grid.origin
-    found = beam.to_scan(places) / per_voxel
-    return found.reshape(*z.shape, 3).astype(np.float32)
+    positions = beam.to_scan(places) / per_voxel
+    return positions.reshape(*z.shape, 3).astype(np.float32)
 
 
-def _told(beam: Beam, grid: _Grid, scan: Scan) -> str:
+def _note(beam: Beam, grid: _Grid, scan: Scan) -> str:
     """How much was moved, for people."""
     if beam.surface is None:
         return f"index {beam.index:g} throughout (liquid fills the view)"

@@ -147,5 +147,5 @@ def _count(owner: NDArray[np.int32], where: Mask, layer: LayerLines) -> IntArray
 
 def _lines(owner: NDArray[np.int32], line: IntArray) -> IntArray:
     """Lines that cover more than a corner of the gap, ascending."""
-    found, count = np.unique(line[owner], return_counts=True)
-    return np.asarray(found[count >= min(LEAST_SHARE * len(owner), LEAST_PIXELS)])
+    numbers, count = np.unique(line[owner], return_counts=True)
+    return np.asarray(numbers[count >= min(LEAST_SHARE * len(owner), LEAST_PIXELS)])

@@ -49,8 +49,8 @@ def spots(mask: Mask, raster: Raster, least_mm2: float, least_width_mm: float) -
     areas = np.bincount(labels.ravel(), minlength=count + 1)[1:] * raster.pixel_mm**2
     boxes = find_objects(labels)
     chosen = [k for k in np.argsort(-areas, kind="stable").tolist() if areas[k] >= least_mm2]
-    found = [_spot(labels[boxes[k]] == k + 1, boxes[k], float(areas[k]), raster) for k in chosen]
-    return [one for one in found if one.width_mm >= least_width_mm]
+    patches = [_spot(labels[boxes[k]] == k + 1, boxes[k], float(areas[k]), raster) for k in chosen]
+    return [one for one in patches if one.width_mm >= least_width_mm]
 
 
 def _spot(mask: Mask, box: tuple[slice, slice], area: float, raster: Raster) -> PixelPatch:

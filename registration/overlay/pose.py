@@ -63,34 +63,34 @@ def read_pose(path: Path, fit: FitName = "scaled") -> Pose:
     """
     remedy = "give the registration.json of `printctl register` or of a run folder"
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        numbers = json.loads(path.read_text(encoding="utf-8"))
     except OSError as exc:
         raise RegistrationError(f"--pose {path} can't be read: {exc.strerror}; {remedy}") from exc
     except ValueError as exc:
         raise RegistrationError(f"--pose {path} isn't JSON ({exc}); {remedy}") from exc
-    matrix = _matrix(found, _KEYS[fit])
+    matrix = _matrix(numbers, _KEYS[fit])
     if matrix is None:
         raise RegistrationError(
             f"--pose {path} holds no {_KEYS[fit]}, a 4 × 4 matrix of numbers; {remedy}"
         )
     _check(matrix, path, remedy)
     stands = f"The pose is that of {path}, {fit} fit; this scan itself wasn't aligned."
-    flagged = bool(_section(_section(found).get("ambiguity")).get("flag"))
+    flagged = bool(_section(_section(numbers).get("ambiguity")).get("flag"))
     doubt = ("That registration called its pose ambiguous.",) if flagged else ()
     return Pose(matrix, stands, False, doubt)
 
 
-def _section(found: Any) -> dict[str, Any]:
+def _section(numbers: Any) -> dict[str, Any]:
     """The registration's numbers, which `register` and a report put one level down."""
-    if not isinstance(found, dict):
+    if not isinstance(numbers, dict):
         return {}
-    inner = found.get("registration", found)
+    inner = numbers.get("registration", numbers)
     return inner if isinstance(inner, dict) else {}
 
 
-def _matrix(found: Any, key: str) -> FloatArray | None:
+def _matrix(numbers: Any, key: str) -> FloatArray | None:
     try:
-        matrix = np.array(_section(found)[key], dtype=np.float64)
+        matrix = np.array(_section(numbers)[key], dtype=np.float64)
     except (KeyError, TypeError, ValueError):
         return None
     return matrix if matrix.shape == (4, 4) and np.isfinite(matrix).all() else None
@@ -120,7 +120,7 @@ def align_pose(
     """
     points = segmentation.surface.vertices[segmentation.seen]
     try:
-        found = align(
+        alignment = align(
             ModelSurface.of(model),
             points,
             scan.depth_down,
@@ -129,10 +129,10 @@ def align_pose(
         )
     except AlignmentError as exc:
         raise AlignmentError(f"{exc}. {_UNFINISHED}") from exc
-    if found.ambiguous:
+    if alignment.ambiguous:
         raise AlignmentError(
             f"the pose isn't sure, and lines would be held against the wrong places: "
-            f"{' '.join(found.doubts)} {_UNFINISHED}"
+            f"{' '.join(alignment.doubts)} {_UNFINISHED}"
         )
-    matrix = (found.scaled if fit == "scaled" else found.rigid).matrix
+    matrix = (alignment.scaled if fit == "scaled" else alignment.rigid).matrix
     return Pose(matrix, f"This scan was aligned with the whole design, {fit} fit.", True)

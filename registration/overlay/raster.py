@@ -113,11 +113,11 @@ class Raster:
 
     def inside(self, rings: Sequence[FloatArray]) -> Mask:
         """Pixels inside closed contours (k, 2), mm, by the even-odd rule, (ny, nx)."""
-        found = np.zeros(self.shape, np.bool_)
+        inside = np.zeros(self.shape, np.bool_)
         for ring in rings:
             where = self._box(ring.min(axis=0), ring.max(axis=0))
             shape = Polygon(ring)
             prepare(shape)
             x, y = np.meshgrid(self.x_mm[where[1]], self.y_mm[where[0]])
-            found[where] ^= contains_xy(shape, x, y)
-        return found
+            inside[where] ^= contains_xy(shape, x, y)
+        return inside

@@ -44,13 +44,13 @@ class LayerStatus(StrEnum):
 
 def statuses(numbers: Sequence[LayerNumbers]) -> list[LayerStatus]:
     """Of all layers of a job, the lowest first."""
-    found = []
+    layers = []
     gel_above = False
     for one in reversed(numbers):
         status = _status(one, gel_above)
         gel_above |= status in (LayerStatus.PRINTED, LayerStatus.PARTLY_SEEN)
-        found.append(status)
-    return found[::-1]
+        layers.append(status)
+    return layers[::-1]
 
 
 def _status(one: LayerNumbers, gel_above: bool) -> LayerStatus:

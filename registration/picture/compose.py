@@ -141,11 +141,11 @@ def rendered(figure: Figure) -> Image.Image:
 
 def _few_colours(image: Image.Image, quantity: Quantity) -> Image.Image:
     """The picture in 256 colours, some of them kept for the colour bar."""
-    found = image.quantize(256 - _BAR_COLOURS, Image.Quantize.MEDIANCUT).getpalette() or []
+    colours = image.quantize(256 - _BAR_COLOURS, Image.Quantize.MEDIANCUT).getpalette() or []
     bar = DIVERGING if quantity.scale == "diverging" else SEQUENTIAL
     steps = bar(np.linspace(0.0, 1.0, _BAR_COLOURS), bytes=True)[:, :3]
     palette = Image.new("P", (1, 1))
-    palette.putpalette([*found[: 3 * (256 - _BAR_COLOURS)], *steps.ravel().tolist()])
+    palette.putpalette([*colours[: 3 * (256 - _BAR_COLOURS)], *steps.ravel().tolist()])
     return image.quantize(palette=palette, dither=Image.Dither.NONE)
 
 

@@ -62,13 +62,13 @@ def draw_flow_marks(
 def port_reach(network: VesselNetwork) -> FloatArray:
     """Places (k, 3), mm, that the picture must hold for the ports' arrows and names."""
     reach = _ROOM * float(np.ptp(network.points, axis=0).max())
-    found = [np.empty((0, 3))]
+    places = [np.empty((0, 3))]
     for nodes in (network.inlets(), network.outlets()):
         for node in nodes.tolist() if len(nodes) <= MOST_PORTS else []:
             points, _ = _last_piece(network, node)
             way = points[0] - points[1]
-            found.append((points[0] + reach * way / np.linalg.norm(way))[None])
-    return np.concatenate(found)
+            places.append((points[0] + reach * way / np.linalg.norm(way))[None])
+    return np.concatenate(places)
 
 
 def _draw_ports(
@@ -121,10 +121,10 @@ def _draw_arrows(
     """Arrowheads in the middle of vessels, the widest first, where there is room for one."""
     taken = np.empty((0, 2))
     for vessel in np.argsort(-network.mean_radius(), kind="stable").tolist():
-        found = _middle(network, vessel, camera, depth)
-        if found is None:
+        middle = _middle(network, vessel, camera, depth)
+        if middle is None:
             continue
-        place, way, radius = found
+        place, way, radius = middle
         if len(taken) and np.linalg.norm(taken - place, axis=1).min() < _APART * camera.width:
             continue
         half = float(np.clip(1.1 * radius, _LEAST * camera.width, _GREATEST * camera.width))

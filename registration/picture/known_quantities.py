@@ -60,7 +60,7 @@ def quantities(network: VesselNetwork, known: VesselQuantities | None = None) ->
     known = known or VesselQuantities()
     none = np.full(network.vessel_count, np.nan)
     flow, gauged = known.flow, known.gauged
-    found = [
+    candidates = [
         magnitude("radius", "Radius", "mm", network.radius),
         magnitude("flow", "Flow", "mL/min", np.abs(flow.get("flow_ml_min", none))),
         pressure(network, flow),
@@ -73,7 +73,7 @@ def quantities(network: VesselNetwork, known: VesselQuantities | None = None) ->
         magnitude("rms", "RMS deviation", "µm", gauged.get("rms_um", none), log=False),
         magnitude("offset", "Axis offset", "µm", gauged.get("offset_um", none), log=False),
     ]
-    return [quantity for quantity in found if quantity is not None]
+    return [quantity for quantity in candidates if quantity is not None]
 
 
 def pressure(network: VesselNetwork, flow: Mapping[str, FloatArray]) -> Quantity | None:

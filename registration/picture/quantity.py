@@ -79,11 +79,11 @@ class Quantity:
         known = np.isfinite(values)
         if self.scale == "names":
             palette = np.array([to_rgb(colour) for colour in self.colours])
-            found = palette[np.where(known, values, 0.0).astype(np.int64)]
+            colours = palette[np.where(known, values, 0.0).astype(np.int64)]
         else:
             bar = DIVERGING if self.scale == "diverging" else SEQUENTIAL
-            found = bar(self.place(np.where(known, values, self.limits[0])))[:, :3]
-        return np.where(known[:, None], found, np.array(to_rgb(NO_DATA)))
+            colours = bar(self.place(np.where(known, values, self.limits[0])))[:, :3]
+        return np.where(known[:, None], colours, np.array(to_rgb(NO_DATA)))
 
 
 def magnitude(

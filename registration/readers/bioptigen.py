@@ -97,12 +97,12 @@ def _records(data: Array, at: int) -> tuple[dict[str, bytes], int]:
 
     Of ``FRAMESAMPLES`` the value is where its bytes begin and how many they are.
     """
-    found: dict[str, bytes] = {}
+    records: dict[str, bytes] = {}
     for _ in range(_MOST_RECORDS):
         length = _word(data, at)
         at += 4
         if length == 0:
-            return found, at
+            return records, at
         if length > 64:
             raise IndexError(f"a key of {length} bytes at {at}")
         key = bytes(data[at : at + length]).decode("ascii")
@@ -111,9 +111,9 @@ def _records(data: Array, at: int) -> tuple[dict[str, bytes], int]:
         if key in ("FRAMEHEADER", "FRAMEDATA"):
             continue
         if key == "FRAMESAMPLES":
-            found[key] = struct.pack("<QQ", at, size)
+            records[key] = struct.pack("<QQ", at, size)
         else:
-            found[key] = bytes(data[at : at + min(size, 4096)])
+            records[key] = bytes(data[at : at + min(size, 4096)])
         at += size
     raise IndexError(f"more than {_MOST_RECORDS} records")
 

@@ -40,13 +40,13 @@ def with_scale(known: Mapping[str, Any], path: Path) -> dict[str, Any]:
     ScanFileError
         When such a description stands beside another scale.
     """
-    said = [name for name in COUNT_KEYS if known.get(name) is not None]
-    if not said:
+    given = [name for name in COUNT_KEYS if known.get(name) is not None]
+    if not given:
         return dict(known)
     if known.get("scale") not in (None, "db"):
         raise ScanFileError(
-            f"{path}: {said[0]} is given, but the scale is {known['scale']!r}; give scale db, or "
-            f"leave {', '.join(said)} out"
+            f"{path}: {given[0]} is given, but the scale is {known['scale']!r}; give scale db, or "
+            f"leave {', '.join(given)} out"
         )
     return {**known, "scale": "db"}
 

@@ -49,15 +49,15 @@ def read_hdf5(path: Path) -> FileVolume:
 
 
 def _volumes(file: Any, h5py: Any) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    volumes: dict[str, Any] = {}
 
     def look(name: str, item: Any) -> bool | None:
         if isinstance(item, h5py.Dataset) and item.ndim == 3 and item.dtype.kind in "uif":
-            found[name] = item
-        return True if len(found) > _MOST_OBJECTS else None
+            volumes[name] = item
+        return True if len(volumes) > _MOST_OBJECTS else None
 
     file.visititems(look)
-    return found
+    return volumes
 
 
 def _the_one(volumes: dict[str, Any], path: Path) -> Any:

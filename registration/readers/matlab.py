@@ -94,9 +94,9 @@ def _variables(data: Array, order: str) -> Iterator[_Variable]:
             start = bytes(data[begin : min(end, begin + _START_BYTES)])
             if kind == _DEFLATED:
                 start = zlib.decompressobj().decompress(start, _START_BYTES)[8:]
-            found = _described(start, order, begin, end, kind == _DEFLATED)
-            if found is not None:
-                yield found
+            variable = _described(start, order, begin, end, kind == _DEFLATED)
+            if variable is not None:
+                yield variable
         # Deflated elements alone aren't padded.
         at = end if kind == _DEFLATED else end + -size % 8
 

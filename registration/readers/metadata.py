@@ -113,13 +113,13 @@ def parse(text: str, source: str) -> dict[str, Any]:
         When the text isn't a JSON object, or holds a key that isn't known.
     """
     try:
-        found = json.loads(text)
+        data = json.loads(text)
     except ValueError as exc:
         raise ScanFileError(f"{source}: not JSON ({exc}); mend or remove it") from exc
-    return known_keys(found, source)
+    return known_keys(data, source)
 
 
-def known_keys(found: Any, source: str, more: tuple[str, ...] = ()) -> dict[str, Any]:
+def known_keys(data: Any, source: str, more: tuple[str, ...] = ()) -> dict[str, Any]:
     """A mapping whose keys are all known, less the name of its schema.
 
     Raises
@@ -128,9 +128,9 @@ def known_keys(found: Any, source: str, more: tuple[str, ...] = ()) -> dict[str,
         When it is no mapping, or holds a key that isn't known.
     """
     allowed = (*NAMES, *more)
-    if not isinstance(found, dict):
+    if not isinstance(data, dict):
         raise ScanFileError(f"{source}: holds no JSON object; give keys {', '.join(allowed)}")
-    left = {name: value for name, value in found.items() if name != "schema"}
+    left = {name: value for name, value in data.items() if name != "schema"}
     unknown = sorted(str(name) for name in set(left) - set(allowed))
     if unknown:
         raise ScanFileError(f"{source}: unknown key {unknown[0]}; known are {', '.join(allowed)}")
@@ -138,7 +138,7 @@ def known_keys(found: Any, source: str, more: tuple[str, ...] = ()) -> dict[str,
 
 
 def build_scan(
-    found: FileVolume,
+    file: FileVolume,
     beside: Mapping[str, Any],
     overrides: ScanOverrides,
     path: Path,
@@ -153,24 +153,24 @@ def build_scan(
     ScanFileError
         When something needed is missing or impossible, naming the option that gives it.
     """
-    said = {name: value for name, value in asdict(overrides).items() if value is not None}
-    in_file = _redivided(_renamed(found.known, {**beside, **said}), {**beside, **said}, path)
-    known = with_scale(layered(in_file, beside, said), path)
+    given = {name: value for name, value in asdict(overrides).items() if value is not None}
+    in_file = _redivided(_renamed(file.known, {**beside, **given}), {**beside, **given}, path)
+    known = with_scale(layered(in_file, beside, given), path)
     origins = dict.fromkeys(in_file, "file") | dict.fromkeys(beside, "sidecar")
-    origins |= dict.fromkeys(said, "option")
+    origins |= dict.fromkeys(given, "option")
     known.setdefault("depth_down", known.get("modality") == "oct" or None)
     if known.get("modality") != "oct":
         # Only light has an optical path of another length, and only stacks of slices are common.
         plain = {"refractive_index": 1.0, "optical_depth": False, "depth_down": False}
         known = {**plain, "axes": "zyx"} | {n: v for n, v in known.items() if v is not None}
     _refuse_missing(known, path)
-    _check_volume(found.volume, path)
+    _check_volume(file.volume, path)
     _check_choices(known, path)
     voxel = _voxel(known["voxel_mm"], path)
     _check_swapped(voxel, in_file.get("voxel_mm"), path)
-    turned = _oriented(found, known, voxel, path)
+    turned = _oriented(file, known, voxel, path)
     _check_finite(turned.volume, path)
-    light = light_notes(turned.volume, known, "scale" in said, path)
+    light = light_notes(turned.volume, known, "scale" in given, path)
     volume, counts = turned.volume, None
     if known["scale"] == "db":
         volume, counts = in_decibels(volume, known, path, keep_counts)
@@ -187,22 +187,22 @@ def build_scan(
         handedness=turned.handedness,
         space=turned.space,
         origins={name: origins[name] for name in _OF_SCAN if name in origins},
-        notes=(*found.notes, *turned.notes, *light),
+        notes=(*file.notes, *turned.notes, *light),
     )
 
 
-def _renamed(in_file: Mapping[str, Any], said: Mapping[str, Any]) -> dict[str, Any]:
+def _renamed(in_file: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """What the file says of its axes' sizes, for the names that the user gives the axes."""
-    old, new, sizes = in_file.get("axes"), said.get("axes"), in_file.get("voxel_mm")
+    old, new, sizes = in_file.get("axes"), given.get("axes"), in_file.get("voxel_mm")
     if is_axes(old) and is_axes(new) and _are_sizes(sizes):
         return {**in_file, "voxel_mm": rename_axes(sizes, str(old), str(new))}
     return dict(in_file)
 
 
-def _redivided(in_file: dict[str, Any], said: Mapping[str, Any], path: Path) -> dict[str, Any]:
+def _redivided(in_file: dict[str, Any], given: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Depth that the program divided by one index, for the other index that the user says."""
-    was, now = in_file.get("refractive_index"), said.get("refractive_index")
-    depth_from_file = not ({"voxel_mm", "optical_depth"} & set(said))
+    was, now = in_file.get("refractive_index"), given.get("refractive_index")
+    depth_from_file = not ({"voxel_mm", "optical_depth"} & set(given))
     divided = in_file.get("optical_depth") is False and _are_sizes(in_file.get("voxel_mm"))
     if was and now and divided and depth_from_file and in_file.get("modality") == "oct":
         dz, dy, dx = in_file["voxel_mm"]
@@ -219,11 +219,11 @@ def _refuse_missing(known: Mapping[str, Any], path: Path) -> None:
 
 
 def _oriented(
-    found: FileVolume, known: Mapping[str, Any], voxel: tuple[float, float, float], path: Path
+    file: FileVolume, known: Mapping[str, Any], voxel: tuple[float, float, float], path: Path
 ) -> _Oriented:
     """The volume as z, y, x of a right-handed frame, where that lies, and what was turned."""
-    axes, space, mirrored = known["axes"], found.space, known.get("mirrored")
-    volume = to_scan_axes(found.volume, axes, path)
+    axes, space, mirrored = known["axes"], file.space, known.get("mirrored")
+    volume = to_scan_axes(file.volume, axes, path)
     if space is not None:
         in_file = not space.is_right_handed(axes)
         if mirrored is None:

@@ -78,7 +78,7 @@ def read_mosaic(path: Path, overrides: ScanOverrides | None = None) -> Scan:
         volume=volume,
         came_from=path,
         space=None,
-        notes=(*scans[0].notes, _told(placed, voxel, len(scans), listed.kind)),
+        notes=(*scans[0].notes, _note(placed, voxel, len(scans), listed.kind)),
     )
 
 
@@ -93,7 +93,7 @@ def listed_files(path: Path) -> tuple[Path, ...]:
     return _parsed(path).files
 
 
-def _told(placed: Placement, voxel: FloatArray, count: int, kind: str) -> str:
+def _note(placed: Placement, voxel: FloatArray, count: int, kind: str) -> str:
     """What the overlaps have shown, for people."""
     text = f"{count} scans fused ({kind}), {len(placed.left)} overlaps"
     if len(placed.left):
@@ -112,22 +112,22 @@ def _parsed(path: Path) -> _Listed:
     if not path.is_file() or path.stat().st_size > _MOST_BYTES:
         raise ScanFileError(f"{path}: no list of scans there; check the path")
     try:
-        found = read_yaml(path.read_text(encoding="utf-8"))
+        data = read_yaml(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as exc:
         raise ScanFileError(f"{path}: not YAML ({exc}); mend it") from exc
-    if not isinstance(found, dict) or set(found) - set(_KEYS) or found.get("mosaic") not in _KINDS:
+    if not isinstance(data, dict) or set(data) - set(_KEYS) or data.get("mosaic") not in _KINDS:
         raise ScanFileError(
             f"{path}: isn't a mosaic's list; it has the keys {', '.join(_KEYS)}, and mosaic is one "
             f"of {', '.join(_KINDS)}"
         )
-    scans, settle_um = found.get("scans"), found.get("settle_um", 200)
+    scans, settle_um = data.get("scans"), data.get("settle_um", 200)
     if not isinstance(scans, list) or not 2 <= len(scans) <= _MOST_SCANS:
         raise ScanFileError(f"{path}: scans must list 2 to {_MOST_SCANS} scans")
     if not _finite(settle_um) or not 0 <= settle_um <= 5000:
         raise ScanFileError(f"{path}: settle_um is {settle_um!r}; it must lie in 0 to 5000")
     entries = [_entry(item, path) for item in scans]
     places = np.array([at for _, at in entries], dtype=np.float64)
-    return _Listed(found["mosaic"], settle_um * 1e-3, tuple(f for f, _ in entries), places)
+    return _Listed(data["mosaic"], settle_um * 1e-3, tuple(f for f, _ in entries), places)
 
 
 def _entry(item: Any, path: Path) -> tuple[Path, list[float]]:

@@ -94,10 +94,10 @@ def _beside(path: Path, name: str) -> Path:
 def _known(header: dict[str, Any], path: Path) -> dict[str, Any]:
     known: dict[str, Any] = {"axes": "zyx"}
     units = [str(unit) for unit in header.get("space units", header.get("units", ()))]
-    found = {millimetres(unit, path) for unit in units}
-    if len(found) != 1 or None in found:
+    units_mm = {millimetres(unit, path) for unit in units}
+    if len(units_mm) != 1 or None in units_mm:
         return known  # NRRD has no unit of its own
-    (unit,) = found
+    (unit,) = units_mm
     directions = header.get("space directions")
     sizes = header.get("spacings")
     if directions is not None:

@@ -66,12 +66,12 @@ def settle(volumes: Sequence[Array], listed: FloatArray, reach: FloatArray) -> P
         if not _overlaps(volumes[i], volumes[j], gap):
             continue
         touched |= {i, j}
-        found = _measured(volumes[i], volumes[j], gap, reach)
-        if found is None:
+        measured = _measured(volumes[i], volumes[j], gap, reach)
+        if measured is None:
             blind += 1
         else:
             pairs.append((i, j))
-            gaps.append(found)
+            gaps.append(measured)
     alone = tuple(sorted(set(range(len(volumes))) - touched))
     at = _balanced(listed, pairs, np.array(gaps).reshape(-1, 3))
     left = [at[j] - at[i] - gap for (i, j), gap in zip(pairs, gaps, strict=True)]

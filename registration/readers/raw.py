@@ -29,14 +29,18 @@ def read_raw(path: Path) -> FileVolume:
     ScanFileError
         When the sidecar doesn't say it all, or the file isn't exactly as long as it says.
     """
-    said = sidecar(path, RAW_KEYS)
-    missing = [name for name in ("shape", "dtype", "axes") if name not in said]
+    metadata = sidecar(path, RAW_KEYS)
+    missing = [name for name in ("shape", "dtype", "axes") if name not in metadata]
     if missing:
         raise ScanFileError(
             f"{path}: raw numbers of which {path.stem}.yaml beside it doesn't say "
             f"{', '.join(missing)}; add it (shape slowest first, like axes)"
         )
-    shape, kind, offset = _shape(said["shape"], path), _dtype(said, path), said.get("offset_bytes")
+    shape, kind, offset = (
+        _shape(metadata["shape"], path),
+        _dtype(metadata, path),
+        metadata.get("offset_bytes"),
+    )
     start = offset if isinstance(offset, int) and offset >= 0 else 0
     size = path.stat().st_size - start
     if bytes_of(shape, kind, path) != size:
@@ -46,14 +50,16 @@ def read_raw(path: Path) -> FileVolume:
             "offset_bytes in the sidecar"
         )
     numbers = mapped(path, kind, start, shape)
-    if said.get("spectra") is None:
+    if metadata.get("spectra") is None:
         return FileVolume(numbers)
-    if said["axes"] != "yxz":
+    if metadata["axes"] != "yxz":
         raise ScanFileError(
-            f"{path}: spectra with the axes {said['axes']!r}; lay them out yxz: B-scans, A-scans, "
-            "samples"
+            f"{path}: spectra with the axes {metadata['axes']!r}; lay them out yxz: B-scans, "
+            "A-scans, samples"
         )
-    return volume_of_spectra(numbers, check_spectra_sidecar(said["spectra"], shape[2], path), path)
+    return volume_of_spectra(
+        numbers, check_spectra_sidecar(metadata["spectra"], shape[2], path), path
+    )
 
 
 def _shape(value: Any, path: Path) -> tuple[int, ...]:
@@ -66,8 +72,8 @@ def _shape(value: Any, path: Path) -> tuple[int, ...]:
     return tuple(value)
 
 
-def _dtype(said: dict[str, Any], path: Path) -> np.dtype[np.generic]:
-    name, order = said["dtype"], said.get("byte_order")
+def _dtype(metadata: dict[str, Any], path: Path) -> np.dtype[np.generic]:
+    name, order = metadata["dtype"], metadata.get("byte_order")
     if name not in _KINDS:
         raise ScanFileError(f"{path}: dtype is {name!r}; known are {', '.join(_KINDS)}")
     kind = np.dtype(name)

@@ -48,32 +48,32 @@ class SpectraMetadata:
     background: Floats | None
 
 
-def volume_of_spectra(spectra: Array, said: SpectraMetadata, path: Path) -> FileVolume:
+def volume_of_spectra(spectra: Array, metadata: SpectraMetadata, path: Path) -> FileVolume:
     """Linear intensity of spectra laid out as (B-scans, A-scans, samples)."""
     bscans, lines, samples = spectra.shape
     shape = (bscans, lines, samples // 2)
-    volume = fill_volume(_profiled(spectra, said), shape, np.dtype(np.float32), path)
+    volume = fill_volume(_profiled(spectra, metadata), shape, np.dtype(np.float32), path)
     known = {
-        "axes": "yxz", "voxel_mm": said.voxel_mm, "modality": "oct", "scale": "linear",
+        "axes": "yxz", "voxel_mm": metadata.voxel_mm, "modality": "oct", "scale": "linear",
         "optical_depth": True, "depth_down": True,
     }  # fmt: skip
-    how = "the mean of each B-scan" if said.background is None else "the background given"
+    how = "the mean of each B-scan" if metadata.background is None else "the background given"
     note = (
         f"made from spectra of {samples} samples, less {how}: depth 0 is where both arms are "
-        f"equally long, a step is {1e3 * said.voxel_mm[0]:.4g} µm of optical path"
+        f"equally long, a step is {1e3 * metadata.voxel_mm[0]:.4g} µm of optical path"
     )
     return FileVolume(volume, known, None, (note,))
 
 
-def _profiled(spectra: Array, said: SpectraMetadata) -> Iterator[NDArray[np.float32]]:
-    kernel = said.spectrometer.kernel()
+def _profiled(spectra: Array, metadata: SpectraMetadata) -> Iterator[NDArray[np.float32]]:
+    kernel = metadata.spectrometer.kernel()
     for bscan in spectra:
         counts = bscan.astype(np.float64)
-        background = counts.mean(axis=0) if said.background is None else said.background
+        background = counts.mean(axis=0) if metadata.background is None else metadata.background
         yield profiles(counts - background, kernel)
 
 
-def check_spectra_sidecar(said: Any, samples: int, path: Path) -> SpectraMetadata:
+def check_spectra_sidecar(data: Any, samples: int, path: Path) -> SpectraMetadata:
     """Check what a sidecar says of spectra.
 
     Raises
@@ -81,9 +81,9 @@ def check_spectra_sidecar(said: Any, samples: int, path: Path) -> SpectraMetadat
     ScanFileError
         When a key is missing, unknown or impossible.
     """
-    if not isinstance(said, Mapping) or set(said) - set(SPECTRA_KEYS):
+    if not isinstance(data, Mapping) or set(data) - set(SPECTRA_KEYS):
         raise ScanFileError(
-            f"{path}: spectra is {said!r}; give it the keys {', '.join(SPECTRA_KEYS)}"
+            f"{path}: spectra is {data!r}; give it the keys {', '.join(SPECTRA_KEYS)}"
         )
     if not _LEAST_SAMPLES <= samples <= _MOST_SAMPLES:
         raise ScanFileError(
@@ -91,20 +91,20 @@ def check_spectra_sidecar(said: Any, samples: int, path: Path) -> SpectraMetadat
             "mend shape: B-scans, A-scans, samples"
         )
     try:
-        place, step = place_of_wavelengths(_wavelengths(said, samples, path))
+        place, step = place_of_wavelengths(_wavelengths(data, samples, path))
     except ValueError as exc:
         raise ScanFileError(f"{path}: spectra: {exc}; mend wavelength_nm") from exc
-    window = said.get("window", "hann")
+    window = data.get("window", "hann")
     if window not in WINDOWS:
         raise ScanFileError(f"{path}: spectra: window is {window!r}; known are {WINDOWS}")
-    dispersion = _numbers(said.get("dispersion", [0.0, 0.0]), 2, "dispersion", path)
-    dy, dx = _numbers(said.get("spacing_mm"), 2, "spacing_mm (dy, dx)", path)
+    dispersion = _numbers(data.get("dispersion", [0.0, 0.0]), 2, "dispersion", path)
+    dy, dx = _numbers(data.get("spacing_mm"), 2, "spacing_mm (dy, dx)", path)
     spectrometer = Spectrometer(place, (dispersion[0], dispersion[1]), window)
-    return SpectraMetadata(spectrometer, (step, dy, dx), _background(said, samples, path))
+    return SpectraMetadata(spectrometer, (step, dy, dx), _background(data, samples, path))
 
 
-def _wavelengths(said: Mapping[str, Any], samples: int, path: Path) -> Floats:
-    table, terms = said.get("wavelength_nm"), said.get("wavelength_polynomial_nm")
+def _wavelengths(data: Mapping[str, Any], samples: int, path: Path) -> Floats:
+    table, terms = data.get("wavelength_nm"), data.get("wavelength_polynomial_nm")
     if (table is None) is (terms is None):
         raise ScanFileError(
             f"{path}: spectra: give wavelength_nm (the first and the last, one for each sample, or "
@@ -124,8 +124,8 @@ def _wavelengths(said: Mapping[str, Any], samples: int, path: Path) -> Floats:
     return np.array(_numbers(table, samples, "wavelength_nm", path))
 
 
-def _background(said: Mapping[str, Any], samples: int, path: Path) -> Floats | None:
-    name = said.get("background", "auto")
+def _background(data: Mapping[str, Any], samples: int, path: Path) -> Floats | None:
+    name = data.get("background", "auto")
     if name == "auto":
         return None
     if name == "none":

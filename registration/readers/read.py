@@ -62,9 +62,9 @@ def read_scan(
     reader = _reader(path)
     # A TIFF's or npz's axes are its own; a raw file's sidecar has been used up by then.
     more = RAW_KEYS if reader is raw.read_raw else ()
-    found = reader(path)
-    said = {k: v for k, v in sidecar(path, more).items() if k not in RAW_KEYS}
-    return build_scan(found, said, overrides or ScanOverrides(), path, keep_counts)
+    volume = reader(path)
+    metadata = {k: v for k, v in sidecar(path, more).items() if k not in RAW_KEYS}
+    return build_scan(volume, metadata, overrides or ScanOverrides(), path, keep_counts)
 
 
 def _reader(path: Path) -> Reader:

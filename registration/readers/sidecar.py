@@ -25,18 +25,18 @@ def sidecar(path: Path, more: tuple[str, ...] = ()) -> dict[str, Any]:
     ScanFileError
         When it can't be parsed, or holds a key that isn't known.
     """
-    found = find_sidecar(path)
-    if found is None:
+    beside = find_sidecar(path)
+    if beside is None:
         return {}
-    text = found.read_text(encoding="utf-8")
-    if found.suffix == ".json" and not more:
-        return parse(text, str(found))
+    text = beside.read_text(encoding="utf-8")
+    if beside.suffix == ".json" and not more:
+        return parse(text, str(beside))
     try:
         # JSON is YAML.
         plain = read_yaml(text)
     except yaml.YAMLError as exc:
-        raise ScanFileError(f"{found}: not YAML ({exc}); mend or remove it") from exc
-    return known_keys(plain, str(found), more)
+        raise ScanFileError(f"{beside}: not YAML ({exc}); mend or remove it") from exc
+    return known_keys(plain, str(beside), more)
 
 
 def find_sidecar(path: Path) -> Path | None:

@@ -164,12 +164,12 @@ def _numbers(texts: dict[str, str], path: Path) -> dict[str, float] | None:
     if set(texts) < {"Z", "X"}:
         return None
     try:
-        found = {name: float(text) for name, text in texts.items()}
+        numbers = {name: float(text) for name, text in texts.items()}
     except ValueError as exc:
         raise ScanFileError(f"{path}: Header.xml has a size that is no number ({exc})") from exc
-    if not all(0 < value < 1e9 for value in found.values()):
-        raise ScanFileError(f"{path}: Header.xml says sizes of {_text(found)}; export it again")
-    return {"Y": 1.0, **found}
+    if not all(0 < value < 1e9 for value in numbers.values()):
+        raise ScanFileError(f"{path}: Header.xml says sizes of {_text(numbers)}; export it again")
+    return {"Y": 1.0, **numbers}
 
 
 def _axis_order(root: Element, path: Path) -> str:
@@ -187,14 +187,14 @@ def _dtype(
     shape: tuple[int, ...], stored: Element | None, available: int, path: Path
 ) -> np.dtype[np.generic]:
     """Type of the array: as the header says, and as the member's size says."""
-    said = stored.get("BytesPerPixel") if stored is not None else None
+    stated = stored.get("BytesPerPixel") if stored is not None else None
     for width, dtype in _DTYPES.items():
-        if bytes_of(shape, dtype, path) == available and said in (None, str(width)):
+        if bytes_of(shape, dtype, path) == available and stated in (None, str(width)):
             return dtype
     raise ScanFileError(
         f"{path}: {INTENSITY} holds {available} bytes, but {' × '.join(map(str, shape))} voxels "
         f"take {bytes_of(shape, _DTYPES[4], path)} as float32 or half of it as int16 (header: "
-        f"{said or 'no'} BytesPerPixel); its sizes are wrong or it is truncated: export it again"
+        f"{stated or 'no'} BytesPerPixel); its sizes are wrong or it is truncated: export it again"
     )
 
 

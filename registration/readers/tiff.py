@@ -142,14 +142,14 @@ def _known(tiff: tifffile.TiffFile, path: Path) -> dict[str, Any]:
 
 def _of_imagej(tiff: tifffile.TiffFile, path: Path) -> dict[str, Any]:
     """ImageJ: slices are z; spacing and unit in its own text, pixels by the resolution tags."""
-    said = tiff.imagej_metadata or {}
+    metadata = tiff.imagej_metadata or {}
     tags = tiff.pages.first.tags
-    unit = millimetres(said.get("unit"), path)
+    unit = millimetres(metadata.get("unit"), path)
     known: dict[str, Any] = {"axes": "zyx"}
-    if unit and said.get("spacing") and "XResolution" in tags and "YResolution" in tags:
+    if unit and metadata.get("spacing") and "XResolution" in tags and "YResolution" in tags:
         across, down = (tags[name].value for name in ("XResolution", "YResolution"))
         known["voxel_mm"] = [
-            float(said["spacing"]) * unit,
+            float(metadata["spacing"]) * unit,
             down[1] / down[0] * unit,
             across[1] / across[0] * unit,
         ]

@@ -98,8 +98,8 @@ def _json(place: Path) -> Any:
 
 def _attributes(path: Path) -> dict[str, Any]:
     if (path / "zarr.json").is_file():
-        found = _json(path / "zarr.json").get("attributes", {})
-        return dict(found.get("ome", {})) | {k: v for k, v in found.items() if k != "ome"}
+        attributes = _json(path / "zarr.json").get("attributes", {})
+        return dict(attributes.get("ome", {})) | {k: v for k, v in attributes.items() if k != "ome"}
     if (path / ".zattrs").is_file():
         return dict(_json(path / ".zattrs"))
     raise ScanFileError(f"{path}: has no image metadata (multiscales); export it as OME-Zarr")
@@ -120,24 +120,24 @@ def _grid(place: Path, path: Path) -> _Grid:
     return grid
 
 
-def _grid_2(said: dict[str, Any], path: Path) -> _Grid:
-    if said.get("filters"):
+def _grid_2(metadata: dict[str, Any], path: Path) -> _Grid:
+    if metadata.get("filters"):
         raise ScanFileError(f"{path}: its chunks are filtered; export it without filters")
     return _Grid(
-        tuple(int(n) for n in said["shape"]),
-        tuple(int(n) for n in said["chunks"]),
-        _dtype(str(said["dtype"]), path),
-        said.get("compressor"),
-        _fill(said.get("fill_value")),
+        tuple(int(n) for n in metadata["shape"]),
+        tuple(int(n) for n in metadata["chunks"]),
+        _dtype(str(metadata["dtype"]), path),
+        metadata.get("compressor"),
+        _fill(metadata.get("fill_value")),
         "",
-        str(said.get("dimension_separator", ".")),
-        said.get("order") == "F",
+        str(metadata.get("dimension_separator", ".")),
+        metadata.get("order") == "F",
     )
 
 
-def _grid_3(said: dict[str, Any], path: Path) -> _Grid:
-    kind, codec = _dtype(str(said["data_type"]), path), None
-    for step in said["codecs"]:
+def _grid_3(metadata: dict[str, Any], path: Path) -> _Grid:
+    kind, codec = _dtype(str(metadata["data_type"]), path), None
+    for step in metadata["codecs"]:
         name, options = step["name"], step.get("configuration", {})
         if name == "bytes":
             kind = kind.newbyteorder(">" if options.get("endian") == "big" else "<")
@@ -145,15 +145,15 @@ def _grid_3(said: dict[str, Any], path: Path) -> _Grid:
             codec = {"id": name}
         else:
             raise ScanFileError(f"{path}: codec {name!r} isn't read; export it without")
-    key = said.get("chunk_key_encoding", {"name": "default"})
+    key = metadata.get("chunk_key_encoding", {"name": "default"})
     separator = key.get("configuration", {}).get("separator")
     default = key["name"] == "default"
     return _Grid(
-        tuple(int(n) for n in said["shape"]),
-        tuple(int(n) for n in said["chunk_grid"]["configuration"]["chunk_shape"]),
+        tuple(int(n) for n in metadata["shape"]),
+        tuple(int(n) for n in metadata["chunk_grid"]["configuration"]["chunk_shape"]),
         kind,
         codec,
-        _fill(said.get("fill_value")),
+        _fill(metadata.get("fill_value")),
         "c" if default else "",
         separator or ("/" if default else "."),
         False,

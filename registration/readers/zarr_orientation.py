@@ -63,11 +63,11 @@ def anatomical(image: Mapping[str, Any], path: Path) -> FileSpace | None:
         When only some axes say it, or by words that aren't the patient's six.
     """
     spatial = [axis for axis in image["axes"] if axis["name"] in _SPACE]
-    said = [axis.get("orientation") for axis in spatial]
-    if not any(said):
+    orientations = [axis.get("orientation") for axis in spatial]
+    if not any(orientations):
         return None
     steps = []
-    for axis, orientation in zip(spatial, said, strict=True):
+    for axis, orientation in zip(spatial, orientations, strict=True):
         value = orientation.get("value", "") if isinstance(orientation, dict) else ""
         start, _, end = str(value).partition("-to-")
         if end not in _PLACES or _PLACES.get(start) != tuple(-v for v in _PLACES[end]):

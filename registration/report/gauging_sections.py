@@ -149,13 +149,13 @@ def printed_facts(registration: Mapping[str, Any]) -> list[Fact]:
         result += [
             Fact("Components, loops: designed", _betti(mapping(topology, "designed"))),
             Fact("Components, loops: printed", _betti(mapping(topology, "printed"))),
-            Fact("Hangs together as designed", _told(topology.get("as_designed"))),
+            Fact("Hangs together as designed", _text(topology.get("as_designed"))),
         ]
         if topology.get("as_designed") is False:
-            closed = _told(topology.get("explained"))
+            closed = _text(topology.get("explained"))
             result.append(Fact("Explained by the closed vessels and bridges", closed))
     if flow:
-        result.append(Fact("Perfuses as printed", _told(flow.get("perfused"))))
+        result.append(Fact("Perfuses as printed", _text(flow.get("perfused"))))
         for key, label in (
             ("designed_pressure_drop_pa", "Pressure drop, designed"),
             ("pressure_drop_pa", "Pressure drop, as printed"),
@@ -183,7 +183,7 @@ def _betti(found: Mapping[str, Any]) -> str:
     return f"{number(found.get('components'))}, {number(found.get('loops'))}"
 
 
-def _told(value: Any) -> str:
+def _text(value: Any) -> str:
     if not isinstance(value, bool):
         return f"not known ({MISSING})"
     return "yes" if value else "no"

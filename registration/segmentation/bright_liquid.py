@@ -112,22 +112,22 @@ def two_media(signal: FloatVolume, working: Working) -> TwoMedia | None:
         Without glare, noise and all; light comes from above.
     working : Working
     """
-    found: TwoMedia | None = None
+    media: TwoMedia | None = None
     light = first_light(signal, working)
     for _ in range(ROUNDS):
         lit = light > LIT * float(np.percentile(light[::4, ::4, ::4], 99))
         soft, levels = softly_split(signal / light, lit)
         if not levels.two or levels.low < DARK * levels.high:
-            return found
+            return media
         gel = soft > levels.middle
         sides = sides_of(gel)
         if not (sides.gel & lit).any() or not (sides.liquid & lit).any():
-            return found
+            return media
         light = _saved(signal, light, gel, sides, working)
         liquid = _liquid(signal / light, sides, lit)
         light = _evened(signal, light, sides, liquid, working)
-        found = TwoMedia(light, sides, liquid)
-    return found
+        media = TwoMedia(light, sides, liquid)
+    return media
 
 
 def _liquid(ratio: FloatVolume, sides: Sides, lit: Mask) -> float:

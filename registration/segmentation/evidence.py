@@ -102,8 +102,8 @@ class GelEvidence:
     def _sampled(self, values: Volume, points: FloatArray) -> FloatArray:
         where = (np.asarray(points, dtype=np.float64) - self.origin_mm) / self.voxel_mm
         flat = np.ascontiguousarray(where.reshape(-1, 3))
-        found = sample(values, flat).reshape(where.shape[:-1])
-        return np.asarray(self.offset + self.slope * found)
+        sampled = sample(values, flat).reshape(where.shape[:-1])
+        return np.asarray(self.offset + self.slope * sampled)
 
 
 def are_separable(

@@ -103,16 +103,16 @@ def _count(values: Volume, level: float, sign: float, rows: Rows) -> tuple[IntAr
     cells = np.zeros(nz, dtype=np.int64)
     quads = np.zeros(nz, dtype=np.int64)
     for z in numba.prange(nz):
-        found, crossed = 0, 0
+        mixed, crossed = 0, 0
         for y in range(ny):
             if _quiet(rows, int(np.int64(z)), y):
                 continue
             for x in range(nx):
                 if z < nz - 1 and y < ny - 1 and x < nx - 1:
-                    found += _mixed(values, level, sign, z, y, x)
+                    mixed += _mixed(values, level, sign, z, y, x)
                 a, b, c = _crossings(values, level, sign, z, y, x)
                 crossed += int(a) + int(b) + int(c)
-        cells[z], quads[z] = found, crossed
+        cells[z], quads[z] = mixed, crossed
     return cells, quads
 
 

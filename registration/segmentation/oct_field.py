@@ -157,11 +157,11 @@ def oct_field(scan: Scan, working: Working) -> tuple[GelField, float, Strength]:
 def _two_media(signal: FloatVolume, working: Working, depth_down: bool) -> TwoMedia | None:
     if depth_down:
         return two_media(signal, working)
-    found = two_media(np.ascontiguousarray(signal[::-1]), working)
-    if found is None:
+    media = two_media(np.ascontiguousarray(signal[::-1]), working)
+    if media is None:
         return None
-    sides = Sides(found.sides.gel[::-1], found.sides.liquid[::-1])
-    return replace(found, light=found.light[::-1], sides=sides)
+    sides = Sides(media.sides.gel[::-1], media.sides.liquid[::-1])
+    return replace(media, light=media.light[::-1], sides=sides)
 
 
 def _share_of_step(signal: FloatVolume, both: TwoMedia) -> FloatVolume:

@@ -176,21 +176,23 @@ def _shares(
                 beam = light[z, y, x]
                 in_gel = (signal[z, y, x] - scatter * beam) / (1.0 - scatter)
                 share = 0.0
-                found = own[z, y, x]
-                if found:
+                has_share = own[z, y, x]
+                if has_share:
                     share = in_gel / beam
                 else:
                     weight = interpolate_coarse(gel_weight, factor, z, y, x)
-                    found = weight > LEAST_WEIGHT
-                    if found:
+                    has_share = weight > LEAST_WEIGHT
+                    if has_share:
                         share = in_gel * weight / interpolate_coarse(gel_light, factor, z, y, x)
-                    lead = -interpolate_coarse(lesser, factor, z, y, x) / CLEARLY if found else 0.0
+                    lead = (
+                        -interpolate_coarse(lesser, factor, z, y, x) / CLEARLY if has_share else 0.0
+                    )
                     if lead > 0.0:
                         weight = interpolate_coarse(liquid_weight, factor, z, y, x)
                         if weight > LEAST_WEIGHT:
                             passing = interpolate_coarse(liquid_light, factor, z, y, x) / weight
                             second = 1.0 - (beam - in_gel) / passing
                             share += min(lead, 1.0) * (second - share)
-                known[z, y, x] = found
+                known[z, y, x] = has_share
                 out[z, y, x] = np.float32(min(max(share, _DARKEST), _BRIGHTEST))
     return out, known

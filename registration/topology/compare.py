@@ -94,17 +94,17 @@ def compare_topology(
     speck = max(2, round((SPECK_MM / grid.step_mm) ** 3))
     printed = grid.known & grid.free & (grid.wall_mm <= near_mm)
     printed[tuple(bridge_voxels.T)] = True
-    found = betti_numbers(without_specks(printed, speck))
+    betti = betti_numbers(without_specks(printed, speck))
     drawn = betti_numbers(without_specks(grid.known & (grid.wall_mm <= 0), speck))
     designed, expected = graph_betti(network), graph_betti(network, faults)
     telling = all_seen and drawn == designed
     return Topology(
         designed=designed,
         drawn=drawn,
-        printed=found,
+        printed=betti,
         expected=expected,
-        as_designed=found == designed if telling else None,
-        explained=found == expected if telling else None,
+        as_designed=betti == designed if telling else None,
+        explained=betti == expected if telling else None,
     )
 
 

@@ -33,7 +33,7 @@ _NONE = np.uint8(255)
 def _begins(label: IntVolume, mean: FloatVolume, known: FloatVolume) -> tuple[IntArray, int]:
     """Fill ``known`` of `grow` for its begin; its index of each voxel of a wall, and how many."""
     nz, ny, nx = label.shape
-    found, count = np.empty(1024, dtype=np.int64), 0
+    voxels, count = np.empty(1024, dtype=np.int64), 0
     for z in range(nz):
         for y in range(ny):
             for x in range(nx):
@@ -43,10 +43,10 @@ def _begins(label: IntVolume, mean: FloatVolume, known: FloatVolume) -> tuple[In
                     known[here, 0] = np.inf
                 elif label[z, y, x] >= -1 and _beside(label, z, y, x):
                     known[here, 0] = 0.0
-                    if count == len(found):
-                        found = _longer(found)
-                    found[count], count = here, count + 1
-    return found, count
+                    if count == len(voxels):
+                        voxels = _longer(voxels)
+                    voxels[count], count = here, count + 1
+    return voxels, count
 
 
 @jit
@@ -169,11 +169,11 @@ def _told_along(
     gel = np.zeros(label.size, dtype=np.float32)
     worst = np.zeros(label.size, dtype=np.float32)
     whose, values = label.ravel(), mean.ravel()
-    told = np.empty(label.size, dtype=np.float32)
+    inner = np.empty(label.size, dtype=np.float32)
     parent = np.full(label.size, -1, dtype=np.int64)
     for flat in range(label.size):
         own = cost[_inside(flat, ny, nx)]
-        told[flat] = np.inf if own == _CLOSED else own
+        inner[flat] = np.inf if own == _CLOSED else own
     for there in order:
         taken = came[there]
         flat, before = _outside(there, ny, nx), _outside(there - apart[taken], ny, nx)
@@ -186,7 +186,8 @@ def _told_along(
         worst[flat] = max(worst[before], values[flat])
     shape = label.shape
     return (
-        told.reshape(shape), length.reshape(shape), gel.reshape(shape), worst.reshape(shape), parent
+        inner.reshape(shape), length.reshape(shape), gel.reshape(shape), worst.reshape(shape),
+        parent,
     )  # fmt: skip
 
 
@@ -226,7 +227,7 @@ def _beside(label: IntVolume, z: int, y: int, x: int) -> bool:
 def meetings(label: IntVolume, cost: FloatVolume, parent: IntArray) -> IntArray:
     """Voxels (n, 2), flat, where two fronts meet: of each, its cheapest neighbour of another."""
     nz, ny, nx = label.shape
-    found = np.empty((label.size, 2), dtype=np.int64)
+    pairs = np.empty((label.size, 2), dtype=np.int64)
     count = 0
     for z in range(nz):
         for y in range(ny):
@@ -244,6 +245,6 @@ def meetings(label: IntVolume, cost: FloatVolume, parent: IntArray) -> IntArray:
                             if cost[k, j, i] < best:
                                 best, other = cost[k, j, i], flat
                 if other >= 0:
-                    found[count, 0], found[count, 1] = here, other
+                    pairs[count, 0], pairs[count, 1] = here, other
                     count += 1
-    return found[:count].copy()
+    return pairs[:count].copy()

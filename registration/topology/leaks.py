@@ -103,8 +103,8 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
     clear = 2 * search.wall_mm + SIGMA_MM
     gel = designed_gel(grid, search.surface, search.model_is_lumen, clear)
     mean, scatter = averaged(grid, search.evidence, search.fit)
-    told = are_separable(1.0, search.liquid, scatter.astype(np.float64))
-    scene = Scene(grid, gel, mean, told, search.liquid, clear)
+    separable = are_separable(1.0, search.liquid, scatter.astype(np.float64))
+    scene = Scene(grid, gel, mean, separable, search.liquid, clear)
     ways = [_measured(way, scene, search) for way in find_gel_paths(scene, search.false_alarm)]
     # What stands out from the gel right beside it; a face that lies elsewhere doesn't.
     ways = [f for f in ways if f[1] > LEAST_MM / 3 and (f[0].significance > SURE or f[1] > f[2])]
@@ -114,10 +114,10 @@ def find_leaks(search: LeakSearch, traces: tuple[VesselTrace, ...]) -> Leaks:
         for (way, *_), one in zip(ways, swollen, strict=True)
         if one is not None
     ]
-    ways = [found for found, one in zip(ways, swollen, strict=True) if one is None]
+    ways = [one_way for one_way, one in zip(ways, swollen, strict=True) if one is None]
     between = [_voxels(way, scene) for way, *_ in ways if way.ends[1] != OUTSIDE]
     return Leaks(
-        tuple(_defect(*found, _doubt(*found[:2], scene, search), traces) for found in ways),
+        tuple(_defect(*one_way, _doubt(*one_way[:2], scene, search), traces) for one_way in ways),
         tuple(swellings),
         np.concatenate([np.empty((0, 3), dtype=np.int64), *between]),
         scene.examined,
@@ -179,19 +179,19 @@ def _defect(
 
 
 def _swollen(
-    way: LeakPath, found: SwollenJoint, search: LeakSearch, traces: tuple[VesselTrace, ...]
+    way: LeakPath, joint: SwollenJoint, search: LeakSearch, traces: tuple[VesselTrace, ...]
 ) -> Defect:
     """Bulge of the narrower vessel by as much as the joint reaches out beyond the design."""
     trace = min(
         (traces[vessel] for vessel in way.ends), key=lambda one: float(np.median(one.radius))
     )
-    at = 0.0 if search.network.vessel_nodes[trace.vessel][0] == found.node else trace.length
+    at = 0.0 if search.network.vessel_nodes[trace.vessel][0] == joint.node else trace.length
     radius = float(trace.radius[0 if at == 0.0 else -1])
     far = float(
-        np.clip(np.linalg.norm(found.tip_mm - search.network.nodes[found.node]), 0, trace.length)
+        np.clip(np.linalg.norm(joint.tip_mm - search.network.nodes[joint.node]), 0, trace.length)
     )
     error = float(np.hypot(search.grid.step_mm / np.sqrt(12), search.wall_mm))
-    x, y, z = found.tip_mm.tolist()
+    x, y, z = joint.tip_mm.tolist()
     return Defect(
         kind="bulge",
         vessel=trace.vessel,
@@ -200,10 +200,10 @@ def _swollen(
         to_mm=far if at == 0.0 else trace.length,
         at_mm=at,
         point_mm=(x, y, z),
-        size_um=1e3 * found.out_mm,
+        size_um=1e3 * joint.out_mm,
         error_um=1.96e3 * error,
-        percent=100 * found.out_mm / (2 * radius),
-        wall_um=1e3 * found.out_mm,
-        significance=found.out_mm / error,
+        percent=100 * joint.out_mm / (2 * radius),
+        wall_um=1e3 * joint.out_mm,
+        significance=joint.out_mm / error,
         seen=True,
     )

@@ -89,12 +89,14 @@ def outline_width(path: FloatArray, field: GelField, fit: Fit) -> tuple[float, f
     middle = slice(len(centre) // 7, len(centre) - len(centre) // 7)
     reach = np.full(len(centre[middle]), 0.2)
     sections = cut_sections(field, to_scan(centre[middle], tangent[middle], reach, fit))
-    found = sections.diameter[sections.closed_outline & sections.open]
-    if len(found) < 3:
+    diameters = sections.diameter[sections.closed_outline & sections.open]
+    if len(diameters) < 3:
         return float("nan"), float("nan")
-    scatter = 1.4826 * float(np.median(np.abs(found - np.median(found))))
+    scatter = 1.4826 * float(np.median(np.abs(diameters - np.median(diameters))))
     noise = float(np.median(sections.noise[sections.closed_outline & sections.open]))
-    return float(np.median(found)), 1.96 * float(np.hypot(noise, scatter / np.sqrt(len(found))))
+    return float(np.median(diameters)), 1.96 * float(
+        np.hypot(noise, scatter / np.sqrt(len(diameters)))
+    )
 
 
 def _cuts(path: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -78,9 +78,9 @@ def swelling(
         bounds = np.stack([middle - reach, middle + reach])
         # Finer than the whole part's grid, whose voxels may be as wide as a way.
         grid = lay_grid(network, field, fit, bounds, float(field.voxel_mm.min()) / 2, reach)
-        found = _about(int(node), middle, way.path, grid, (clear_mm, voxel, reach))
-        if found is not None:
-            return found
+        joint = _about(int(node), middle, way.path, grid, (clear_mm, voxel, reach))
+        if joint is not None:
+            return joint
     return None
 
 

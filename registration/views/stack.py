@@ -55,8 +55,8 @@ class SectionStack:
 
     def find(self, vessel: int, index: int) -> int | None:
         """Return the picture of a vessel's section; None where it has none."""
-        found = np.flatnonzero((self.vessel == vessel) & (self.index == index))
-        return int(found[0]) if len(found) else None
+        rows = np.flatnonzero((self.vessel == vessel) & (self.index == index))
+        return int(rows[0]) if len(rows) else None
 
 
 def chosen_sections(

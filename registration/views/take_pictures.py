@@ -52,7 +52,7 @@ class Views:
 
 
 def take_views(
-    scan: Scan, model: Solid, found: RegistrationReport, numbers: Record, raw: bool = True
+    scan: Scan, model: Solid, report: RegistrationReport, numbers: Record, raw: bool = True
 ) -> Views:
     """Take the pictures of all sections, and of the findings.
 
@@ -62,32 +62,32 @@ def take_views(
         As it was measured.
     model : Solid
         The design that it was held against, part frame.
-    found : RegistrationReport
+    report : RegistrationReport
     numbers : dict
         Its numbers as judged.
     raw : bool
         Whether the scan's voxels are the file's own.
     """
     shades = Shades.of(scan)
-    stack = section_stack(scan, shades, found.vessels, numbers["vessels"])
+    stack = section_stack(scan, shades, report.vessels, numbers["vessels"])
     findings = list_findings(numbers)
     ranked = sorted(
         range(len(findings)), key=lambda k: _SEVERE.get(str(findings[k]["decision"]), 1)
     )
-    contours = _contours(model, found)
+    contours = _contours(model, report)
     views = [
-        _view(k, findings[k], scan, shades, contours, found, stack)
+        _view(k, findings[k], scan, shades, contours, report, stack)
         for k in sorted(ranked[:MOST_FINDINGS])
     ]
     return Views(stack, tuple(views), len(findings), shades.root, raw)
 
 
-def _contours(model: Solid, found: RegistrationReport) -> Contours:
-    back = _inverse(found.scaled_scan_to_part)
-    rigid = _inverse(found.transform_scan_to_part)
+def _contours(model: Solid, report: RegistrationReport) -> Contours:
+    back = _inverse(report.scaled_scan_to_part)
+    rigid = _inverse(report.transform_scan_to_part)
     return Contours(
         Surface(_moved(np.asarray(model.vertices, np.float64), back), model.faces),
-        Surface(_moved(found.surface.vertices, rigid), found.surface.faces),
+        Surface(_moved(report.surface.vertices, rigid), report.surface.faces),
     )
 
 
@@ -99,16 +99,16 @@ def _moved(points: FloatArray, motion: FloatArray) -> FloatArray:
     return np.asarray(points @ motion[:3, :3].T + motion[:3, 3])
 
 
-def add_scan_places(numbers: dict[str, Any], scan: Scan, found: RegistrationReport) -> None:
+def add_scan_places(numbers: dict[str, Any], scan: Scan, report: RegistrationReport) -> None:
     """Put ``scan_place`` to each finding of judged numbers: where to look in the scan's file."""
     for finding in numbers["findings"]:
-        finding["scan_place"] = scan_place(scan, found, finding)
+        finding["scan_place"] = scan_place(scan, report, finding)
 
 
-def scan_place(scan: Scan, found: RegistrationReport, finding: Record) -> dict[str, int]:
+def scan_place(scan: Scan, report: RegistrationReport, finding: Record) -> dict[str, int]:
     """Return the voxel of a finding: B-scan, A-scan and depth, counted from 0."""
     point = np.array([finding["point_mm"]], dtype=np.float64)
-    where = _moved(point, _inverse(found.scaled_scan_to_part))[0]
+    where = _moved(point, _inverse(report.scaled_scan_to_part))[0]
     voxel = np.rint(where / np.array(scan.geometric_voxel_mm[::-1])).astype(int)
     i, j, k = np.clip(voxel, 0, np.array(scan.volume.shape[::-1]) - 1).tolist()
     return {"b_scan": j, "a_scan": i, "depth": k}
@@ -120,12 +120,12 @@ def _view(
     scan: Scan,
     shades: Shades,
     contours: Contours,
-    found: RegistrationReport,
+    report: RegistrationReport,
     stack: SectionStack,
 ) -> FindingView:
-    place = scan_place(scan, found, finding)
+    place = scan_place(scan, report, finding)
     voxel = (place["a_scan"], place["b_scan"], place["depth"])
-    vessel = found.vessels[int(finding["vessel"])]
+    vessel = report.vessels[int(finding["vessel"])]
     extent = float(finding["to_mm"]) - float(finding["from_mm"])
     half = half_window(vessel.designed_um / 2e3, extent)
     return FindingView(

@@ -64,10 +64,10 @@ def _factors(program: Program, gcode: bytes, printer: Printer) -> FloatArray:
     pattern = family_of(printer).advance
     if pattern and re.search(pattern, gcode, re.IGNORECASE):
         for number, line in enumerate(gcode.splitlines(), start=1):
-            found = re.match(rb"\s*(?:N\d+\s*)?" + pattern, line, re.IGNORECASE)
-            if found:
+            match = re.match(rb"\s*(?:N\d+\s*)?" + pattern, line, re.IGNORECASE)
+            if match:
                 lines.append(number)
-                values.append(float(found[1]))
+                values.append(float(match[1]))
     at = np.searchsorted(lines, program.line, side="right") - 1
     return np.asarray(values, dtype=np.float64)[at]
 

@@ -151,5 +151,5 @@ def median_flow(pieces: Pieces) -> float:
     flow = pieces.push_ul[writes] / pieces.duration[writes]
     order = np.argsort(flow)
     pushed = np.cumsum(pieces.push_ul[writes][order])
-    found = float(flow[order][np.searchsorted(pushed, pushed[-1] / 2)])
-    return found if math.isfinite(found) else 0.0
+    median = float(flow[order][np.searchsorted(pushed, pushed[-1] / 2)])
+    return median if math.isfinite(median) else 0.0

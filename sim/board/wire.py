@@ -91,9 +91,9 @@ class Wire:
     def _watch(self, arrived: bytes | bytearray, pattern: re.Pattern[bytes]) -> None:
         self._line += arrived
         while (match := _EOL.search(self._line)) is not None:
-            found = pattern.match(self._line)
-            if found and found.end() <= match.start():
-                self.urgent.append(found[1])
+            seen = pattern.match(self._line)
+            if seen and seen.end() <= match.start():
+                self.urgent.append(seen[1])
             del self._line[: match.end()]
 
     def flush(self) -> None:

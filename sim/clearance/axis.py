@@ -49,13 +49,13 @@ class Axis:
     def nearest(self, place: FloatArray) -> FloatArray:
         """Arc of what is nearest to each of (n, 3) places, (n,), mm."""
         spots, arc, nearest = self.spots, self.arc, self.tree.query(place)[1]
-        best, found = np.full(len(place), np.inf), arc[nearest]
+        best, best_arc = np.full(len(place), np.inf), arc[nearest]
         for side in (-1, 0):
             a = np.clip(nearest + side, 0, len(spots) - 2)
             step = spots[a + 1] - spots[a]
             square = np.maximum((step**2).sum(axis=1), 1e-300)
             t = np.clip(((place - spots[a]) * step).sum(axis=1) / square, 0.0, 1.0)
             gap = np.linalg.norm(spots[a] + t[:, None] * step - place, axis=1)
-            found = np.where(gap < best, arc[a] + t * (arc[a + 1] - arc[a]), found)
+            best_arc = np.where(gap < best, arc[a] + t * (arc[a + 1] - arc[a]), best_arc)
             best = np.minimum(best, gap)
-        return found
+        return best_arc

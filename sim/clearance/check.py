@@ -79,9 +79,9 @@ def check_clearance(
     tip = min(needle.tip_mm for needle in needles)
     clearance = max(needle.clearance_mm for needle in needles)
     joints, overlaps = joints_of(network, tip, overlap_radii)
-    found = _searched(tips, ink, joints, needles, look_mm, clearance, len(row))
+    contacts = _searched(tips, ink, joints, needles, look_mm, clearance, len(row))
     return SearchInput(motion, heads, pieces, tips, ink, row, head).clearance(
-        *found, overlaps, clearance
+        *contacts, overlaps, clearance
     )
 
 

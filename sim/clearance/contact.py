@@ -66,4 +66,4 @@ class ShaftContact:
 
 def pairs_of(contacts: tuple[ShaftContact, ...]) -> int:
     """Counted once for each vessel being written and vessel crossed."""
-    return len({(found.vessel, found.crossed) for found in contacts})
+    return len({(contact.vessel, contact.crossed) for contact in contacts})

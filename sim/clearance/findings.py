@@ -95,12 +95,12 @@ class SearchInput:
             vessel[own] = np.where(source >= 0, motion.vessel[source], NONE)
         return kind, vessel
 
-    def _on_ink(self, found: Found) -> FloatArray:
-        j, t, ink = found["ink"], found["t"][:, None], self.ink
+    def _on_ink(self, hits: Found) -> FloatArray:
+        j, t, ink = hits["ink"], hits["t"][:, None], self.ink
         return np.asarray(ink.start[j] + t * (ink.end[j] - ink.start[j]))
 
-    def _on_tip(self, found: Found) -> FloatArray:
-        i, s, tips = found["piece"], found["s"][:, None], self.tips
+    def _on_tip(self, hits: Found) -> FloatArray:
+        i, s, tips = hits["piece"], hits["s"][:, None], self.tips
         return np.asarray(tips.start[i] + s * (tips.end[i] - tips.start[i]))
 
 

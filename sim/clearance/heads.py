@@ -36,14 +36,14 @@ class Head:
 
 def heads_of(motion: NeedleMotion, network: WrittenNetwork) -> list[Head]:
     """Passes of every head, and where along its vessel each written row lies."""
-    found = []
+    heads = []
     for k, tips in enumerate(motion.tips):
         writes = motion.writes & (motion.tool == k)
         along = np.zeros((len(tips), 2))
         rows = np.flatnonzero(writes)
         along[rows] = network.spans(motion.vessel[rows], tips[rows, 0], tips[rows, 1])[0]
-        found.append(Head(tips, passes_of(tips, writes), along))
-    return found
+        heads.append(Head(tips, passes_of(tips, writes), along))
+    return heads
 
 
 def kinds_of(tips: FloatArray, writes: NDArray[np.bool_]) -> IntArray:

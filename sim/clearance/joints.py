@@ -43,12 +43,12 @@ def joints_of(
     network: WrittenNetwork, radius_mm: float, overlap_radii: float
 ) -> tuple[Joints, tuple[DesignedOverlap, ...]]:
     """What counts as a joint for a shaft, and which of it no node explains, the deepest first."""
-    found = overlaps_of(network, radius_mm, overlap_radii)
-    cells = np.floor(found.along / _GRAIN_MM + _GRAIN_FROM)
-    nearest = np.argsort(found.gap, kind="stable")
-    keys = np.column_stack([found.vessel, cells])[nearest]
+    overlaps = overlaps_of(network, radius_mm, overlap_radii)
+    cells = np.floor(overlaps.along / _GRAIN_MM + _GRAIN_FROM)
+    nearest = np.argsort(overlaps.gap, kind="stable")
+    keys = np.column_stack([overlaps.vessel, cells])[nearest]
     keys, first = np.unique(keys, axis=0, return_index=True)
-    gap = found.gap[nearest[first]]
+    gap = overlaps.gap[nearest[first]]
     u, v, a, b = keys.T
     a, b = ((one + 0.5 - _GRAIN_FROM) * _GRAIN_MM for one in (a, b))
     forth, back = np.column_stack([u, v, a, b, gap]), np.column_stack([v, u, b, a, gap])
@@ -65,7 +65,7 @@ def joints_of(
     joints = Joints(
         begin, met, own, there, wide, gap, radius_mm, overlap_radii, lumens, network.lengths
     )
-    return joints, _told(network, found)
+    return joints, _designed_overlaps(network, overlaps)
 
 
 def _at_nodes(network: WrittenNetwork) -> FloatArray:
@@ -78,20 +78,20 @@ def _at_nodes(network: WrittenNetwork) -> FloatArray:
     return np.array(rows, dtype=np.float64).reshape(-1, 5)
 
 
-def _told(network: WrittenNetwork, found: Overlaps) -> tuple[DesignedOverlap, ...]:
+def _designed_overlaps(network: WrittenNetwork, overlaps: Overlaps) -> tuple[DesignedOverlap, ...]:
     """Once for each pair; vessels that leave a node side by side overlap for a while anyway."""
-    ends = network.vessel_nodes[found.vessel]
+    ends = network.vessel_nodes[overlaps.vessel]
     shared = (ends[:, 0, :, None] == ends[:, 1, None, :]).any(axis=(1, 2))
-    shared &= found.vessel[:, 0] != found.vessel[:, 1]
-    order = np.argsort(-found.overlap, kind="stable")
+    shared &= overlaps.vessel[:, 0] != overlaps.vessel[:, 1]
+    order = np.argsort(-overlaps.overlap, kind="stable")
     order = order[~shared[order]]
-    once = np.unique(found.vessel[order], axis=0, return_index=True)[1]
+    once = np.unique(overlaps.vessel[order], axis=0, return_index=True)[1]
     return tuple(
         DesignedOverlap(
-            int(found.vessel[k, 0]),
-            int(found.vessel[k, 1]),
-            round(float(found.overlap[k]), 4),
-            network.place(int(found.vessel[k, 0]), float(found.along[k, 0])),
+            int(overlaps.vessel[k, 0]),
+            int(overlaps.vessel[k, 1]),
+            round(float(overlaps.overlap[k]), 4),
+            network.place(int(overlaps.vessel[k, 0]), float(overlaps.along[k, 0])),
         )
         for k in order[np.sort(once)].tolist()
     )

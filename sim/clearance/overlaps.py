@@ -70,11 +70,11 @@ def overlaps_of(network: WrittenNetwork, radius_mm: float, overlap_radii: float)
     deep = thin + thick - gap
     reach = np.sqrt(2.0) * (radius_mm + thick) + overlap_radii * thick
     way, joined = _through_nodes(network, spots, one, other, reach)
-    found = (deep >= DEEP * thin) & ~joined & (gap < TURN * way)
-    pair = np.column_stack([one, other])[found]
+    deep_enough = (deep >= DEEP * thin) & ~joined & (gap < TURN * way)
+    pair = np.column_stack([one, other])[deep_enough]
     order = np.argsort(spots.vessel[pair], axis=1, kind="stable")
     pair = np.take_along_axis(pair, order, axis=1)
-    return Overlaps(spots.vessel[pair], spots.along[pair], deep[found], gap[found])
+    return Overlaps(spots.vessel[pair], spots.along[pair], deep[deep_enough], gap[deep_enough])
 
 
 def _spots(network: WrittenNetwork) -> _Spots:

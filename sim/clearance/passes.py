@@ -84,6 +84,6 @@ def _since(cost: FloatArray, last: IntArray) -> FloatArray:
     """Cost gathered since the last written row before each row's two ends; inf without one."""
     whole = np.concatenate([[0.0], np.cumsum(cost)])
     base = whole[np.maximum(last, 0) + 1] if len(last) else whole[1:]
-    found = np.column_stack([whole[:-1] - base, whole[1:] - base])
-    found[last < 0] = np.inf
-    return np.maximum(found, 0.0)
+    costs = np.column_stack([whole[:-1] - base, whole[1:] - base])
+    costs[last < 0] = np.inf
+    return np.maximum(costs, 0.0)

@@ -49,6 +49,6 @@ class Pieces:
         """A value at rows' ends, (n, 2), at both ends of each piece; inf stays inf."""
         known = np.isfinite(pair[:, 0]) & np.isfinite(pair[:, 1])
         low, high = np.where(known[:, None], pair, 0.0)[self.row].T
-        found = np.column_stack([low + self.low * (high - low), low + self.high * (high - low)])
-        found[~known[self.row]] = np.inf
-        return found
+        values = np.column_stack([low + self.low * (high - low), low + self.high * (high - low)])
+        values[~known[self.row]] = np.inf
+        return values

@@ -67,13 +67,13 @@ class Clearance:
     def summary(self) -> dict[str, Any]:
         """The whole job in numbers, JSON-ready; an approach is None where nothing came near."""
         best = int(self.approach_mm.argmin()) if len(self.line) else 0
-        found = len(self.line) > 0 and bool(np.isfinite(self.approach_mm[best]))
+        approached = len(self.line) > 0 and bool(np.isfinite(self.approach_mm[best]))
         apart = float(self.apart_mm.min(initial=np.inf))
         return {
             "moves": len(self.line),
             "written_pieces": self.written,
-            "nearest_mm": round(float(self.approach_mm[best]), 4) if found else None,
-            "nearest_line": int(self.line[best]) if found else None,
+            "nearest_mm": round(float(self.approach_mm[best]), 4) if approached else None,
+            "nearest_line": int(self.line[best]) if approached else None,
             "nearest_apart_mm": round(apart, 4) if np.isfinite(apart) else None,
             "clearance_mm": self.clearance_mm,
             "crossings": len(self.crossings),
@@ -87,7 +87,7 @@ class Clearance:
         """The summary, and every crossing, graze and overlap, JSON-ready."""
         return {
             **self.summary(),
-            "crossing": [asdict(found) for found in self.crossings],
-            "graze": [asdict(found) for found in self.grazes],
-            "overlap": [asdict(found) for found in self.overlaps],
+            "crossing": [asdict(contact) for contact in self.crossings],
+            "graze": [asdict(contact) for contact in self.grazes],
+            "overlap": [asdict(contact) for contact in self.overlaps],
         }

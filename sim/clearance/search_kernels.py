@@ -104,7 +104,7 @@ def search(
     bodies: FloatArray,
     squares: Squares,
     look: float,
-    told: float,
+    shown_mm: float,
     near: Records,
     apart: Records,
     hits: Records,
@@ -118,7 +118,7 @@ def search(
         `NeedleBody.as_row` of each.
     look : float, mm
         Approaches above it aren't looked for.
-    told : float, mm
+    shown_mm : float, mm
         Nearer is a hit.
     near, apart : (moves,) of `FOUND`
         Filled: the nearest of all, and of ink with which no joint is meant; ``value`` must be
@@ -152,12 +152,12 @@ def search(
                 # Nothing of the pair is nearer than this.
                 low = shaft_distance(middle[j, 0] - x, middle[j, 1] - y, middle[j, 2] - z, body)
                 low -= own + half[j]
-                if low >= look or low >= max(near[move].value, apart[move].value, told):
+                if low >= look or low >= max(near[move].value, apart[move].value, shown_mm):
                     continue
                 joined = are_related(i, j, tips, ink, joints)
                 w = ink.vessel[j]
                 hit = _hit_of(hits, first, used, w)
-                limit = max(near[move].value, hits[hit].value if hit >= 0 else told)
+                limit = max(near[move].value, hits[hit].value if hit >= 0 else shown_mm)
                 if not joined:
                     limit = max(limit, apart[move].value)
                 if low >= limit:
@@ -168,7 +168,7 @@ def search(
                 _keep_nearer(near[move], value, i, j, s, t, move, w)
                 if not joined:
                     _keep_nearer(apart[move], value, i, j, s, t, move, w)
-                if value >= told:
+                if value >= shown_mm:
                     continue
                 if hit < 0:
                     hit, used = used, used + 1

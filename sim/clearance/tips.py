@@ -46,7 +46,7 @@ def _fields(
     motion: NeedleMotion, k: int, head: Head, part: Pieces, radius: FloatArray
 ) -> dict[str, NDArray[Any]]:
     """Of `Tips`, what one head alone says."""
-    row, found = part.row, head.passes
+    row, passes = part.row, head.passes
     start, end = part.places(head.tips)
     vessel, thick, along = _roles(motion, head, radius)
     along_of = np.repeat(along[row][:, :, None], 2, axis=2)
@@ -56,12 +56,12 @@ def _fields(
         "start": start,
         "end": end,
         "needle": np.full(len(row), k),
-        "run": found.run[row],
-        "arc": part.values(found.arc),
+        "run": passes.run[row],
+        "arc": part.values(passes.arc),
         "vessel": vessel[row],
         "radius": thick[row],
         "along": along_of,
-        "since": np.stack([part.values(found.since), part.values(found.until)], axis=1),
+        "since": np.stack([part.values(passes.since), part.values(passes.until)], axis=1),
     }
 
 

@@ -92,13 +92,13 @@ def laid(
     DepositError
         When nothing is written.
     """
-    found = written(executed, plunger_area_mm2, smoothing_mm, plunger_step_mm)
-    chosen = style or writing_style(found.lines, layer_mm)
-    return laid_of_written(found, executed, plunger_area_mm2, faults, chosen, layer_mm)
+    motion_ink = written(executed, plunger_area_mm2, smoothing_mm, plunger_step_mm)
+    chosen = style or writing_style(motion_ink.lines, layer_mm)
+    return laid_of_written(motion_ink, executed, plunger_area_mm2, faults, chosen, layer_mm)
 
 
 def laid_of_written(
-    found: Written,
+    source: Written,
     executed: ExecutedMotion,
     plunger_area_mm2: float,
     faults: InkFaults,
@@ -106,11 +106,11 @@ def laid_of_written(
     layer_mm: float | None = None,
 ) -> Laid:
     """Return the ink of lines that `written` found in a motion; parameters as of `laid`."""
-    ink = laid_as_is(found.lines, style, found.standing_ul, layer_mm)
+    ink = laid_as_is(source.lines, style, source.standing_ul, layer_mm)
     if not faults.each:
         return ink
     writes = np.zeros(len(executed), dtype=np.bool_)
-    writes[found.block] = True
+    writes[source.block] = True
     line = Timeline.of(
         np.column_stack([executed.time_start, executed.time_end]),
         executed.line,
@@ -118,7 +118,7 @@ def laid_of_written(
         (executed.plunger_end - executed.plunger_start) * plunger_area_mm2,
         writes,
     )
-    return with_faults(ink, found.block, line, faults)
+    return with_faults(ink, source.block, line, faults)
 
 
 def with_faults(ink: Laid, block: NDArray[np.int64], line: Timeline, faults: InkFaults) -> Laid:
@@ -127,8 +127,8 @@ def with_faults(ink: Laid, block: NDArray[np.int64], line: Timeline, faults: Ink
         return ink
     first = block.astype(np.float64)
     placed = Placed(ink.strands, first, np.asarray(first + 1.0, np.float64))
-    found = faulty_lines(placed, line, faults, ink.layering)
-    return Laid(found, ink.layering, ink.standing_ul)
+    lines = faulty_lines(placed, line, faults, ink.layering)
+    return Laid(lines, ink.layering, ink.standing_ul)
 
 
 def laid_as_is(

@@ -36,7 +36,6 @@ from sim.deposit.laid import (
     Laid,
     Style,
     laid,
-    laid_as_is,
     laid_of_written,
     writing_style,
 )
@@ -248,32 +247,6 @@ def unite_deposits(deposits: Sequence[Deposit]) -> Deposit:
         sum(one.written_ul for one in deposits),
         sum(one.standing_ul for one in deposits),
     )
-
-
-def deposit_of_areas(
-    lines: Strands,
-    voxel_mm: float,
-    style: Style,
-    standing_ul: float = 0.0,
-) -> Deposit:
-    """Lay lines whose cross-section is known already (`sim.bead`).
-
-    Parameters
-    ----------
-    lines : Strands
-    voxel_mm : float, mm
-    style : "layered" or "embedded"
-    standing_ul : float, µL
-        What isn't laid along a way; told on.
-
-    Raises
-    ------
-    DepositError
-        When there are no lines, or the grid would be too large.
-    """
-    if not len(lines):
-        raise DepositError("no ink is laid along any way, so nothing was deposited")
-    return deposit_of_laid(laid_as_is(lines, style, standing_ul), voxel_mm)
 
 
 def _of_laid(ink: Laid, voxel_mm: float, box_mm: FloatArray) -> Deposit:

@@ -65,9 +65,9 @@ def pneumatic_deposit(
     _check_moved(executed)
     x, y, z = executed.start[0].tolist()
     program, valve = read_with_valve(gcode, printer, (x, y, z))
-    found = with_commands(executed, program)
-    _check_same(found)
-    spans = np.zeros((0, 2)) if valve is None else flowing(found, program, valve, head)
+    commanded = with_commands(executed, program)
+    _check_same(commanded)
+    spans = np.zeros((0, 2)) if valve is None else flowing(commanded, program, valve, head)
     motion = as_plunger(executed, spans, flow_ul_s)
     # What flows is known at every moment: there are no plunger steps to smooth or to bridge.
     return deposit(

@@ -140,10 +140,10 @@ def _first_short(program: Program, printer: Printer) -> int:
 def _steps(program: Program, printer: Printer) -> FloatArray:
     """Motor steps per mm of x, y, z and the plunger that each row would move, (n, 4)."""
     axes = printer.steps_per_mm
-    found = np.tile([axes.x, axes.y, axes.z, axes.e], (len(program), 1))
+    steps = np.tile([axes.x, axes.y, axes.z, axes.e], (len(program), 1))
     heads = [printer.of_head(k).steps_per_mm.e for k in range(printer.head_count)]
-    found[:, 3] = np.array(heads)[program.tool]
-    return found
+    steps[:, 3] = np.array(heads)[program.tool]
+    return steps
 
 
 def _first(program: Program, where: NDArray[np.bool_]) -> tuple[int, int]:
@@ -151,7 +151,7 @@ def _first(program: Program, where: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 def _outside(program: Program, printer: Printer, moves: NDArray[np.bool_]) -> list[Finding]:
-    found = []
+    findings = []
     spans: tuple[Span, ...] = (printer.x_mm, printer.y_mm, printer.z_mm)
     for axis, (name, span) in enumerate(zip(_AXES, spans, strict=True)):
         at = program.target[:, axis]
@@ -160,7 +160,7 @@ def _outside(program: Program, printer: Printer, moves: NDArray[np.bool_]) -> li
             if where.any():
                 line, count = _first(program, where)
                 worst = limit + sign * float(beyond[where].max())
-                found.append(
+                findings.append(
                     Finding(
                         line,
                         f"outside_{name}",
@@ -172,21 +172,21 @@ def _outside(program: Program, printer: Printer, moves: NDArray[np.bool_]) -> li
                         count,
                     )
                 )
-    return found
+    return findings
 
 
 def _too_fast(
     program: Program, speed: FloatArray, limit: FloatArray, plungers: FloatArray, printer: str
 ) -> list[Finding]:
     """``plungers`` has the limit of each head's."""
-    found = []
+    findings = []
     for axis, name in enumerate((*_AXES, "e")):
         most = plungers[program.tool] if name == "e" else limit[axis]
         where = speed[:, axis] > most * (1 + 1e-6)
         if where.any():
             line, count = _first(program, where)
             worst = float(speed[where, axis].max())
-            found.append(
+            findings.append(
                 Finding(
                     line,
                     f"speed_{name}",
@@ -198,7 +198,7 @@ def _too_fast(
                     count,
                 )
             )
-    return found
+    return findings
 
 
 def _too_slow(program: Program, printer: Printer) -> list[Finding]:
@@ -288,7 +288,7 @@ def _unknown(
 def _strange(
     program: Program, unknown: tuple[tuple[int, str], ...], printer: Printer
 ) -> list[Finding]:
-    found = []
+    findings = []
     lines_of: dict[str, list[int]] = {}
     for line, name in unknown:
         lines_of.setdefault(name, []).append(line)
@@ -299,7 +299,7 @@ def _strange(
             if sort == "no_command"
             else f"{name} is unknown to {printer.firmware}"
         )
-        found.append(
+        findings.append(
             Finding(
                 lines[0],
                 sort,
@@ -317,8 +317,8 @@ def _strange(
         where = program.kind == kind
         if where.any():
             line, count = _first(program, where)
-            found.append(Finding(line, sort, f"line {line}: {text}", count=count))
-    return found
+            findings.append(Finding(line, sort, f"line {line}: {text}", count=count))
+    return findings
 
 
 def _offset(named: tuple[NamedCommand, ...]) -> list[Finding]:

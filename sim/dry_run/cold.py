@@ -29,17 +29,17 @@ def extrusion_allowed(
     already : bool
         Whether a command has allowed it before the file.
     """
-    said = np.zeros(len(program), dtype=np.int8)  # 1 allows, -1 forbids
+    change = np.zeros(len(program), dtype=np.int8)  # 1 allows, -1 forbids
     value = np.nan_to_num(program.value, nan=-1.0)
     heats = np.isin(program.code, [code("M104"), code("M109")]) & (value >= _HOTEND_MELTS_C)
-    said[heats] = 1
+    change[heats] = 1
     cold = family_of(printer).cold
     reads = cold.reads if cold else m302_by_p
     rows = np.flatnonzero(program.code == code("M302"))
     lines = gcode.splitlines() if len(rows) else []
     for row in rows.tolist():
-        said[row] = reads(parse_line(lines[int(program.line[row]) - 1]).values)
+        change[row] = reads(parse_line(lines[int(program.line[row]) - 1]).values)
     free = already or printer.cold_extrusion_configured or cold is None
-    before = np.append(1 if free else -1, said)
+    before = np.append(1 if free else -1, change)
     latest = np.maximum.accumulate(np.where(before != 0, np.arange(len(before)), 0))
     return np.asarray(before[latest][1:] > 0)

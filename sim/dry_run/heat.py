@@ -65,13 +65,13 @@ def heatings(
     """
     rows = np.flatnonzero(np.isin(program.code, _CODES))
     lines = gcode.splitlines() if len(rows) else []
-    found = [
-        Heating(number, *said)
+    settings = [
+        Heating(number, *fields)
         for number in program.line[rows].tolist()
-        for said in _said(parse_line(lines[number - 1]))
+        for fields in _said(parse_line(lines[number - 1]))
     ]
-    found += [one for at in named for one in _named(at)]
-    return tuple(sorted(found, key=lambda heating: heating.line))
+    settings += [one for at in named for one in _named(at)]
+    return tuple(sorted(settings, key=lambda heating: heating.line))
 
 
 def _said(command: Command) -> list[tuple[Part, float]]:
@@ -94,10 +94,12 @@ def _named(at: NamedCommand) -> list[Heating]:
         part = "bath"
     keys = _KEYS.get(meanings().get(at.name, Meaning.OTHER), {})
     if "TARGET" in keys:
-        told = [(at.words.get("TARGET", "0"), keys["TARGET"])]
+        targets = [(at.words.get("TARGET", "0"), keys["TARGET"])]
     else:
-        told = [(at.words[key], bound) for key, bound in keys.items() if key in at.words]
-    return [Heating(at.line, part, number, bound) for text, bound in told for number in _read(text)]
+        targets = [(at.words[key], bound) for key, bound in keys.items() if key in at.words]
+    return [
+        Heating(at.line, part, number, bound) for text, bound in targets for number in _read(text)
+    ]
 
 
 def _read(text: str) -> list[float]:

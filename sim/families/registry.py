@@ -32,5 +32,5 @@ def simulated_printer(printer: Printer) -> type[SimulatedPrinter]:
             f"firmware {printer.firmware!r} (profile: {printer.name}) has no simulated printer; "
             f"there are {', '.join(named)}"
         )
-    found: type[SimulatedPrinter] = module.PRINTER
-    return found
+    printer_class: type[SimulatedPrinter] = module.PRINTER
+    return printer_class

@@ -83,10 +83,10 @@ class FaultyCable:
             yield data, 0.0
             return
         begin, late = 0, 0.0
-        for found in _BEGINS_OK.finditer(data):
-            if found.start() > begin:
-                yield data[begin : found.start()], late
-            begin, late = found.start(), self._ok_delay()
+        for match in _BEGINS_OK.finditer(data):
+            if match.start() > begin:
+                yield data[begin : match.start()], late
+            begin, late = match.start(), self._ok_delay()
         yield data[begin:], late
 
     def _ok_delay(self) -> float:

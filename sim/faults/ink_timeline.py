@@ -79,12 +79,12 @@ class Timeline:
     def at_times(self, seconds: FloatArray) -> FloatArray:
         """Places at times of the printer's clock, (n,); inf where the print hasn't come so far."""
         ends = np.maximum.accumulate(self.time_s[:, 1])
-        found = np.searchsorted(ends, seconds, side="left")
-        block = np.minimum(found, len(ends) - 1)
+        index = np.searchsorted(ends, seconds, side="left")
+        block = np.minimum(index, len(ends) - 1)
         begin, end = self.time_s[block].T
         lasts = np.where(end > begin, end - begin, 1.0)
         share = np.clip((seconds - begin) / lasts, 0.0, 1.0)
-        return np.where(found < len(ends), block + share, np.inf)
+        return np.where(index < len(ends), block + share, np.inf)
 
     @staticmethod
     def _first(holds: BoolArray) -> float:

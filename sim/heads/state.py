@@ -52,9 +52,9 @@ class Heads:
         """Tip of one head before and after each row, (n, 2, 3), mm, raised or not."""
         ends = program.target[:, :3]
         begins = program.before[:, :3]
-        found = np.stack([begins, ends], axis=1) + self.offset_mm[number]
-        found[:, :, 2] += np.where(self.raised[:, number], self.lift_mm[number], 0.0)[:, None]
-        return np.asarray(found)
+        tips = np.stack([begins, ends], axis=1) + self.offset_mm[number]
+        tips[:, :, 2] += np.where(self.raised[:, number], self.lift_mm[number], 0.0)[:, None]
+        return np.asarray(tips)
 
 
 def read_heads(
@@ -64,14 +64,14 @@ def read_heads(
     heads = printer.heads or ()
     count = printer.head_count
     raised = np.zeros((len(program), count), dtype=np.bool_)
-    said = np.ones((len(program), count), dtype=np.bool_)
+    commanded = np.ones((len(program), count), dtype=np.bool_)
     for number, head in enumerate(heads):
         if (switch := _switch(program, gcode, named, head)) is not None:
             raised[:, number] = switch.before == CLOSED
-            said[:, number] = switch.before != UNKNOWN
+            commanded[:, number] = switch.before != UNKNOWN
     offset = np.array([head.offset_mm.mm for head in heads] or [(0.0, 0.0, 0.0)])
     lift = np.array([head.raised_mm for head in heads] or [0.0])
-    return Heads(raised, said, lift, offset)
+    return Heads(raised, commanded, lift, offset)
 
 
 def _switch(
@@ -84,12 +84,12 @@ def _switch(
 
 def head_findings(program: Program, gcode: bytes, printer: Printer) -> list[Finding]:
     """What a firmware would make of the file's changes of head that its author can't have meant."""
-    found = _no_such_head(program, printer)
+    findings = _no_such_head(program, printer)
     if printer.head_count == 1:
-        return found
+        return findings
     lines = gcode.splitlines()
     return [
-        *found,
+        *findings,
         *_unchosen(program),
         *_uncounted(program, lines),
         *_offsets(program, lines, printer),
@@ -152,9 +152,9 @@ def _offsets(program: Program, lines: list[bytes], printer: Printer) -> list[Fin
     for row, values in words.items():
         if word not in values and own.offset_needs_word:
             continue
-        said = [values[axis] for axis in "XYZ" if axis in values]
-        twice[row] = any(said)
-        if len(said) == 3 and not any(said):
+        values_given = [values[axis] for axis in "XYZ" if axis in values]
+        twice[row] = any(values_given)
+        if len(values_given) == 3 and not any(values_given):
             cleared.setdefault(int(values.get(word, program.tool[row])), row)
     needed = range(own.first_offset, printer.head_count)
     unsaid = np.zeros(len(program), dtype=np.bool_)

@@ -60,8 +60,8 @@ class Valve:
     @property
     def is_open(self) -> NDArray[np.bool_]:
         """Whether ink may flow during each row, (n,)."""
-        found: NDArray[np.bool_] = (self.before == OPEN) | (self.before == BETWEEN)
-        return found
+        open_rows: NDArray[np.bool_] = (self.before == OPEN) | (self.before == BETWEEN)
+        return open_rows
 
 
 def read_valve(
@@ -99,11 +99,15 @@ def read_switch(
     by_name = {at.line: (at.name, frozenset(at.words.items())) for at in named}
     name = opens[0].encode()
     plain = [n for n, text in enumerate(lines, 1) if text.lstrip()[: len(name)] == name]
-    found = sorted({*plain, *(n for n, (said, _) in by_name.items() if said.encode() == name)})
+    numbers = sorted(
+        {*plain, *(n for n, (command, _) in by_name.items() if command.encode() == name)}
+    )
     rows, states = [], []
-    for line in found:
-        said = by_name.get(line) or _command(lines[line - 1].partition(b";")[0].decode("latin-1"))
-        state = _state(said, opens, closes)
+    for line in numbers:
+        command = by_name.get(line) or _command(
+            lines[line - 1].partition(b";")[0].decode("latin-1")
+        )
+        state = _state(command, opens, closes)
         if state != UNKNOWN and line in row_of:
             rows.append(row_of[line])
             states.append(state)
@@ -155,13 +159,13 @@ def _command(text: str) -> tuple[str, Words]:
     return first.upper(), frozenset((key.upper(), value) for key, _, value in pairs)
 
 
-def _state(said: tuple[str, Words], opens: tuple[str, Words], closes: tuple[str, Words]) -> int:
+def _state(command: tuple[str, Words], opens: tuple[str, Words], closes: tuple[str, Words]) -> int:
     """What a command makes of the valve; UNKNOWN where it is about something else."""
-    if said == opens:
+    if command == opens:
         return OPEN
-    if said == closes:
+    if command == closes:
         return CLOSED
-    same = said[0] == opens[0] and opens[1] & closes[1] <= said[1]
+    same = command[0] == opens[0] and opens[1] & closes[1] <= command[1]
     return BETWEEN if same else UNKNOWN
 
 

@@ -41,7 +41,7 @@ def with_commands(executed: ExecutedMotion, program: Program) -> ExecutedMotion:
             continue
         near = np.abs(target[at : at + AHEAD] - end).max(axis=1) <= WITHIN_MM
         if near.any():
-            found = at + int(near.argmax())
-            line[block] = program.command[rows[found]]
-            at, last = found + 1, target[found]
+            nearest = at + int(near.argmax())
+            line[block] = program.command[rows[nearest]]
+            at, last = nearest + 1, target[nearest]
     return replace(executed, line=line)

@@ -166,7 +166,7 @@ def find_runs(pixels: ShortArray, group_of: IntArray) -> ShortArray:
     gives.
     """
     ny, nx = pixels.shape
-    found = np.empty((256, 4), dtype=np.int32)
+    runs = np.empty((256, 4), dtype=np.int32)
     used = 0
     for j in range(ny):
         i = 0
@@ -181,13 +181,13 @@ def find_runs(pixels: ShortArray, group_of: IntArray) -> ShortArray:
                 if here != group:
                     break
                 i += 1
-            if used == len(found):
+            if used == len(runs):
                 more = np.empty((2 * used, 4), dtype=np.int32)
-                more[:used] = found
-                found = more
-            found[used] = j, first, i - 1, group
+                more[:used] = runs
+                runs = more
+            runs[used] = j, first, i - 1, group
             used += 1
-    return found[:used].copy()
+    return runs[:used].copy()
 
 
 @jit

@@ -349,8 +349,8 @@ def first_hit(
         if ta >= limit:
             break
         if tb >= ta:
-            found = _hit_in_layer(slabs, k, px, py, pz, dx, dy, dz, ta, tb)
-            if found < limit:
-                return found
+            hit = _hit_in_layer(slabs, k, px, py, pz, dx, dy, dz, ta, tb)
+            if hit < limit:
+                return hit
         k += step
     return limit

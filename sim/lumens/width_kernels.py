@@ -198,9 +198,9 @@ def _section(
                 clear = least
                 start[0], start[1] = px, py
         if clear > 0.0:
-            ox, oy, found = _settle(slabs, axis, u, v, window, limit, start, other)
-            if found > best:
-                x, y, best = ox, oy, found
+            ox, oy, diameter = _settle(slabs, axis, u, v, window, limit, start, other)
+            if diameter > best:
+                x, y, best = ox, oy, diameter
                 sight[:] = other
     if best <= 0.0:
         return 0.0, axis[0], axis[1], axis[2], 0.0

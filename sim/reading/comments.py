@@ -63,16 +63,16 @@ def read_comments(text: bytes) -> Comments:
     heights: list[tuple[int, float]] = []
     layers: list[int] = []
     filament_mm = None
-    for line, said in _comments(text):
-        if found := _KIND.match(said):
-            name = found[1].decode("utf-8", "replace") or "no name"
+    for line, text_of in _comments(text):
+        if match := _KIND.match(text_of):
+            name = match[1].decode("utf-8", "replace") or "no name"
             kind.append((line, kinds.setdefault(name, len(kinds))))
-        elif found := _HEIGHT.match(said):
-            heights.append((line, float(found[1])))
-        elif _LAYER.match(said):
+        elif match := _HEIGHT.match(text_of):
+            heights.append((line, float(match[1])))
+        elif _LAYER.match(text_of):
             layers.append(line)
-        elif filament_mm is None and (found := _FILAMENT.match(said)):
-            filament_mm = float(found[1])
+        elif filament_mm is None and (match := _FILAMENT.match(text_of)):
+            filament_mm = float(match[1])
     return Comments(
         kind_lines=np.array([line for line, _ in kind], np.int64),
         kind=np.array([which for _, which in kind], np.int64),
@@ -97,8 +97,8 @@ def _comments(text: bytes) -> Iterator[tuple[int, bytes]]:
 
 def _next_comment(text: bytes, at: int) -> int:
     """Where the next line begins that is one; -1 for nowhere."""
-    found = text.find(b"\n;", at)
-    return found + 1 if found >= 0 else -1
+    place = text.find(b"\n;", at)
+    return place + 1 if place >= 0 else -1
 
 
 def declared_start(text: bytes, printer: Printer) -> tuple[float, float, float] | None:

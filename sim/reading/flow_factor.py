@@ -30,7 +30,7 @@ def with_flow(lines: Sequence[bytes], e_mm: float, factor: float) -> list[bytes]
     factor : float
     """
     was = now = e_mm
-    found = list(lines)
+    scaled = list(lines)
     for index, line in enumerate(lines):
         to = plunger_word(line)
         if to is None:
@@ -41,8 +41,8 @@ def with_flow(lines: Sequence[bytes], e_mm: float, factor: float) -> list[bytes]
         writes = to > was and any(axis in line for axis in _ACROSS)
         now += (to - was) * (factor if writes else 1.0)
         was = to
-        found[index] = _with_e(line, now)
-    return found
+        scaled[index] = _with_e(line, now)
+    return scaled
 
 
 def plunger_count(lines: Sequence[bytes]) -> float:

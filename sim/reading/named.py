@@ -26,10 +26,10 @@ def named_line(command: bytes, text: bytes) -> GcodeLine | None:
     LineError
         When what follows the name isn't ``KEY=value``, or a key stands twice.
     """
-    found = _NAME.match(command)
-    if found is None:
+    match = _NAME.match(command)
+    if match is None:
         return None
-    name, at = found[1].upper(), found.end()
+    name, at = match[1].upper(), match.end()
     parameters: dict[str, str] = {}
     parts = [name]
     placing = meanings().get(name.decode()) in _PLACING
@@ -56,5 +56,5 @@ def named_line(command: bytes, text: bytes) -> GcodeLine | None:
 
 def _unquoted(value: bytes) -> bytes:
     """Take the quotes off that mean nothing."""
-    found = _PLAIN.fullmatch(value)
-    return found[1] if found else value
+    match = _PLAIN.fullmatch(value)
+    return match[1] if match else value

@@ -44,20 +44,20 @@ def words_of(rest: bytes, text: bytes, family: str) -> Iterator[Word]:
     _no_exponents(rest, text, family)
     at = len(rest) - len(rest.lstrip(b" \t"))
     while at < len(rest):
-        found = _WORD.match(rest, at)
-        if found is None:
+        match = _WORD.match(rest, at)
+        if match is None:
             raise _not_a_word(rest[at:], text)
-        letter = found[1].upper()
-        if found[4] is not None:
+        letter = match[1].upper()
+        if match[4] is not None:
             if not find_family(family).grammar.quoted_words:
                 raise refusal("bad_number", text, f"{letter.decode()} has a text in quotes, which "
                               f"{family} doesn't know here; give a number")  # fmt: skip
-            yield letter.decode(), None, letter + found[4]
-        elif found[3] is None:
+            yield letter.decode(), None, letter + match[4]
+        elif match[3] is None:
             yield letter.decode(), None, letter
         else:
-            yield letter.decode(), *_number(letter, found[2], found[3], text)
-        at = found.end()
+            yield letter.decode(), *_number(letter, match[2], match[3], text)
+        at = match.end()
 
 
 def _number(letter: bytes, sign: bytes, digits: bytes, text: bytes) -> tuple[float, bytes]:
@@ -74,12 +74,12 @@ def _number(letter: bytes, sign: bytes, digits: bytes, text: bytes) -> tuple[flo
 
 def _no_exponents(rest: bytes, text: bytes, family: str) -> None:
     """Refuse 1e-5: a power of ten to some, an E word to others."""
-    found = _EXPONENT.search(rest)
-    if found is None:
+    match = _EXPONENT.search(rest)
+    if match is None:
         return
-    if find_family(family).grammar.powers_of_ten or b"e" in found[0]:
+    if find_family(family).grammar.powers_of_ten or b"e" in match[0]:
         raise refusal(
-            "bad_number", text, f"{found[0].decode()!r} is a power of ten to some firmwares and an "
+            "bad_number", text, f"{match[0].decode()!r} is a power of ten to some firmwares and an "
             "E word to others; write the number out, and a blank before a word of E"
         )  # fmt: skip
 

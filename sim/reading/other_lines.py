@@ -29,7 +29,7 @@ def other_lines(gcode: bytes, printer: Printer) -> Others:
         Its ``firmware`` says how lines are read.
     """
     is_plain = PLAIN_MOVE.fullmatch
-    found: list[tuple[int, GcodeLine]] = []
+    others: list[tuple[int, GcodeLine]] = []
     kept: dict[bytes, GcodeLine | None] = {}
     refused = 0
     for number, text in enumerate(gcode.splitlines(), 1):
@@ -43,8 +43,8 @@ def other_lines(gcode: bytes, printer: Printer) -> Others:
             if refused == MOST_REFUSED:
                 break
         elif line and line.code not in _MOVES:
-            found.append((number, line))
-    return tuple(found)
+            others.append((number, line))
+    return tuple(others)
 
 
 def _read(text: bytes, printer: Printer) -> GcodeLine | None:

@@ -15,10 +15,10 @@ _CALL: Final = re.compile(
 
 def output_of(text: str) -> tuple[str, dict[str, str]] | None:
     """Return the output that a command sets, and its words; None where it sets none."""
-    found = _ARRAY.fullmatch(text.strip())
-    if found:
-        number = found[1] if found[1] is not None else found[2]
-        return SETS_ARRAY, {"NUMBER": number, "AXIS": found[3].upper(), "VALUE": found[4]}
+    match = _ARRAY.fullmatch(text.strip())
+    if match:
+        number = match[1] if match[1] is not None else match[2]
+        return SETS_ARRAY, {"NUMBER": number, "AXIS": match[3].upper(), "VALUE": match[4]}
     called = _CALL.fullmatch(text.strip())
     if called:
         words = {"NUMBER": called[2], "AXIS": called[1].upper(), "VALUE": called[3]}

@@ -24,12 +24,12 @@ PLAIN_MOVE: Final = re.compile(
 _LETTERS: Final = ("F", "X", "Y", "Z", "E", "F")
 
 
-def plain_move(found: re.Match[bytes]) -> GcodeLine:
+def plain_move(match: re.Match[bytes]) -> GcodeLine:
     """Convert a match of `PLAIN_MOVE` to a move."""
-    code, *numbers = found.groups()
+    code, *numbers = match.groups()
     words = {
         letter: float(number)
         for letter, number in zip(_LETTERS, numbers, strict=True)
         if number is not None
     }
-    return GcodeLine(code.decode(), words, found[0])
+    return GcodeLine(code.decode(), words, match[0])

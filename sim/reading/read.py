@@ -69,11 +69,11 @@ def read_words(text: bytes, printer: Printer) -> GcodeLine:
     command = command_in(text, family)
     if not command:
         return BLANK
-    found = _CODE.match(command)
-    if found is None:
+    match = _CODE.match(command)
+    if match is None:
         return _without_code(command, text, family)
-    code = _code_of(found, text, family)
-    rest = command[found.end() :]
+    code = _code_of(match, text, family)
+    rest = command[match.end() :]
     letters = accepted_letters(family, code) if code not in printer.extra_commands else None
     if letters is not None and letters.text:
         return text_line(code, rest, text, family)
@@ -85,12 +85,12 @@ def is_name(code: str) -> bool:
     return bool(code) and not (code[0] in "GMT" and code[1:].isdigit())
 
 
-def _code_of(found: re.Match[bytes], text: bytes, family: str) -> str:
-    number = int(found[2]) if len(found[2]) <= 9 else _MOST_CODE + 1
-    letter = found[1].decode()
+def _code_of(match: re.Match[bytes], text: bytes, family: str) -> str:
+    number = int(match[2]) if len(match[2]) <= 9 else _MOST_CODE + 1
+    letter = match[1].decode()
     if number > _MOST_CODE:
         raise refusal(
-            "bad_code", text, f"{letter}{found[2].decode()[:24]} is no code: numbers end at "
+            "bad_code", text, f"{letter}{match[2].decode()[:24]} is no code: numbers end at "
             f"{_MOST_CODE}, and Marlin counts from 0 again above 65535; correct it"
         )  # fmt: skip
     if letter.islower() and not find_family(family).grammar.lower_case:

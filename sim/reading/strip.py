@@ -98,17 +98,17 @@ def _without_number(command: bytes, text: bytes, family: str) -> bytes:
 
 
 def _check(body: bytes, rest: bytes, text: bytes, family: str) -> None:
-    found = _CHECKSUM.fullmatch(rest)
-    if found is None:
+    match = _CHECKSUM.fullmatch(rest)
+    if match is None:
         raise refusal(
             "bad_checksum", text, "an asterisk begins a checksum, and no number alone follows it; "
             "take it out"
         )  # fmt: skip
-    said = int(found[1]) if len(found[1]) <= _CRC_DIGITS else -1
-    crc = find_family(family).grammar.crc16 and len(found[1]) == _CRC_DIGITS
+    checksum = int(match[1]) if len(match[1]) <= _CRC_DIGITS else -1
+    crc = find_family(family).grammar.crc16 and len(match[1]) == _CRC_DIGITS
     right = crc_hqx(body, 0) if crc else reduce(xor, body, 0)
-    if said != right:
+    if checksum != right:
         raise refusal(
-            "bad_checksum", text, f"its checksum is {found[1].decode()}, and the line's is "
+            "bad_checksum", text, f"its checksum is {match[1].decode()}, and the line's is "
             f"{right}: the line was changed or damaged; export the file again"
         )  # fmt: skip

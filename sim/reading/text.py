@@ -80,6 +80,6 @@ def _one_command(code: str, argument: bytes, text: bytes, family: str) -> None:
                 "beside it may be carried out; write the whole text in one pair of quotes"
             )  # fmt: skip
         return
-    found = _COMMAND.search(_QUOTED.sub(b"", argument))
-    if found is not None:
-        raise second_command(found[0].decode(), text)
+    match = _COMMAND.search(_QUOTED.sub(b"", argument))
+    if match is not None:
+        raise second_command(match[0].decode(), text)

@@ -20,5 +20,5 @@ def translator_of(printer: Printer) -> Translate | None:
     module = family_part(printer.firmware, "reading")
     if module is None:
         return None
-    found: Translate = module.translate
-    return found
+    translate: Translate = module.translate
+    return translate

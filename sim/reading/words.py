@@ -29,12 +29,12 @@ class AcceptedLetters(NamedTuple):
 @cache
 def accepted_letters(family: str, code: str) -> AcceptedLetters | None:
     """Letters of a code; None where any will do."""
-    said = find_family(family).grammar.words.get(code)
-    if said is None:
+    letters = find_family(family).grammar.words.get(code)
+    if letters is None:
         return None
-    if said == TEXT:
+    if letters == TEXT:
         return AcceptedLetters(frozenset(), frozenset(), text=True)
-    words = said.split()
+    words = letters.split()
     return AcceptedLetters(
         frozenset(word[0] for word in words),
         frozenset(word[0] for word in words if word.endswith("?")),

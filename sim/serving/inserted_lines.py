@@ -28,17 +28,17 @@ def inserted_lines(journal: Path) -> list[Inserted]:
     Records of a print before the last one that began anew aren't told apart: the host keeps one
     print in a journal. A line that is torn or damaged is passed over.
     """
-    found: list[Inserted] = []
+    inserted: list[Inserted] = []
     try:
         text = journal.read_bytes()
     except OSError:
-        return found
+        return inserted
     for line in text.splitlines():
         crc, _, record = line.partition(b" ")
         if b'"insert"' not in record or crc != b"%08x" % zlib.crc32(record):
             continue
-        told = json.loads(record)
-        if told.get("t") == "insert":
-            lines = [str(one).encode() for one in told["lines"]]
-            found.append(Inserted(int(told["after"]), lines, float(told.get("flow", 1.0))))
-    return found
+        entry = json.loads(record)
+        if entry.get("t") == "insert":
+            lines = [str(one).encode() for one in entry["lines"]]
+            inserted.append(Inserted(int(entry["after"]), lines, float(entry.get("flow", 1.0))))
+    return inserted

@@ -54,26 +54,26 @@ class JobLines:
 
         -1 for a host's own. A move by hand that happens to be the job's next one is taken for it.
         """
-        found = self._find(line)
-        return self._find(line) if found == OWN and self._has_grown() else found
+        number = self._find(line)
+        return self._find(line) if number == OWN and self._has_grown() else number
 
     def _find(self, line: bytes) -> int:
         at = self._next
-        found = _NUMBERED.match(line.rstrip())
-        if found is None or at >= len(self._commands):
+        match = _NUMBERED.match(line.rstrip())
+        if match is None or at >= len(self._commands):
             return OWN
         wanted = self._commands[at]
-        return at if found[1] == wanted or self._sent(found[1]) == wanted else OWN
+        return at if match[1] == wanted or self._sent(match[1]) == wanted else OWN
 
     def take(self, line: bytes) -> int:
         """The same, for a line that is done now: the next command of the job follows it."""
         if _BEGINS.match(line):  # the lines are numbered anew: a print begins
             self._begin()
             return OWN
-        found = self.find(line)
-        if found != OWN:
-            self._next = found + 1
-        return found
+        number = self.find(line)
+        if number != OWN:
+            self._next = number + 1
+        return number
 
     def _has_grown(self) -> bool:
         """Put new inserts of the journal into the commands; whether there was one."""

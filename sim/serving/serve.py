@@ -144,8 +144,8 @@ class Server:
             self._printer.reset()
         line = self._printer.bad_line
         self._pace(line.down(self._port.read()) if event.readable else b"")
-        while said := line.due(time.monotonic()):
-            self._outbox += said
+        while data := line.due(time.monotonic()):
+            self._outbox += data
         if self._outbox:
             self._outbox = self._outbox[self._port.write(self._outbox) :]
         return not self._printer.unplugged

@@ -76,19 +76,19 @@ def dye_curves(
 def _nodes(network: VesselNetwork, flow: CarryingFlow, s: ComplexArray) -> ComplexArray:
     """Flux mean at each node over that of the inlets' step, (m, frequencies)."""
     into = np.zeros(len(network.nodes))
-    found = np.zeros((len(network.nodes), len(s)), dtype=np.complex128)
+    flux = np.zeros((len(network.nodes), len(s)), dtype=np.complex128)
     entering = flow.earliest_s == 0.0
-    found[entering] = 1.0
+    flux[entering] = 1.0
     # Falling pressure: all that enters a node is known before anything leaves it.
     for k in downstream_order(network, flow.solution).tolist():
         first, last = flow_ends(network, flow.solution, k)
-        begun = found[first] if entering[first] else found[first] / into[first]
+        begun = flux[first] if entering[first] else flux[first] / into[first]
         passed = 2.0 * _integrals(s * flow.transit_s[k] / 2.0)[1]
         rate = abs(float(flow.solution.flow[k]))
-        found[last] += rate * begun * passed
+        flux[last] += rate * begun * passed
         into[last] += rate
     scaled = np.where(entering, 1.0, np.maximum(into, STILL))
-    return np.asarray(found / scaled[:, None])
+    return np.asarray(flux / scaled[:, None])
 
 
 def _integrals(z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:

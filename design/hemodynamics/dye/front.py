@@ -143,7 +143,7 @@ def _half(network: VesselNetwork, carried: CarryingFlow, moves: NDArray[np.bool_
     Vessel by vessel in classes of like ages, so that an early one isn't read off steps that are
     fit for the latest.
     """
-    found = np.full(network.vessel_count, np.nan)
+    half_due = np.full(network.vessel_count, np.nan)
     age = mean_age(network, carried)[_begins(network, carried)] + carried.transit_s
     ready = np.flatnonzero(moves & np.isfinite(age))
     octave = np.floor(np.log2(age[ready]))
@@ -156,8 +156,8 @@ def _half(network: VesselNetwork, carried: CarryingFlow, moves: NDArray[np.bool_
         low, high = curves[row, after - 1], curves[row, after]
         part = np.clip((0.5 - low) / np.maximum(high - low, 1e-12), 0.0, 1.0)
         due = times[after - 1] + part * (times[1] - times[0])
-        found[here] = np.where(curves.max(axis=1) >= 0.5, due, np.nan)
-    return found
+        half_due[here] = np.where(curves.max(axis=1) >= 0.5, due, np.nan)
+    return half_due
 
 
 def front_table(network: VesselNetwork, front: DyeFront) -> dict[str, NDArray[np.generic]]:

@@ -44,6 +44,6 @@ class Pries1994:
         from design.hemodynamics.fluids.pries_kernel import relative
 
         wide = np.broadcast_to(np.asarray(radius, dtype=np.float64), np.shape(rate))
-        found = np.empty(wide.shape)
-        relative(wide.ravel(), self.haematocrit, found.reshape(-1))
-        return self.viscosity_pa_s * found, np.ones(wide.shape)
+        viscosity = np.empty(wide.shape)
+        relative(wide.ravel(), self.haematocrit, viscosity.reshape(-1))
+        return self.viscosity_pa_s * viscosity, np.ones(wide.shape)

@@ -8,7 +8,7 @@ from kernels import jit
 
 
 @jit
-def relative(radius: FloatArray, haematocrit: float, found: FloatArray) -> None:
-    """Viscosity at radii (n,), mm, over that in wide vessels, into ``found`` (n,)."""
+def relative(radius: FloatArray, haematocrit: float, viscosity: FloatArray) -> None:
+    """Viscosity at radii (n,), mm, over that in wide vessels, into ``viscosity`` (n,)."""
     for k in range(len(radius)):
-        found[k] = relative_viscosity(radius[k], haematocrit)
+        viscosity[k] = relative_viscosity(radius[k], haematocrit)

@@ -164,12 +164,12 @@ def _cycle(
         steps = steps_for(grid, problem.nodes, problem.period_s, options.samples, options.courant,
                           rate, begun.area)  # fmt: skip
         lines = Lines(grid, places, options.samples)
-        found = _march(problem, lines, steps, options.samples, work)
-        if found * problem.period_s / steps <= STABLE:
-            return lines, steps, found
+        needed = _march(problem, lines, steps, options.samples, work)
+        if needed * problem.period_s / steps <= STABLE:
+            return lines, steps, needed
         for now, then in zip(state, begun, strict=True):
             now[:] = then
-        rate = 1.1 * found
+        rate = 1.1 * needed
     raise FlowError("waves get faster with every attempt at a cycle; check the wall and the flow")
 
 

@@ -73,16 +73,16 @@ def _with_resistances(
 ) -> dict[int, Outlet]:
     """Outlets, a reflection Γ made the resistance Z (1 + Γ)/(1 - Γ) that has it."""
     impedance = end_impedance(grid)
-    found: dict[int, Outlet] = {}
+    outlets: dict[int, Outlet] = {}
     for node in boundary_nodes(network, conditions)[1].tolist():
-        outlet = found[node] = outlet_of(conditions.outlet, node)
+        outlet = outlets[node] = outlet_of(conditions.outlet, node)
         part = reflection.get(node, -1.0)
         if part > -1.0 and isinstance(outlet, PressureOutlet):
             at = np.flatnonzero(network.vessel_nodes.ravel() == node)[0]
             over = min((1.0 + part) / max(1.0 - part, 1e-300), _CLOSED)
             rest = float(np.mean(outlet.waveform.at(np.linspace(0.0, 1.0, 64, endpoint=False))))
-            found[node] = ResistanceOutlet(float(impedance[at]) * over, rest)
-    return found
+            outlets[node] = ResistanceOutlet(float(impedance[at]) * over, rest)
+    return outlets
 
 
 def lumped_extremes(network: VesselNetwork, lumped: PulsatileSolution) -> LumpedForecast:

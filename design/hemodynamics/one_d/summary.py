@@ -17,12 +17,12 @@ def one_d_waves(
 ) -> dict[str, FloatArray]:
     """Flow through inlets and outlets and their mean pressures, over one cycle, (t,)."""
     inlets, outlets = boundary_nodes(network, conditions)
-    found: dict[str, FloatArray] = {"time_s": solution.time_s}
+    waves: dict[str, FloatArray] = {"time_s": solution.time_s}
     for name, nodes, sign in (("inlet", inlets, 1.0), ("outlet", outlets, -1.0)):
         flow, pressure = _through(network, solution, nodes)
-        found[f"{name}_flow_ml_min"] = sign * flow / UL_S_PER_ML_MIN
-        found[f"{name}_pressure_mmhg"] = pressure / PA_PER_MMHG
-    return found
+        waves[f"{name}_flow_ml_min"] = sign * flow / UL_S_PER_ML_MIN
+        waves[f"{name}_pressure_mmhg"] = pressure / PA_PER_MMHG
+    return waves
 
 
 def _through(
@@ -45,7 +45,7 @@ def one_d_summary(
         if name != "kind"
     }
     waves = one_d_waves(network, solution, conditions)
-    found = {
+    summary = {
         "period_s": solution.period_s,
         "cells": float(solution.cells),
         "steps": float(solution.steps),
@@ -64,5 +64,5 @@ def one_d_summary(
     }
     for name in ("reynolds_max", "womersley", "wave_share", "widest"):
         key = f"{name.removesuffix('_max')}_max"
-        found[key] = float(table[name].max())
-    return found | {"wave_speed_min_mm_s": float(table["wave_speed_mm_s"].min())}
+        summary[key] = float(table[name].max())
+    return summary | {"wave_speed_min_mm_s": float(table["wave_speed_mm_s"].min())}

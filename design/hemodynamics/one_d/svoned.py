@@ -125,25 +125,25 @@ def _joints(
     network: VesselNetwork, inlets: set[int], outlets: set[int]
 ) -> dict[int, tuple[list[int], list[int]]]:
     """Vessels that enter and that leave each inner node."""
-    found: dict[int, tuple[list[int], list[int]]] = {}
+    joints: dict[int, tuple[list[int], list[int]]] = {}
     for vessel, (first, last) in enumerate(network.vessel_nodes.tolist()):
-        found.setdefault(first, ([], []))[1].append(vessel)
-        found.setdefault(last, ([], []))[0].append(vessel)
+        joints.setdefault(first, ([], []))[1].append(vessel)
+        joints.setdefault(last, ([], []))[0].append(vessel)
     for node in sorted(inlets | outlets):
-        into, out = found.pop(node)
+        into, out = joints.pop(node)
         right = (0, 1) if node in inlets else (1, 0)
         if (len(into), len(out)) != right:
             raise FlowError(
                 f"{len(into)} vessels enter end {node} and {len(out)} leave it; svOneDSolver "
                 "takes one vessel an end, that leaves an inlet or enters an outlet"
             )
-    for node, (into, out) in found.items():
+    for node, (into, out) in joints.items():
         if not (into and out):
             raise FlowError(
                 f"node {node} has vessels that only {'enter' if into else 'leave'}; turn one "
                 "round for svOneDSolver"
             )
-    return dict(sorted(found.items()))
+    return dict(sorted(joints.items()))
 
 
 def _segments(

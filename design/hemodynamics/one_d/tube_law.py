@@ -115,7 +115,7 @@ def wall_drag(
     FlowError
         As `relaxation_time`.
     """
-    found = stiff * relaxation_time(wall, wall_viscosity_pa_s) / (2.0 * np.sqrt(area))
+    drag = stiff * relaxation_time(wall, wall_viscosity_pa_s) / (2.0 * np.sqrt(area))
     if isinstance(wall, VesselWalls):
-        found += wall.damping(vessel, np.sqrt(area / np.pi)) / area
-    return np.asarray(found)
+        drag += wall.damping(vessel, np.sqrt(area / np.pi)) / area
+    return np.asarray(drag)

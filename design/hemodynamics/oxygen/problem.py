@@ -71,15 +71,15 @@ class OxygenProblem:
         flux = sweep(
             self.transport, self.conductance, self.around(c), self.conditions.inlet_millimolar
         )[0]
-        found = self._spread(c, self.bath) + self.taken_up(c) - self.bath * bath
-        self._scatter(-flux, found)
-        return found
+        loss = self._spread(c, self.bath) + self.taken_up(c) - self.bath * bath
+        self._scatter(-flux, loss)
+        return loss
 
     def _spread(self, c: FloatArray, own: FloatArray) -> FloatArray:
         level, shape = self.levels[0], self.grid.inside.shape
-        found = np.zeros(shape)
-        apply(level.east, level.north, level.up, own.reshape(shape), c.reshape(shape), found)
-        return found.ravel()
+        spread = np.zeros(shape)
+        apply(level.east, level.north, level.up, own.reshape(shape), c.reshape(shape), spread)
+        return spread.ravel()
 
     def slope(self, c: FloatArray) -> FloatArray:
         """Loss per concentration by uptake and bath, of each cell, µL/s."""
@@ -89,9 +89,9 @@ class OxygenProblem:
     def change(self, step: FloatArray, slope: FloatArray) -> FloatArray:
         """By how much `loss` changes with a small step, exactly: what is upstream included."""
         flux = sweep(self.transport, self.conductance, self.around(step), 0.0)[0]
-        found = self._spread(step, slope)
-        self._scatter(-flux, found)
-        return found
+        change = self._spread(step, slope)
+        self._scatter(-flux, change)
+        return change
 
     def approximate_inverse(self, slope: FloatArray) -> VCycle:
         """Of `change`, with each vessel's exchange counted at the cells themselves."""

@@ -41,16 +41,16 @@ def solve_refined(
     FlowError
         As `solve_oxygen`, or for a spacing that the tissue can't be cut by.
     """
-    found: OxygenSolution | None = None
+    solution: OxygenSolution | None = None
     before: OxygenSolution | None = None
     for number in range(GRIDS):
         spacing = spacing_mm * 2.0 ** (GRIDS - 1 - number)
         if report is not None:
             report(8.0 ** (number - GRIDS), f"{spacing * 1e3:.3g} µm")
         if number < GRIDS - 1:
-            found = _coarse(network, flow, grids, spacing, conditions, found, options)
-            before = found
-    return solve_oxygen(network, flow, grids(spacing_mm), conditions, found, options), before
+            solution = _coarse(network, flow, grids, spacing, conditions, solution, options)
+            before = solution
+    return solve_oxygen(network, flow, grids(spacing_mm), conditions, solution, options), before
 
 
 def _coarse(

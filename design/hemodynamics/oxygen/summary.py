@@ -40,7 +40,7 @@ def oxygen_summary(fine: OxygenSolution, coarse: OxygenSolution | None = None) -
     level = conditions.threshold_millimolar
     brought = fine.supplied + max(fine.from_bath, 0.0)
     p5 = _percentile(fine, 5.0)
-    found: dict[str, Any] = {
+    summary: dict[str, Any] = {
         "hypoxic_percent": 100.0 * fine.share_below(level),
         "threshold_millimolar": level,
         "least_millimolar": least,
@@ -66,8 +66,8 @@ def oxygen_summary(fine: OxygenSolution, coarse: OxygenSolution | None = None) -
         "grid_cells": int(grid.inside.sum()),
     }
     if coarse is not None:
-        found["hypoxic_coarser_percent"] = 100.0 * coarse.share_below(level)
-    return found | {"histogram": histogram(fine), "assumptions": assumptions(conditions)}
+        summary["hypoxic_coarser_percent"] = 100.0 * coarse.share_below(level)
+    return summary | {"histogram": histogram(fine), "assumptions": assumptions(conditions)}
 
 
 def _percentile(solution: OxygenSolution, percent: float) -> float:

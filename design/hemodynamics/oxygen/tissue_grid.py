@@ -75,8 +75,8 @@ def grid_of_tissue(tissue: Tissue, spacing_mm: float, scale: float = 1.0) -> Tis
     for first in range(0, shape[0], layers):
         x = origin[0] + spacing_mm * np.arange(first, min(first + layers, shape[0]))
         points = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
-        found = -scale * tissue.grid.distance(points / scale)
-        depth[first : first + layers] = found.reshape(len(x), *shape[1:])
+        inward = -scale * tissue.grid.distance(points / scale)
+        depth[first : first + layers] = inward.reshape(len(x), *shape[1:])
     return _grid(origin, spacing_mm, depth)
 
 

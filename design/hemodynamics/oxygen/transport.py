@@ -142,13 +142,13 @@ def _sweep(
 @jit
 def gather(start: IntArray, cell: IntArray, weight: FloatArray, field: FloatArray) -> FloatArray:
     """Weighted mean of a flat field around each element, (n,)."""
-    found = np.zeros(len(start) - 1)
-    for e in range(len(found)):
+    mean = np.zeros(len(start) - 1)
+    for e in range(len(mean)):
         total = 0.0
         for k in range(start[e], start[e + 1]):
             total += weight[k] * field[cell[k]]
-        found[e] = total
-    return found
+        mean[e] = total
+    return mean
 
 
 @jit

@@ -107,9 +107,9 @@ def _joined(parts: list[LabelledSurface]) -> LabelledSurface:
 
 def _check_reached(parts: list[LabelledSurface], ports: tuple[MeshPort, ...]) -> None:
     """Each port is there, and each part has a way in and one out."""
-    found = {int(k) - 1 for part in parts for k in np.unique(part.label)}
+    reached = {int(k) - 1 for part in parts for k in np.unique(part.label)}
     for number, port in enumerate(ports):
-        if number not in found:
+        if number not in reached:
             raise FlowError(
                 f"the lumen's surface doesn't reach node {port.node} at "
                 f"{_place(port)}; bring it into the network's frame, or draw it out to there"

@@ -118,16 +118,16 @@ def effective_network(
     still = _STILL * np.abs(flow).max()
     safe = np.where(np.abs(flow) > still, flow, np.inf)
     ratio = (nodal[:, 0] - nodal[:, 1]) / safe / nominal
-    told = (ratio > _LEAST) & (ratio < 1.0 / _LEAST)
+    sure = (ratio > _LEAST) & (ratio < 1.0 / _LEAST)
     ratio = np.where(np.isfinite(safe), np.clip(ratio, _LEAST, 1.0 / _LEAST), 1.0)
     fall = begin.pressure[:, 0] - end.pressure[:, 0]
     clear = np.where(np.isfinite(safe), fall / safe / (until - before), 1.0)
     return Effective(
-        rescaled(network, ratio**-0.25), flow, pressure, ratio * nominal, nominal, clear, loss, told
+        rescaled(network, ratio**-0.25), flow, pressure, ratio * nominal, nominal, clear, loss, sure
     )
 
 
-def flow_error(network: VesselNetwork, conditions: FlowConditions, found: Effective) -> Gap:
+def flow_error(network: VesselNetwork, conditions: FlowConditions, effective: Effective) -> Gap:
     """How far 0D of ``network`` (the nominal one, or `Effective.network`) is from 3D.
 
     Raises
@@ -137,8 +137,9 @@ def flow_error(network: VesselNetwork, conditions: FlowConditions, found: Effect
     """
     lumped = solve_flow(network, conditions)
     return Gap(
-        float(np.abs(lumped.flow - found.flow).max()) / inflow_of(network, found.flow),
-        float(np.abs(lumped.pressure - found.pressure).max()) / float(np.ptp(found.pressure)),
+        float(np.abs(lumped.flow - effective.flow).max()) / inflow_of(network, effective.flow),
+        float(np.abs(lumped.pressure - effective.pressure).max())
+        / float(np.ptp(effective.pressure)),
     )
 
 
@@ -193,7 +194,7 @@ def _at_nodes(
         [(at_ends[long] * weight[long, None]).T.ravel(), nominal_fall[short] * weight[short]]
     )
     known = np.isfinite(held)
-    found = np.where(known, held, 0.0)
-    rest = wanted - matrix @ found
-    found[~known] = np.linalg.lstsq(matrix[:, ~known], rest, rcond=1e-12)[0]
-    return found
+    at_nodes = np.where(known, held, 0.0)
+    rest = wanted - matrix @ at_nodes
+    at_nodes[~known] = np.linalg.lstsq(matrix[:, ~known], rest, rcond=1e-12)[0]
+    return at_nodes

@@ -34,11 +34,11 @@ def engine_mesh(ng: Any, mesh: LumenMesh) -> Any:
         An element that isn't mapped one to one (see `straightened`), labels without a port.
     """
     _check(mesh)
-    found = ng.Mesh(_straight(mesh))
+    curved = ng.Mesh(_straight(mesh))
     if np.any(_bent(mesh)):
         # The deformation lives on the mesh that it deforms, so that it is held there.
-        found.SetDeformation(_deformation(ng, found, mesh))
-    return found
+        curved.SetDeformation(_deformation(ng, curved, mesh))
+    return curved
 
 
 def _check(mesh: LumenMesh) -> None:
@@ -61,19 +61,19 @@ def _straight(mesh: LumenMesh) -> Any:
     # Loaded by the engine already; ours to import only where it is.
     from netgen import meshing
 
-    found = meshing.Mesh(dim=3)
-    found.AddPoints(np.ascontiguousarray(mesh.points[: mesh.corner_count]))
+    straight = meshing.Mesh(dim=3)
+    straight.AddPoints(np.ascontiguousarray(mesh.points[: mesh.corner_count]))
     names = [WALL_NAME, *(port_name(k) for k in range(len(mesh.ports)))]
     for label in range(len(names)):
-        found.Add(meshing.FaceDescriptor(surfnr=label + 1, domin=1, bc=label + 1))
+        straight.Add(meshing.FaceDescriptor(surfnr=label + 1, domin=1, bc=label + 1))
         faces = mesh.faces[mesh.label == label, :3].astype(np.int32)
         if len(faces):
-            found.AddElements(dim=2, index=label + 1, data=np.ascontiguousarray(faces), base=0)
+            straight.AddElements(dim=2, index=label + 1, data=np.ascontiguousarray(faces), base=0)
     tets = np.ascontiguousarray(mesh.tets[:, :4].astype(np.int32))
-    found.AddElements(dim=3, index=1, data=tets, base=0)
+    straight.AddElements(dim=3, index=1, data=tets, base=0)
     for label, name in enumerate(names):
-        found.SetBCName(label, name)
-    return found
+        straight.SetBCName(label, name)
+    return straight
 
 
 def _bent(mesh: LumenMesh) -> FloatArray:
@@ -81,14 +81,14 @@ def _bent(mesh: LumenMesh) -> FloatArray:
     return np.asarray(mesh.points[mesh.tets[:, 4:]] - mesh.points[mesh.tets[:, EDGES]].mean(axis=2))
 
 
-def _deformation(ng: Any, found: Any, mesh: LumenMesh) -> Any:
+def _deformation(ng: Any, curved: Any, mesh: LumenMesh) -> Any:
     """Quadratic displacement; the engine's bubble of an edge is -1/8 at its middle."""
-    ends = np.array([[v.nr for v in edge.vertices] for edge in found.edges])
+    ends = np.array([[v.nr for v in edge.vertices] for edge in curved.edges])
     key = _pair_key(ends, mesh.corner_count)
     order = np.argsort(key)
     ours = _pair_key(mesh.tets[:, EDGES].reshape(-1, 2), mesh.corner_count)
     edge = order[np.searchsorted(key[order], ours)]
-    field = ng.GridFunction(ng.VectorH1(found, order=2))
+    field = ng.GridFunction(ng.VectorH1(curved, order=2))
     values = field.vec.FV().NumPy().reshape(3, -1)
     values[:, mesh.corner_count + edge] = -8.0 * _bent(mesh).reshape(-1, 3).T
     return field

@@ -143,9 +143,9 @@ def corner_normals(points: FloatArray, faces: NDArray[np.integer[Any]]) -> Float
     around = np.zeros_like(points)
     for k in range(3):
         np.add.at(around, faces[:, k], angle[:, k, None] * own)
-    found = _unit(around)[faces]
-    crease = np.einsum("fkd,fd->fk", found, own) < _CREASE
-    return np.where(crease[..., None], own[:, None], found)
+    normals = _unit(around)[faces]
+    crease = np.einsum("fkd,fd->fk", normals, own) < _CREASE
+    return np.where(crease[..., None], own[:, None], normals)
 
 
 def _unit(vectors: FloatArray) -> FloatArray:

@@ -66,7 +66,7 @@ def solve_harmonics(
         room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), how.order, plan.inflow)
         number = _numbers(plan, period, clock.steps)
         omega = 2.0 * np.pi * number / period
-        found = [
+        amplitudes = [
             _one(
                 room, mesh, plan, float(w), lambda wave, n=n: _phasor(wave, period, clock.steps, n)
             )
@@ -74,13 +74,13 @@ def solve_harmonics(
         ]
         record, times = Record(room, mesh, clock, sections), cycle_times(period, clock.steps)
         for k, time in enumerate(times):
-            record.keep(k, (np.exp(1j * omega * time) @ np.array(found)).real)
+            record.keep(k, (np.exp(1j * omega * time) @ np.array(amplitudes)).real)
         return record.waves(times, np.zeros(0))
 
 
 def _numbers(plan: PortPlan, period: float, steps: int) -> NDArray[np.int64]:
-    found = [harmonics_of(wave, period, steps)[0] for wave in plan.waveforms()]
-    return np.unique(np.concatenate(found))
+    numbers = [harmonics_of(wave, period, steps)[0] for wave in plan.waveforms()]
+    return np.unique(np.concatenate(numbers))
 
 
 def _phasor(waveform: Waveform, period: float, steps: int, number: int) -> complex:
@@ -107,8 +107,8 @@ def _one(room: Spaces, mesh: LumenMesh, plan: PortPlan, omega: float, phasor: An
         start, load, slope, given = (x.real for x in (start, load, slope, given))
     border = BorderBlocks.around(stokes.solve, columns_of(room, plan), slope, room.free)
     right = np.concatenate([room.free * (load - stokes.times(start)), given])
-    found, _ = solve_bordered(stokes.times, stokes.solve, border, right, room.free, _RTOL)
-    return np.asarray(start + found[: room.count], dtype=np.complex128)
+    unknowns, _ = solve_bordered(stokes.times, stokes.solve, border, right, room.free, _RTOL)
+    return np.asarray(start + unknowns[: room.count], dtype=np.complex128)
 
 
 def _law(law: Law, omega: float, phasor: Any) -> tuple[complex, complex]:

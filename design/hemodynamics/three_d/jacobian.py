@@ -71,9 +71,9 @@ def straighten_edges(mesh: LumenMesh, least: float = LEAST) -> tuple[LumenMesh, 
 
 def _middles(mesh: LumenMesh) -> FloatArray:
     """Straight middle of every edge at its node's place; corners as they are."""
-    found = mesh.points.copy()
-    found[mesh.tets[:, 4:]] = mesh.points[mesh.tets[:, EDGES]].mean(axis=2)
-    return found
+    points = mesh.points.copy()
+    points[mesh.tets[:, 4:]] = mesh.points[mesh.tets[:, EDGES]].mean(axis=2)
+    return points
 
 
 def _straight(mesh: LumenMesh) -> FloatArray:

@@ -35,11 +35,11 @@ def shapes(degree: int, at: FloatArray) -> tuple[FloatArray, FloatArray]:
     index = multi_indices(degree)
     factors = np.stack([value[:, c, index[:, c]] for c in range(4)], axis=-1)
     slopes = np.stack([slope[:, c, index[:, c]] for c in range(4)], axis=-1)
-    found = np.empty_like(factors)
+    derivatives = np.empty_like(factors)
     for c in range(4):
         others = [d for d in range(4) if d != c]
-        found[..., c] = slopes[..., c] * factors[..., others].prod(axis=-1)
-    return factors.prod(axis=-1), found
+        derivatives[..., c] = slopes[..., c] * factors[..., others].prod(axis=-1)
+    return factors.prod(axis=-1), derivatives
 
 
 def _powers(degree: int, at: FloatArray) -> tuple[FloatArray, FloatArray]:

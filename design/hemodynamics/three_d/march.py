@@ -121,8 +121,8 @@ class _Stepper:
         guess[:count] = np.where(room.free, guess[:count], self.inflow.at(time_s))
         share = 0.0 if problem.convection is None else 1.0
         limit = _TOLERANCE * self.scale
-        found = newton(problem, guess, share, limit, self.scale, self.guide)
-        self.earlier, self.before, self.now = self.before, self.now, found.unknowns
+        solution = newton(problem, guess, share, limit, self.scale, self.guide)
+        self.earlier, self.before, self.now = self.before, self.now, solution.unknowns
         self.laws.keep(problem.border.columns.T @ self.now[:count])
 
 
@@ -136,9 +136,9 @@ def _mass(room: Spaces, factor: float) -> Any:
     inner, count = matrix_operator(form.mat, state, answer), room.velocity.ndof
 
     def applied(values: FloatArray) -> FloatArray:
-        found = np.zeros_like(values)
-        found[:count] = inner(values[:count])
-        return found
+        solved = np.zeros_like(values)
+        solved[:count] = inner(values[:count])
+        return solved
 
     applied.form = form  # type: ignore[attr-defined]  # holds the matrix as long as it is used
     return applied
@@ -171,10 +171,10 @@ def _change(stepper: _Stepper, begin: FloatArray) -> float:
     """Largest change of velocity and of pressure, each of its own largest value."""
     velocity, count = stepper.room.velocity.ndof, stepper.room.count
     parts = (slice(0, velocity), slice(velocity, count), slice(count, None))
-    found = 0.0
+    change = 0.0
     for part in parts:
         new, old = stepper.now[part], begin[part]
         largest = float(np.abs(new).max(initial=0.0))
         if largest > 0.0:
-            found = max(found, float(np.abs(new - old).max()) / largest)
-    return found
+            change = max(change, float(np.abs(new - old).max()) / largest)
+    return change

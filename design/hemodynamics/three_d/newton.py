@@ -110,16 +110,16 @@ def _at(reynolds: float) -> str:
 
 def _led(
     problem: FlowProblem,
-    found: NewtonSolution,
+    solution: NewtonSolution,
     loads: tuple[float, ...],
     limit: float,
     scale: float,
 ) -> NewtonSolution:
-    steps = found.krylov
+    steps = solution.krylov
     for share in loads:
-        found = newton(problem, found.unknowns, share, limit, scale)
-        steps += found.krylov
-    return NewtonSolution(found.unknowns, found.residual, steps)
+        solution = newton(problem, solution.unknowns, share, limit, scale)
+        steps += solution.krylov
+    return NewtonSolution(solution.unknowns, solution.residual, steps)
 
 
 def newton(
@@ -211,9 +211,9 @@ class Guide:
 
     def _solved(self, times: Apply, residual: FloatArray, rtol: float, limit: int) -> FloatArray:
         free = self.problem.spaces.free
-        found, steps = solve_bordered(times, self.solve, self.border, -residual, free, rtol, limit)
+        solved, steps = solve_bordered(times, self.solve, self.border, -residual, free, rtol, limit)
         self.krylov += steps
-        return found
+        return solved
 
 
 def _damped(

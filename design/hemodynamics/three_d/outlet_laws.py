@@ -39,15 +39,15 @@ class OutletLaws:
 
     def given(self, time_s: float) -> FloatArray:
         """S (m,) at the time stepped to, µL/s."""
-        found = np.zeros(len(self._laws))
+        sources = np.zeros(len(self._laws))
         for k, law in enumerate(self._laws):
             if isinstance(law, GivenFlow):
-                found[k] = law.factor * float(law.waveform.at(np.array([time_s]))[0])
+                sources[k] = law.factor * float(law.waveform.at(np.array([time_s]))[0])
             elif isinstance(law, ResistanceOutlet):
-                found[k] = -law.distal_pa / law.resistance
+                sources[k] = -law.distal_pa / law.resistance
             else:
-                found[k] = -self.slope[k] * self._inner(k, law, 0.0)
-        return found
+                sources[k] = -self.slope[k] * self._inner(k, law, 0.0)
+        return sources
 
     def keep(self, flow: FloatArray) -> None:
         """Take the step with this flow (m,), µL/s."""

@@ -54,9 +54,9 @@ def unit_profile(spaces: Spaces, mesh: LumenMesh, port: int, rate: complex = 0.0
     answer = load.vec.CreateVector()
     answer.data = form.mat.Inverse(inside, inverse="sparsecholesky") * load.vec
     shape = answer.FV().NumPy()
-    found = np.zeros(spaces.count, dtype=shape.dtype)
+    unknowns = np.zeros(spaces.count, dtype=shape.dtype)
     for axis in range(3):
-        found[axis * scalar.ndof : (axis + 1) * scalar.ndof] = (
+        unknowns[axis * scalar.ndof : (axis + 1) * scalar.ndof] = (
             -mesh.ports[port].outward[axis] * shape
         )
-    return np.asarray(found / -(spaces.outward[port] @ found))
+    return np.asarray(unknowns / -(spaces.outward[port] @ unknowns))

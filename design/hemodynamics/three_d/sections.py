@@ -140,11 +140,11 @@ def probe_steady(network: VesselNetwork, probes: Probes, field: Field) -> ProbeW
     FlowError
         As `sections_at`.
     """
-    found = sections_at(network, probes, field.mesh, field.order)
+    sections = sections_at(network, probes, field.mesh, field.order)
     return ProbeWaves(
         np.zeros(1),
-        np.array([[s.mean_pressure(field)] for s in found]),
-        np.array([[s.flow(field)] for s in found]),
+        np.array([[s.mean_pressure(field)] for s in sections]),
+        np.array([[s.flow(field)] for s in sections]),
     )
 
 

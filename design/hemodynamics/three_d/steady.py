@@ -65,8 +65,8 @@ def solve_steady(
     with engine_threads(how.threads) as ng:
         room = spaces(ng, engine_mesh(ng, mesh), len(mesh.ports), how.order, plan.inflow)
         problem = steady_problem(room, mesh, plan, how)
-        found = solve_newton(problem, how.tolerance, _reynolds_scale(mesh, plan))
-        return _solution(room, mesh, plan, found)
+        solution = solve_newton(problem, how.tolerance, _reynolds_scale(mesh, plan))
+        return _solution(room, mesh, plan, solution)
 
 
 def plan_of(
@@ -130,10 +130,10 @@ def check_laminar(mesh: LumenMesh, plan: PortPlan, flow: FloatArray, port: int |
     """
     if port is None:
         return
-    found = float(np.abs(reynolds(plan, float(np.abs(flow).max()), mesh.ports[port].radius_mm)))
-    if found > LAMINAR:
+    number = float(np.abs(reynolds(plan, float(np.abs(flow).max()), mesh.ports[port].radius_mm)))
+    if number > LAMINAR:
         raise FlowError(
-            f"Reynolds number {found:.0f} at port {port} (node {mesh.ports[port].node}, radius "
+            f"Reynolds number {number:.0f} at port {port} (node {mesh.ports[port].node}, radius "
             f"{mesh.ports[port].radius_mm:g} mm) is above {LAMINAR:.0f}: no laminar flow to solve "
             "for; lower the flow, or widen the lumen"
         )
@@ -151,9 +151,9 @@ def _reynolds_scale(mesh: LumenMesh, plan: PortPlan) -> float:
 
 
 def _solution(
-    room: Spaces, mesh: LumenMesh, plan: PortPlan, found: NewtonSolution
+    room: Spaces, mesh: LumenMesh, plan: PortPlan, solution: NewtonSolution
 ) -> ThreeDSolution:
-    unknowns = found.unknowns[: room.count]
+    unknowns = solution.unknowns[: room.count]
     field = field_of(room, mesh, unknowns)
     flow = room.outward @ unknowns
     number = np.array(
@@ -169,7 +169,7 @@ def _solution(
         reynolds=number,
         energy=energy_of(room, plan, unknowns),
         unknowns=room.count,
-        residual=found.residual,
-        krylov=found.krylov,
+        residual=solution.residual,
+        krylov=solution.krylov,
         coefficients=unknowns,
     )

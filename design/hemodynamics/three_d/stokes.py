@@ -95,9 +95,9 @@ class Stokes:
 
     def times(self, values: NDArray[Any]) -> NDArray[Any]:
         """The operator itself, without slack: cheaper to take out than to hold a second matrix."""
-        found, first = self._with_slack(values), self.spaces.velocity.ndof
-        found[first:] += self._slack(values[first:])
-        return found
+        product, first = self._with_slack(values), self.spaces.velocity.ndof
+        product[first:] += self._slack(values[first:])
+        return product
 
     def factor_with(
         self, convection: Convection, share: float, values: FloatArray
@@ -193,9 +193,9 @@ class Convection:
         """Its vector at these unknowns, (n,)."""
         self._in.FV().NumPy()[:] = values[: self.spaces.velocity.ndof]
         self._form.Apply(self._in, self._out)
-        found = np.zeros(self.spaces.count)
-        found[: self.spaces.velocity.ndof] = self._out.FV().NumPy()
-        return found
+        vector = np.zeros(self.spaces.count)
+        vector[: self.spaces.velocity.ndof] = self._out.FV().NumPy()
+        return vector
 
     def derivative(self, values: FloatArray) -> Callable[[FloatArray], FloatArray]:
         """Its derivative there, as a function of changes."""
@@ -209,8 +209,8 @@ class Convection:
         count = self.spaces.velocity.ndof
 
         def applied(change: FloatArray) -> FloatArray:
-            found = np.zeros_like(change)
-            found[:count] = inner(change[:count])
-            return found
+            padded = np.zeros_like(change)
+            padded[:count] = inner(change[:count])
+            return padded
 
         return applied

@@ -60,11 +60,11 @@ def _check_ports(surface: LabelledSurface, ports: tuple[MeshPort, ...]) -> None:
         surface.label, 0.5 * np.linalg.norm(across, axis=1), minlength=len(ports) + 1
     )
     for k, port in enumerate(ports):
-        found, disc = float(area[k + 1]), np.pi * port.radius_mm**2
-        if not _LEAST_PORT * disc < found < disc * (1.0 + 1e-6):
+        face_area, disc = float(area[k + 1]), np.pi * port.radius_mm**2
+        if not _LEAST_PORT * disc < face_area < disc * (1.0 + 1e-6):
             x, y, z = port.centre
             raise FlowError(
                 f"the free end at node {port.node} ({x:.3f}, {y:.3f}, {z:.3f} mm) isn't an open "
-                f"disc: {found:.3g} of {disc:.3g} mm²; another vessel runs into it, or it is "
+                f"disc: {face_area:.3g} of {disc:.3g} mm²; another vessel runs into it, or it is "
                 "shorter than it is wide: draw it out, or move it"
             )

@@ -90,10 +90,10 @@ def write_svmultiphysics(
     for k, port in enumerate(mesh.ports):
         name = face_name(mesh, k + 1)
         if port.inlet:
-            told = _inlet(name, conditions, shares.get(k, 1.0), period, files)
+            condition = _inlet(name, conditions, shares.get(k, 1.0), period, files)
         else:
-            told = _outlet(name, _of(conditions.outlet, port.node, k), period, files)
-        _fill(equation, "Add_BC", told, name=name)
+            condition = _outlet(name, _of(conditions.outlet, port.node, k), period, files)
+        _fill(equation, "Add_BC", condition, name=name)
     wall = {"Type": "Dir", "Time_dependence": "Steady", "Value": 0.0}
     _fill(equation, "Add_BC", wall, name=face_name(mesh, WALL))
     write_mesh_complete(folder / "mesh-complete", mesh)
@@ -141,8 +141,8 @@ def _general(steps: MarchSteps, period: float) -> Fields:
 
 def _add_mesh(root: ElementTree.Element, mesh: LumenMesh) -> None:
     where = "mesh-complete"
-    told = {"Mesh_file_path": f"{where}/mesh-complete.mesh.vtu"}
-    part = _fill(root, "Add_mesh", told, name="msh")
+    values = {"Mesh_file_path": f"{where}/mesh-complete.mesh.vtu"}
+    part = _fill(root, "Add_mesh", values, name="msh")
     for label in range(len(mesh.ports) + 1):
         name = face_name(mesh, label)
         path = f"{where}/mesh-surfaces/{name}.vtp"
@@ -168,7 +168,7 @@ def _add_numerics(equation: ElementTree.Element) -> None:
     _fill(equation, "Output", wanted, type="Spatial")
     solver = _fill(equation, "LS", {}, type="NS")
     _fill(solver, "Linear_algebra", {"Preconditioner": "fsils"}, type="fsils")
-    told = {
+    values = {
         "Max_iterations": 15,
         "NS_GM_max_iterations": 10,
         "NS_CG_max_iterations": 300,
@@ -178,7 +178,7 @@ def _add_numerics(equation: ElementTree.Element) -> None:
         "Absolute_tolerance": 1e-17,
         "Krylov_space_dimension": 250,
     }
-    for key, value in told.items():
+    for key, value in values.items():
         _fill(solver, key, value)
 
 

@@ -85,10 +85,10 @@ def _element_behind(tets: IntArray, faces: IntArray) -> IntArray:
     _, which = np.unique(both, axis=0, return_inverse=True)
     owner = np.full(int(which.max()) + 1, -1)
     owner[which[: len(sides)]] = np.repeat(np.arange(len(tets)), 4)
-    found = owner[which[len(sides) :]]
-    if (found < 0).any():
-        raise FlowError(f"face {int(np.argmin(found))} bounds no tetrahedron; mesh again")
-    return found
+    elements = owner[which[len(sides) :]]
+    if (elements < 0).any():
+        raise FlowError(f"face {int(np.argmin(elements))} bounds no tetrahedron; mesh again")
+    return elements
 
 
 def _write_volume(path: Path, points: NDArray[Any], tets: IntArray) -> None:

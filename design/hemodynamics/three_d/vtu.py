@@ -64,10 +64,10 @@ def at_points(mesh: LumenMesh, values: FloatArray, degree: int) -> FloatArray:
     """Values (t, n, c) at elements' nodes of a degree told at the mesh's own points, (p, c)."""
     own = np.concatenate([np.eye(4), np.eye(4)[EDGES].mean(axis=1)])
     by_node = shapes(degree, own)[0]
-    told = np.einsum("pn,tnc->tpc", by_node, values)
-    found = np.zeros((len(mesh.points), values.shape[2]))
-    found[mesh.tets] = told
-    return found
+    at_elements = np.einsum("pn,tnc->tpc", by_node, values)
+    at_nodes = np.zeros((len(mesh.points), values.shape[2]))
+    at_nodes[mesh.tets] = at_elements
+    return at_nodes
 
 
 def _document(mesh: LumenMesh, data: Mapping[str, FloatArray]) -> str:

@@ -54,15 +54,15 @@ class LumenWall:
 
     def distance(self, points: FloatArray) -> FloatArray:
         """Signed distance at each of ``points`` (n, 3), mm; right in sign and zero."""
-        found = np.empty(len(points))
-        distances(self.rows, self.joints, self.cells, np.ascontiguousarray(points), found)
-        return found
+        signed = np.empty(len(points))
+        distances(self.rows, self.joints, self.cells, np.ascontiguousarray(points), signed)
+        return signed
 
     def size(self, points: FloatArray) -> FloatArray:
         """Wanted edge length at each point, mm: a share of the nearest vessel's radius."""
-        found = np.empty(len(points))
-        radii(self.rows, self.cells, np.ascontiguousarray(points), found)
-        return self.ratio * found
+        sizes = np.empty(len(points))
+        radii(self.rows, self.cells, np.ascontiguousarray(points), sizes)
+        return self.ratio * sizes
 
     def onto(self, points: FloatArray, patch: IntArray) -> FloatArray:
         """Points moved onto the wall, onto their port, or onto the rim between (see `Shape`)."""

@@ -124,19 +124,19 @@ def field(
 
 @jit
 def distances(
-    rows: FloatArray, joints: FloatArray, cells: Cells, points: FloatArray, found: FloatArray
+    rows: FloatArray, joints: FloatArray, cells: Cells, points: FloatArray, signed: FloatArray
 ) -> None:
-    """`field` at each of ``points`` (n, 3), into ``found`` (n,)."""
+    """`field` at each of ``points`` (n, 3), into ``signed`` (n,)."""
     g = np.empty(3)
     for n in range(len(points)):
-        found[n] = field(rows, joints, cells, points[n], g)
+        signed[n] = field(rows, joints, cells, points[n], g)
 
 
 @jit
-def radii(rows: FloatArray, cells: Cells, points: FloatArray, found: FloatArray) -> None:
+def radii(rows: FloatArray, cells: Cells, points: FloatArray, sizes: FloatArray) -> None:
     """Radius of the vessel whose wall is nearest, or that holds the place deepest."""
     for n in range(len(points)):
-        least, found[n] = inf, 0.0
+        least, sizes[n] = inf, 0.0
         begin, end = _near(cells, points[n, 0], points[n, 1], points[n, 2])
         for m in range(begin, end):
             row = rows[cells.item[m]]
@@ -146,7 +146,7 @@ def radii(rows: FloatArray, cells: Cells, points: FloatArray, found: FloatArray)
                 s += (points[n, k] - row[k]) * row[3 + k]
             radius = row[7] + row[8] * min(max(s, 0.0), row[6])
             if abs(a) / radius < least:
-                least, found[n] = abs(a) / radius, radius
+                least, sizes[n] = abs(a) / radius, radius
 
 
 @jit

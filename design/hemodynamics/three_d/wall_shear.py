@@ -39,8 +39,8 @@ def elements_behind(mesh: LumenMesh, faces: IntArray) -> tuple[IntArray, IntArra
     count = mesh.corner_count
     side_key = _key(mesh.tets[:, sides].reshape(-1, 3), count)
     order = np.argsort(side_key, kind="stable")
-    found = order[np.searchsorted(side_key[order], _key(mesh.faces[faces, :3], count))]
-    tet = found // 4
+    half_faces = order[np.searchsorted(side_key[order], _key(mesh.faces[faces, :3], count))]
+    tet = half_faces // 4
     same = mesh.tets[tet, :4][:, None, :] == mesh.faces[faces, :3][:, :, None]
     return tet, same.argmax(axis=2)
 

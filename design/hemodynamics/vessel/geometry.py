@@ -19,11 +19,11 @@ POWERS: Final = {0: 0, 1: 1, 2: 2, 3: 3, -2: 4, -4: 5}
 
 def integrals(network: VesselNetwork) -> FloatArray:
     """∫ r^power ds over each vessel for all `POWERS`, (6, v), mm^(power + 1); 0 is the length."""
-    found = np.zeros((len(POWERS), network.vessel_count))
+    sums = np.zeros((len(POWERS), network.vessel_count))
     _integrate(
-        np.ascontiguousarray(network.points), np.asarray(network.radius), network.offset, found
+        np.ascontiguousarray(network.points), np.asarray(network.radius), network.offset, sums
     )
-    return found
+    return sums
 
 
 def integral_of_power(network: VesselNetwork, power: int) -> FloatArray:
@@ -38,18 +38,18 @@ def integral_of_power(network: VesselNetwork, power: int) -> FloatArray:
 
 
 @jit
-def _integrate(points: FloatArray, radius: FloatArray, offset: IntArray, found: FloatArray) -> None:
+def _integrate(points: FloatArray, radius: FloatArray, offset: IntArray, sums: FloatArray) -> None:
     """Piece by piece; NumPy takes ten passes over a million vessels for it."""
-    for vessel in range(found.shape[1]):
+    for vessel in range(sums.shape[1]):
         for k in range(offset[vessel], offset[vessel + 1] - 1):
             a, b, square = radius[k], radius[k + 1], 0.0
             for axis in range(3):
                 square += (points[k + 1, axis] - points[k, axis]) ** 2
             length, ab = np.sqrt(square), a * b
             second = (a * a + ab + b * b) / 3.0
-            found[0, vessel] += length
-            found[1, vessel] += length * (a + b) / 2.0
-            found[2, vessel] += length * second
-            found[3, vessel] += length * (a + b) * (a * a + b * b) / 4.0
-            found[4, vessel] += length / ab
-            found[5, vessel] += length * second / (ab * ab * ab)
+            sums[0, vessel] += length
+            sums[1, vessel] += length * (a + b) / 2.0
+            sums[2, vessel] += length * second
+            sums[3, vessel] += length * (a + b) * (a * a + b * b) / 4.0
+            sums[4, vessel] += length / ab
+            sums[5, vessel] += length * second / (ab * ab * ab)

@@ -41,11 +41,11 @@ class Pipes:
 
     def conductance(self, viscosity: FloatArray | float) -> tuple[FloatArray, FloatArray]:
         """Resistance and its inverse, (v,) each; as `resistance`."""
-        found, inverse = np.empty((2, len(self.radius)))
-        each = np.broadcast_to(np.asarray(viscosity, dtype=np.float64), found.shape)
-        if not _resist(each, self.per_viscosity, found, inverse):
-            _refuse(self, found)
-        return found, inverse
+        resistance, inverse = np.empty((2, len(self.radius)))
+        each = np.broadcast_to(np.asarray(viscosity, dtype=np.float64), resistance.shape)
+        if not _resist(each, self.per_viscosity, resistance, inverse):
+            _refuse(self, resistance)
+        return resistance, inverse
 
 
 def measure_pipes(network: VesselNetwork) -> Pipes:
@@ -106,13 +106,13 @@ def _measure(
 
 @jit
 def _resist(
-    viscosity: FloatArray, per_viscosity: FloatArray, found: FloatArray, inverse: FloatArray
+    viscosity: FloatArray, per_viscosity: FloatArray, resistance: FloatArray, inverse: FloatArray
 ) -> bool:
     """Whether all came out as numbers above 0."""
     sound = True
-    for v in range(len(found)):
+    for v in range(len(resistance)):
         r = viscosity[v] * per_viscosity[v]
-        found[v], inverse[v] = r, 1.0 / r
+        resistance[v], inverse[v] = r, 1.0 / r
         sound = sound and 0.0 < r < np.inf
     return sound
 

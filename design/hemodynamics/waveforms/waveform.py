@@ -156,13 +156,13 @@ def common_period(waveforms: tuple[Waveform, ...]) -> float | None:
     FlowError
         When they differ.
     """
-    found = [w.period_s for w in waveforms if w.period_s is not None]
-    for period in found[1:]:
-        if abs(period - found[0]) > _CLOSES * found[0]:
+    periods = [w.period_s for w in waveforms if w.period_s is not None]
+    for period in periods[1:]:
+        if abs(period - periods[0]) > _CLOSES * periods[0]:
             raise FlowError(
-                f"waveforms have periods {found[0]:g} and {period:g} s; give all the same one"
+                f"waveforms have periods {periods[0]:g} and {period:g} s; give all the same one"
             )
-    return found[0] if found else None
+    return periods[0] if periods else None
 
 
 def _check_samples(time: FloatArray, value: FloatArray) -> None:

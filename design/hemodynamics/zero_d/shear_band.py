@@ -55,12 +55,12 @@ def band_summary(
         "length": measured[0],
         "area": measured[POWERS[1]],
     }
-    found: dict[str, float | str] = {
+    summary: dict[str, float | str] = {
         "low_dyn_cm2": band.low_pa * DYN_CM2_PER_PA,
         "high_dyn_cm2": band.high_pa * DYN_CM2_PER_PA,
     }
     for name, amount in amounts.items():
         for place in PLACES:
-            found[f"{name}_{place}"] = float(amount[where == place].sum() / amount.sum())
-    most = [place for place in PLACES if float(found[f"area_{place}"]) >= ENOUGH]
-    return found | {"verdict": most[0] if most else "mixed"}
+            summary[f"{name}_{place}"] = float(amount[where == place].sum() / amount.sum())
+    most = [place for place in PLACES if float(summary[f"area_{place}"]) >= ENOUGH]
+    return summary | {"verdict": most[0] if most else "mixed"}

@@ -57,8 +57,8 @@ def flow_summary(
     lost = 0.0 if solution.loss is None else float(solution.loss @ solution.flow)
     dissipated += lost
     power = float(solution.pressure[ends] @ inflow[ends])
-    told = {} if solution.loss is None else {"losses_share": lost / max(dissipated, 1e-300)}
-    return told | {
+    losses = {} if solution.loss is None else {"losses_share": lost / max(dissipated, 1e-300)}
+    return losses | {
         "vessel_count": float(network.vessel_count),
         "inflow_ul_s": entering,
         "inflow_ml_min": entering / UL_S_PER_ML_MIN,

@@ -33,9 +33,9 @@ def twins_of(faces: IntArray) -> IntArray:
 
 def leaving(faces: IntArray, count: int) -> IntArray:
     """A half-edge that leaves each of ``count`` vertices; -1 where none does."""
-    found = np.full(count, -1, dtype=np.int64)
-    found[faces.ravel()] = np.arange(faces.size)
-    return found
+    half_edge = np.full(count, -1, dtype=np.int64)
+    half_edge[faces.ravel()] = np.arange(faces.size)
+    return half_edge
 
 
 @jit

@@ -52,5 +52,5 @@ def _pieces(layout: Layout) -> tuple[Any, Any, Any, Any, Any, Any]:
         run_of.append(np.full(count - 1, index))
         step = np.linalg.norm(np.diff(run.points, axis=0), axis=1)
         along.append(np.cumsum(step) - 0.5 * step)
-    found = [np.concatenate(x) for x in (starts, ends, radii, nodes, run_of, along)]
-    return found[0], found[1], found[2], found[3], found[4], found[5]
+    arrays = [np.concatenate(x) for x in (starts, ends, radii, nodes, run_of, along)]
+    return arrays[0], arrays[1], arrays[2], arrays[3], arrays[4], arrays[5]

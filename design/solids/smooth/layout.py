@@ -179,13 +179,13 @@ def _settle(layout: Layout, joint: int, least: dict[End, float]) -> None:
         ]
     )
     for rho in [*(share * wanted for share in _FILLETS), 0.0]:
-        found = reaches(rows, rho, room)
-        if all(np.isfinite(x) for x, kept in zip(found.tolist(), free, strict=True) if kept):
+        distances = reaches(rows, rho, room)
+        if all(np.isfinite(x) for x, kept in zip(distances.tolist(), free, strict=True) if kept):
             break
     else:
-        found = np.array([least[end] for end in ends])
+        distances = np.array([least[end] for end in ends])
     layout.fillet[joint] = rho
-    for end, x, kept in zip(ends, found.tolist(), free, strict=True):
+    for end, x, kept in zip(ends, distances.tolist(), free, strict=True):
         if kept:
             layout.reach[end] = x
 

@@ -127,8 +127,8 @@ def _crossing_vertices(
     vertices: FloatArray, faces: FaceArray, moved: NDArray[np.bool_]
 ) -> NDArray[np.int64]:
     """Moved vertices (all, where none is) of faces that cross others."""
-    found = np.unique(faces[find_crossings(vertices, faces).faces])
-    return found[moved[found]] if moved.any() else found
+    crossing = np.unique(faces[find_crossings(vertices, faces).faces])
+    return crossing[moved[crossing]] if moved.any() else crossing
 
 
 def _smaller(
@@ -137,14 +137,14 @@ def _smaller(
     """New limits around ``places``, one for those within a radius of one another."""
     rho = np.empty(len(places))
     _radii(places, what.walls, what.rho, what.ends, boxes, limits, rho)
-    found: list[FloatArray] = []
+    smaller: list[FloatArray] = []
     for place, radius in zip(places, rho, strict=True):
-        near = [row for row in found if np.linalg.norm(row[:3] - place) < row[3]]
+        near = [row for row in smaller if np.linalg.norm(row[:3] - place) < row[3]]
         if not near:
             wide = max(2.0 * radius, 0.02 * float(what.rho.max()))
             small = 0.0 if attempt >= _GIVE_UP else _SHRINK * radius
-            found.append(np.array([*place, wide * (1.0 + 0.5 * attempt), small]))
-    return np.array(found)
+            smaller.append(np.array([*place, wide * (1.0 + 0.5 * attempt), small]))
+    return np.array(smaller)
 
 
 def _boxes(what: Rounding) -> FloatArray:
@@ -228,7 +228,7 @@ def _bends(
 ) -> NDArray[np.bool_]:
     """Edges (e,) between which the surface is farther than the tolerance from a straight line."""
     length = np.linalg.norm(work.base[one] - work.base[two], axis=1)
-    found = np.zeros(len(one), dtype=np.bool_)
+    sharp = np.zeros(len(one), dtype=np.bool_)
     for share in (0.5, 0.25, 0.75):
         at = (1.0 - share) * work.base[one] + share * work.base[two]
         goes, radius, _ = move(at)
@@ -238,8 +238,8 @@ def _bends(
         along = np.abs(np.sum((goes - flat) * way, axis=1)) / np.where(size > 0.0, size, 1.0)
         # Where the middle stays, what its ends do bends the line all the same.
         error = np.where(size > 0.0, along, np.linalg.norm(flat - at, axis=1))
-        found |= (error > tolerance_mm) & (length > _LEAST_EDGE * radius)
-    return found
+        sharp |= (error > tolerance_mm) & (length > _LEAST_EDGE * radius)
+    return sharp
 
 
 @jit

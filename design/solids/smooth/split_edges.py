@@ -53,7 +53,7 @@ def part_faces(faces: IntArray, edges: Edges, parted: NDArray[np.bool_], first: 
     middle = number[edges.of_face]
     halved = middle >= 0
     count = halved.sum(axis=1)
-    found = [faces[count == 0]]
+    parts = [faces[count == 0]]
     # Turned so that the edge that is alone, parted or not, leaves the first corner.
     for alone in (1, 2):
         rows = np.flatnonzero(count == alone)
@@ -62,12 +62,12 @@ def part_faces(faces: IntArray, edges: Edges, parted: NDArray[np.bool_], first: 
         a, b, c = np.take_along_axis(faces[rows], turn, axis=1).T
         ab, bc, ca = np.take_along_axis(middle[rows], turn, axis=1).T
         if alone == 1:
-            found += [np.stack([a, ab, c], 1), np.stack([ab, b, c], 1)]
+            parts += [np.stack([a, ab, c], 1), np.stack([ab, b, c], 1)]
         else:
-            found += [np.stack([a, b, bc], 1), np.stack([a, bc, ca], 1), np.stack([ca, bc, c], 1)]
+            parts += [np.stack([a, b, bc], 1), np.stack([a, bc, ca], 1), np.stack([ca, bc, c], 1)]
     rows = np.flatnonzero(count == 3)
     a, b, c = faces[rows].T
     ab, bc, ca = middle[rows].T
     corners = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-    found += [np.stack(corner, 1) for corner in corners]
-    return np.concatenate(found)
+    parts += [np.stack(corner, 1) for corner in corners]
+    return np.concatenate(parts)

@@ -84,12 +84,14 @@ def star_mesh(
         used = inserted(net, begin, count, used)
     if used < 0:
         return 3, rings, net.tri[:0]
-    points, faces = _told(junction, net, count, used)
+    points, faces = _without_caps(junction, net, count, used)
     return status, points, faces
 
 
 @jit
-def _told(junction: Junction, net: Net, count: int, used: int) -> tuple[FloatArray, IntArray]:
+def _without_caps(
+    junction: Junction, net: Net, count: int, used: int
+) -> tuple[FloatArray, IntArray]:
     """Places and faces of what isn't left out; the rings' places first, as they were given."""
     rings = junction.rings
     faces = np.empty((used, 3), dtype=np.int64)

@@ -14,12 +14,12 @@ from kernels.arrays import FloatArray, IntArray
 @jit
 def owner(walls: FloatArray, dx: float, dy: float, dz: float) -> int:
     """Vessel that a ray from the junction's middle leaves last."""
-    far, found = -1.0, 0
+    far, vessel = -1.0, 0
     for i in range(len(walls)):
         t = leaves(walls[i], dx, dy, dz)
         if t > far:
-            far, found = t, i
-    return found
+            far, vessel = t, i
+    return vessel
 
 
 @jit

@@ -72,8 +72,8 @@ def _take_out(
     vertices = np.unique(faces)
     places = (sewing.place(vertices) + middle).astype(np.float32).astype(np.float64)
     near = np.flatnonzero(np.isin(solid.vertices[:, 0], places[:, 0]))
-    found = {tuple(solid.vertices[number].tolist()): number for number in near.tolist()}
-    number = [found.get(tuple(place), -1) for place in places.tolist()]
+    number_of = {tuple(solid.vertices[number].tolist()): number for number in near.tolist()}
+    number = [number_of.get(tuple(place), -1) for place in places.tolist()]
     own = np.zeros(len(solid.vertices), dtype=np.bool_)
     own[number] = True
     known = dict(zip(vertices.tolist(), number, strict=True))

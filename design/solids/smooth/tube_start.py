@@ -121,7 +121,7 @@ def reaches(walls: FloatArray, rho: float, room: FloatArray) -> FloatArray:
 
     Infinite where it isn't within ``room`` (n,). See `wall_rows` for ``walls``.
     """
-    found = np.empty(len(walls))
+    distances = np.empty(len(walls))
     for one in range(len(walls)):
-        found[one] = _clear_from(walls, one, rho, room[one])
-    return found
+        distances[one] = _clear_from(walls, one, rho, room[one])
+    return distances

@@ -92,8 +92,8 @@ class Bundles:
         beside["strand"] = np.concatenate(strands).astype(np.int32)
 
     def _marks(self, data: bytes) -> bytes:
-        def mark(found: re.Match[bytes]) -> bytes:
-            return b"PASS_END:%d" % self.owner[int(found[1])]
+        def mark(match: re.Match[bytes]) -> bytes:
+            return b"PASS_END:%d" % self.owner[int(match[1])]
 
         return re.sub(rb"PASS_END:(\d+)", mark, data)
 
@@ -148,12 +148,12 @@ def _around(
     direction = np.diff(points, axis=0)
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     frame = unit_rings(direction, _QUARTER)[:, :2]
-    found = []
+    beside = []
     for place in _lattice(strands)[1:]:
         line = points + SPACING * radius[:, None] * np.einsum("i,kij->kj", place, frame)
         kept = _forward(line, direction)
-        found.append((line[kept], radius[kept]))
-    return found
+        beside.append((line[kept], radius[kept]))
+    return beside
 
 
 def _lattice(strands: int) -> FloatArray:

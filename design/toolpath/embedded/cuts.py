@@ -44,19 +44,19 @@ def best_cut(tip: FloatArray, tool: int, head: IntArray, elements: Elements, rul
 @jit
 def _parts(elements: Elements, progress: Progress) -> IntArray:
     """Starts at both ends of runs of elements that may be written."""
-    found = [0][:0]
+    starts = [0][:0]
     inside = False
     for e in range(len(elements.end)):
         free = not progress.written[e] and progress.waiting[e] <= 0
         if inside and (not free or elements.vessel[e] != elements.vessel[e - 1]):
-            found.append(2 * (e - 1) + 1)
+            starts.append(2 * (e - 1) + 1)
             inside = False
         if free and not inside:
-            found.append(2 * e)
+            starts.append(2 * e)
             inside = True
     if inside:
-        found.append(2 * (len(elements.end) - 1) + 1)
-    return np.array(found, np.int64)
+        starts.append(2 * (len(elements.end) - 1) + 1)
+    return np.array(starts, np.int64)
 
 
 @jit

@@ -44,16 +44,16 @@ def entries_mm(
     first: IntArray, after: IntArray, elements: Elements, meetings: Meetings, needle: Needle
 ) -> FloatArray:
     """`entry_mm` of pairs: into the second of each, (k,), while the first is written."""
-    found = np.empty(len(first))
+    depths = np.empty(len(first))
     for k in range(len(first)):
-        found[k] = entry_mm(first[k], after[k], elements, meetings, needle)
-    return found
+        depths[k] = entry_mm(first[k], after[k], elements, meetings, needle)
+    return depths
 
 
 @jit
 def near_pairs(v: int, w: int, elements: Elements, needle: Needle) -> IntArray:
     """Elements of two vessels (k, 2) that the needle may touch together, each pair once."""
-    found = [(0, 0)][:0]
+    pairs = [(0, 0)][:0]
     thick, longest = 0.0, 0.0
     for vessel in (v, w):
         for i in range(elements.first[vessel], elements.first[vessel + 1]):
@@ -66,10 +66,10 @@ def near_pairs(v: int, w: int, elements: Elements, needle: Needle) -> IntArray:
             a, b = elements.point[elements.end[j, 0]], elements.point[elements.end[j, 1]]
             x, y = 0.5 * (p[0] + q[0] - a[0] - b[0]), 0.5 * (p[1] + q[1] - a[1] - b[1])
             if x * x + y * y < room * room and (v != w or i < j):
-                found.append((i, j))
-    out = np.empty((len(found), 2), np.int64)
-    for k in range(len(found)):
-        out[k, 0], out[k, 1] = found[k]
+                pairs.append((i, j))
+    out = np.empty((len(pairs), 2), np.int64)
+    for k in range(len(pairs)):
+        out[k, 0], out[k, 1] = pairs[k]
     return out
 
 

@@ -100,10 +100,10 @@ def _places(extension: Extension, spacing: float) -> FloatArray:
     """Places along it, its tip last, no further apart than the spacing."""
     way = extension.tip - extension.start
     count = int(np.ceil(np.sqrt((way * way).sum()) / spacing))
-    found = np.empty((count, 3))
+    places = np.empty((count, 3))
     for k in range(count):
-        found[k] = extension.start + way * ((k + 1.0) / count)
-    return found
+        places[k] = extension.start + way * ((k + 1.0) / count)
+    return places
 
 
 @jit

@@ -126,12 +126,12 @@ class _Round:
 
     def _points(self, one: Pass) -> list[int]:
         """Points that a pass goes through, one more than its elements."""
-        found: list[int] = []
+        points: list[int] = []
         for leg in one.legs:
             side = (0, 1) if leg.step > 0 else (1, 0)
             ends = self._elements.end[leg.elements()]
-            found += ends[:, side[0]].tolist()
-        return [*found, int(ends[-1, side[1]])]
+            points += ends[:, side[0]].tolist()
+        return [*points, int(ends[-1, side[1]])]
 
     def _meet(self, end: _End, point: int) -> None:
         """A pass begins or ends at a point; where ink lies, it or an earlier one goes on."""
@@ -199,12 +199,12 @@ class _Round:
 
     def _barring(self, sides: list[_End], point: int, reach: float, needle: Needle) -> list[int]:
         """Elements of which needle or ink bars each side, of the one that fewest do."""
-        found = []
+        elements = []
         for side in sides:
             one = self._extended(side, point, reach, needle)
             own = [bar.end for bar in one.barred if bar.entered]
-            found.append(own + [bar.element for bar in one.brushed if bar.entered])
-        return min(found, key=len)
+            elements.append(own + [bar.element for bar in one.brushed if bar.entered])
+        return min(elements, key=len)
 
     def _radius(self, element: int) -> float:
         return float(self._elements.radius[element].max())

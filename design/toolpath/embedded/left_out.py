@@ -68,15 +68,15 @@ def choose_omitted(
     lost = {v: float(length[[v, *supply.cut_off({v})]].sum()) for v in of}
     lost |= {v: float(length[v]) for v in supply.cut_off(out) if v in of}
     open_ = {id(one) for own in of.values() for one in own}
-    found: list[int] = []
+    omitted: list[int] = []
     while open_:
         gain = {v: sum(id(c) in open_ for c in own) / lost[v] for v, own in of.items()}
-        found.append(max(gain, key=lambda v: (gain[v], -v)))
-        open_ -= {id(one) for one in of[found[-1]]}
+        omitted.append(max(gain, key=lambda v: (gain[v], -v)))
+        open_ -= {id(one) for one in of[omitted[-1]]}
         # What has lost its supply anyway costs no more than itself.
-        lost |= {v: float(length[v]) for v in supply.cut_off(out | set(found)) if v in of}
-    needed = set(found)
-    for vessel in sorted(found, key=lambda v: -lost[v]):
+        lost |= {v: float(length[v]) for v in supply.cut_off(out | set(omitted)) if v in of}
+    needed = set(omitted)
+    for vessel in sorted(omitted, key=lambda v: -lost[v]):
         if all(({c.vessel, c.other} - {vessel}) & needed for c in of[vessel]):
             needed.discard(vessel)
     return {v: max(of[v], key=lambda c: c.apart_mm) for v in sorted(needed)}
@@ -100,17 +100,17 @@ class Supply:
 
     def cut_off(self, out: set[int]) -> list[int]:
         """Vessels to which no flow leads once some are ``out``, those not counted."""
-        found: set[int] = set()
+        cut: set[int] = set()
         lost: dict[int, int] = defaultdict(int)
         queue = list(out)
         while queue:
             node = self._head[queue.pop()]
             lost[node] += 1
             if lost[node] == self._feeds[node]:
-                dry = [one for one in self._leads[node] if one not in out and one not in found]
-                found.update(dry)
+                dry = [one for one in self._leads[node] if one not in out and one not in cut]
+                cut.update(dry)
                 queue += dry
-        return sorted(found)
+        return sorted(cut)
 
 
 class Leaving:
@@ -156,8 +156,8 @@ class Leaving:
             pair = int(self._owner[one]), int(self._owner[other])
             if (min(pair), max(pair)) not in worst:
                 x, y, z = self._cut.point[self._cut.end[first[k]]].mean(axis=0).tolist()
-                found = Conflict(*pair, one, other, (x, y, z), float(deep[k]))
-                worst[min(pair), max(pair)] = found
+                conflict = Conflict(*pair, one, other, (x, y, z), float(deep[k]))
+                worst[min(pair), max(pair)] = conflict
         return list(worst.values())
 
     def crossed(self, crossings: Iterable[Crossing]) -> list[Conflict]:
@@ -184,23 +184,23 @@ class Leaving:
 
     def trimmed(self, passes: list[Pass]) -> list[Pass]:
         """Passes without what isn't written, in their order."""
-        found: list[Pass] = []
+        kept_passes: list[Pass] = []
         for one in passes:
             gone = [bool(self.elements[leg.element]) for leg in one.legs]
             for out, legs in groupby(zip(gone, one.legs, strict=True), key=lambda pair: pair[0]):
                 if not out:
-                    found.append(Pass(tuple(leg for _, leg in legs)))
-        return found
+                    kept_passes.append(Pass(tuple(leg for _, leg in legs)))
+        return kept_passes
 
     def told(self) -> tuple[OmittedVessel, ...]:
         """All that isn't written, with what would have to change."""
-        return tuple(self._told(vessel, why) for vessel, why in sorted(self._why.items()))
+        return tuple(self._omitted_vessel(vessel, why) for vessel, why in sorted(self._why.items()))
 
     def cut_off(self) -> tuple[int, ...]:
         """Written vessels to which no flow leads."""
         return tuple(Supply(self._design).cut_off(set(self._why)))
 
-    def _told(self, vessel: int, why: Conflict) -> OmittedVessel:
+    def _omitted_vessel(self, vessel: int, why: Conflict) -> OmittedVessel:
         other = why.other if why.vessel == vessel else why.vessel
         return OmittedVessel(vessel, other, why.place_mm, why.apart_mm, self._widest(why))
 

@@ -110,12 +110,12 @@ class LumenGroups:
         vessel = self._elements.vessel
         one, other = vessel[first], vessel[second]
         reach = np.maximum(self._reach[one], self._reach[other])
-        found = np.zeros(len(first), dtype=np.bool_)
+        joined = np.zeros(len(first), dtype=np.bool_)
         for a in (0, 1):
             for b in (0, 1):
                 near = (self._ways[first, a] <= reach) & (self._ways[second, b] <= reach)
-                found |= near & (self._nodes[one, a] == self._nodes[other, b])
-        return found & (self._bundled[one] | self._bundled[other])
+                joined |= near & (self._nodes[one, a] == self._nodes[other, b])
+        return joined & (self._bundled[one] | self._bundled[other])
 
     def _inside(self, one: WeakJoint) -> bool:
         """Whether a joint is one among strands: of one bundle, or of two that meet."""

@@ -95,15 +95,15 @@ def merge_passes(
 def _split(passes: list[Pass], elements: Elements, random: np.random.Generator) -> list[Pass]:
     """Cut passes at some of their nodes; a vessel once written in a row stays so."""
     cut = iter((random.random(sum(len(one.legs) for one in passes)) < SPLIT).tolist())
-    found: list[Pass] = []
+    parts: list[Pass] = []
     for one in passes:
         begin, cuts = 0, [next(cut) for _ in one.legs]
         for k in range(1, len(cuts)):
             if cuts[k] and not _goes_on(one.legs[k - 1], one.legs[k], elements):
-                found.append(Pass(one.legs[begin:k]))
+                parts.append(Pass(one.legs[begin:k]))
                 begin = k
-        found.append(Pass(one.legs[begin:]))
-    return found
+        parts.append(Pass(one.legs[begin:]))
+    return parts
 
 
 def _pairs(ends: IntArray, tool: IntArray, turns: NDArray[np.bool_]) -> IntArray:
@@ -112,14 +112,14 @@ def _pairs(ends: IntArray, tool: IntArray, turns: NDArray[np.bool_]) -> IntArray
     (k, 4): the one to be written first, which of its ends (0, 1), the next, and which of its. That
     is the later one first where neither can be turned so that the earlier leads on to it.
     """
-    found = _meeting(ends.ravel(), np.argsort(ends.ravel(), kind="stable"), tool, turns)
-    return found[np.lexsort((*found.T[::-1], abs(found[:, 2] - found[:, 0])))]
+    pairs = _meeting(ends.ravel(), np.argsort(ends.ravel(), kind="stable"), tool, turns)
+    return pairs[np.lexsort((*pairs.T[::-1], abs(pairs[:, 2] - pairs[:, 0])))]
 
 
 @jit
 def _meeting(point: IntArray, rows: IntArray, tool: IntArray, turns: NDArray[np.bool_]) -> IntArray:
     """Rows of `_pairs`; ``point`` (2 p,) of each pass's both ends, ``rows`` sorted by these."""
-    found = [(0, 0, 0, 0)][:0]
+    pairs = [(0, 0, 0, 0)][:0]
     for k in range(len(rows)):
         one, side = rows[k] // 2, rows[k] % 2
         for m in range(k + 1, len(rows)):
@@ -129,19 +129,19 @@ def _meeting(point: IntArray, rows: IntArray, tool: IntArray, turns: NDArray[np.
             if one == other or tool[one] != tool[other]:
                 continue
             if (side == 1 or turns[one]) and (there == 0 or turns[other]):
-                found.append((one, side, other, there))
+                pairs.append((one, side, other, there))
             elif (there == 1 or turns[other]) and (side == 0 or turns[one]):
-                found.append((other, there, one, side))
-    out = np.empty((len(found), 4), np.int64)
-    for k in range(len(found)):
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = found[k]
+                pairs.append((other, there, one, side))
+    out = np.empty((len(pairs), 4), np.int64)
+    for k in range(len(pairs)):
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = pairs[k]
     return out
 
 
 def _rebuilt(passes: list[Pass], order: IntArray, chosen: IntArray) -> list[Pass]:
     follows = {row[0]: row[1:] for row in chosen.tolist()}
     gone = set(chosen[:, 2].tolist())
-    found = []
+    rebuilt = []
     for number in order.tolist():
         one = passes[number]
         if number in follows:
@@ -150,8 +150,8 @@ def _rebuilt(passes: list[Pass], order: IntArray, chosen: IntArray) -> list[Pass
             tail = passes[other] if there == 0 else reverse_pass(passes[other])
             one = Pass(head.legs + tail.legs)
         if number not in gone:
-            found.append(one)
-    return found
+            rebuilt.append(one)
+    return rebuilt
 
 
 def _in_one(one: Pass, elements: Elements) -> Pass:

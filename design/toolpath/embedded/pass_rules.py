@@ -64,16 +64,16 @@ def _grouped(one: IntArray, other: IntArray, count: int) -> tuple[IntArray, IntA
     """
     rows = _counted(one, other, np.arange(len(one)), count)
     rows = _counted(other, one, rows, count)
-    begin, found, total = np.zeros(count + 1, dtype=np.int64), np.empty_like(rows), 0
+    begin, members, total = np.zeros(count + 1, dtype=np.int64), np.empty_like(rows), 0
     last = -1
     for row in rows:
         key = one[row] * count + other[row]
         if key != last:
-            found[total] = other[row]
+            members[total] = other[row]
             total += 1
             begin[one[row] + 1] += 1
         last = key
-    return np.cumsum(begin), found[:total].copy()
+    return np.cumsum(begin), members[:total].copy()
 
 
 @jit
@@ -86,12 +86,12 @@ def _counted(one: IntArray, other: IntArray, rows: IntArray, count: int) -> IntA
             place[other[row] + 1] += 1
             kept += 1
     place = np.cumsum(place)
-    found = np.empty(kept, dtype=np.int64)
+    ordered = np.empty(kept, dtype=np.int64)
     for row in rows:
         if one[row] != other[row]:
-            found[place[other[row]]] = row
+            ordered[place[other[row]]] = row
             place[other[row]] += 1
-    return found
+    return ordered
 
 
 def pass_ends(one: Pass, elements: Elements) -> tuple[int, int]:

@@ -126,10 +126,10 @@ class Scene:
         laid = WrittenMoves(*self.lumens.of_design(*writer.laid()))
         spared = exempt_lengths(self.design, self.collisions, self.lumens.lumen_mm)
         look = max(one.clearance_mm for one in heads.options)
-        found = find_shaft_contacts(toolpath, laid, spared, heads.needles(), look)
+        entries = find_shaft_contacts(toolpath, laid, spared, heads.needles(), look)
         return ShaftEncounters(
-            crossings=_by_vessels([one for one in found if one.depth_mm > TOUCH_MM], toolpath),
-            grazes=_by_vessels([one for one in found if one.depth_mm <= TOUCH_MM], toolpath),
+            crossings=_by_vessels([one for one in entries if one.depth_mm > TOUCH_MM], toolpath),
+            grazes=_by_vessels([one for one in entries if one.depth_mm <= TOUCH_MM], toolpath),
             merged=_merged(self.design, self.collisions),
         )
 
@@ -166,8 +166,8 @@ def plan_embedded(
     heads = EmbeddedHeads.one(options, network) if isinstance(options, EmbeddedOptions) else options
     heads.check(network)
     scene = Scene.of(bundles, heads)
-    found = find_rules(scene.elements, scene.squares, scene.meetings, scene.needle)
-    rules = scene.lumens.without(found)
+    all_rules = find_rules(scene.elements, scene.squares, scene.meetings, scene.needle)
+    rules = scene.lumens.without(all_rules)
     out = Leaving(scene.design, scene.elements, scene.meetings, scene.needle, bundles.owner)
     if heads.leave_out:
         out.leave(out.conflicts(rules))
@@ -214,10 +214,10 @@ def _room(one: WeakJoint) -> str:
     )
 
 
-def _by_vessels(found: list[Entry], toolpath: Toolpath) -> tuple[Crossing, ...]:
+def _by_vessels(entries: list[Entry], toolpath: Toolpath) -> tuple[Crossing, ...]:
     """Entries by pairs of vessels, the deepest first."""
     pairs: dict[tuple[int, int], list[Entry]] = {}
-    for one in found:
+    for one in entries:
         pairs.setdefault((one.vessel, one.through), []).append(one)
     crossings = []
     for pair, own in pairs.items():
@@ -238,8 +238,8 @@ def _merged(network: VesselNetwork, touches: Touches) -> tuple[Merged, ...]:
     for a, b, overlap in zip(low.tolist(), high.tolist(), touches.overlap.tolist(), strict=True):
         deepest[a, b] = max(deepest.get((a, b), 0.0), overlap)
     ends = [set(pair) for pair in network.vessel_nodes.tolist()]
-    found = [Merged(a, b, overlap) for (a, b), overlap in deepest.items() if not ends[a] & ends[b]]
-    return tuple(sorted(found, key=lambda m: (-m.overlap_mm, m.vessel, m.other)))
+    merged = [Merged(a, b, overlap) for (a, b), overlap in deepest.items() if not ends[a] & ends[b]]
+    return tuple(sorted(merged, key=lambda m: (-m.overlap_mm, m.vessel, m.other)))
 
 
 def _report(done: _Written, elements: Elements, passes: list[Pass], out: Leaving) -> EmbeddedReport:

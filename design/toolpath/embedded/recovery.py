@@ -55,9 +55,9 @@ def add_recovery_dwells(toolpath: Toolpath, recovery_s: float, radius_mm: float)
 
 def _moving_s(toolpath: Toolpath) -> FloatArray:
     moves = toolpath.speed_mm_s > 0
-    found = np.zeros(len(toolpath))
-    found[moves] = toolpath.lengths[moves] / toolpath.speed_mm_s[moves]
-    return found
+    seconds = np.zeros(len(toolpath))
+    seconds[moves] = toolpath.lengths[moves] / toolpath.speed_mm_s[moves]
+    return seconds
 
 
 def _sampled(
@@ -133,5 +133,5 @@ def _of_dwells(
         return np.full(len(rows), int(MoveKind.DWELL))
     if name in ("volume_ul", "speed_mm_s"):
         return np.zeros(len(rows))
-    found: NDArray[np.generic] = getattr(toolpath, name)[rows]
-    return found
+    values: NDArray[np.generic] = getattr(toolpath, name)[rows]
+    return values

@@ -80,7 +80,7 @@ class Scheduler:
 def _legs(elements: Elements, rules: Rules, head: IntArray, ends: Ends, progress: Progress,
           stretches: Stretches) -> IntArray:  # fmt: skip
     """Legs in their order, (k, 4): 1 where a pass begins, and those of `Leg`."""
-    found = [(0, 0, 0, 0)][:0]
+    legs = [(0, 0, 0, 0)][:0]
     for vessel in range(len(elements.first) - 1):
         if not progress.written[elements.first[vessel]]:
             open_stretch(elements.first[vessel], elements.first[vessel + 1], stretches)
@@ -92,18 +92,18 @@ def _legs(elements: Elements, rules: Rules, head: IntArray, ends: Ends, progress
             start = best_cut(tip, tool, head, elements, rules, progress, stretches)
         if start < 0:
             start = _forced(rules, progress)
-        begin = len(found)
-        _extend(start, found, ends, head, elements, rules, progress, stretches)
-        for k in range(begin, len(found)):
-            _, element, step, size = found[k]
+        begin = len(legs)
+        _extend(start, legs, ends, head, elements, rules, progress, stretches)
+        for k in range(begin, len(legs)):
+            _, element, step, size = legs[k]
             far = element + step * (size - 1)
             close_written(min(element, far), max(element, far), progress, elements, stretches)
-        _, element, step, size = found[-1]
+        _, element, step, size = legs[-1]
         tip[:] = elements.point[vertex(element + step * (size - 1), step, False, elements)]
         tool = head[elements.vessel[element]]
-    out = np.empty((len(found), 4), np.int64)
-    for k in range(len(found)):
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = found[k]
+    out = np.empty((len(legs), 4), np.int64)
+    for k in range(len(legs)):
+        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = legs[k]
     return out
 
 
@@ -127,23 +127,23 @@ def _nearest_whole(tip: FloatArray, tool: int, head: IntArray, elements: Element
 
 
 @jit
-def _extend(start: int, found: list[tuple[int, int, int, int]], ends: Ends, head: IntArray,
+def _extend(start: int, legs: list[tuple[int, int, int, int]], ends: Ends, head: IntArray,
             elements: Elements, rules: Rules, progress: Progress,
             stretches: Stretches) -> None:  # fmt: skip
     """Add a pass: what leads to a stretch, the stretch, and what goes on from where it ends."""
     stop, first = -1, 1
     for one in first_of(start, ends, head, elements, rules, progress, stretches):
         size, stop = write_stretch(one // 2, step_of(one), elements, rules, progress)
-        found.append((first, one // 2, step_of(one), size))
+        legs.append((first, one // 2, step_of(one), size))
         first = 0
     while stop < 0:
-        _, element, step, size = found[-1]
+        _, element, step, size = legs[-1]
         one, size = going_on(
             element + step * (size - 1), step, ends, head, elements, rules, progress
         )
         if one < 0:
             break
-        found.append((0, one // 2, step_of(one), size))
+        legs.append((0, one // 2, step_of(one), size))
 
 
 @jit

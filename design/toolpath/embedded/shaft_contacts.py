@@ -90,14 +90,14 @@ def find_shaft_contacts(
     """
     writes = toolpath.kind == MoveKind.WRITE
     ink = _ink(toolpath, np.flatnonzero(writes), laid)
-    found = []
+    contacts = []
     for tool, needle in enumerate(needles):
         tips, rows = _tips(toolpath, writes & (toolpath.tool == tool), laid, tool)
         if len(rows):
             squares = _squares(ink, needle, look_mm)
             hits = entries(tips, ink, squares, spared, needle, look_mm)
-            found += _told(hits, tips, rows)
-    return found
+            contacts += _entries(hits, tips, rows)
+    return contacts
 
 
 def _cut(length: FloatArray, longest_mm: float) -> _Pieces:
@@ -195,7 +195,7 @@ def _squares(ink: Ink, needle: Needle, look_mm: float) -> InkSquares:
     return InkSquares(low, pitch, shape, begin, np.argsort(square, kind="stable"))
 
 
-def _told(hits: NDArray[np.void], tips: Tips, rows: IntArray) -> list[Entry]:
+def _entries(hits: NDArray[np.void], tips: Tips, rows: IntArray) -> list[Entry]:
     piece = hits["piece"]
     length = np.linalg.norm(tips.end[piece] - tips.start[piece], axis=1)
     vessel = tips.vessel[piece]

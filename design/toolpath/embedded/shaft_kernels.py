@@ -121,15 +121,15 @@ def entries(
                     if vessel[k] == ink.vessel[j]:
                         known = k
                 best = value[known] if known >= 0 else look
-                found = _nearest(i, j, best, tips, ink, spared, needle, stack)
-                if found >= best:
+                nearest = _nearest(i, j, best, tips, ink, spared, needle, stack)
+                if nearest >= best:
                     continue
                 if known >= 0:
-                    value[known] = found
+                    value[known] = nearest
                 else:
                     piece.append(i)
                     vessel.append(ink.vessel[j])
-                    value.append(found)
+                    value.append(nearest)
     out = np.empty(len(piece), FOUND)
     for k in range(len(piece)):
         out[k].piece, out[k].vessel, out[k].value = piece[k], vessel[k], value[k]

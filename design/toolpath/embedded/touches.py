@@ -122,14 +122,16 @@ def _cells(spots: _Spots) -> _Cells:
     return _Cells(low, pitch, shape, begin, np.argsort(cell, kind="stable"))
 
 
-def _in_cells(found: Touches) -> Touches:
+def _in_cells(all_touches: Touches) -> Touches:
     """The nearest of each cell along both vessels, at the cell's middle."""
-    cell = np.floor(found.arc / CELL_MM + CELL_FROM)
-    order = np.argsort(found.gap, kind="stable")
-    key = np.column_stack([found.vessel, cell])[order]
+    cell = np.floor(all_touches.arc / CELL_MM + CELL_FROM)
+    order = np.argsort(all_touches.gap, kind="stable")
+    key = np.column_stack([all_touches.vessel, cell])[order]
     rows = np.sort(order[np.unique(key, axis=0, return_index=True)[1]])
     middle = (cell[rows] + 0.5 - CELL_FROM) * CELL_MM
-    return Touches(found.vessel[rows], middle, found.overlap[rows], found.gap[rows])
+    return Touches(
+        all_touches.vessel[rows], middle, all_touches.overlap[rows], all_touches.gap[rows]
+    )
 
 
 @jit

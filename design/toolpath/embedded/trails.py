@@ -45,14 +45,14 @@ def first_of(start: int, ends: Ends, head: IntArray, elements: Elements, rules: 
 
     At each node the straightest is taken that can be written whole.
     """
-    found = [start]
+    starts = [start]
     while True:
-        here = found[-1]
-        leads = _leading(here, found, ends, head, elements, rules, progress, stretches)
+        here = starts[-1]
+        leads = _leading(here, starts, ends, head, elements, rules, progress, stretches)
         if leads < 0:
             break
-        found.append(leads)
-    return np.array(found[::-1], np.int64)
+        starts.append(leads)
+    return np.array(starts[::-1], np.int64)
 
 
 @jit

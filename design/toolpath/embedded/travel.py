@@ -78,10 +78,10 @@ def _improve(
 @jit
 def _any(now: Flags, later: Flags, order: IntArray, low: int, size: int) -> bool:
     """Whether one of a run of passes is to be looked at."""
-    found = False
+    wanted = False
     for k in range(low, low + size):
-        found |= now[order[k]] or later[order[k]]
-    return found
+        wanted |= now[order[k]] or later[order[k]]
+    return wanted
 
 
 @jit

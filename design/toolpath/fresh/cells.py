@@ -107,7 +107,7 @@ def _crosses(ax: float, ay: float, bx: float, by: float, cells: Cells) -> bool:
 @jit
 def crossing(a: FloatArray, b: FloatArray, cells: Cells) -> NDArray[np.bool_]:
     """Whether each way from a to b (n, 2) crosses an edge."""
-    found = np.zeros(len(a), np.bool_)
+    crosses = np.zeros(len(a), np.bool_)
     for k in range(len(a)):
-        found[k] = _crosses(a[k, 0], a[k, 1], b[k, 0], b[k, 1], cells)
-    return found
+        crosses[k] = _crosses(a[k, 0], a[k, 1], b[k, 0], b[k, 1], cells)
+    return crosses

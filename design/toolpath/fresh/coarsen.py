@@ -93,9 +93,9 @@ def _small_rings_redrawn(paths: Paths, least_mm: float, width_mm: float) -> Path
         small = np.ptp(rings[k], axis=0).max() < _SMALL * least_mm
         if not small or step.min() >= least_mm or _area(rings[k]) >= 0:
             continue
-        found = _tangent_polygon(rings[k], least_mm, FURTHEST * width_mm)
-        if found is not None:
-            rings[k], widths[k] = found, np.full(len(found), widths[k].mean())
+        polygon = _tangent_polygon(rings[k], least_mm, FURTHEST * width_mm)
+        if polygon is not None:
+            rings[k], widths[k] = polygon, np.full(len(polygon), widths[k].mean())
     offset = np.cumsum([0, *map(len, rings)], dtype=np.int64)
     return replace(
         paths, points=np.concatenate(rings), width_mm=np.concatenate(widths), offset=offset

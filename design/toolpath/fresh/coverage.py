@@ -94,9 +94,9 @@ def measure_coverage(
     columns, rows = (np.ceil((points.max(axis=0) + margin - corner) / pitch_mm) + 1).astype(int)
     covered = np.zeros((rows, columns), dtype=np.bool_)
     _paint(covered, start, end, 0.5 * width_mm, corner, pitch_mm)
-    found = scan([ring - corner for ring in contours], pitch_mm, 0.0)
-    first, after = (np.ceil(x / pitch_mm).astype(np.int64) for x in (found.low, found.high))
-    material, bare = _count(covered, found.row, first, after)
+    spans = scan([ring - corner for ring in contours], pitch_mm, 0.0)
+    first, after = (np.ceil(x / pitch_mm).astype(np.int64) for x in (spans.low, spans.high))
+    material, bare = _count(covered, spans.row, first, after)
     outside = int(np.count_nonzero(covered)) - (material - bare)
     area = pitch_mm**2
     return Coverage(material * area, bare * area, outside * area)

@@ -110,12 +110,12 @@ def spaced(
 ) -> Lines:
     """Lines further apart than they are wide."""
     turn = _rotation(-angle_deg)
-    found = scan([(ring - origin) @ turn.T for ring in contours], spacing_mm, 0.5 * spacing_mm)
-    found = _longer(found, SHORTEST_WHOLE * width_mm)
-    height = (found.row + 0.5) * spacing_mm
+    spans = scan([(ring - origin) @ turn.T for ring in contours], spacing_mm, 0.5 * spacing_mm)
+    spans = _longer(spans, SHORTEST_WHOLE * width_mm)
+    height = (spans.row + 0.5) * spacing_mm
     return Lines(
-        np.column_stack([found.low, height]) @ turn + origin,
-        np.column_stack([found.high, height]) @ turn + origin,
+        np.column_stack([spans.low, height]) @ turn + origin,
+        np.column_stack([spans.high, height]) @ turn + origin,
         np.full(len(height), width_mm),
     )
 
@@ -149,10 +149,10 @@ def fill(
         (only_lower, 0.25, 0.5),
     ]
     start, end, width = [], [], []
-    for found, place, part in parts:
-        height = (found.row + place) * width_mm
-        start.append(np.column_stack([found.low, height]))
-        end.append(np.column_stack([found.high, height]))
+    for spans, place, part in parts:
+        height = (spans.row + place) * width_mm
+        start.append(np.column_stack([spans.low, height]))
+        end.append(np.column_stack([spans.high, height]))
         width.append(np.full(len(height), part * width_mm))
     back = turn  # points @ turn is the inverse rotation, because turn is orthogonal
     return Lines(
@@ -200,8 +200,8 @@ def subtract(first: Intervals, second: Intervals) -> Intervals:
     return Intervals(row[keep], place[keep], place[keep + 1])
 
 
-def _longer(found: Intervals, than_mm: float) -> Intervals:
-    return found.where(found.high - found.low >= than_mm)
+def _longer(spans: Intervals, than_mm: float) -> Intervals:
+    return spans.where(spans.high - spans.low >= than_mm)
 
 
 def _rotation(angle_deg: float) -> FloatArray:

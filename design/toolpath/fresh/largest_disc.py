@@ -70,9 +70,9 @@ def _room(
                     length = math.sqrt(vx * vx + vy * vy)
                     if length < 1e-12 or (-vy * nx + vx * ny) > FACING * length:
                         continue
-                    found = _ball(start[j, 0] - px, start[j, 1] - py, vx, vy, nx, ny)
-                    if found < radius[k]:
-                        radius[k] = found
+                    ball = _ball(start[j, 0] - px, start[j, 1] - py, vx, vy, nx, ny)
+                    if ball < radius[k]:
+                        radius[k] = ball
                         other[k] = j
     return radius, other
 

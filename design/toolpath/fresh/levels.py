@@ -98,7 +98,7 @@ def _slopes(
     """Highest layer that each step of height bears, (count,), and level faces, in steps."""
     least, most = span
     allowed = np.full(count, most)
-    found = []
+    layers = []
     for solid in solids:
         corners = solid.vertices[solid.faces]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -108,7 +108,7 @@ def _slopes(
         first = np.clip(np.floor(heights.min(axis=1) + 1e-6), 0, count).astype(np.int64)
         last = np.clip(np.ceil(heights.max(axis=1) - 1e-6), 0, count).astype(np.int64)
         level = slope > _LEVEL
-        found.append(_floors(np.rint(heights.mean(axis=1))[level], twice[level] / 2))
+        layers.append(_floors(np.rint(heights.mean(axis=1))[level], twice[level] / 2))
         with np.errstate(divide="ignore"):
             bears = np.floor(adaptive.stair_mm / slope / adaptive.step_mm + 1e-6)
         bears = np.clip(bears, least, most)
@@ -118,7 +118,7 @@ def _slopes(
             ends -= np.bincount(last[rows], minlength=count + 1)
             here = np.cumsum(ends)[:count] > 0
             allowed[here] = np.minimum(allowed[here], int(value))
-    return allowed, np.unique(np.concatenate(found))
+    return allowed, np.unique(np.concatenate(layers))
 
 
 def _floors(height: FloatArray, area: FloatArray) -> IntArray:
@@ -129,11 +129,11 @@ def _floors(height: FloatArray, area: FloatArray) -> IntArray:
 
 def _ends(floors: IntArray, count: int, least: int) -> list[int]:
     """Where a layer ends, ascending, none nearer to the next than the thinnest layer."""
-    found: list[int] = []
+    ends: list[int] = []
     for at in floors.tolist():
-        if at - (found[-1] if found else 0) >= least and count - at >= least:
-            found.append(at)
-    return [*found, count]
+        if at - (ends[-1] if ends else 0) >= least and count - at >= least:
+            ends.append(at)
+    return [*ends, count]
 
 
 def _filled(at: int, end: int, allowed: IntArray, least: int) -> list[int]:

@@ -120,7 +120,7 @@ def _nearest_paths(
     high: FloatArray,
 ) -> IntArray:
     """Path of ``which`` that has the point nearest to each of ``at``."""
-    found = np.empty(len(at), np.int64)
+    nearest = np.empty(len(at), np.int64)
     for j in range(len(at)):
         x, y, best = at[j, 0], at[j, 1], np.inf
         for k in which:
@@ -129,8 +129,8 @@ def _nearest_paths(
             for i in range(offset[k], offset[k + 1]):
                 gap = (points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2
                 if gap < best:
-                    best, found[j] = gap, k
-    return found
+                    best, nearest[j] = gap, k
+    return nearest
 
 
 @jit

@@ -90,7 +90,7 @@ def _chained(
     gap, done = np.empty(count), np.zeros(count, np.bool_)
     x, y = at[0], at[1]
     for step in range(count):
-        best, found = np.inf, -1
+        best, nearest = np.inf, -1
         cell = _cell(x, y, low, side, columns, rows)
         row, column = cell // columns, cell % columns
         for near_row in range(max(row - 1, 0), min(row + 2, rows)):
@@ -99,24 +99,24 @@ def _chained(
                 while k >= 0:
                     if not done[k // 2]:
                         d = (ends[k // 2, k % 2, 0] - x) ** 2 + (ends[k // 2, k % 2, 1] - y) ** 2
-                        if d < best or (d == best and k < found):
-                            best, found = d, k
+                        if d < best or (d == best and k < nearest):
+                            best, nearest = d, k
                     k = follow[k]
         if best > side * side:
-            best, found = np.inf, -1
+            best, nearest = np.inf, -1
             for j in range(count - step):
                 for turn in range(2):
                     k = 2 * left[j] + turn
                     d = (ends[left[j], turn, 0] - x) ** 2 + (ends[left[j], turn, 1] - y) ** 2
-                    if d < best or (d == best and k < found):
-                        best, found = d, k
-        line = found // 2
+                    if d < best or (d == best and k < nearest):
+                        best, nearest = d, k
+        line = nearest // 2
         done[line] = True
         other = left[count - step - 1]
         left[place[line]] = other
         place[other] = place[line]
-        order[step], flipped[line], gap[step] = line, found % 2 == 1, np.sqrt(best)
-        far = 1 - found % 2
+        order[step], flipped[line], gap[step] = line, nearest % 2 == 1, np.sqrt(best)
+        far = 1 - nearest % 2
         x, y = ends[line, far, 0], ends[line, far, 1]
     return order, flipped, gap
 

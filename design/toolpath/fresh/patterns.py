@@ -33,9 +33,9 @@ def concentric_paths(
     if density <= 0:
         return join([])
     if density >= 1:
-        found = build_walls(inside, width_mm, _MOST_WALLS, least).paths
-        level = np.where(found.role == Role.WALL, found.level + first_level, 0)
-        return Paths(found.points, found.width_mm, found.offset, found.closed, found.role, level)
+        walls = build_walls(inside, width_mm, _MOST_WALLS, least).paths
+        level = np.where(walls.role == Role.WALL, walls.level + first_level, 0)
+        return Paths(walls.points, walls.width_mm, walls.offset, walls.closed, walls.role, level)
     parts: list[Paths] = []
     while True:
         inward = (0.5 + len(parts)) * width_mm / density
@@ -96,19 +96,19 @@ def gyroid_lines(
         right = -np.sin(z) * np.cos(u)
     half = np.arcsin(np.clip(right / size, -1, 1))
     phase = np.unwrap(phase)
-    found = []
+    lines = []
     for branch in (half - phase, np.pi - half - phase):
         first = int(np.floor((turn * low[across] - branch.max()) / (2 * np.pi)))
         last = int(np.ceil((turn * high[across] - branch.min()) / (2 * np.pi)))
         for k in range(first, last + 1):
             line = np.empty((len(u), 2))
             line[:, along], line[:, across] = u / turn, (branch + 2 * np.pi * k) / turn
-            found.append(line)
-    return found
+            lines.append(line)
+    return lines
 
 
 def _polygon(section: CrossSection) -> shapely.Geometry:
-    found = shapely.Polygon()
+    polygon = shapely.Polygon()
     for ring in rings(section):
-        found = shapely.symmetric_difference(found, shapely.Polygon(ring))
-    return found
+        polygon = shapely.symmetric_difference(polygon, shapely.Polygon(ring))
+    return polygon

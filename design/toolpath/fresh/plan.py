@@ -211,12 +211,12 @@ def _sections(
     if set(parted) <= {0}:
         paths = _section_paths(moved_in(material, part.inset_mm), layer, cut, part, origin)
         return [Section(0, paths, layer.material)]
-    found = []
+    sections = []
     for head, own in parted.items():
         rectangles = own ^ moved_in(material, heads[head].inset_mm)
         paths = _section_paths(rectangles, layer, cut, heads[head], origin, beside_ink=True)
-        found.append(Section(head, paths, own))
-    return [section for section in found if len(section.paths)]
+        sections.append(Section(head, paths, own))
+    return [section for section in sections if len(section.paths)]
 
 
 def _section_paths(

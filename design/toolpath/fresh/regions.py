@@ -59,18 +59,18 @@ class RegionSections:
 
     def sections(self, material: CrossSection) -> dict[int, CrossSection]:
         """What each head writes of ``material``, those without any left out."""
-        found: dict[int, CrossSection] = {}
+        by_head: dict[int, CrossSection] = {}
         for section, region in reversed(self.regions):
             if region.head is None:
                 continue
             share = material ^ section
             if not share.is_empty():
-                before = found.get(region.head)
-                found[region.head] = share if before is None else before + share
+                before = by_head.get(region.head)
+                by_head[region.head] = share if before is None else before + share
                 material = material - section
         if not material.is_empty():
-            found[0] = material if 0 not in found else found[0] + material
-        return found
+            by_head[0] = material if 0 not in by_head else by_head[0] + material
+        return by_head
 
 
 class Regions:

@@ -237,8 +237,8 @@ def _runs(rows: IntArray, keep: BoolArray) -> list[IntArray]:
     begin = int(np.flatnonzero(~keep)[0])
     turned, kept = np.roll(rows, -begin), np.roll(keep, -begin)
     places = np.flatnonzero(kept)
-    found = np.split(turned[places], np.flatnonzero(np.diff(places) > 1) + 1)
-    return [run for run in found if len(run) > 1]
+    runs = np.split(turned[places], np.flatnonzero(np.diff(places) > 1) + 1)
+    return [run for run in runs if len(run) > 1]
 
 
 def _unbroken(points: FloatArray, run: IntArray, width: float) -> list[IntArray]:

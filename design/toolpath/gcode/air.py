@@ -159,13 +159,13 @@ def valve_lines(
     closes = np.flatnonzero(flows & (~after | doses | np.roll(interrupted, -1))) + 1
     shut = _switch(head, dialect, to_open=False)
     opened = _switch(head, dialect, to_open=True)
-    found = [
+    lines = [
         *((row, 0, text) for row in closes.tolist() for text in shut),
         *((row, 1, text) for row, text in zip(marks.row.tolist(), marks.text, strict=True)),
         *((row, 2, text) for row in opens.tolist() for text in opened),
     ]
-    found.sort(key=lambda entry: entry[:2])
-    return Marks(np.array([row for row, _, _ in found], np.int64), [text for *_, text in found])
+    lines.sort(key=lambda entry: entry[:2])
+    return Marks(np.array([row for row, _, _ in lines], np.int64), [text for *_, text in lines])
 
 
 def _switch(head: Pneumatic, dialect: Dialect, *, to_open: bool) -> list[str]:

@@ -51,12 +51,12 @@ class _Lines:
 
     def with_marks(self, marks: Marks) -> Marks:
         """Both in their places; a mark comes before what a change says at the same row."""
-        found = [
+        merged = [
             *((row, 0, text) for row, text in zip(marks.row.tolist(), marks.text, strict=True)),
             *((row, 1, text) for row, text in zip(self.row, self.text, strict=True)),
         ]
-        found.sort(key=lambda entry: entry[:2])
-        return Marks(np.array([row for row, *_ in found], np.int64), [text for *_, text in found])
+        merged.sort(key=lambda entry: entry[:2])
+        return Marks(np.array([row for row, *_ in merged], np.int64), [text for *_, text in merged])
 
 
 class HeadsWriter(Writer):
@@ -157,8 +157,8 @@ class HeadsWriter(Writer):
             way = way.where(np.array([True, True, False]))
         blind = options.start_mm is None
         table, self._reached = tabulate(way, self._reached, self._printer, blind=blind)
-        told = not blind and not self._dialect.declares
-        lines.add(declare_position(table, self._begin, position=told, plunger=True))
+        declares = not blind and not self._dialect.declares
+        lines.add(declare_position(table, self._begin, position=declares, plunger=True))
 
     def _change(self, new: IdleHead, first_mm: FloatArray, lines: _Lines) -> None:
         """Leave the head in use, take ``new``, and go to where its first move begins."""
@@ -216,9 +216,9 @@ class HeadsWriter(Writer):
 
     def _position(self) -> FloatArray:
         """Where the carriage and the plunger in use stand as written, (4,), mm."""
-        found = self._at.position(self._printer)
-        found[3] = self._active.plunger_mm
-        return found
+        position = self._at.position(self._printer)
+        position[3] = self._active.plunger_mm
+        return position
 
     def _add(
         self, commands: Stops, one: IdleHead, lines: _Lines, at: JobPosition | None = None

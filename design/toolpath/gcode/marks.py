@@ -73,24 +73,24 @@ class Context:
 def marks_of(toolpath: Toolpath, table: Table, context: Context | None = None) -> Marks:
     """Find where the needle stands free between two layers or passes."""
     context = context or Context()
-    found = [*_heights(toolpath), *_ends(toolpath, context), *_asked_reloads(toolpath)]
-    found.sort(key=lambda mark: mark[0])
+    marks = [*_heights(toolpath), *_ends(toolpath, context), *_asked_reloads(toolpath)]
+    marks.sort(key=lambda mark: mark[0])
     body = np.flatnonzero(table.move >= 0)
-    moves = np.array([move for move, _ in found], dtype=np.int64)
+    moves = np.array([move for move, _ in marks], dtype=np.int64)
     before = np.searchsorted(table.move[body], moves, side="right")
     first = body[0] if len(body) and context.before is None else 0
     row = np.where(before > 0, body[np.maximum(before - 1, 0)] + 1, first)
-    return Marks(row, [text for _, text in found])
+    return Marks(row, [text for _, text in marks])
 
 
 def _heights(toolpath: Toolpath) -> list[tuple[int, str]]:
     """Heights of layers that differ: the move before each layer's first, and the text."""
-    found = []
+    marks = []
     for layer, height in toolpath.heights_mm.items():
         rows = np.flatnonzero(toolpath.source == layer)
         if len(rows):
-            found.append((int(rows[0]) - 1, f";HEIGHT:{height:.6g}"))
-    return found
+            marks.append((int(rows[0]) - 1, f";HEIGHT:{height:.6g}"))
+    return marks
 
 
 def _ends(toolpath: Toolpath, context: Context) -> list[tuple[int, str]]:
@@ -108,15 +108,15 @@ def _ends(toolpath: Toolpath, context: Context) -> list[tuple[int, str]]:
         travels = np.append(0, np.cumsum(toolpath.kind == MoveKind.TRAVEL))
         breaks = np.diff(travels[writes + 1]) > 0
     name = "LAYER_END" if layers else "PASS_END"
-    found: list[tuple[int, str]] = []
+    marks: list[tuple[int, str]] = []
     for at in np.flatnonzero(breaks & (source[:-1] >= 0)).tolist():  # a prime line is neither
         free, relieved = _lifted(toolpath, int(writes[at]), int(writes[at + 1]))
-        found.append((free, f";{name}:{source[at]}"))
+        marks.append((free, f";{name}:{source[at]}"))
         if relieved:
-            found.append((free, ";RELOAD"))
+            marks.append((free, ";RELOAD"))
     if context.last:
-        found.append((int(writes[-1]), f";{name}:{source[-1]}"))
-    return found
+        marks.append((int(writes[-1]), f";{name}:{source[-1]}"))
+    return marks
 
 
 def _lifted(toolpath: Toolpath, last: int, after: int) -> tuple[int, bool]:

@@ -72,9 +72,9 @@ class Writer:
         blind = first and self._options.start_mm is None
         table, self._reached = tabulate(commands, reached, self._printer, blind=blind)
         if first:
-            told = not blind and not self._dialect.declares
+            declares = not blind and not self._dialect.declares
             plunger = self._printer.pneumatic is None
-            table = declare_position(table, begin, position=told, plunger=plunger)
+            table = declare_position(table, begin, position=declares, plunger=plunger)
         marks = self._marks(toolpath, table, last=last)
         gcode = self._rendered(toolpath, table, marks)
         self._remember(toolpath)

@@ -20,10 +20,10 @@ _CODE: Final = re.compile(rb"M(\d{3})(?!\d)")
 
 def guard_command(command: bytes) -> bytes:
     """The command, its number with a zero before where one flipped bit would make it a stop."""
-    found = _CODE.match(command)
-    if found is None or len(command) > _LONGEST or found[1] in _FEARED:
+    match = _CODE.match(command)
+    if match is None or len(command) > _LONGEST or match[1] in _FEARED:
         return command
-    near = any(_flips(found[1], feared) == 1 for feared in _FEARED)
+    near = any(_flips(match[1], feared) == 1 for feared in _FEARED)
     return b"M0" + command[1:] if near else command
 
 

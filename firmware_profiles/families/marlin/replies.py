@@ -122,13 +122,13 @@ def frame(number: int, command: bytes) -> bytes:
 def _ok(text: bytes) -> Reply | None:
     if not text.startswith(b"ok"):
         return None
-    found = _OK.match(text)
-    return Reply(Kind.OK, text, int(found[1]) if found[1] else -1) if found else None
+    match = _OK.match(text)
+    return Reply(Kind.OK, text, int(match[1]) if match[1] else -1) if match else None
 
 
 def _resend(text: bytes) -> Reply | None:
-    found = _RESEND.match(text)
-    return Reply(Kind.RESEND, text, int(found[1])) if found else None
+    match = _RESEND.match(text)
+    return Reply(Kind.RESEND, text, int(match[1])) if match else None
 
 
 def _error(text: bytes) -> Reply | None:
@@ -136,8 +136,8 @@ def _error(text: bytes) -> Reply | None:
         return None
     if text.startswith(b"Error:Printer halted"):
         return Reply(Kind.HALT, text)
-    found = _LAST_LINE.match(text)
-    return Reply(Kind.ERROR, text, int(found[1]) if found else -1)
+    match = _LAST_LINE.match(text)
+    return Reply(Kind.ERROR, text, int(match[1]) if match else -1)
 
 
 def _echo(text: bytes) -> Reply | None:
@@ -162,8 +162,8 @@ def _plain(text: bytes) -> Reply | None:
 
 def unknown_command(text: bytes) -> bytes:
     """Give the command that an ``Unknown command`` echo quotes."""
-    found = _UNKNOWN.match(text) or _UNKNOWN_PRUSA.match(text)
-    return found[1] if found else b""
+    match = _UNKNOWN.match(text) or _UNKNOWN_PRUSA.match(text)
+    return match[1] if match else b""
 
 
 _TESTS: Final[tuple[Callable[[bytes], Reply | None], ...]] = (_ok, _resend, _error, _echo, _plain)

@@ -93,9 +93,9 @@ class Tokens:
 
     def hear(self, text: bytes) -> bool:
         """Whether a line from the printer is the echo of a token; the newest is noted."""
-        said = text.removeprefix(b"echo:")
+        echo = text.removeprefix(b"echo:")
         for k, token in enumerate(self._texts):
-            if said == token or _quotes(text, token):
+            if echo == token or _quotes(text, token):
                 self.echoed |= k == len(self._texts) - 1
                 del self._texts[: k + 1]
                 return True
@@ -104,7 +104,7 @@ class Tokens:
     def resembles(self, text: bytes) -> bool:
         """Whether a line from the printer may be an echo that noise has garbled."""
         return any(
-            _alike(text, said) for token in self._texts for said in (token, b"echo:" + token)
+            _alike(text, form) for token in self._texts for form in (token, b"echo:" + token)
         )
 
     def come_back(self) -> bool:
@@ -153,13 +153,13 @@ class Tokens:
         return surplus
 
 
-def _alike(text: bytes, said: bytes) -> bool:
+def _alike(text: bytes, token: bytes) -> bool:
     """Whether all but `_GARBLED` bytes of ``said`` begin or end a text of about its length."""
-    if abs(len(text) - len(said)) > _GARBLED:
+    if abs(len(text) - len(token)) > _GARBLED:
         return False
-    begin = _alike_from_start(text, said)
-    end = _alike_from_start(text[begin:][::-1], said[begin:][::-1])
-    return begin + end >= len(said) - _GARBLED
+    begin = _alike_from_start(text, token)
+    end = _alike_from_start(text[begin:][::-1], token[begin:][::-1])
+    return begin + end >= len(token) - _GARBLED
 
 
 def _alike_from_start(one: bytes, other: bytes) -> int:

@@ -42,8 +42,8 @@ _WORD: Final = re.compile(rb"([GM])0*(\d+)(?![.\d])")
 
 
 def _harmless(command: bytes) -> bool:
-    found = _WORD.match(command)
-    return found is not None and found[1] + found[2] in _HARMLESS
+    match = _WORD.match(command)
+    return match is not None and match[1] + match[2] in _HARMLESS
 
 
 LEFT_OUT: Final = (b"was not driven because", b"Command is not supported")

@@ -66,7 +66,7 @@ def read_pattern(path: Path) -> WrittenPattern:
         When it isn't there, isn't one, or was changed by hand.
     """
     try:
-        said = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(encoding="utf-8"))
     except OSError as exc:
         raise UsageError(
             f"{path} can't be read: {exc.strerror}; give the file that `printctl calibrate "
@@ -74,23 +74,23 @@ def read_pattern(path: Path) -> WrittenPattern:
         ) from exc
     except ValueError as exc:
         raise UsageError(f"{path} isn't a pattern's file: {exc}; give the .json one") from exc
-    if not isinstance(said, dict) or said.get(_KEY) != VERSION:
+    if not isinstance(data, dict) or data.get(_KEY) != VERSION:
         raise UsageError(f"{path} isn't a pattern's file of `printctl calibrate pattern`")
     try:
-        found = _read(said)
+        pattern = _read(data)
     except (KeyError, TypeError, ValueError) as exc:
         raise UsageError(f"{path} isn't whole ({exc}); write the pattern again") from exc
-    if found.number != said.get("number"):
+    if pattern.number != data.get("number"):
         raise UsageError(
             f"{path} was changed since it was written, so it may not be what was printed; write "
             "the pattern again"
         )
-    return found
+    return pattern
 
 
 def _text(written: WrittenPattern, more: dict[str, Any] | None = None) -> str:
     pattern = written.pattern
-    said = {
+    data = {
         _KEY: VERSION,
         **(more or {}),
         "name": pattern.name,
@@ -112,7 +112,7 @@ def _text(written: WrittenPattern, more: dict[str, Any] | None = None) -> str:
             for one in pattern.questions
         ],
     }
-    return json.dumps(said, indent=None if more is None else 1, allow_nan=False)
+    return json.dumps(data, indent=None if more is None else 1, allow_nan=False)
 
 
 def _speeds(stroke: Stroke) -> list[float]:
@@ -125,16 +125,16 @@ def _rounded(values: Any) -> Any:
     return np.round(np.asarray(values, dtype=np.float64), 6).tolist()
 
 
-def _read(said: dict[str, Any]) -> WrittenPattern:
+def _read(data: dict[str, Any]) -> WrittenPattern:
     strokes = []
-    for one in said["strokes"]:
+    for one in data["strokes"]:
         points = np.array(one["points_mm"], dtype=np.float64).reshape(-1, 3)
         speed = np.broadcast_to(np.array(one["speed_mm_s"], dtype=np.float64), len(points) - 1)
         strokes.append(Stroke(one["number"], one["role"], points, speed, one["flow"]))
     questions = tuple(
         Question(one["number"], one["value"], np.array(one["lines_mm"]).reshape(-1, 2, 2))
-        for one in said["questions"]
+        for one in data["questions"]
     )
-    x, y = said["size_mm"]
-    pattern = Pattern(said["name"], Bead(**said["bead"]), (x, y), tuple(strokes), questions)
-    return WrittenPattern(pattern, PatternSetUp(**said["mounted"]))
+    x, y = data["size_mm"]
+    pattern = Pattern(data["name"], Bead(**data["bead"]), (x, y), tuple(strokes), questions)
+    return WrittenPattern(pattern, PatternSetUp(**data["mounted"]))

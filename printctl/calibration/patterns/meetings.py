@@ -53,21 +53,21 @@ def comb_pattern(bead: Bead, gaps_mm: Sequence[float], speed_mm_s: float) -> Pat
 
 def joint_pattern(bead: Bead, overlaps: Sequence[float], speed_mm_s: float) -> Pattern:
     """Branches that end at a trunk, each so many radii beyond the trunk's surface."""
-    found = _ordered(overlaps, "--overlaps")
-    if min(found) < -4 or max(found) > 2:
+    ordered = _ordered(overlaps, "--overlaps")
+    if min(ordered) < -4 or max(ordered) > 2:
         raise UsageError(
-            f"--overlaps {found} aren't within -4 to 2 radii beyond the trunk's surface (2 is its "
-            "other side)"
+            f"--overlaps {ordered} aren't within -4 to 2 radii beyond the trunk's surface (2 is "
+            "its other side)"
         )
     radius, spacing = bead.width_mm / 2, max(10 * bead.width_mm, 3.0)
     size = (
-        2 * MARGIN_MM + (len(found) + 1) * spacing,
+        2 * MARGIN_MM + (len(ordered) + 1) * spacing,
         2 * MARGIN_MM + _BRANCH_MM,
     )
     across = [(MARGIN_MM, MARGIN_MM), (size[0] - MARGIN_MM, MARGIN_MM)]
     strokes = [*frame(size, speed_mm_s), straight(0, "trunk", across, speed_mm_s)]
     asked = []
-    for k, overlap in enumerate(found):
+    for k, overlap in enumerate(ordered):
         x, top = MARGIN_MM + (k + 1) * spacing, MARGIN_MM + _BRANCH_MM
         end = MARGIN_MM + radius - overlap * radius
         strokes.append(straight(k + 1, "branch", [(x, top), (x, end)], speed_mm_s))
@@ -119,10 +119,10 @@ def _pillar(bead: Bead, x: float, y: float, z: float, speed_mm_s: float) -> Stro
 
 
 def _ordered(values: Sequence[float], option: str) -> list[float]:
-    found = sorted(set(values))
-    if len(found) < 2 or len(found) > MOST or not all(map(math.isfinite, found)):
+    distinct = sorted(set(values))
+    if len(distinct) < 2 or len(distinct) > MOST or not all(map(math.isfinite, distinct)):
         raise UsageError(f"{option} {list(values)}: give 2 to {MOST} different numbers")
-    return found
+    return distinct
 
 
 def _above(values: list[float], limit: float, option: str, what: str) -> None:

@@ -71,14 +71,14 @@ def _labels(pattern: Pattern) -> Iterator[str]:
     for stroke in pattern.of_role("line", "step"):
         v = -stroke.points[0, 1] * _SCALE + 0.9
         speeds = "/".join(f"{speed:g}" for speed in dict.fromkeys(stroke.speed_mm_s.tolist()))
-        said = f"{stroke.number}: {speeds} mm/s"
-        said += " slow, fast, slow" if stroke.role == "step" else f", flow {stroke.flow:g}"
-        yield f'<text class="small" x="{right:g}" y="{v:.2f}">{said}</text>'
+        text = f"{stroke.number}: {speeds} mm/s"
+        text += " slow, fast, slow" if stroke.role == "step" else f", flow {stroke.flow:g}"
+        yield f'<text class="small" x="{right:g}" y="{v:.2f}">{text}</text>'
     for one in pattern.questions:
         if pattern.name == "comb":
             v = -one.lines[:, :, 1].mean() * _SCALE + 0.9
-            said = f"{one.number}: {one.value:g} mm"
-            yield f'<text class="small" x="{right:g}" y="{v:.2f}">{said}</text>'
+            text = f"{one.number}: {one.value:g} mm"
+            yield f'<text class="small" x="{right:g}" y="{v:.2f}">{text}</text>'
         else:
             joint = pattern.name == "joint"
             strokes = pattern.of_role("branch", "bridge")
@@ -86,8 +86,8 @@ def _labels(pattern: Pattern) -> Iterator[str]:
             u, v = _place(stroke.points[0 if joint else -1].tolist())
             unit = "radii" if joint else "mm"
             at = (u - 3, v - 3) if joint else (u + 4, v + 0.9)
-            said = f"{one.number}: {one.value:g} {unit}"
-            yield f'<text class="small" x="{at[0]:.2f}" y="{at[1]:.2f}">{said}</text>'
+            text = f"{one.number}: {one.value:g} {unit}"
+            yield f'<text class="small" x="{at[0]:.2f}" y="{at[1]:.2f}">{text}</text>'
 
 
 def _scales(pattern: Pattern) -> Iterator[str]:

@@ -74,15 +74,19 @@ def fit_lines(written: WrittenPattern, widths: Widths, known: GivenValues) -> An
             "better six\n" + "\n".join(table)
         )
     share, notes = _share(pattern, good, widths)
-    found, changes, more = factors(share, written, known)
-    speeds, said = _speeds(lines, widths)
-    estimates = {"cross-section over the commanded one": share, **found, **lag_estimates(lag)}
+    factor_estimates, changes, more = factors(share, written, known)
+    speeds, speed_notes = _speeds(lines, widths)
+    estimates = {
+        "cross-section over the commanded one": share,
+        **factor_estimates,
+        **lag_estimates(lag),
+    }
     if lag is not None:
         notes += lag_notes(lag)
         changes = {**changes, **lag_change(lag, written)}
     missing = [why] if why else []
     return Answer(
-        estimates, table, [*more, *notes, *missing, *said, *_UNTOLD], {**changes, **speeds}
+        estimates, table, [*more, *notes, *missing, *speed_notes, *_UNTOLD], {**changes, **speeds}
     )
 
 
@@ -168,12 +172,12 @@ def _speeds(lines: list[LineWidth], widths: Widths) -> tuple[dict[str, Change], 
     )
     if len(held) < 2 or any(held[0] < speed < held[-1] for speed in broken):
         return {}, notes
-    said = f"lines hold together from {held[0]:g} to {held[-1]:g} mm/s, all that was tried"
+    text = f"lines hold together from {held[0]:g} to {held[-1]:g} mm/s, all that was tried"
     if broken:
-        said = f"lines hold together from {held[0]:g} to {held[-1]:g} mm/s"
+        text = f"lines hold together from {held[0]:g} to {held[-1]:g} mm/s"
     value = {"low": held[0], "high": held[-1]}
     change = Change(value, f"{held[0]:g} to {held[-1]:g} mm/s hold together")
-    return {"write_speed_mm_s": change}, [*notes, said]
+    return {"write_speed_mm_s": change}, [*notes, text]
 
 
 def _table(pattern: Pattern, lines: list[LineWidth], widths: Widths) -> list[str]:
@@ -181,8 +185,8 @@ def _table(pattern: Pattern, lines: list[LineWidth], widths: Widths) -> list[str
     for one in lines:
         aim = pattern.bead.width_at(one.stroke.flow) * 1e3
         begin = f"{one.stroke.number:4}  {one.speed_mm_s:4g}  {one.stroke.flow:4g}  {aim:9.1f}"
-        found = widths.found.get(one.stroke.number)
-        part = "" if found is None or found >= HELD else f"  ink at {found:.0%} of its length"
+        share = widths.found.get(one.stroke.number)
+        part = "" if share is None or share >= HELD else f"  ink at {share:.0%} of its length"
         if one.count:
             rows.append(f"{begin}  {one.width_mm * 1e3:6.1f}  {one.spread_mm * 1e3:6.1f}{part}")
         else:

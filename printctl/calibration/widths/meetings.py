@@ -56,7 +56,7 @@ def fit_comb(written: WrittenPattern, replies: Replies) -> Answer:
     """Smallest gap that stays open, between the widest that closed and the next."""
     gap = _asked(written, replies)
     is_open = replies.part >= OPEN
-    found = _bounds(gap, is_open, rising=True)
+    bounds = _bounds(gap, is_open, rising=True)
     table = ["gap  commanded  measured  (µm)"]
     for number, asked, seen, part in zip(
         replies.number, gap, replies.reply, replies.part, strict=True
@@ -64,18 +64,18 @@ def fit_comb(written: WrittenPattern, replies: Replies) -> Answer:
         state = "open" if part >= OPEN else "closed" if part <= 1 - OPEN else f"{part:.0%} open"
         table.append(f"{number:3}  {asked * 1e3:9.0f}  {seen * 1e3:8.0f}  {state}")
     notes, changes = [], {}
-    estimates = _interval("smallest gap that stays open", found, "mm")
-    if found.yes is None:
+    estimates = _interval("smallest gap that stays open", bounds, "mm")
+    if bounds.yes is None:
         notes.append("every gap closed: print wider ones (--gaps); nothing is written")
     else:
-        said = f"{found.yes:g} mm stayed open"
-        if found.no is None:
+        text = f"{bounds.yes:g} mm stayed open"
+        if bounds.no is None:
             notes.append("every gap stayed open: the smallest may be smaller still (--gaps)")
         else:
-            said += f", {found.no:g} mm closed"
+            text += f", {bounds.no:g} mm closed"
             notes.append("the interval is that of the gaps tried, not a 95 % one")
-        changes["smallest_gap_mm"] = Change(found.yes, said)
-    if found.mixed:
+        changes["smallest_gap_mm"] = Change(bounds.yes, text)
+    if bounds.mixed:
         notes.append(
             "a smaller gap stayed open while a wider one closed: the teeth wander by more than the "
             "gaps differ; look at the picture, print it again"
@@ -137,16 +137,16 @@ class _Question:
 def _yes_no(written: WrittenPattern, replies: Replies, asked: _Question) -> Answer:
     value = _asked(written, replies)
     good = np.asarray(asked.good(replies.part))
-    found = _bounds(value, good, rising=asked.rising)
+    bounds = _bounds(value, good, rising=asked.rising)
     table = [
         f"{number:3}  {at:6g} {asked.unit}  {'yes' if yes else 'no'}"
         for number, at, yes in zip(replies.number, value, good, strict=True)
     ]
-    estimates = _interval(asked.name, found, asked.unit)
-    notes = [] if found.yes is not None else [asked.ends[0]]
-    if found.no is None:
+    estimates = _interval(asked.name, bounds, asked.unit)
+    notes = [] if bounds.yes is not None else [asked.ends[0]]
+    if bounds.no is None:
         notes.append(asked.ends[1])
-    if found.mixed:
+    if bounds.mixed:
         notes.append("the answers aren't in order: one print isn't enough, repeat it")
     if estimates:
         notes.append("the interval is that of the values tried, not a 95 % one")

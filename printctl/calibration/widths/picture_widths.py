@@ -115,7 +115,7 @@ def measure_picture(path: Path, written: WrittenPattern, given: PictureFacts) ->
     scale, notes = _scale(view, given)
     gaps = [Crossing(one.number, one.lines) for one in pattern.questions]
     lines, shade = measure_lines(picture, view, _lines(pattern, bool(gaps)))
-    notes += _told(view, shade, pattern)
+    notes += _notes(view, shade, pattern)
     if not gaps:
         drawn = annotated(picture, view, target, lines, [])
         widths = _widths(lines, scale, shade)
@@ -123,9 +123,9 @@ def measure_picture(path: Path, written: WrittenPattern, given: PictureFacts) ->
     bead = float(np.nanmedian(np.concatenate([one.width_mm for one in lines])))
     contrast = float(np.nanmedian(np.concatenate([one.height for one in lines])))
     wider = bead - float(shade.half_width(np.array([bead]))[0])
-    found = measure_gaps(picture, view, gaps, contrast, wider)
-    drawn = annotated(picture, view, target, [], list(zip(gaps, found, strict=True)))
-    replies = _replies(found, scale, shade.least_gap_mm + 0.5e-3 * view.um_per_px)
+    gap_widths = measure_gaps(picture, view, gaps, contrast, wider)
+    drawn = annotated(picture, view, target, [], list(zip(gaps, gap_widths, strict=True)))
+    replies = _replies(gap_widths, scale, shade.least_gap_mm + 0.5e-3 * view.um_per_px)
     return MeasuredPicture(None, replies, _table_of_gaps(written, replies), drawn, notes)
 
 
@@ -177,18 +177,18 @@ def _scale(view: View, given: PictureFacts) -> tuple[float, list[str]]:
             "the picture is scaled by the frame as printed: widths are as right as the printer's "
             "axes (--um-per-px takes a stage micrometer's word instead, --camera a board's)"
         ]
-    said = "--um-per-px" if given.lens is None else "--camera: scale"
+    source = "--um-per-px" if given.lens is None else "--camera: scale"
     ratio = scale / view.um_per_px
     if abs(ratio - 1) > _SCALES:
         raise UsageError(
-            f"{said} {scale:.4g}, and by its frame the picture has {view.um_per_px:.3g} µm a "
+            f"{source} {scale:.4g}, and by its frame the picture has {view.um_per_px:.3g} µm a "
             f"pixel ({ratio - 1:+.0%}, {_SCALES:.0%} allowed): is it another pattern's picture, "
             "was it resized, or are the printer's steps wrong (printctl calibrate backlash)?"
         )
     return ratio, [f"the frame is printed {ratio - 1:+.2%} off the scale that was given"]
 
 
-def _told(view: View, shade: Shade, pattern: Pattern) -> list[str]:
+def _notes(view: View, shade: Shade, pattern: Pattern) -> list[str]:
     width = pattern.bead.width_mm
     kind = "opaque" if shade.opaque(width) else "lets light through"
     notes = [
@@ -210,25 +210,25 @@ def _told(view: View, shade: Shade, pattern: Pattern) -> list[str]:
 
 
 def _widths(lines: Sequence[LineWidths], scale: float, shade: Shade) -> Widths:
-    number, x, width, found = [], [], [], {}
+    number, x, width, shares = [], [], [], {}
     for one in lines:
         known = np.isfinite(one.width_mm)
         number.append(np.full(int(known.sum()), one.line.number, dtype=np.int64))
         x.append(one.way.along_mm[known])
         width.append(one.width_mm[known] * scale)
-        found[one.line.number] = one.found
+        shares[one.line.number] = one.found
     return Widths(
         np.concatenate(number),
         np.concatenate(x),
         np.concatenate(width),
-        found=found,
+        found=shares,
         optics=_T95 * shade.spread,
     )
 
 
-def _replies(found: Sequence[GapWidth], scale: float, least_mm: float) -> Replies:
-    seen = [one for one in found if np.isfinite(one.open_mm).all()]
-    if len(seen) < len(found):
+def _replies(gaps: Sequence[GapWidth], scale: float, least_mm: float) -> Replies:
+    seen = [one for one in gaps if np.isfinite(one.open_mm).all()]
+    if len(seen) < len(gaps):
         raise UsageError("a part of the pattern lies outside the picture; have all of it in it")
     return Replies(
         np.array([one.number for one in seen], dtype=np.int64),

@@ -57,8 +57,8 @@ def fit_spiral(written: WrittenPattern, widths: Widths, known: GivenValues) -> A
     half = math.hypot((level.high - level.low) / 2, 2 * widths.optics * level.value)
     total = Estimate(level.value, level.value - half, level.value + half)
     drift = slope.times(60 * 100 / level.value, "% a minute")
-    found, changes, more = factors(total, written, known)
-    estimates = {"cross-section over the commanded one": total, **found, "drift": drift}
+    factor_estimates, changes, more = factors(total, written, known)
+    estimates = {"cross-section over the commanded one": total, **factor_estimates, "drift": drift}
     if tau is not None:
         estimates["τ, from its begin"] = tau
     if not drift.holds(0.0):

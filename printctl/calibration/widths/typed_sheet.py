@@ -65,10 +65,10 @@ def typed_replies(path: Path, written: WrittenPattern) -> Replies:
 
 def _read(path: Path, written: WrittenPattern, columns: tuple[str, ...]) -> Readings:
     data = read_readings(path, columns)
-    said = data.facts.get("pattern")
-    if said is not None and int(said) != written.number:
+    number = data.facts.get("pattern")
+    if number is not None and int(number) != written.number:
         raise UsageError(
-            f"{path} is the sheet of pattern no. {said:.0f}, and the pattern's file is of no. "
+            f"{path} is the sheet of pattern no. {number:.0f}, and the pattern's file is of no. "
             f"{written.number}; give the one that belongs to it (--pattern)"
         )
     return data

@@ -27,11 +27,11 @@ def main() -> int:
             python = [f"python={asked.python}"] if asked.python else []
             write_slurm(asked.slurm, asked.case, slurm_job(python + asked.set))
             return 0
-        found = run_on_ranks(asked.case, asked.ranks, asked.python, _tell)
+        result = run_on_ranks(asked.case, asked.ranks, asked.python, _tell)
     except (PrintctlError, DesignError) as exc:
         print(exc, file=sys.stderr)
         return getattr(exc, "exit_code", 1)
-    for k, (flow, pressure) in enumerate(zip(found.port_flow, found.port_pressure, strict=True)):
+    for k, (flow, pressure) in enumerate(zip(result.port_flow, result.port_pressure, strict=True)):
         print(f"port {k}: {flow:.6g} uL/s out, {pressure:.6g} Pa")
     return 0
 

@@ -54,9 +54,9 @@ def find_engine(python: Path | None = None) -> Engine:
     """
     named = python or (Path(os.environ[PYTHON_VARIABLE]) if PYTHON_VARIABLE in os.environ else None)
     if named is not None:
-        version, said = _ask(named)
+        version, reason = _ask(named)
         if version is None:
-            raise PrintctlError(f"{named} doesn't import dolfinx ({said}). {INSTALL}")
+            raise PrintctlError(f"{named} doesn't import dolfinx ({reason}). {INSTALL}")
         return Engine(named, version)
     tried = []
     for candidate in _candidates():
@@ -79,9 +79,9 @@ def find_mpirun(python: Path) -> Path:
     """
     for name in ("mpirun", "mpiexec"):
         beside = python.parent / name
-        found = str(beside) if beside.exists() else shutil.which(name)
-        if found:
-            return Path(found)
+        program = str(beside) if beside.exists() else shutil.which(name)
+        if program:
+            return Path(program)
     raise PrintctlError(f"neither mpirun nor mpiexec is beside {python} or on the path. {INSTALL}")
 
 
@@ -108,11 +108,11 @@ def clean_environment() -> dict[str, str]:
 
 def _candidates() -> Iterator[Path]:
     seen = set()
-    for found in _places():
+    for path in _places():
         # Not resolved: an environment's interpreter is often a link to the system's.
-        if found.exists() and found not in seen:
-            seen.add(found)
-            yield found
+        if path.exists() and path not in seen:
+            seen.add(path)
+            yield path
 
 
 def _places() -> Iterator[Path]:
@@ -133,9 +133,9 @@ def _ask(python: Path) -> tuple[str | None, str]:
     """Version of dolfinx, or None and the last line of what went wrong."""
     if not python.exists():
         return None, "no such file"
-    told, wrong = _output([str(python), "-c", _ASK])
+    output, wrong = _output([str(python), "-c", _ASK])
     lines = wrong.strip().splitlines()
-    return (told.strip().splitlines()[-1], "") if told.strip() else (None, (lines or ["?"])[-1])
+    return (output.strip().splitlines()[-1], "") if output.strip() else (None, (lines or ["?"])[-1])
 
 
 def _output(command: list[str]) -> tuple[str, str]:

@@ -52,8 +52,8 @@ def run_on_ranks(
     ]
     code, last = _followed(command, case_folder, tell or (lambda line: None))
     if code != 0:
-        said = "\n".join(last) or "nothing was said"
-        raise PrintctlError(f"the {ranks} ranks ended with code {code}:\n{said}")
+        output = "\n".join(last) or "nothing was said"
+        raise PrintctlError(f"the {ranks} ranks ended with code {code}:\n{output}")
     return read_result(case_folder)
 
 

@@ -131,5 +131,5 @@ def batch_head(job: SlurmJob, name: str, log: str) -> list[str]:
         "account": job.account,
         "output": log,
     }
-    said = [f"#SBATCH --{key}={value}" for key, value in asked.items() if value is not None]
-    return ["#!/bin/bash", *said]
+    lines = [f"#SBATCH --{key}={value}" for key, value in asked.items() if value is not None]
+    return ["#!/bin/bash", *lines]

@@ -32,12 +32,12 @@ def cut_stage(run: PlateRun) -> Stage:
             return dict(whole), []
         assert context.stand is not None
         motion = ExecutedMotion.load(run.whole.folder / EXECUTED)
-        found = motion_in_well(motion, run.standing, context.stand.well)
+        cut = motion_in_well(motion, run.standing, context.stand.well)
         # The way down to the part: a file is held against a motion from where both begin.
-        found.start[0] = context.start_mm
-        found.save(context.folder / EXECUTED)
-        lasted = float(found.time_end[-1] - found.time_start[0])
-        return {**whole, "blocks": len(found), "duration_s": lasted}, [EXECUTED]
+        cut.start[0] = context.start_mm
+        cut.save(context.folder / EXECUTED)
+        lasted = float(cut.time_end[-1] - cut.time_start[0])
+        return {**whole, "blocks": len(cut), "duration_s": lasted}, [EXECUTED]
 
     return Stage("print", depends, (), ("sim",), work)
 

@@ -73,28 +73,28 @@ def check_job(run: PlateRun, report: Report) -> tuple[dict[str, Any], Sequence[s
     whole = run.whole
     data = (whole.folder / GCODE).read_bytes()
     x, y, z = whole.start_mm.tolist()
-    found = dry_run(data, whole.printer, (x, y, z))
+    checked = dry_run(data, whole.printer, (x, y, z))
     report(0.4, "looking at each well")
     of_line = _well_of_line(whole.folder / LINE_MAP)
-    times = well_times(run, found, of_line)
+    times = well_times(run, checked, of_line)
     checks, reload_at, reload_heads = with_reloads_of(
-        _checks(run, found, of_line, times),
+        _checks(run, checked, of_line, times),
         parse_job(data, GCODE, whole.printer),
         [usable_mm(whole.syringe, whole.printer)],
         wanted=whole.recipe.printer.care.reload,
         by="say printer.care.reload: true",
     )
     care, budget = whole.recipe.printer.care, alone.shortest_budget(whole)
-    time = PrintTime(found.duration_s, len(reload_at), care.reload_min)
+    time = PrintTime(checked.duration_s, len(reload_at), care.reload_min)
     report(0.8, "looking at the needle's shaft")
-    clearance = alone.shaft(whole, found)
+    clearance = alone.shaft(whole, checked)
     checks += [*viability_checks(time, budget), *_shaft(run, clearance)]
     summary = {
-        "duration_s": found.duration_s,
+        "duration_s": checked.duration_s,
         **viability_facts(time, budget),
-        **alone.ink_facts(whole, found, reload_at, reload_heads),
+        **alone.ink_facts(whole, checked, reload_at, reload_heads),
         **alone.shaft_facts(clearance),
-        "merged_moves": found.merged_moves,
+        "merged_moves": checked.merged_moves,
         "reload_at": list(reload_at),
         "reload_heads": list(reload_heads),
         "checks": [check.as_dict() for check in checks],
@@ -113,20 +113,20 @@ def _well_of_line(path: Path) -> NDArray[np.int64]:
 
 
 def _checks(
-    run: PlateRun, found: DryRun, of_line: NDArray[np.int64], times: Sequence[dict[str, Any]]
+    run: PlateRun, checked: DryRun, of_line: NDArray[np.int64], times: Sequence[dict[str, Any]]
 ) -> list[Check]:
     whole = run.whole
-    inks = volumes(found, whole.printer, alone.loaded(whole))
-    wells = read_wells(whole.folder / LINE_MAP, found.program.line, inks)
+    inks = volumes(checked, whole.printer, alone.loaded(whole))
+    wells = read_wells(whole.folder / LINE_MAP, checked.program.line, inks)
     if wells is None:
         raise PrintctlError(f"{LINE_MAP} names no wells; take it away and run again")
     # What comes out where the swept factor is the true one, as for every other check.
     wells = replace(wells, ink_ul={row["well"]: row["ink_ul"] for row in times})
     return [
-        *gcode_checks(found, whole.printer),
-        *alone.of_mounted(whole, found, whole.printer, 0),
-        *well_checks(found, wells, whole.needle),
-        *_as_alone(run, found.program, of_line),
+        *gcode_checks(checked, whole.printer),
+        *alone.of_mounted(whole, checked, whole.printer, 0),
+        *well_checks(checked, wells, whole.needle),
+        *_as_alone(run, checked.program, of_line),
         *_place(run),
         *bath_checks(whole.bath),
     ]
@@ -179,10 +179,10 @@ def _alone(context: RunContext) -> tuple[Program, BoolArray]:
     return program, own[program.line - 1]
 
 
-def well_times(run: PlateRun, found: DryRun, of_line: NDArray[np.int64]) -> list[dict[str, Any]]:
+def well_times(run: PlateRun, checked: DryRun, of_line: NDArray[np.int64]) -> list[dict[str, Any]]:
     """Lines, ink and time of each well, in the printing order."""
-    program, executed = found.program, found.executed
-    inks = volumes(found, run.whole.printer, alone.loaded(run.whole))
+    program, executed = checked.program, checked.executed
+    inks = volumes(checked, run.whole.printer, alone.loaded(run.whole))
     well = of_line[program.line - 1]
     of_command = np.full(int(program.command.max()) + 1, NOWHERE)
     of_command[program.command] = well

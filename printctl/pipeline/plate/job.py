@@ -152,8 +152,8 @@ def _marked(
         report((number + 1) / len(run.wells), f"well {well.name}")
         first, after = laid.first[number], laid.after[number]
         texts = {first: f"WELL:{well.name} {well.label}", after: f"WELL_END:{well.name}"}
-        found = add_labels(part, texts, comment)
-        inside = (found.line_move >= first) & (found.line_move < after)
+        labelled = add_labels(part, texts, comment)
+        inside = (labelled.line_move >= first) & (labelled.line_move < after)
         laid.well_of_line.append(np.where(inside, number, NOWHERE).astype(np.int16))
-        yield found
+        yield labelled
     beside |= wells_in_map(run, laid.well_of_line)

@@ -84,12 +84,12 @@ def written_in_all(run: PlateRun, bundles: WellBundles) -> dict[str, NDArray[Any
     whole = combine_networks(
         [run.run_of(well).written_network.moved(run.place_of(well)) for well in run.wells]
     )
-    found = {f"network_{name}": getattr(whole, name) for name in _NETWORK}
+    arrays = {f"network_{name}": getattr(whole, name) for name in _NETWORK}
     for name in ("overlap_radii", "clearance_mm"):
-        found[name] = np.array(max(float(one[name]) for one in each))
+        arrays[name] = np.array(max(float(one[name]) for one in each))
     if not bundles.whole.is_plain:
-        found["bundled"] = np.bincount(bundles.whole.owner) > 1
-    return found | {"needles_mm": each[0]["needles_mm"], "place_mm": np.zeros(3)}
+        arrays["bundled"] = np.bincount(bundles.whole.owner) > 1
+    return arrays | {"needles_mm": each[0]["needles_mm"], "place_mm": np.zeros(3)}
 
 
 def combine_networks(networks: Sequence[VesselNetwork]) -> VesselNetwork:

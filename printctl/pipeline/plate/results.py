@@ -59,9 +59,9 @@ def _row(
     return row | (well_figures(scans[well.name]) if well.name in scans else {})
 
 
-def well_figures(found: Mapping[str, Any]) -> dict[str, Any]:
+def well_figures(report: Mapping[str, Any]) -> dict[str, Any]:
     """What a well's own report says, in a few numbers."""
-    verdict, numbers = found["verdict"], found["registration"]
+    verdict, numbers = report["verdict"], report["registration"]
     errors = [
         row["error_percent"] for row in numbers["vessels"] if row["error_percent"] is not None
     ]

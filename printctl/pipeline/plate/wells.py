@@ -109,7 +109,7 @@ def _run_of(
     whole: RunContext, well: Well, standing: StandingPlate, before: Sequence[RunContext]
 ) -> RunContext:
     folder = whole.folder / WELLS / well.name
-    found = RunContext(
+    context = RunContext(
         varied_recipe(whole.recipe, well.point, well.name),
         whole.recipe_folder,
         folder,
@@ -121,16 +121,16 @@ def _run_of(
         title=well.name,
         siblings=before,
     )
-    found.manifest.facts = run_facts(found) | {
+    context.manifest.facts = run_facts(context) | {
         "well": well.name,
         "label": well.label,
         "varied": dict(well.point.values),
     }
     for other in before:
-        if other.recipe.tissue == found.recipe.tissue and "tissue" in vars(other):
-            vars(found)["tissue"] = other.tissue  # made once; it may take seconds
+        if other.recipe.tissue == context.recipe.tissue and "tissue" in vars(other):
+            vars(context)["tissue"] = other.tissue  # made once; it may take seconds
             break
-    return found
+    return context
 
 
 def _refuse_unbuilt(whole: RunContext, part: PlatePart) -> None:

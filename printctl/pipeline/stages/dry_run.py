@@ -167,19 +167,19 @@ def loaded(context: RunContext) -> list[HeadLoading]:
     return [HeadLoading(one.syringe, one.ink, one.needle) for one in context.loads]
 
 
-def allowed_shaft(context: RunContext, found: Clearance | None) -> list[Check]:
+def allowed_shaft(context: RunContext, clearance: Clearance | None) -> list[Check]:
     """What the recipe allows of it."""
     part = context.recipe.toolpath
-    if found is None or isinstance(part, Fresh):
+    if clearance is None or isinstance(part, Fresh):
         return []
-    return shaft_checks(found, part.allowed_crossings)
+    return shaft_checks(clearance, part.allowed_crossings)
 
 
-def shaft_facts(found: Clearance | None) -> dict[str, Any]:
+def shaft_facts(clearance: Clearance | None) -> dict[str, Any]:
     """The checker's result, JSON-ready; nothing for layers."""
-    if found is None:
+    if clearance is None:
         return {}
-    return {"clearance": found.as_dict(), "accepted_crossings": accepted_text(found)}
+    return {"clearance": clearance.as_dict(), "accepted_crossings": accepted_text(clearance)}
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
@@ -212,8 +212,8 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     }
     report(0.5, "predicting what will lie in the bath")
     predicted, files = predicting(context, run, data, placed_failures(checks))
-    found = summary | {"predicted": predicted}
-    write_text(context.folder / CHECKS, json.dumps(found, indent=1) + "\n")
+    facts = summary | {"predicted": predicted}
+    write_text(context.folder / CHECKS, json.dumps(facts, indent=1) + "\n")
     refuse_failed(checks)
     for text in warnings(checks):
         context.bars.remark("dry run", text)
@@ -224,8 +224,8 @@ def shortest_budget(context: RunContext) -> Budget | None:
     """How long the cells have; of several inks those that have least time."""
     care = context.recipe.printer.care
     inks = {one.ink.name: one.ink for one in context.loads}.values()
-    found = [budget_of(ink, care.viability_min, care.viability_source) for ink in inks]
-    return min((one for one in found if one), key=lambda one: one.minutes, default=None)
+    budgets = [budget_of(ink, care.viability_min, care.viability_source) for ink in inks]
+    return min((one for one in budgets if one), key=lambda one: one.minutes, default=None)
 
 
 def ink_facts(

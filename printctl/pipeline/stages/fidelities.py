@@ -25,16 +25,16 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     case = Case(
         network, recipe.flow, context.conditions, _pulse(context), recipe.solid.fillet_ratio
     )
-    found = solve_fidelities(context.folder, case, report)
+    outcome = solve_fidelities(context.folder, case, report)
     asked_for = recipe.flow.compare
     if asked_for is not None and asked_for.lattice is not None:
         # In the design's size and at its flow: that is what both were made for.
         lattice = build_lattice(context.tissue, asked_for.lattice.options())
-        found.summary["beside"], files = compare_with_lattice(
+        outcome.summary["beside"], files = compare_with_lattice(
             context.folder, context.designed_network, lattice, context.designed_conditions
         )
-        found.files += files
-    return found.summary, found.files
+        outcome.files += files
+    return outcome.summary, outcome.files
 
 
 def _pulse(context: RunContext) -> PulsatileConditions | None:
@@ -50,8 +50,8 @@ def depends(context: RunContext) -> Any:
     """The flow's section, whole, and the fillets."""
     part = context.recipe.flow
     space = [part.three_d, part.compare]
-    told = [None if x is None else x.model_dump(mode="json") for x in space]
-    return [flow.key(context), told, context.recipe.solid.fillet_ratio]
+    settings = [None if x is None else x.model_dump(mode="json") for x in space]
+    return [flow.key(context), settings, context.recipe.solid.fillet_ratio]
 
 
 def is_requested(context: RunContext) -> bool:

@@ -88,8 +88,8 @@ def scale_to_print(context: RunContext, summary: dict[str, Any]) -> dict[str, An
         "inflow_ml_min": summary["inflow_ml_min"] / factor**3,
         "pressure_drop_mmhg": summary["pressure_drop_mmhg"],
     }
-    found = scaled_flow(design, factor)
-    shear, number = found["same_wall_shear"], found["same_reynolds"]
+    scaled = scaled_flow(design, factor)
+    shear, number = scaled["same_wall_shear"], scaled["same_reynolds"]
     context.bars.remark(
         "flow",
         f"printed {factor:g} times the design's size: its {design['inflow_ml_min']:.4g} mL/min at "
@@ -98,7 +98,7 @@ def scale_to_print(context: RunContext, summary: dict[str, Any]) -> dict[str, An
         f"{number['inflow_ml_min']:.4g} mL/min at {number['pressure_drop_mmhg']:.4g} mmHg for the "
         "same Reynolds number",
     )
-    return found
+    return scaled
 
 
 def key(context: RunContext) -> list[Any]:
@@ -106,9 +106,9 @@ def key(context: RunContext) -> list[Any]:
     part = context.recipe.flow
     tables = [part.outlets, None if part.pulse is None else part.pulse.table]
     named = [name for name in tables if name is not None]
-    said = part.model_dump(mode="json", exclude_none=True, exclude={"three_d", "compare"})
-    told = [said, context.recipe.print_scale]
-    return [*told, context.digests(named)] if named else told
+    section = part.model_dump(mode="json", exclude_none=True, exclude={"three_d", "compare"})
+    settings = [section, context.recipe.print_scale]
+    return [*settings, context.digests(named)] if named else settings
 
 
 STAGE = Stage(

@@ -60,15 +60,15 @@ def depends(context: RunContext) -> Any:
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Hold the G-code against the network; refuse what is closed or leaks."""
     check = hold(context, report)
-    found = {"checked": True, **check.as_dict()}
+    facts = {"checked": True, **check.as_dict()}
     notes = [*check.notes, *gap_notes(context)]
-    found["notes"] = notes
-    write_text(context.folder / LUMENS, json.dumps(found, indent=1, allow_nan=False) + "\n")
+    facts["notes"] = notes
+    write_text(context.folder / LUMENS, json.dumps(facts, indent=1, allow_nan=False) + "\n")
     if check.refusal is not None:
         raise SafetyError(f"refused before the first byte was sent:\n{check.refusal}")
     for note in notes:
         context.bars.remark("lumens", note)
-    return found, [LUMENS]
+    return facts, [LUMENS]
 
 
 def gap_notes(context: RunContext) -> list[str]:

@@ -45,23 +45,25 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     """Measure in the design's size, and keep every number; the report shows the main ones."""
     network = context.designed_network
     flow = solve_flow(network, context.designed_conditions).flow
-    found = measures_dict(measure_network(network, context.tissue, options(context), flow))
-    write_text(context.folder / MEASURES, json.dumps(found, indent=1, allow_nan=False) + "\n")
-    return found, [MEASURES]
+    measures = measures_dict(measure_network(network, context.tissue, options(context), flow))
+    write_text(context.folder / MEASURES, json.dumps(measures, indent=1, allow_nan=False) + "\n")
+    return measures, [MEASURES]
 
 
-def key_numbers(found: dict[str, Any]) -> dict[str, Any]:
+def key_numbers(measures: dict[str, Any]) -> dict[str, Any]:
     """The few that stand beside the tissue in the report, for a grown tree or any other."""
-    supply = found["supply"]
+    supply = measures["supply"]
     return {
         "way_to_a_lumen_mean_mm": supply["distance_mean_mm"],
         "way_to_a_lumen_p95_mm": supply["distance_p95_mm"],
         "way_to_a_lumen_max_mm": supply["distance_max_mm"],
         "within_200_um_of_a_lumen_percent": 100 * (1 - supply["beyond"]["200_um"]),
         "vessels_per_mm2": supply["vessels_per_mm2"],
-        "supply_over_demand_p5": found["territories"]["p5"] if found["territories"] else None,
-        "supply_over_demand_worst": found["territories"]["worst"] if found["territories"] else None,
-        "branching_depth_max": found["ways"]["depth_max"] if found["ways"] else None,
+        "supply_over_demand_p5": measures["territories"]["p5"] if measures["territories"] else None,
+        "supply_over_demand_worst": measures["territories"]["worst"]
+        if measures["territories"]
+        else None,
+        "branching_depth_max": measures["ways"]["depth_max"] if measures["ways"] else None,
     }
 
 

@@ -17,7 +17,7 @@ from printctl.run_folder.artefacts import NETWORK, SURFACE
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
     """Solve in the print's size, with the print's flow; say on the terminal what is hypoxic."""
     network, part = context.network, context.recipe.oxygen or OxygenPart()
-    found = solve_and_write(
+    summary = solve_and_write(
         context.folder,
         network,
         solve_flow(network, context.conditions),
@@ -26,8 +26,8 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
         report,
         context.recipe.print_scale,
     )
-    context.bars.remark("oxygen", hypoxia(found, part))
-    return found, [TABLE, FIELD, SLICE]
+    context.bars.remark("oxygen", hypoxia(summary, part))
+    return summary, [TABLE, FIELD, SLICE]
 
 
 def depends(context: RunContext) -> Any:

@@ -114,8 +114,8 @@ def _held(
     context: RunContext, bundles: Bundles, one: InkPrediction, bead: Bead, source: np.ndarray
 ) -> VesselDiameters:
     factor = swell(one.mounting.ink)[0]
-    found = vessel_diameters(bead, source, bundles.network, context.place_mm, factor)
-    return found if bundles.is_plain else merge_bundles(found, bundles.owner)
+    diameters = vessel_diameters(bead, source, bundles.network, context.place_mm, factor)
+    return diameters if bundles.is_plain else merge_bundles(diameters, bundles.owner)
 
 
 def _uncompensated(context: RunContext) -> VesselDiameters:

@@ -62,14 +62,14 @@ def depends(context: RunContext) -> Any:
 
 def planned_reloads(context: RunContext) -> list[int]:
     """Command lines before each change of syringe, as the dry run has planned them."""
-    found: list[int] = context.manifest.stages["dry run"].summary["reload_at"]
-    return found
+    lines: list[int] = context.manifest.stages["dry run"].summary["reload_at"]
+    return lines
 
 
 def planned_heads(context: RunContext) -> list[int]:
     """Of several heads, whose syringe each of those changes is."""
-    found: list[int] = context.manifest.stages["dry run"].summary["reload_heads"]
-    return found
+    heads: list[int] = context.manifest.stages["dry run"].summary["reload_heads"]
+    return heads
 
 
 def accepted_checks(context: RunContext) -> tuple[str, ...]:

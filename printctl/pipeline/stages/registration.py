@@ -76,34 +76,34 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     if written is not None:
         options = replace(options, places_mm=written.at_mm)
     scan = load_scan(context)
-    found = register_scan(scan, model, context.network, options)
+    registered = register_scan(scan, model, context.network, options)
     report(0.8, "tracing")
     summary = {
-        **judge(report_dict(found), tolerances),
+        **judge(report_dict(registered), tolerances),
         "sign_convention": SIGN,
         "measured_by": scan_facts(scan),
-        "by_surface": surface_facts(found, context.network),
+        "by_surface": surface_facts(registered, context.network),
         "design": design_facts(context.folder / NETWORK),
     }
     part = context.scan_part
     if isinstance(part, FileScan):
         done = Corrections(part.oct_calibration, part.air_above, part.walls)
         add_record(summary, part.record or RecordPart(), scan, done, datetime.now(UTC))
-    add_scan_places(summary, scan, found)
-    add_traces(summary, context, found, job)
+    add_scan_places(summary, scan, registered)
+    add_traces(summary, context, registered, job)
     report(0.9, "writing")
     write_text(context.folder / NUMBERS, json.dumps(summary, indent=1, allow_nan=False) + "\n")
-    write_deviation(context.folder / DEVIATION, found)
-    views = take_views(scan, model, found, summary, not is_resampled(scan))
+    write_deviation(context.folder / DEVIATION, registered)
+    views = take_views(scan, model, registered, summary, not is_resampled(scan))
     save_views(context.folder / VIEWS, views)
-    names = write_exports(context.folder, scan, context.network, (found, summary))
-    if written is not None and found.gel_at is not None:
+    names = write_exports(context.folder, scan, context.network, (registered, summary))
+    if written is not None and registered.gel_at is not None:
         # What an embedded print writes is melted out: ink is where no gel is.
-        ink = found.gel_at if fresh else 1.0 - found.gel_at
+        ink = registered.gel_at if fresh else 1.0 - registered.gel_at
         save_written(context.folder / WRITTEN, written, ink)
         names = [*names, WRITTEN]
     if isinstance(context.scan_part, SimulatedScan):
-        summary["truth_check"] = check_truth(context, found, model)
+        summary["truth_check"] = check_truth(context, registered, model)
     return summary, [NUMBERS, DEVIATION, VIEWS, *names]
 
 
@@ -135,13 +135,13 @@ def _written_job(context: RunContext) -> Job:
 
 
 def add_traces(
-    summary: dict[str, Any], context: RunContext, found: RegistrationReport, job: Job
+    summary: dict[str, Any], context: RunContext, report: RegistrationReport, job: Job
 ) -> None:
     """Say of each layer how far off it is, and of each defect which lines wrote around it."""
     part = context.recipe.toolpath
     if isinstance(part, Fresh):
         line_mm = part.line_um * 1e-3
-        summary["by_layer"] = by_layer(found, job)
+        summary["by_layer"] = by_layer(report, job)
     else:
         # A filament fills its own lumen: no line's width lies between.
         line_mm = 0.0
@@ -149,11 +149,11 @@ def add_traces(
         defect["made_by"] = made_by(defect, job, context.local_network, line_mm)
 
 
-def check_truth(context: RunContext, found: RegistrationReport, model: Solid) -> dict[str, Any]:
+def check_truth(context: RunContext, report: RegistrationReport, model: Solid) -> dict[str, Any]:
     """The recovered transform against the simulated scanner's, which registration never saw."""
     truth = json.loads((context.folder / TRUTH).read_text(encoding="utf-8"))
     return pose_error(
-        found.scaled_scan_to_part,
+        report.scaled_scan_to_part,
         np.array(truth["printer_to_scan"]),
         context.place_mm,
         model.bounds,

@@ -55,12 +55,12 @@ def frames(context: RunContext, registration: dict[str, Any]) -> dict[str, Any]:
 def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
     """Write the report of a whole run, with `pdf` as a PDF too; return report.json's content."""
     data = collect(context)
-    found = data["registration"]
-    truth = found.pop("truth_check", None)
+    registration = data["registration"]
+    truth = registration.pop("truth_check", None)
     if truth is not None:
         data["truth_check"] = truth
-    data["verdict"] = verdict(found)
-    data["frames"] = frames(context, found)
+    data["verdict"] = verdict(registration)
+    data["frames"] = frames(context, registration)
     held = held_looks(context)
     if held:
         data["looks"] = held
@@ -76,8 +76,8 @@ def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
         context.folder / HTML, data, surfaces(context), context.network, drawn, shown, views
     )
     if pdf:
-        told = {**data, "printed": print_identity(context.folder / JOURNAL_FOLDER)}
-        write_report_pdf(context.folder / PDF, told, context.network, drawn, views)
+        whole = {**data, "printed": print_identity(context.folder / JOURNAL_FOLDER)}
+        write_report_pdf(context.folder / PDF, whole, context.network, drawn, views)
     return data
 
 
@@ -137,15 +137,15 @@ def held_looks(context: RunContext) -> list[dict[str, Any]]:
 
 def space_pictures(context: RunContext) -> dict[str, bytes]:
     """Wall shear in the lumens and fidelities side by side, where the recipe asks for them."""
-    asked, found = context.recipe.flow, {}
+    asked, pictures = context.recipe.flow, {}
     if asked.three_d is not None:
-        found["fidelities/Wall shear, resolved in the lumens"] = SEEN
+        pictures["fidelities/Wall shear, resolved in the lumens"] = SEEN
     compare = asked.compare
     if compare is not None and (asked.three_d is not None or asked.one_d is not None):
-        found["fidelities/Fidelities against the ideal"] = COMPARED
+        pictures["fidelities/Fidelities against the ideal"] = COMPARED
     if compare is not None and compare.lattice is not None:
-        found["fidelities/Flow across the vessels that feed, and across a lattice's"] = PICTURE
-    return {caption: (context.folder / name).read_bytes() for caption, name in found.items()}
+        pictures["fidelities/Flow across the vessels that feed, and across a lattice's"] = PICTURE
+    return {caption: (context.folder / name).read_bytes() for caption, name in pictures.items()}
 
 
 def oxygen_picture(context: RunContext) -> dict[str, bytes]:

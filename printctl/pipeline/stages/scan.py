@@ -58,9 +58,9 @@ _DEPOSIT_PER_SCAN_VOXEL = 0.625
 def depends(context: RunContext) -> Any:
     """The section, the seed and what the plunger lays; the user's file where it names one."""
     part = context.scan_part
-    found = part.model_dump(mode="json")
+    section = part.model_dump(mode="json")
     if isinstance(part, FileScan):
-        return [found, *digest_user_files(context.recipe_folder, part)]
+        return [section, *digest_user_files(context.recipe_folder, part)]
     ink = context.poured.ink
     laid: list[Any] = [context.syringe.inner_mm, ink.flow_factor, context.flow_ul_s]
     if context.printer.heads:
@@ -68,7 +68,7 @@ def depends(context: RunContext) -> Any:
     if compensates(context):
         laid += [context.ink.model_dump(mode="json"), context.needle.model_dump(mode="json")]
     faults = context.digests(context.recipe.printer.files()).values()
-    return [found, context.recipe.seed, *laid, context.compensation_digest, *faults]
+    return [section, context.recipe.seed, *laid, context.compensation_digest, *faults]
 
 
 def scan_name(part: SimulatedScan) -> str:
@@ -100,21 +100,21 @@ def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[
     """Scan, or read the user's scan once to see that it can be used."""
     part = context.scan_part
     if isinstance(part, FileScan):
-        found = describe(load_scan(context), part.file)
-        return found | {"simulated": of_simulator(context.recipe_folder / part.file)}, []
+        facts = describe(load_scan(context), part.file)
+        return facts | {"simulated": of_simulator(context.recipe_folder / part.file)}, []
     scanned = simulate(context, part, report)
     report(0.8, "writing")
     scan = to_scan(scanned, context)
     write_scan(context.folder / scan_name(part), scan)
     write_truth(context, scanned)
-    found = describe(scan, f"simulated {_NAMES[part.simulated]}")
+    facts = describe(scan, f"simulated {_NAMES[part.simulated]}")
     wrong = ink_faults(context).each
     if wrong:
-        found["ink_faults"] = [fault.fault for fault in wrong]
+        facts["ink_faults"] = [fault.fault for fault in wrong]
     if part.defects:
         ordered = [f"{defect.defect} in vessel {defect.vessel}" for defect in part.defects]
-        found["defects_on_order"] = ordered
-    return found, [scan_name(part), TRUTH]
+        facts["defects_on_order"] = ordered
+    return facts, [scan_name(part), TRUTH]
 
 
 def simulate(context: RunContext, part: SimulatedScan, report: Report) -> ScannerOutput:
@@ -230,7 +230,7 @@ def load_scan(context: RunContext) -> Scan:
         return read_scan(context.folder / scan_name(part))
     size = part.voxel_um
     voxel = (size[2] * 1e-3, size[1] * 1e-3, size[0] * 1e-3) if size else None
-    said = ScanOverrides(
+    overrides = ScanOverrides(
         voxel_mm=voxel,
         refractive_index=part.refractive_index,
         optical_depth=part.optical_depth,
@@ -246,7 +246,7 @@ def load_scan(context: RunContext) -> Scan:
     )
     folder = context.recipe_folder
     device = None if part.oct_calibration is None else folder / part.oct_calibration
-    return corrected_scan(folder / part.file, said, device, part.air_above, True)
+    return corrected_scan(folder / part.file, overrides, device, part.air_above, True)
 
 
 def describe(scan: Scan, source: str) -> dict[str, Any]:

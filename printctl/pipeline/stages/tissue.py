@@ -15,9 +15,9 @@ from printctl.run_folder.artefacts import SURFACE
 def depends(context: RunContext) -> Any:
     """The section, and the user's files where it names some."""
     part = context.recipe.tissue
-    found = part.model_dump(mode="json")
-    found["digests"] = context.digests(part.files())
-    return [found, context.recipe.print_scale]
+    section = part.model_dump(mode="json")
+    section["digests"] = context.digests(part.files())
+    return [section, context.recipe.print_scale]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:

@@ -338,7 +338,7 @@ def written_beside(
     if isinstance(part, Fresh):
         return {}
     heads = [embedded_options(part, one, context.bath, ahead=ahead) for one in context.loads]
-    found = written_arrays(
+    arrays = written_arrays(
         context.written_network,
         context.place_mm,
         max(one.overlap_radii for one in heads),
@@ -349,15 +349,15 @@ def written_beside(
         ],
         None if bundles.is_plain else np.bincount(bundles.owner) > 1,
     )
-    return found | ({"lag_s": np.array(measured_lag_s(context.loads[0]))} if ahead else {})
+    return arrays | ({"lag_s": np.array(measured_lag_s(context.loads[0]))} if ahead else {})
 
 
 def plan_facts(planned: FreshReport | EmbeddedReport) -> dict[str, Any]:
     """The plan's own numbers, JSON-ready."""
-    found = asdict(planned)
+    facts = asdict(planned)
     if isinstance(planned, FreshReport):
-        found |= {"unfilled": planned.unfilled_fraction, "outside": float(planned.outside.mean())}
-    return found
+        facts |= {"unfilled": planned.unfilled_fraction, "outside": float(planned.outside.mean())}
+    return facts
 
 
 def reads(context: RunContext) -> tuple[str, ...]:

@@ -58,13 +58,13 @@ LARGE = 100_000
 def depends(context: RunContext) -> Any:
     """The section, the seed, the user's files where it names some, and what can be printed."""
     part = context.recipe.vasculature
-    found = part.model_dump(mode="json")
-    found["digests"] = context.digests(part.files())
+    section = part.model_dump(mode="json")
+    section["digests"] = context.digests(part.files())
     if isinstance(part, GrownNetwork) and part.printable:
         # What can be printed is said by the toolpath's section and its needle.
         limits = printability(context, part.smallest_diameter_mm)
-        found["limits_mm"] = [limits.lumen_mm, limits.widest_mm, limits.wall_mm]
-    return [found, context.recipe.seed, context.recipe.print_scale]
+        section["limits_mm"] = [limits.lumen_mm, limits.widest_mm, limits.wall_mm]
+    return [section, context.recipe.seed, context.recipe.print_scale]
 
 
 def work(context: RunContext, report: Report) -> tuple[dict[str, Any], Sequence[str]]:
@@ -102,8 +102,8 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
             network, clearance = build_lattice(context.tissue, part.options()), 0.0
             check_parts(context.tissue, network.nodes)
         case GrownNetwork() if part.anatomy is not None:
-            found = anatomic_trees(context, part)
-            return curved_network(found.trees, found.kinds), {"notes": list(found.notes)}
+            trees = anatomic_trees(context, part)
+            return curved_network(trees.trees, trees.kinds), {"notes": list(trees.notes)}
         case GrownNetwork():
             grown = grown_parts(context, part)
             if part.curves:
@@ -114,8 +114,8 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
             return network, {"notes": list(grown.notes), **supply_report(grown.supply)}
         case ClosedLoop():
             closed, notes = closed_loop(context.tissue, part, context.recipe.seed)
-            told = {"notes": list(notes)} if notes else {}
-            return closed.network, {"loops": loops_report(closed), **told}
+            facts = {"notes": list(notes)} if notes else {}
+            return closed.network, {"loops": loops_report(closed), **facts}
         case Forest():
             return grown_forest(context.tissue, part, context.recipe.seed, context.recipe_folder)
     check_network(network, clearance)
@@ -124,15 +124,15 @@ def make_network(context: RunContext) -> tuple[VesselNetwork, dict[str, Any]]:
 
 def overlap_note(network: VesselNetwork, clearance_mm: float) -> tuple[str, ...]:
     """A sentence on vessels nearer than the clearance where they don't meet; none without any."""
-    found = collisions(network, clearance_mm)
-    if not found.count:
+    pairs = collisions(network, clearance_mm)
+    if not pairs.count:
         return ()
-    worst = int(np.argmin(found.gap_mm))
-    one, two = found.vessels[worst].tolist()
-    x, y, z = found.place_mm[worst].tolist()
+    worst = int(np.argmin(pairs.gap_mm))
+    one, two = pairs.vessels[worst].tolist()
+    x, y, z = pairs.place_mm[worst].tolist()
     return (
-        f"Places where vessels are nearer than {clearance_mm:g} mm without meeting: {found.count} "
-        f"(overlaps: tell); nearest are vessels {one} and {two}, {found.gap_mm[worst]:.3g} mm "
+        f"Places where vessels are nearer than {clearance_mm:g} mm without meeting: {pairs.count} "
+        f"(overlaps: tell); nearest are vessels {one} and {two}, {pairs.gap_mm[worst]:.3g} mm "
         f"apart at ({x:.4g}, {y:.4g}, {z:.4g}) mm",
     )
 

@@ -32,14 +32,14 @@ SOURCES = (
 
 def gauge_sentences(study: GaugeStudy) -> list[str]:
     """Return the main results of a gauge study in sentences."""
-    said = [_design(study)]
+    sentences = [_design(study)]
     pooled = study.quantity("diameters")
     if pooled is None:
-        said.append("No vessel was measured in every scan: no figure for all vessels together")
+        sentences.append("No vessel was measured in every scan: no figure for all vessels together")
     else:
-        said += [_gauge(pooled), _interaction(pooled)]
+        sentences += [_gauge(pooled), _interaction(pooled)]
     whole = [claim for claim in study.claims if claim.name == "all vessels"]
-    return said + [claim_sentence(claim) for claim in whole]
+    return sentences + [claim_sentence(claim) for claim in whole]
 
 
 def _design(study: GaugeStudy) -> str:
@@ -55,22 +55,22 @@ def _count(number: int, name: str) -> str:
     return f"{number} {name}{'' if number == 1 else 's'}"
 
 
-def _gauge(found: GaugeQuantity) -> str:
+def _gauge(quantity: GaugeQuantity) -> str:
     """Say the figures that a gauge is accepted by."""
-    shares = found.shares
+    shares = quantity.shares
     ev, grr = shares.sources["EV"], shares.sources["GRR"]
-    text = f"A vessel's diameter: repeatability {_told(ev.sd, 'µm')}"
-    if found.squares.operators > 1:
-        text += f", repeatability and operators together (GRR) {_told(grr.sd, 'µm')}"
+    text = f"A vessel's diameter: repeatability {_interval_text(ev.sd, 'µm')}"
+    if quantity.squares.operators > 1:
+        text += f", repeatability and operators together (GRR) {_interval_text(grr.sd, 'µm')}"
     if math.isfinite(grr.of_tolerance.value):
-        text += f", {_told(grr.of_tolerance, '%')} of the tolerance"
+        text += f", {_interval_text(grr.of_tolerance, '%')} of the tolerance"
     if math.isfinite(grr.of_total.value):
-        text += f", {_told(grr.of_total, '%')} of the total variation; ndc {shares.ndc}"
+        text += f", {_interval_text(grr.of_total, '%')} of the total variation; ndc {shares.ndc}"
     return text
 
 
-def _interaction(found: GaugeQuantity) -> str:
-    squares = found.squares
+def _interaction(quantity: GaugeQuantity) -> str:
+    squares = quantity.squares
     if squares.interaction.df < 1:
         what = "one operator" if squares.operators == 1 else "one part"
         return f"Only {what}: nothing is known of the interaction of parts and operators"
@@ -83,18 +83,18 @@ def _interaction(found: GaugeQuantity) -> str:
     )
 
 
-def claim_sentence(found: Claim) -> str:
+def claim_sentence(claim: Claim) -> str:
     """Say what the budget claims, what repeats show, and what was tested: the mean ratio."""
-    if found.verdict == "unknown":
-        return f"{_capital(found.name)}: no budget with a type A share, so nothing to hold against"
+    if claim.verdict == "unknown":
+        return f"{_capital(claim.name)}: no budget with a type A share, so nothing to hold against"
     text = (
-        f"{_capital(found.name)}: the budget claims {found.claimed_um:.2g} µm, repeats scatter by "
-        f"{found.seen_um:.2g} µm, vessel by vessel by {found.ratio**0.5:.2g} times their claim "
-        f"(p = {found.p:.2g})"
+        f"{_capital(claim.name)}: the budget claims {claim.claimed_um:.2g} µm, repeats scatter by "
+        f"{claim.seen_um:.2g} µm, vessel by vessel by {claim.ratio**0.5:.2g} times their claim "
+        f"(p = {claim.p:.2g})"
     )
-    if found.verdict == "agrees":
+    if claim.verdict == "agrees":
         return text
-    return f"{text}: its type A share is {found.verdict}"
+    return f"{text}: its type A share is {claim.verdict}"
 
 
 def _capital(text: str) -> str:
@@ -150,13 +150,13 @@ def gauge_dict(study: GaugeStudy) -> dict[str, Any]:
     return cleaned
 
 
-def _quantity_dict(found: GaugeQuantity) -> dict[str, Any]:
-    s = found.squares
+def _quantity_dict(quantity: GaugeQuantity) -> dict[str, Any]:
+    s = quantity.squares
     return {
-        "name": found.name,
-        "vessel": found.vessel,
+        "name": quantity.name,
+        "vessel": quantity.vessel,
         "unit": "µm",
-        "tolerance_width_um": found.width_um,
+        "tolerance_width_um": quantity.width_um,
         "anova": {
             "repeats": s.repeats,
             **{n: asdict(getattr(s, n)) for n in ("part", "operator", "interaction", "error")},
@@ -165,9 +165,9 @@ def _quantity_dict(found: GaugeQuantity) -> dict[str, Any]:
             "p_interaction": s.p_interaction,
             "interaction_pooled": s.pooled,
         },
-        "sources": {name: asdict(share) for name, share in found.shares.sources.items()},
-        "ndc": found.shares.ndc,
-        "ndc_interval_95": found.shares.ndc_interval,
+        "sources": {name: asdict(share) for name, share in quantity.shares.sources.items()},
+        "ndc": quantity.shares.ndc,
+        "ndc_interval_95": quantity.shares.ndc_interval,
     }
 
 
@@ -181,10 +181,10 @@ def gauge_csv(study: GaugeStudy) -> str:
     return as_csv(rows)
 
 
-def _row(found: GaugeQuantity, name: str, share: Share) -> dict[str, Any]:
+def _row(quantity: GaugeQuantity, name: str, share: Share) -> dict[str, Any]:
     return {
-        "quantity": found.name,
-        "vessel": found.vessel,
+        "quantity": quantity.name,
+        "vessel": quantity.vessel,
         "source": name,
         "meaning": WORDS[name],
         "sd_um": share.sd.value,
@@ -197,10 +197,10 @@ def _row(found: GaugeQuantity, name: str, share: Share) -> dict[str, Any]:
         "of_tolerance_percent": share.of_tolerance.value,
         "of_tolerance_low_percent": share.of_tolerance.low,
         "of_tolerance_high_percent": share.of_tolerance.high,
-        "ndc": found.shares.ndc,
-        "interaction_pooled": found.squares.pooled,
+        "ndc": quantity.shares.ndc,
+        "interaction_pooled": quantity.squares.pooled,
     }
 
 
-def _told(found: Interval, unit: str) -> str:
-    return f"{found.value:.3g} {unit} (95 %: {found.low:.3g} to {found.high:.3g})"
+def _interval_text(interval: Interval, unit: str) -> str:
+    return f"{interval.value:.3g} {unit} (95 %: {interval.low:.3g} to {interval.high:.3g})"

@@ -68,12 +68,12 @@ def shares(squares: MeanSquares, width: float) -> Shares:
     sums = _sums(squares)
     value = _variances({name: _total(each) for name, each in sums.items()})
     drawn = _drawn(squares)
-    found = {}
+    by_name = {}
     for name in NAMES:
         sd = _interval(sums[name], value[name]) if name in sums else UNKNOWN
         scale = 100 * SPREADS / width if np.isfinite(width) and width > 0 else np.nan
-        found[name] = Share(sd, _of_total(name, value, drawn), _scaled(sd, scale))
-    return Shares(found, *_distinct(value, drawn))
+        by_name[name] = Share(sd, _of_total(name, value, drawn), _scaled(sd, scale))
+    return Shares(by_name, *_distinct(value, drawn))
 
 
 def _sums(s: MeanSquares) -> dict[str, Sum]:
@@ -178,8 +178,10 @@ def _quantiles(values: FloatArray) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _scaled(found: Interval, factor: float) -> Interval:
-    return Interval(found.value * factor, found.low * factor, found.high * factor, found.df)
+def _scaled(interval: Interval, factor: float) -> Interval:
+    return Interval(
+        interval.value * factor, interval.low * factor, interval.high * factor, interval.df
+    )
 
 
 def _distinct(

@@ -104,16 +104,16 @@ def gauge_study(
     width = _median([scan.width_um for scan in scans])
     none = np.full(len(width), np.nan)
     left_out: list[tuple[str, str]] = []
-    found: list[GaugeQuantity] = []
+    quantities: list[GaugeQuantity] = []
     for name, values, widths in (
         ("diameter", diameter, width),
         ("offset", np.array([scan.offsets_um for scan in scans]), none),
     ):
         each = _each(name, values, (who, what), widths, left_out)
         pooled = _pooled(each, values, cells, widths)
-        found = [*([pooled] if pooled else []), *found, *each]
+        quantities = [*([pooled] if pooled else []), *quantities, *each]
     radial = np.array([[scan.offset_um] for scan in scans])
-    found += _each("radial_offset", radial, (who, what), none[:1], left_out)
+    quantities += _each("radial_offset", radial, (who, what), none[:1], left_out)
     order = {"diameters": 0, "offsets": 1, "radial_offset": 2}
     return GaugeStudy(
         operators=people,
@@ -122,7 +122,7 @@ def gauge_study(
         part_of=tuple(what.tolist()),
         labels=tuple(scan.label for scan in scans),
         repeats=repeats,
-        quantities=tuple(sorted(found, key=lambda q: order.get(q.name, 3))),
+        quantities=tuple(sorted(quantities, key=lambda q: order.get(q.name, 3))),
         left_out=tuple(left_out),
         claims=_claims(scans, diameter, cells),
     )
@@ -171,7 +171,7 @@ def _each(
     left_out: list[tuple[str, str]],
 ) -> list[GaugeQuantity]:
     """Every column of (n, v) `values`; what can't be told goes to `left_out`."""
-    found = []
+    quantities = []
     for v in range(values.shape[1]):
         alone = name == "radial_offset"
         whole = name if alone else f"{name}_{v}"
@@ -181,8 +181,10 @@ def _each(
             left_out.append((whole, str(exc)))
             continue
         made = shares(squares, float(widths[v]))
-        found.append(GaugeQuantity(whole, None if alone else v, squares, made, float(widths[v])))
-    return found
+        quantities.append(
+            GaugeQuantity(whole, None if alone else v, squares, made, float(widths[v]))
+        )
+    return quantities
 
 
 def _pooled(
@@ -214,8 +216,8 @@ def _claims(
     if df < 1 or not known.any():
         return ()
     seen = np.where(known, np.sqrt(np.nansum(rest**2, axis=0) / df), np.nan)
-    said = np.array([scan.type_a_um for scan in scans])
-    every = np.sqrt((said**2).mean(axis=0))
+    type_a_um = np.array([scan.type_a_um for scan in scans])
+    every = np.sqrt((type_a_um**2).mean(axis=0))
     usable = known & np.isfinite(every) & (every > 0)
     own = rest[:, usable] / every[usable] if usable.any() else rest[:, :0]
     shared = effective_df(own, df)

@@ -86,7 +86,7 @@ def translate(gcode: bytes, printer: Printer) -> TranslatedProgram:
         seen = match.start()
         begins = comment.search(match[0])
         text = match[0][: begins.start()] if begins else match[0]
-        said = b";" + match[0][begins.end() :] if begins else b""
+        remark = b";" + match[0][begins.end() :] if begins else b""
         text = text.strip()
         base = _BASE.fullmatch(text)
         if base:
@@ -95,7 +95,7 @@ def translate(gcode: bytes, printer: Printer) -> TranslatedProgram:
         if word is None:
             named.append(_named(line + 1, text.decode("ascii", "replace")))
             word = NOTHING
-        return word + said
+        return word + remark
 
     result = other.sub(plain, gcode)
     if letter and letter != b"E":

@@ -161,7 +161,7 @@ class Klipper(Marlin):
         elif name == "ACTIVATE_EXTRUDER":
             return self._activate(words)
         elif name == "GET_POSITION":
-            machine.say(self._offsets.told())
+            machine.say(self._offsets.position_report())
         elif name == "SET_VELOCITY_LIMIT":
             machine.say(_limits(self.board))
         elif name == "SET_PRESSURE_ADVANCE":

@@ -22,9 +22,9 @@ class KlipperNumbering:
 
     def accept(self, line: bytes) -> bytes:
         """The command without number and checksum."""
-        found = _NUMBER.match(line)
+        match = _NUMBER.match(line)
         self.last_number += 1
-        return (line[found.end() :] if found else line).partition(b"*")[0]
+        return (line[match.end() :] if match else line).partition(b"*")[0]
 
     def clear(self) -> None:
         """Count anew, as a reset does."""

@@ -41,13 +41,13 @@ class Offsets:
             self._motion.modal["shift"][0][axis] -= value - now
             self._offset[axis] = value
 
-    def told(self) -> str:
+    def position_report(self) -> str:
         """Say where the head is, and what a job's places are shifted by (GET_POSITION)."""
         modal = self._motion.modal[0]
         head = modal["position"][:3] + self._own
         e, pushed = float(modal["position"][3]), 0.01 * float(modal["flow_percent"])
         plunger = e + float(modal["plunger_shift"])
-        told = {
+        named = {
             "toolhead": (head, plunger),
             "gcode": (head, plunger),
             "gcode base": (self._own - modal["shift"], plunger - pushed * e),
@@ -60,5 +60,5 @@ class Offsets:
             places += f" stepper_{axis}:{at_mm:.6f}"
         return f"// mcu:{steps}\n// stepper:{places}\n" + "\n".join(
             f"// {name}: X:{x:.6f} Y:{y:.6f} Z:{z:.6f} E:{at:.6f}"
-            for name, (x, y, z), at in ((name, mm.tolist(), at) for name, (mm, at) in told.items())
+            for name, (x, y, z), at in ((name, mm.tolist(), at) for name, (mm, at) in named.items())
         )

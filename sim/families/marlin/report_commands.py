@@ -115,9 +115,9 @@ def m118(board: Controller, command: Command) -> None:
     """Say the text: E1 puts echo: before it, A1 makes it an action, P with a digit is dropped."""
     text = _M118.sub(b"", command.text, count=1)
     words = b""
-    while (found := _PREFIX.match(text)) is not None:
-        words += found[1]
-        text = text[found.end() :]
+    while (match := _PREFIX.match(text)) is not None:
+        words += match[1]
+        text = text[match.end() :]
     prefix = b"echo:" * (b"E" in words) + b"//" * (b"A" in words)
     board.machine.say(prefix + text, b"\r\n")
 

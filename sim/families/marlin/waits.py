@@ -85,8 +85,8 @@ def limit_homed(board: Controller) -> None:
 def m0(board: Controller, command: Command) -> Task:
     """Wait for the user: M108, or the time of S or P."""
     machine = board.machine
-    found = _TEXT.fullmatch(command.text.strip())
-    message = found[1].decode("latin-1") if found else ""
+    match = _TEXT.fullmatch(command.text.strip())
+    message = match[1].decode("latin-1") if match else ""
     seconds = command.values.get("S", command.values.get("P", 0.0) * 1e-3)
     yield WaitStandstill()
     if message:

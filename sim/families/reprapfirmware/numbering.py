@@ -39,10 +39,10 @@ class DuetNumbering:
         body, star, given = line.partition(b"*")
         if number is None or not star:
             return line
-        found = _DIGITS.match(given)
-        said = found[0] if found else b""
-        wanted = {1: checksum, 2: checksum, 3: checksum, 5: crc16}.get(len(said))
-        if wanted is None or wanted(body) != int(said):
+        match = _DIGITS.match(given)
+        digits = match[0] if match else b""
+        wanted = {1: checksum, 2: checksum, 3: checksum, 5: crc16}.get(len(digits))
+        if wanted is None or wanted(body) != int(digits):
             return None
         self.last_number = int(number[1])
         return body

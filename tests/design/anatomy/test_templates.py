@@ -161,6 +161,15 @@ def test_no_main_line_has_a_kink(grown, tissue, terminals, gamma):
         assert np.degrees(np.arccos(min(1.0, float(cosine)))) < 30.0
 
 
+def test_a_heart_gets_the_pressure_drop_that_published_radii_ask_for(monkeypatch):
+    monkeypatch.setattr("design.anatomy.heart.published_radius_factor", lambda *_: 1.1)
+    few = replace(HEART, terminals=40)
+    made = grow_heart(heart_tissue(), few, HeartAnatomy(trunk_ends=10, published_radii=True))
+    wanted = HEART.pressure_drop_pa / 1.1**4
+    assert [tree.pressure_drop_pa for tree in made.trees] == pytest.approx([wanted] * 2)
+    assert any("pressure_drop_mmhg was taken as" in note for note in made.notes)
+
+
 def test_heart_has_two_ostia_at_the_base_and_trunks_below_the_epicardium():
     found = heart()
     assert found.names == ("left_coronary", "right_coronary")

@@ -12,7 +12,7 @@ from printctl.gcode_view.line_map import LineMap
 from printctl.link.errors import JobError
 from printctl.link.find_link import read_outcome
 from printctl.link.grown_text import grown_text
-from printctl.link.inserts import Insert, file_command, file_count
+from printctl.link.inserts import Insert, file_count
 from printctl.link.journal import Journal
 from printctl.link.journalled_print import JournalledPrint
 from printctl.link.marks import MarkKind
@@ -58,8 +58,6 @@ def test_lines_files_lines_and_marks_shift_behind_an_insert():
 def test_the_files_own_commands_are_counted(done):
     own = [line for k, line in enumerate(GROWN.lines[:done]) if not _put_in(k)]
     assert file_count(done, GROWN.positions) == len(own)
-    if done and not _put_in(done - 1):
-        assert OWN.lines[file_command(done - 1, GROWN.positions)] == GROWN.lines[done - 1]
 
 
 def _put_in(index: int) -> bool:

@@ -64,8 +64,8 @@ def quantity(
     if isinstance(value, str):
         with suppress(ValueError):  # `number` refuses it by name
             data = {key: float(value)}
-    found = number(data, key, place, default)
+    amount = number(data, key, place, default)
     low, high = limits
-    if not low <= found <= high:
-        raise FlowError(f"{place}: {key} is {found:g}; write {low:g} to {high:g}")
-    return found
+    if not low <= amount <= high:
+        raise FlowError(f"{place}: {key} is {amount:g}; write {low:g} to {high:g}")
+    return amount

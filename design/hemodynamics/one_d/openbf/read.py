@@ -68,22 +68,22 @@ def case_of(data: Any, inlet: FloatArray) -> OpenBFCase:
     listed = [section(v, f"network[{k}]", VESSEL) for k, v in enumerate(entries(given, "network"))]
     if not listed:
         raise FlowError("network: no vessel is given")
-    found = read_vessels(listed, density)
+    vessels = read_vessels(listed, density)
     folder = text(given, "output_directory", "the file") if "output_directory" in given else None
     return OpenBFCase(
         project=text(given, "project_name", "the file"),
-        labels=found.labels,
-        network=found.network,
+        labels=vessels.labels,
+        network=vessels.network,
         conditions=PulsatileConditions(
             viscosity_pa_s=quantity(blood, "mu", "blood", (1e-9, 1e3)),
             inlet=_inlet_wave(inlet),
-            outlet=found.outlets,
-            wall=found.walls,
+            outlet=vessels.outlets,
+            wall=vessels.walls,
             density=density,
         ),
-        options=_options(solver, found),
+        options=_options(solver, vessels),
         quantities=_quantities(given),
-        shown=found.shown,
+        shown=vessels.shown,
         folder=folder,
         tolerance_mmhg=quantity(solver, "convergence_tolerance", "solver", (1e-12, 1e6)),
     )
@@ -103,14 +103,14 @@ def _inlet_wave(inlet: FloatArray) -> Tabulated:
         raise FlowError(f"inlet_file: {exc}") from exc
 
 
-def _options(solver: Mapping[str, Any], found: Vessels) -> OneDOptions:
-    count = len(found.labels)
+def _options(solver: Mapping[str, Any], vessels: Vessels) -> OneDOptions:
+    count = len(vessels.labels)
     probes = Probes(np.repeat(np.arange(count), len(PLACES)), np.tile(PLACES, count))
     return OneDOptions(
-        cell_mm=found.network.lengths() / found.cells,
-        profile_exponent=found.exponents,
+        cell_mm=vessels.network.lengths() / vessels.cells,
+        profile_exponent=vessels.exponents,
         alpha=1.0,
-        reflection=found.reflection,
+        reflection=vessels.reflection,
         courant=quantity(solver, "Ccfl", "solver", (0.01, 1.0)),
         samples=whole(solver, "jump", "solver", 8),
         most_cycles=max(_LEAST_CYCLES, whole(solver, "cycles", "solver", 1)),

@@ -59,13 +59,13 @@ def _waves(case: OpenBFCase, solution: OneDSolution) -> OpenBFWaves:
     if solution.probes is None or solution.probe_area is None:
         raise ValueError("an openBF case has probes")
     flow, area = solution.probes.flow, solution.probe_area
-    found = dict(zip(QUANTITIES, (solution.probes.pressure, flow, area, flow / area), strict=True))
+    waves = dict(zip(QUANTITIES, (solution.probes.pressure, flow, area, flow / area), strict=True))
     shape = (len(case.labels), len(PLACES), -1)
     shown = list(case.shown)
     return OpenBFWaves(
         labels=tuple(case.labels[k] for k in shown),
         time_s=solution.time_s,
-        waves={q: found[q].reshape(shape)[shown] * _TO_SI[q] for q in case.quantities},
+        waves={q: waves[q].reshape(shape)[shown] * _TO_SI[q] for q in case.quantities},
     )
 
 

@@ -79,7 +79,7 @@ def read_vessels(listed: Sequence[Mapping[str, Any]], density: float) -> Vessels
         external_pa=np.array([quantity(d, "Pext", p, _PRESSURE, 0.0) for d, p in both]),
         viscous=np.array([flag(d, "visco-elastic", p, default=False) for d, p in both]),
     )
-    found = Vessels(
+    vessels = Vessels(
         labels=labels,
         network=_network(nodes, lengths * _MM, radii),
         walls=walls,
@@ -89,8 +89,8 @@ def read_vessels(listed: Sequence[Mapping[str, Any]], density: float) -> Vessels
         reflection={},
         shown=tuple(k for k, (d, p) in enumerate(both) if flag(d, "to_save", p, default=True)),
     )
-    _read_outlets(found, both, ends, density)
-    return found
+    _read_outlets(vessels, both, ends, density)
+    return vessels
 
 
 def _labels(listed: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
@@ -122,14 +122,14 @@ def _nodes(both: Sequence[tuple[Mapping[str, Any], str]]) -> tuple[IntArray, lis
         what = f"{', '.join(inlets[:3])} begin" if inlets else "none begins"
         raise FlowError(f"sn: one vessel begins where none ends, the inlet; here {what} there")
     number = {node: k for k, node in enumerate(sorted(starts))}
-    ends, found = [], []
+    ends, is_outlet = [], []
     for (_, place), (sn, tn) in zip(both, named, strict=True):
         if sn == tn:
             raise FlowError(f"{place}: sn and tn are both {sn}; a vessel joins two nodes")
         ends.append(tn not in starts)
         last = len(starts) + sum(ends) - 1 if ends[-1] else number[tn]
-        found.append((number[sn], last))
-    return np.array(found), ends
+        is_outlet.append((number[sn], last))
+    return np.array(is_outlet), ends
 
 
 def _radii(data: Mapping[str, Any], place: str) -> tuple[float, float]:
@@ -168,20 +168,20 @@ def _network(nodes: IntArray, lengths: FloatArray, radii: FloatArray) -> VesselN
 
 
 def _read_outlets(
-    found: Vessels,
+    vessels: Vessels,
     both: Sequence[tuple[Mapping[str, Any], str]],
     ends: Sequence[bool],
     density: float,
 ) -> None:
-    radius = found.network.radius[2::3]
-    stiff = found.walls.stiffness(np.arange(len(ends)), radius)
+    radius = vessels.network.radius[2::3]
+    stiff = vessels.walls.stiffness(np.arange(len(ends)), radius)
     impedance = np.sqrt(density * stiff / 2.0) / (np.pi * radius**2) * 1e9
     for k, (data, place) in enumerate(both):
         if not ends[k]:
             refuse_inner(data, place)
             continue
-        end = VesselEnd(place, float(impedance[k]), float(found.walls.external_pa[k]))
-        node = int(found.network.vessel_nodes[k, 1])
-        found.outlets[node], part = outlet_of(data, end)
+        end = VesselEnd(place, float(impedance[k]), float(vessels.walls.external_pa[k]))
+        node = int(vessels.network.vessel_nodes[k, 1])
+        vessels.outlets[node], part = outlet_of(data, end)
         if part is not None:
-            found.reflection[node] = part
+            vessels.reflection[node] = part

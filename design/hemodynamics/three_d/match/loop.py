@@ -76,12 +76,16 @@ def match_split(
     while True:
         history = [each for _, each in rounds]
         tell(len(rounds) / how.rounds, f"round {len(rounds) + 1}, {_so_far(history)}")
-        found, told = _round(rescaled(network, scale), conditions, wanted, scale, how)
-        rounds.append((found, told))
-        if told.worst <= how.tolerance or len(rounds) == how.rounds or _stuck([*history, told]):
+        effective, round_facts = _round(rescaled(network, scale), conditions, wanted, scale, how)
+        rounds.append((effective, round_facts))
+        if (
+            round_facts.worst <= how.tolerance
+            or len(rounds) == how.rounds
+            or _stuck([*history, round_facts])
+        ):
             break
-        scale = next_scales(network, conditions, wanted, found, free, scale)
-        if np.abs(scale - told.scale).max() < _SAME:
+        scale = next_scales(network, conditions, wanted, effective, free, scale)
+        if np.abs(scale - round_facts.scale).max() < _SAME:
             break
     return _matched(network, wanted, rounds, free, how.tolerance)
 
@@ -95,10 +99,10 @@ def _round(
 ) -> tuple[Effective, Round]:
     mesh, _ = straighten_edges(lumen_mesh(network, how.mesh))
     solution = solve_steady(mesh, conditions, how.flow)
-    found = effective_network(network, conditions, solution)
-    off = np.abs(found.flow[target.vessel] - target.flow) / inflow_of(network, found.flow)
+    effective = effective_network(network, conditions, solution)
+    off = np.abs(effective.flow[target.vessel] - target.flow) / inflow_of(network, effective.flow)
     worst = int(np.argmax(off))
-    return found, Round(
+    return effective, Round(
         float(off[worst]),
         int(target.vessel[worst]),
         scale,
@@ -127,7 +131,7 @@ def _matched(
     free: FreeVessels,
     tolerance: float,
 ) -> MatchedNetwork:
-    history = tuple(told for _, told in rounds)
+    history = tuple(one for _, one in rounds)
     turn = int(np.argmin([each.worst for each in history]))
     logs = np.log(history[turn].scale[free.vessel])
     stands = (logs < free.low + _AT_BOUND) | (logs > free.high - _AT_BOUND)

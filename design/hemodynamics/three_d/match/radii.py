@@ -75,18 +75,18 @@ def next_scales(
     network: VesselNetwork,
     conditions: FlowConditions,
     target: Target,
-    found: Effective,
+    effective: Effective,
     free: FreeVessels,
     scale: FloatArray,
 ) -> FloatArray:
     """Scales at which the reduced model, resisting as 3D does now, has the wanted flows."""
-    vary, low, inflow = free.vessel, free.low, inflow_of(network, found.flow)
+    vary, low, inflow = free.vessel, free.low, inflow_of(network, effective.flow)
     log_now = np.log(scale)
 
     def model(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         logs = log_now.copy()
         logs[vary] = x
-        resistance = found.resistance * np.exp(-4.0 * (logs - log_now))
+        resistance = effective.resistance * np.exp(-4.0 * (logs - log_now))
         flow, slope = flow_and_sensitivity(network, conditions, vary, resistance)
         return flow[target.vessel], slope[target.vessel]
 

@@ -110,8 +110,8 @@ def write_case(mesh: LumenMesh, conditions: RankConditions, folder: Path) -> Non
         "label": mesh.label.astype(np.int32),
         "inflow": inflow,
     }
-    told = _told(mesh, conditions)
-    told["id"] = _digest(told, arrays)
+    facts = _case_facts(mesh, conditions)
+    facts["id"] = _digest(facts, arrays)
     folder.mkdir(parents=True, exist_ok=True)
     for left in RESULTS:
         (folder / left).unlink(missing_ok=True)
@@ -121,10 +121,10 @@ def write_case(mesh: LumenMesh, conditions: RankConditions, folder: Path) -> Non
     for source in sorted(ENGINE.glob("*.py")):
         write_bytes(folder / "engine" / source.name, source.read_bytes())
     shutil.rmtree(folder / "engine" / "__pycache__", ignore_errors=True)
-    write_text(folder / "case.json", json.dumps(told, indent=1) + "\n")
+    write_text(folder / "case.json", json.dumps(facts, indent=1) + "\n")
 
 
-def _told(mesh: LumenMesh, conditions: RankConditions) -> dict[str, Any]:
+def _case_facts(mesh: LumenMesh, conditions: RankConditions) -> dict[str, Any]:
     return {
         "units": "mm, s, Pa, µL",
         "nodes": len(mesh.points),
@@ -166,9 +166,9 @@ def _groups(conditions: RankConditions) -> list[dict[str, Any]]:
     return groups
 
 
-def _digest(told: dict[str, Any], arrays: dict[str, Any]) -> str:
+def _digest(facts: dict[str, Any], arrays: dict[str, Any]) -> str:
     """Names a case by its content, so that a result can't be taken for another's."""
-    digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode())
     for name in sorted(arrays):
         digest.update(np.ascontiguousarray(arrays[name]).tobytes())
     return digest.hexdigest()[:16]

@@ -50,8 +50,8 @@ def rank_conditions(mesh: LumenMesh, conditions: FlowConditions, **options: Any)
             supplies.append(-conditions.outlet_flow_ul_s[port.node])
         else:
             ports.append(PortPressure(conditions.outlet_pressure_pa))
-    told = {"density": conditions.density, **options}
-    return RankConditions(tuple(ports), conditions.viscosity_pa_s, tuple(supplies), **told)
+    options_given = {"density": conditions.density, **options}
+    return RankConditions(tuple(ports), conditions.viscosity_pa_s, tuple(supplies), **options_given)
 
 
 def _inlets(mesh: LumenMesh, conditions: FlowConditions) -> set[int]:

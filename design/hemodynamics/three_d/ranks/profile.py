@@ -80,9 +80,9 @@ def _duct(points: FloatArray, faces: IntArray, inner: IntArray) -> FloatArray:
     matrix = csc_array(coo_array((local.ravel()[both], (row[both], column[both])), shape=size))
     right = np.zeros(len(inner))
     np.add.at(right, at[at >= 0], load[at >= 0])
-    found = np.zeros(len(points))
-    found[inner] = splu(matrix).solve(right)
-    return found
+    velocity = np.zeros(len(points))
+    velocity[inner] = splu(matrix).solve(right)
+    return velocity
 
 
 def _at_quadrature(

@@ -66,8 +66,8 @@ class StarMesh:
 
 def star_mesh_of(first: IntArray, last: IntArray, count: int) -> StarMesh:
     """Order the elimination of nodes 0 to ``count`` - 1, linked from ``first`` to ``last``."""
-    found = _plan(first.astype(np.int32), last.astype(np.int32), count, MOST)
-    order, begin, neighbour, link, pair, links, of_given = found
+    plan = _plan(first.astype(np.int32), last.astype(np.int32), count, MOST)
+    order, begin, neighbour, link, pair, links, of_given = plan
     stays = np.ones(count, dtype=bool)
     stays[order] = False
     left = np.flatnonzero(stays)

@@ -58,7 +58,7 @@ class Circuit:
 
     def driven(self, samples: NDArray[Any]) -> NDArray[Any]:
         """What drives each node, (n,), for a value of each waveform (w,)."""
-        found = np.zeros(self.node_count, samples.dtype)
+        values = np.zeros(self.node_count, samples.dtype)
         on = self.drive >= 0
-        found[on] = samples[self.drive[on]]
-        return found
+        values[on] = samples[self.drive[on]]
+        return values

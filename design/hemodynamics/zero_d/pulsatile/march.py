@@ -186,19 +186,19 @@ def _check_branches(circuit: Circuit) -> None:
 
 def _stored(circuit: Circuit) -> FloatArray:
     """Capacitance at each node, with half of each branch's at either end, (n,)."""
-    found = circuit.stored.copy()
+    stored = circuit.stored.copy()
     for ends in (circuit.first, circuit.last):
-        np.add.at(found, ends, circuit.capacitance / 2.0)
-    return found
+        np.add.at(stored, ends, circuit.capacitance / 2.0)
+    return stored
 
 
 def _drives(circuit: Circuit, times: FloatArray) -> FloatArray:
     """What drives each node at each time, (t, n)."""
     samples = np.array([w.at(times) for w in circuit.waveforms])
-    found = np.zeros((len(times), circuit.node_count))
+    drives = np.zeros((len(times), circuit.node_count))
     on = np.flatnonzero(circuit.drive >= 0)
-    found[:, on] = samples[circuit.drive[on]].T
-    return found
+    drives[:, on] = samples[circuit.drive[on]].T
+    return drives
 
 
 def _steady(circuit: Circuit, drive: FloatArray) -> _State:

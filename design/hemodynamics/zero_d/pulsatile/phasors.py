@@ -123,14 +123,14 @@ def _one(
 
 def _harmonics(samples: FloatArray, steps: int) -> tuple[NDArray[np.int64], ComplexArray]:
     """Numbers (k,) and amplitudes (w, k) of the harmonics that are heard; of 0 always."""
-    found = np.fft.rfft(samples, axis=1) / samples.shape[1]
-    found[:, 1:] *= 2.0
-    found = found[:, : (steps + 1) // 2]
+    amplitudes = np.fft.rfft(samples, axis=1) / samples.shape[1]
+    amplitudes[:, 1:] *= 2.0
+    amplitudes = amplitudes[:, : (steps + 1) // 2]
     # Pressures and flows are in units of their own: each waveform by its own scale.
-    scale = np.maximum(np.abs(found).max(axis=1, keepdims=True), 1e-300)
-    heard = (np.abs(found) / scale).max(axis=0) > _SILENT
+    scale = np.maximum(np.abs(amplitudes).max(axis=1, keepdims=True), 1e-300)
+    heard = (np.abs(amplitudes) / scale).max(axis=0) > _SILENT
     heard[0] = True
-    return np.flatnonzero(heard), found[:, heard]
+    return np.flatnonzero(heard), amplitudes[:, heard]
 
 
 def _check(circuit: Circuit, steps: int) -> None:

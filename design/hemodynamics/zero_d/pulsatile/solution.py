@@ -98,45 +98,45 @@ def march_pulsatile(
         As `build_circuit` and `march`, and when no periodic state is reached.
     """
     circuit, slot = build_circuit(network, conditions)
-    found = march(circuit, options)
-    if not found.periodic:
+    marched = march(circuit, options)
+    if not marched.periodic:
         raise FlowError(
-            f"no periodic state after {len(found.change)} cycles: the last still changed by "
-            f"{found.change[-1]:.2g} of the largest value; allow more cycles, or solve for the "
+            f"no periodic state after {len(marched.change)} cycles: the last still changed by "
+            f"{marched.change[-1]:.2g} of the largest value; allow more cycles, or solve for the "
             "periodic state"
         )
-    return _of_march(found, slot, network.vessel_count)
+    return _of_march(marched, slot, network.vessel_count)
 
 
-def _of_phasors(found: Phasors, slot: IntArray, vessels: int) -> PulsatileSolution:
+def _of_phasors(phasors: Phasors, slot: IntArray, vessels: int) -> PulsatileSolution:
     return PulsatileSolution(
-        found.period_s,
-        found.harmonic,
-        found.pressure[:, slot],
-        found.flow_first[:, :vessels],
-        found.flow_last[:, :vessels],
+        phasors.period_s,
+        phasors.harmonic,
+        phasors.pressure[:, slot],
+        phasors.flow_first[:, :vessels],
+        phasors.flow_last[:, :vessels],
         np.zeros(0),
     )
 
 
-def _of_march(found: Marched, slot: IntArray, vessels: int) -> PulsatileSolution:
-    flow_in = _harmonics(found.flow_first[:, :vessels])
+def _of_march(marched: Marched, slot: IntArray, vessels: int) -> PulsatileSolution:
+    flow_in = _harmonics(marched.flow_first[:, :vessels])
     return PulsatileSolution(
-        found.period_s,
+        marched.period_s,
         np.arange(len(flow_in)),
-        _harmonics(found.pressure)[:, slot],
+        _harmonics(marched.pressure)[:, slot],
         flow_in,
-        _harmonics(found.flow_last[:, :vessels]),
-        found.change,
+        _harmonics(marched.flow_last[:, :vessels]),
+        marched.change,
     )
 
 
 def _harmonics(samples: FloatArray) -> ComplexArray:
     """Phasors (k, …) of samples (t + 1, …) over a cycle whose end repeats its begin."""
     steps = len(samples) - 1
-    found = np.fft.rfft(samples[:-1], axis=0) / steps
-    found[1:] *= 2.0
-    return np.asarray(found[: (steps + 1) // 2])
+    phasors = np.fft.rfft(samples[:-1], axis=0) / steps
+    phasors[1:] *= 2.0
+    return np.asarray(phasors[: (steps + 1) // 2])
 
 
 def cycle_extremes(

@@ -39,13 +39,13 @@ def end_waves(
     """Flow through inlets and outlets and their mean pressures, over one cycle, (count,)."""
     inlets, outlets = boundary_nodes(network, conditions)
     times = solution.times(count)
-    found: dict[str, FloatArray] = {"time_s": times}
+    waves: dict[str, FloatArray] = {"time_s": times}
     for name, nodes, sign in (("inlet", inlets, 1.0), ("outlet", outlets, -1.0)):
         flow = sign * node_phasors(network, solution, nodes).sum(axis=1)
         pressure = solution.pressure[:, nodes].mean(axis=1)
-        found[f"{name}_flow_ml_min"] = solution.at(flow, times) / UL_S_PER_ML_MIN
-        found[f"{name}_pressure_mmhg"] = solution.at(pressure, times) / PA_PER_MMHG
-    return found
+        waves[f"{name}_flow_ml_min"] = solution.at(flow, times) / UL_S_PER_ML_MIN
+        waves[f"{name}_pressure_mmhg"] = solution.at(pressure, times) / PA_PER_MMHG
+    return waves
 
 
 def pulsatile_summary(
@@ -66,7 +66,7 @@ def pulsatile_summary(
     power, lost = mean_powers(network, solution, conditions)
     finite = numbers.wave_speed[np.isfinite(numbers.wave_speed)]
     pulse_in, pulse_out = ((high - low)[nodes].max() for nodes in (inlets, outlets))
-    found = {
+    summary = {
         "period_s": solution.period_s,
         "harmonics": float(len(solution.harmonic) - 1),
         "inlet_flow_mean_ml_min": float(waves["inlet_flow_ml_min"].mean()),
@@ -86,10 +86,13 @@ def pulsatile_summary(
         "energy_imbalance": abs(power - lost) / lost if lost > 0.0 else 0.0,
     }
     if len(finite):
-        found["wave_speed_min_mm_s"] = float(finite.min())
+        summary["wave_speed_min_mm_s"] = float(finite.min())
     if len(solution.change):
-        found |= {"cycles": float(len(solution.change)), "last_change": float(solution.change[-1])}
-    return found
+        summary |= {
+            "cycles": float(len(solution.change)),
+            "last_change": float(solution.change[-1]),
+        }
+    return summary
 
 
 def mean_powers(

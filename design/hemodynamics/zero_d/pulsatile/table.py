@@ -85,11 +85,11 @@ def shear_phasors(
 ) -> ComplexArray:
     """Phasors of the wall shear at the mean radius, (k, v), Pa, with Womersley's correction."""
     radius = network.mean_radius()
-    found = middle_flow(solution) * (4.0 * conditions.viscosity_pa_s / (np.pi * radius**3))
+    shear = middle_flow(solution) * (4.0 * conditions.viscosity_pa_s / (np.pi * radius**3))
     for k, omega in enumerate(solution.omega):
         alpha = womersley_number(radius, omega, conditions.viscosity_pa_s, conditions.density)
-        found[k] *= shear_factor(alpha)
-    return found
+        shear[k] *= shear_factor(alpha)
+    return shear
 
 
 def pulsatile_table(

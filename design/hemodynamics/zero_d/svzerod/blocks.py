@@ -94,34 +94,34 @@ class Blocks:
         FlowError
             For connections that are too few or many, and numbers that are missing or wrong.
         """
-        return [self._block(found) for found in self.found]
+        return [self._block(part) for part in self.found]
 
-    def _block(self, found: Found) -> Block:
-        name, place, element = found.name, found.place, found.element
+    def _block(self, part: Found) -> Block:
+        name, place, element = part.name, part.place, part.element
         self.wiring.check(name, element.ports, place)
         into, out = tuple(self.wiring.inlets[name]), tuple(self.wiring.outlets[name])
         table = -1
         if element.table:
-            value = numbers(found.given, element.table, place)
-            timed = len(value) > 1 or "t" in found.given
-            time = numbers(found.given, "t", place) if timed else np.zeros(1)
+            value = numbers(part.given, element.table, place)
+            timed = len(value) > 1 or "t" in part.given
+            time = numbers(part.given, "t", place) if timed else np.zeros(1)
             table = self.tables.add(time, value, f"{place}: {element.table}")
         values = _lists if element.ports == "many" else _scalars
-        read = values(found.given, element, place, len(into), len(out))
-        if found.more:
-            read = np.append(read, found.more)
+        read = values(part.given, element, place, len(into), len(out))
+        if part.more:
+            read = np.append(read, part.more)
         active = None
-        if found.activates is not None:
-            active = activation_of(found.activates, place, self.tables.period)
-        return Block(name, found.kind, read, table, into, out, element.written, active)
+        if part.activates is not None:
+            active = activation_of(part.activates, place, self.tables.period)
+        return Block(name, part.kind, read, table, into, out, element.written, active)
 
 
 def _scalars(given: Mapping[str, Any], element: Element, place: str, *_: int) -> FloatArray:
-    found = {key: number(given, key, place) for key in element.needed}
-    found |= {k: number(given, k, place, default) for k, default in element.optional.items()}
-    for key, value in found.items():
+    values = {key: number(given, key, place) for key in element.needed}
+    values |= {k: number(given, k, place, default) for k, default in element.optional.items()}
+    for key, value in values.items():
         check_sign(value, key, place)
-    return np.array(list(found.values()))
+    return np.array(list(values.values()))
 
 
 def _lists(
@@ -133,9 +133,9 @@ def _lists(
     count = into + out if element.needed == ("R",) else out
     if count == out and into != 1:
         raise FlowError(f"{place} has {into} inlet_vessels; its type takes one")
-    found = [numbers(given, key, place) for key in element.needed]
-    for key, value in zip(element.needed, found, strict=True):
+    lists = [numbers(given, key, place) for key in element.needed]
+    for key, value in zip(element.needed, lists, strict=True):
         if len(value) != count:
             raise FlowError(f"{place}: {key} has {len(value)} numbers; it needs {count}")
         check_sign(float(value.min()), key, place)
-    return np.concatenate(found)
+    return np.concatenate(lists)

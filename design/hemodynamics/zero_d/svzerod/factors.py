@@ -93,10 +93,10 @@ def solve_triangles(
     for i in range(count):
         work[row_place[i]] = right[i]
     _eliminate(work, lower_row, lower_column, lower, upper_row, upper_column, upper, inverse)
-    found = np.empty(count)
+    solution = np.empty(count)
     for i in range(count):
-        found[i] = work[column_place[i]]
-    return found
+        solution[i] = work[column_place[i]]
+    return solution
 
 
 @jit

@@ -31,13 +31,13 @@ def parse_json(text: str) -> Any:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    data = dict(pairs)
+    if len(data) < len(pairs):
         names = [name for name, _ in pairs if not name.startswith("_")]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
             raise FlowError(f"the key {twice!r} stands twice in one object; leave one out")
-    return found
+    return data
 
 
 def check_keys(data: Any, place: str, known: Set[str]) -> Mapping[str, Any]:
@@ -110,12 +110,12 @@ def number(data: Mapping[str, Any], key: str, place: str, default: float | None 
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise FlowError(f"{place}: {key} is {_short(value)}; write a number")
     try:
-        found = float(value)
+        amount = float(value)
     except OverflowError:  # an integer of hundreds of digits
-        found = math.inf
-    if not math.isfinite(found):
+        amount = math.inf
+    if not math.isfinite(amount):
         raise FlowError(f"{place}: {key} is {_short(value)}; write a finite number")
-    return found
+    return amount
 
 
 def whole(
@@ -161,10 +161,10 @@ def numbers(data: Mapping[str, Any], key: str, place: str) -> FloatArray:
     value = data.get(key)
     listed = value if isinstance(value, list) else [value]
     good = all(isinstance(v, int | float) and not isinstance(v, bool) for v in listed)
-    found = np.array(listed, dtype=np.float64) if good and listed else np.full(1, np.nan)
-    if not np.isfinite(found).all():
+    values = np.array(listed, dtype=np.float64) if good and listed else np.full(1, np.nan)
+    if not np.isfinite(values).all():
         raise FlowError(f"{place}: {key} is {_short(value)}; write a list of numbers")
-    return found
+    return values
 
 
 def _short(value: Any) -> str:

@@ -45,13 +45,13 @@ class ReducedMarch:
         constants = self._system.constant + (self._system.drive @ moments.sampled.T).T
         timed = timed_coefficients(self._system.terms, moments)
         values, rates = np.empty((2, *constants.shape))
-        found, at, left = march_reduced(
+        status, at, left = march_reduced(
             self._reduced, self._terms, np.ascontiguousarray(constants), timed, state.value,
             state.rate, values, rates,
         )  # fmt: skip
-        if found == SINGULAR:
+        if status == SINGULAR:
             raise FlowError(Factors.SINGULAR)
-        if found != DONE:
+        if status != DONE:
             raise unsettled(self._pace, float(moments.times[at]), left)
         for value, rate in zip(values, rates, strict=True):
             yield State(value, rate)

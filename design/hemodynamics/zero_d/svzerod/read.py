@@ -173,10 +173,10 @@ class _Reader:
         place = f"boundary condition {name}"
         closed = condition.get("bc_type") == "ClosedLoopRCR"
         also = frozenset(("closed_loop_outlet",)) if closed else frozenset[str]()
-        found = self.blocks.add(name, place, CONDITIONS, condition, _CONDITION_KEYS, also)
-        if closed and not flag(found.given, "closed_loop_outlet", place, default=False):
+        added = self.blocks.add(name, place, CONDITIONS, condition, _CONDITION_KEYS, also)
+        if closed and not flag(added.given, "closed_loop_outlet", place, default=False):
             return ""
-        return name if found.kind.startswith("ClosedLoop") else ""
+        return name if added.kind.startswith("ClosedLoop") else ""
 
     def _junction(self, junction: Any, place: str) -> str:
         check_keys(junction, place, _OF_JUNCTION)

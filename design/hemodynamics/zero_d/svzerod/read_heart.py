@@ -62,7 +62,7 @@ def join_couplings(blocks: Blocks, listed: list[Any]) -> None:
     FlowError
         For a block that isn't given, or of a kind that isn't coupled.
     """
-    kinds = {found.name: found.kind for found in blocks.found}
+    kinds = {block.name: block.kind for block in blocks.found}
     for data in listed:
         name, other = data["name"], text(data, "connected_block", f"coupling {data['name']}")
         place = f"coupling {name}: connected_block"
@@ -127,10 +127,10 @@ def join_heart(blocks: Blocks, data: Mapping[str, Any] | None, loops: list[str])
     wiring.join(HEART, _OUTLET, place)
     for name in outlets:
         wiring.join(_OUTLET, name, f"{place}: outlet_blocks")
-    heart = next(found for found in blocks.found if found.name == HEART)
-    for found in blocks.found:
-        if found.kind in _MUSCLES:
-            found.more.append(number(heart.given, _MUSCLES[found.kind], place))
+    heart = next(block for block in blocks.found if block.name == HEART)
+    for block in blocks.found:
+        if block.kind in _MUSCLES:
+            block.more.append(number(heart.given, _MUSCLES[block.kind], place))
 
 
 def read_valves(blocks: Blocks, listed: list[Any]) -> list[tuple[str, str, str]]:
@@ -169,8 +169,8 @@ def read_chambers(blocks: Blocks, listed: list[Any]) -> None:
         check_keys(data, f"chambers[{k}]", _OF_CHAMBER)
         name = text(data, "name", f"chambers[{k}]")
         place = f"chamber {name}"
-        found = blocks.add(name, place, CHAMBERS, data, ("type", "values"))
-        if found.kind != "ChamberSphere":
-            found.activates = data.get("activation_function", {})
+        chamber = blocks.add(name, place, CHAMBERS, data, ("type", "values"))
+        if chamber.kind != "ChamberSphere":
+            chamber.activates = data.get("activation_function", {})
         elif "activation_function" in data:
             raise FlowError(f"{place}: activation_function isn't a ChamberSphere's; leave it out")

@@ -100,8 +100,8 @@ def reduced_system(e: csr_array, f: csr_array, terms: Terms, pace: Pace) -> Redu
 
 
 def _entries(matrix: csr_array) -> tuple[IntArray, IntArray, FloatArray]:
-    found = matrix.tocoo()
-    return found.row.astype(np.int64), found.col.astype(np.int64), found.data
+    entries = matrix.tocoo()
+    return entries.row.astype(np.int64), entries.col.astype(np.int64), entries.data
 
 
 def _eliminated(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -184,13 +184,13 @@ def _same(means: list[FloatArray], error: float) -> bool:
 def _ends(case: SvZeroDCase) -> IntArray:
     """Return the variables at the network's ends: at an outlet, else at an inlet."""
     conditions = {b.name for b in case.blocks if b.kind in CONDITIONS}
-    found = []
+    variables = []
     for vessel in case.blocks[: case.vessels]:
         for connection, side in ((vessel.outlets[0], 1), (vessel.inlets[0], 0)):
             if case.connections[connection].split(":")[side] in conditions:
-                found += [2 * connection, 2 * connection + 1]
+                variables += [2 * connection, 2 * connection + 1]
                 break
-    return np.array(found, dtype=np.int64)
+    return np.array(variables, dtype=np.int64)
 
 
 def _change(names: tuple[str, ...], begin: FloatArray, end: FloatArray) -> float:

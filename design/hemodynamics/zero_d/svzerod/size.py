@@ -45,11 +45,11 @@ def check_size(case: SvZeroDCase, variables: int) -> None:
         For more steps or results than the limits.
     """
     how, steps = case.options, case.options.points - 1
-    found = windkessel_cycles(case)
-    cycles = how.cycles if found is None else found
+    periodic = windkessel_cycles(case)
+    cycles = how.cycles if periodic is None else periodic
     if cycles * steps > MOST_STEPS:
         number = "number_of_cardiac_cycles"
-        if found is not None and how.cycle_error is not None:
+        if periodic is not None and how.cycle_error is not None:
             number = "cycles for the Windkessels' slowest decay (use_cycle_to_cycle_error)"
         raise FlowError(
             f"{PLACE}: {cycles:,} {number} of {steps:,} steps are {cycles * steps:,} steps; the "

@@ -113,8 +113,8 @@ def start_of(case: SvZeroDCase, names: tuple[str, ...]) -> tuple[FloatArray, Flo
 def unused_initial(case: SvZeroDCase, names: tuple[str, ...]) -> tuple[str, ...]:
     """Return initial values of no variable, which svZeroDSolver passes over without a word."""
     known = set(names)
-    found = [name for name in case.initial if name not in known and name not in _ALL_OF]
-    return tuple(dict.fromkeys(found + [name for name in case.initial_rates if name not in known]))
+    unused = [name for name in case.initial if name not in known and name not in _ALL_OF]
+    return tuple(dict.fromkeys(unused + [name for name in case.initial_rates if name not in known]))
 
 
 def _begin_with(names: tuple[str, ...], prefixes: tuple[str, ...]) -> IntArray:

@@ -102,21 +102,21 @@ class Sampler:
 
     def at(self, times: FloatArray) -> FloatArray:
         """Return the value of each table at times (s,), (s, count)."""
-        found = np.empty((len(times), self.count))
+        sampled = np.empty((len(times), self.count))
         for grid, values, numbers in zip(self.grids, self.values, self.numbers, strict=True):
             if len(grid) == 1:
-                found[:, numbers] = values[:, 0]
+                sampled[:, numbers] = values[:, 0]
                 continue
             here = np.fmod(times, grid[-1] - grid[0])
             high = np.clip(np.searchsorted(grid, here), 1, len(grid) - 1)
             rise = values[:, high] - values[:, high - 1]
             share = (here - grid[high - 1]) / (grid[high] - grid[high - 1])
-            found[:, numbers] = (values[:, high - 1] + share * rise).T
-        return found
+            sampled[:, numbers] = (values[:, high - 1] + share * rise).T
+        return sampled
 
     def mean(self) -> FloatArray:
         """Return the plain mean of each table's samples, (count,)."""
-        found = np.empty(self.count)
+        means = np.empty(self.count)
         for values, numbers in zip(self.values, self.numbers, strict=True):
-            found[numbers] = values.mean(axis=1)
-        return found
+            means[numbers] = values.mean(axis=1)
+        return means

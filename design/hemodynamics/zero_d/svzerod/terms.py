@@ -132,12 +132,12 @@ def _padded(part: np.ndarray, width: int) -> np.ndarray:
 
 def timed_coefficients(groups: Sequence[TermGroup], moments: Moments) -> FloatArray:
     """Return what changes in time, (s, t, 3), 0 where nothing does."""
-    found = np.zeros((len(moments.times), sum(len(g.rows) for g in groups), _TIMED))
+    coefficients = np.zeros((len(moments.times), sum(len(g.rows) for g in groups), _TIMED))
     first = 0
     for group in groups:
         last = first + len(group.rows)
         if group.timed is not None:
             for k, part in enumerate(group.timed(moments)):
-                found[:, first:last, k] = part
+                coefficients[:, first:last, k] = part
         first = last
-    return found
+    return coefficients

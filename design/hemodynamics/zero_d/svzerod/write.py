@@ -135,7 +135,7 @@ def _junctions(network: VesselNetwork, ends: set[int]) -> list[dict[str, Any]]:
     for vessel, (first, last) in enumerate(network.vessel_nodes.tolist()):
         leaving[first].append(vessel)
         entering[last].append(vessel)
-    found = []
+    junctions = []
     for node, (into, out) in enumerate(zip(entering, leaving, strict=True)):
         if node in ends:
             if len(into) + len(out) != 1:
@@ -149,7 +149,7 @@ def _junctions(network: VesselNetwork, ends: set[int]) -> list[dict[str, Any]]:
                 f"node {node} has vessels that only {'enter' if into else 'leave'}; turn one "
                 "round for svZeroDSolver"
             )
-        found.append(
+        junctions.append(
             {
                 "junction_name": f"J{node}",
                 "junction_type": "NORMAL_JUNCTION",
@@ -157,7 +157,7 @@ def _junctions(network: VesselNetwork, ends: set[int]) -> list[dict[str, Any]]:
                 "outlet_vessels": out,
             }
         )
-    return found
+    return junctions
 
 
 def _vessels(
@@ -167,7 +167,7 @@ def _vessels(
     resistance = vessel_resistance(network, conditions.viscosity_pa_s) * _R
     inertance = PARABOLIC * plug_inertance(network, conditions.density) * _R
     compliance = conditions.wall.compliance(network) / _R
-    found = []
+    vessels = []
     for k, (first, last) in enumerate(network.vessel_nodes.tolist()):
         named = {"inlet": at.get(first), "outlet": at.get(last)}
         conditions_here = {side: name for side, name in named.items() if name is not None}
@@ -184,5 +184,5 @@ def _vessels(
         }
         if conditions_here:
             vessel["boundary_conditions"] = conditions_here
-        found.append(vessel)
-    return found
+        vessels.append(vessel)
+    return vessels

@@ -45,21 +45,21 @@ class LinearSolver:
 
         A group couples all velocities of its ports, which would fill the matrix.
         """
-        found = self._plain(right)
+        solved = self._plain(right)
         groups = [cleared(self.problem, load.copy()) for load in self.problem.groups]
         if not groups:
-            return found, laws
+            return solved, laws
         each = [self._plain(load) for load in groups]
         small = np.array([[load.dot(x) for x in each] for load in groups])
         small += np.diag([law["slope"] for law in self.problem.case["groups"]])
-        pressure = np.linalg.solve(small, [load.dot(found) for load in groups] - laws)
+        pressure = np.linalg.solve(small, [load.dot(solved) for load in groups] - laws)
         for amount, x in zip(pressure, each, strict=True):
-            found.axpy(-amount, x)
-        return found, pressure
+            solved.axpy(-amount, x)
+        return solved, pressure
 
     def _plain(self, right: Any) -> Any:
-        found = self.matrix.createVecRight()
-        self.solver.solve(right, found)
+        solved = self.matrix.createVecRight()
+        self.solver.solve(right, solved)
         reason = self.solver.getConvergedReason()
         if reason < 0:
             raise RuntimeError(
@@ -67,7 +67,7 @@ class LinearSolver:
                 f"{reason}); take the other of direct and iterative, or more memory"
             )
         self.iterations += self.solver.its
-        return found
+        return solved
 
 
 def _factorise(solver: Any) -> None:

@@ -80,6 +80,6 @@ def node_of(space: Any, domain: Any, node: Any) -> Any:
     corners alone takes the first four.
     """
     points = rows(space.dofmap.list)
-    found = np.full(int(points.max()) + 1, -1, dtype=np.int64)
-    found[points] = node[rows(domain.geometry.dofmap)[:, : points.shape[1]]]
-    return found
+    nodes = np.full(int(points.max()) + 1, -1, dtype=np.int64)
+    nodes[points] = node[rows(domain.geometry.dofmap)[:, : points.shape[1]]]
+    return nodes

@@ -91,10 +91,10 @@ def problem_of(folder: Path, case: dict[str, Any]) -> RanksProblem:
 
 def together(vectors: list[Any]) -> Any:
     """Their sum, a new vector."""
-    found = vectors[0].copy()
+    total = vectors[0].copy()
     for vector in vectors[1:]:
-        found.axpy(1.0, vector)
-    return found
+        total.axpy(1.0, vector)
+    return total
 
 
 def _forms(case: dict[str, Any], space: Any, solution: Any, faces: Any) -> tuple[Any, Any, Any]:

@@ -20,14 +20,14 @@ def port_rows(problem: RanksProblem) -> list[dict[str, Any]]:
     """Flow out of each port and mean pressure over it."""
     pressure = ufl.split(problem.solution)[1]
     one = fem.Constant(problem.space.mesh, PETSc.ScalarType(1.0))
-    found = []
+    rows = []
     for port, flow in zip(problem.case["ports"], flows(problem, problem.loads), strict=True):
         over = problem.faces(port["label"])
         push, area = (
             WORLD.allreduce(float(fem.assemble_scalar(fem.form(value * over))))
             for value in (pressure, one)
         )
-        found.append(
+        rows.append(
             {
                 "label": port["label"],
                 "flow_out_ul_s": float(flow),
@@ -35,7 +35,7 @@ def port_rows(problem: RanksProblem) -> list[dict[str, Any]]:
                 "area_mm2": area,
             }
         )
-    return found
+    return rows
 
 
 def write_field(path: Path, problem: RanksProblem, field: Field, shape: tuple[int, ...]) -> None:
