@@ -83,5 +83,5 @@ def one_of(request: Request, name: str, choices: type[Choice]) -> Choice:
 
 
 def _refusal(request: Request, name: str, wanted: str) -> Refused:
-    said = repr(request[name])[:80] if name in request else "missing"
-    return Refused(f"{request.get('do')}: {name} is {said}, and must be {wanted}")
+    value = repr(request[name])[:80] if name in request else "missing"
+    return Refused(f"{request.get('do')}: {name} is {value}, and must be {wanted}")

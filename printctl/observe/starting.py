@@ -112,10 +112,10 @@ def _ready_pid(folder: Path) -> int:
 
 def _last_line(log: Path) -> str:
     try:
-        said = log.read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
     except OSError:
-        said = []
-    return next((line for line in reversed(said) if line.strip()), "it ended without a word")
+        lines = []
+    return next((line for line in reversed(lines) if line.strip()), "it ended without a word")
 
 
 def _refusal(why: str, remedy: str) -> str:

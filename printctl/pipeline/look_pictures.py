@@ -32,14 +32,16 @@ _CURVE: Final = (
 _SCANNED: Final = "; diamonds: share of the same lines that the final scan has, after all mends"
 
 
-def look_pictures(print_folder: Path, held: Sequence[Mapping[str, Any]] = ()) -> dict[str, bytes]:
+def look_pictures(
+    print_folder: Path, scan_rows: Sequence[Mapping[str, Any]] = ()
+) -> dict[str, bytes]:
     """Draw what the looks at a print have told, for the report's section Print.
 
     Parameters
     ----------
     print_folder : Path
         With the journal; looks of an earlier print in it are left out.
-    held : sequence of dict
+    scan_rows : sequence of dict
         What the final scan has where they looked (`printctl.pipeline.written_in_scan`).
 
     Returns
@@ -50,7 +52,7 @@ def look_pictures(print_folder: Path, held: Sequence[Mapping[str, Any]] = ()) ->
     looks = read_looks(print_folder, read_journal_facts(print_folder / JOURNAL).started)
     if not looks:
         return {}
-    scanned = {row["look"]: _share(row["scan_ink"]) for row in held}
+    scanned = {row["look"]: _share(row["scan_ink"]) for row in scan_rows}
     rows = [
         replace(row, scan=scanned.get(row.number, math.nan))
         for row in look_rows(looks, read_journal(print_folder / JOURNAL).inserts)
@@ -64,7 +66,7 @@ def look_pictures(print_folder: Path, held: Sequence[Mapping[str, Any]] = ()) ->
         f"print/{count} in their order, each with the share that had ink: blue mended or flow "
         "corrected, red paused or stopped"
     )
-    curve = f"print/{_CURVE}{_SCANNED if held else ''}"
+    curve = f"print/{_CURVE}{_SCANNED if scan_rows else ''}"
     return {curve: look_figure(rows), caption: strip}
 
 

@@ -115,7 +115,7 @@ def _row(
     gap_mm: float,
 ) -> dict[str, Any]:
     way, known = float(length.sum()), np.isfinite(ink)
-    told = float(length[known].sum())
+    known_mm = float(length[known].sum())
     missing = missing_mm(length, stroke, ink, gap_mm)
     gaps = sum(g["to_mm"] - g["from_mm"] for g in look.found.get("gaps", ()))
     row = {
@@ -126,11 +126,11 @@ def _row(
         "ink": look.found.get("coverage"),
         "mended": mended,
         "gaps_mm": round(gaps, 3),
-        "scan_told": round(told / way, 5) if way else 0.0,
-        "scan_ink": round(float(length[known] @ ink[known]) / told, 5) if told else None,
+        "scan_known": round(known_mm / way, 5) if way else 0.0,
+        "scan_ink": round(float(length[known] @ ink[known]) / known_mm, 5) if known_mm else None,
         "scan_missing_mm": round(missing, 3),
     }
-    return {**row, **_held(row)}
+    return {**row, **_agreement(row)}
 
 
 def missing_mm(length: FloatArray, stroke: IntArray, ink: FloatArray, gap_mm: float) -> float:
@@ -143,23 +143,23 @@ def missing_mm(length: FloatArray, stroke: IntArray, ink: FloatArray, gap_mm: fl
     return float(long[(free[begins] >= 0) & (long >= gap_mm)].sum())
 
 
-def _held(row: dict[str, Any]) -> dict[str, Any]:
+def _agreement(row: dict[str, Any]) -> dict[str, Any]:
     """Whether look and scan agree: true, false or None where that can't be told; and in words.
 
     A look's own share of ink is told, its mends counted in, where it speaks against what it said.
     """
-    said = "mended" if row["mended"] else "whole"
+    verdict = "mended" if row["mended"] else "whole"
     missing = row["scan_missing_mm"]
     scan = "scan: missing" if missing else "scan: whole"
-    if row["scan_told"] < _LEAST_SEEN:
-        return {"agree": None, "held": "scan tells too little"}
+    if row["scan_known"] < _LEAST_SEEN:
+        return {"agree": None, "words": "scan tells too little"}
     if row["judged"] is None or row["judged"] < _LEAST_SEEN:
-        return {"agree": None, "held": f"look saw too little; {scan}"}
+        return {"agree": None, "words": f"look saw too little; {scan}"}
     if row["gaps_mm"] and not row["mended"]:
-        return {"agree": bool(missing), "held": f"look: {row['gaps_mm']:.2f} mm left; {scan}"}
+        return {"agree": bool(missing), "words": f"look: {row['gaps_mm']:.2f} mm left; {scan}"}
     judged_mm = row["judged"] * row["way_mm"]
     if missing and missing <= row["way_mm"] - judged_mm:
         ink = 1.0 if row["ink"] is None else row["ink"] + row["gaps_mm"] / judged_mm
         own = f"; its own ink {ink:.0%}" if ink < _PLENTY else ""
-        return {"agree": None, "held": f"look: {said}{own}; {scan}, perhaps unjudged"}
-    return {"agree": not missing, "held": f"look: {said}; {scan}"}
+        return {"agree": None, "words": f"look: {verdict}{own}; {scan}, perhaps unjudged"}
+    return {"agree": not missing, "words": f"look: {verdict}; {scan}"}

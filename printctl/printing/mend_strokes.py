@@ -45,9 +45,9 @@ def mend_strokes(job: Job) -> list[MendStrokes]:
     job : Job
         Its coordinates are absolute throughout.
     """
-    found = (MendStrokes(one.look, one.after + len(one.lines), _strokes(job, one))
+    mends = (MendStrokes(one.look, one.after + len(one.lines), _strokes(job, one))
              for one in job.inserts)  # fmt: skip
-    return [one for one in found if one.strokes]
+    return [one for one in mends if one.strokes]
 
 
 def _strokes(job: Job, insert: Insert) -> tuple[tuple[Place, ...], ...]:

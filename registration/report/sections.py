@@ -76,19 +76,19 @@ CHECK_COLUMNS: Final = (
     Column("passed", "Passed", kind="mark"),
     Column("place", "Where", kind="text"),
 )
-HELD_COLUMNS: Final = (
+LOOK_COLUMNS: Final = (
     Column("look", "Look", kind="text"),
     Column("mark", "At", kind="text"),
     Column("way_mm", "Way", "mm", digits=4),
     Column("judged", "Judged", "%", factor=100.0),
     Column("ink", "Ink, look", "%", factor=100.0),
-    Column("scan_told", "Told", "%", factor=100.0),
+    Column("scan_known", "Told", "%", factor=100.0),
     Column("scan_ink", "Ink, scan", "%", factor=100.0, digits=4),
     Column("scan_missing_mm", "Missing", "mm"),
     Column("agree", "Agree", kind="mark"),
-    Column("held", "In words", kind="text"),
+    Column("words", "In words", kind="text"),
 )
-HELD_NOTE: Final = (
+LOOK_NOTE: Final = (
     "Each look beside what the final scan has of the same lines, from the look before on. Judged: "
     "the share of their way that the look could judge; ink, look: the share of that with ink, "
     "before its mend. Told: the share that the scan can tell; ink, scan: the share of that where "
@@ -303,11 +303,11 @@ def check_table(dry_run: Mapping[str, Any]) -> Table | None:
     return make_table("checks", rows, CHECK_COLUMNS, order="failed first") if rows else None
 
 
-def held_table(rows: Sequence[Record]) -> Table | None:
+def look_table(rows: Sequence[Record]) -> Table | None:
     """Looks at the print held against the final scan, those that disagree first."""
     ordered = sorted(rows, key=lambda r: (r.get("agree") is not False, r.get("agree") is True))
     return (
-        make_table("looks", ordered, HELD_COLUMNS, order="disagreeing ones first") if rows else None
+        make_table("looks", ordered, LOOK_COLUMNS, order="disagreeing ones first") if rows else None
     )
 
 

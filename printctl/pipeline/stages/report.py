@@ -61,13 +61,13 @@ def write_report(context: RunContext, pdf: bool = False) -> dict[str, Any]:
         data["truth_check"] = truth
     data["verdict"] = verdict(registration)
     data["frames"] = frames(context, registration)
-    held = held_looks(context)
-    if held:
-        data["looks"] = held
+    scan_rows = look_rows_with_scan(context)
+    if scan_rows:
+        data["looks"] = scan_rows
     context.manifest.facts["frames"] = data["frames"]
     context.manifest.save()
     write_text(context.folder / JSON, json.dumps(data, indent=1, allow_nan=False) + "\n")
-    drawn, views = figures(context, held), load_views(context.folder / VIEWS)
+    drawn, views = figures(context, scan_rows), load_views(context.folder / VIEWS)
     if pdf:  # once for both; the page alone draws while it packs
         drawn = all_figures(data, context.network, drawn, views)
     play = context.folder / PLAYED
@@ -91,7 +91,7 @@ def surfaces(context: RunContext) -> list[ReportSurface]:
     ]
 
 
-def figures(context: RunContext, held: Sequence[dict[str, Any]] = ()) -> dict[str, bytes]:
+def figures(context: RunContext, scan_rows: Sequence[dict[str, Any]] = ()) -> dict[str, bytes]:
     """Layers or passes, looks at the print; the other figures the page draws by itself."""
     part, syringe = context.recipe.toolpath, context.syringe
     factor = context.ink.flow_factor**0.5
@@ -111,18 +111,18 @@ def figures(context: RunContext, held: Sequence[dict[str, Any]] = ()) -> dict[st
         | space_pictures(context)
         | oxygen_picture(context)
         | layer_pictures(context.folder / GCODE, pushing, outlined_design(context))
-        | observed(context, held)
+        | observed(context, scan_rows)
     )
 
 
-def observed(context: RunContext, held: Sequence[dict[str, Any]] = ()) -> dict[str, bytes]:
+def observed(context: RunContext, scan_rows: Sequence[dict[str, Any]] = ()) -> dict[str, bytes]:
     """Looks at the print, where the recipe has it observed."""
     if context.recipe.observe is None:
         return {}
-    return look_pictures(context.folder / JOURNAL_FOLDER, held)
+    return look_pictures(context.folder / JOURNAL_FOLDER, scan_rows)
 
 
-def held_looks(context: RunContext) -> list[dict[str, Any]]:
+def look_rows_with_scan(context: RunContext) -> list[dict[str, Any]]:
     """Looks at the print beside what the final scan has there; none where nobody looked."""
     part, written = context.recipe.observe, context.folder / WRITTEN
     if part is None or not written.is_file():

@@ -22,9 +22,9 @@ from registration.report.pdf.tables import data_table, fact_lines, grid
 from registration.report.pdf.uncertainty import confidence_facts, fitted_rows, pose_doubts
 from registration.report.record import record_facts
 from registration.report.sections import (
-    HELD_NOTE,
+    LOOK_NOTE,
     fit_rows,
-    held_table,
+    look_table,
     mapping,
     place_rows,
     records,
@@ -219,17 +219,17 @@ def _pictures(drawn: Figures) -> list[Flowable]:
 
 def _looks(data: Mapping[str, Any], drawn: Figures) -> list[Flowable]:
     """Looks at the print, as wide as the page, and what the final scan says to them."""
-    shown, table = _drawn(drawn, "print", WIDTH), held_table(records(data, "looks"))
-    held = [] if table is None else [
-        text("Looks held against the final scan", MINOR), *data_table(table), text(HELD_NOTE, SMALL)
+    shown, table = _drawn(drawn, "print", WIDTH), look_table(records(data, "looks"))
+    beside = [] if table is None else [
+        text("Looks held against the final scan", MINOR), *data_table(table), text(LOOK_NOTE, SMALL)
     ]  # fmt: skip
-    if not shown and not held:
+    if not shown and not beside:
         return []
     head = text("Looks at the print", HEADING)
     return [
         KeepTogether([head, *(shown[0] if shown else [])]),
         *map(KeepTogether, shown[1:]),
-        *held,
+        *beside,
     ]
 
 

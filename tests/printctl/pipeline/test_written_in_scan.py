@@ -36,7 +36,7 @@ def look(number: int, line: int, seen=1.0, ink=1.0, decision="go_on", gaps=()) -
     return LookRecord(number, line, line, mark, 0.0, decision, "", found=found)
 
 
-def held(tmp_path, job, scan, looks, inserts=()):
+def compared(tmp_path, job, scan, looks, inserts=()):
     """Rows for a scan given by what it has at a place (x, y, z)."""
     places = written_places(job, layered=True)
     ink = np.array([scan(*at) for at in places.at_mm], dtype=float)
@@ -66,7 +66,7 @@ def test_places_lie_in_the_middle_of_what_hangs_from_the_tip(job):
 
 
 def test_a_whole_print_agrees(tmp_path, job):
-    rows = held(tmp_path, job, whole, TWO)
+    rows = compared(tmp_path, job, whole, TWO)
     assert [row["agree"] for row in rows] == [True, True]
     assert [row["way_mm"] for row in rows] == [20.0, 20.0]
     assert [row["scan_ink"] for row in rows] == [1.0, 1.0]
@@ -74,9 +74,9 @@ def test_a_whole_print_agrees(tmp_path, job):
 
 
 def test_what_a_look_called_whole_and_the_scan_misses_is_a_disagreement(tmp_path, job):
-    first, second = held(tmp_path, job, hole, TWO)
+    first, second = compared(tmp_path, job, hole, TWO)
     assert first["agree"] is False
-    assert first["held"] == "look: whole; scan: missing"
+    assert first["words"] == "look: whole; scan: missing"
     assert first["scan_ink"] == pytest.approx(0.85)
     assert second["agree"] is True
 
@@ -85,40 +85,40 @@ def test_so_is_a_mend_that_the_scan_does_not_find(tmp_path, job):
     mend = Insert(1, 12, (b"G1 X1",), "a gap", 1.0)
     gaps = [{"from_mm": 4.0, "to_mm": 7.0}]
     looks = [look(1, 12, ink=0.85, decision="mend", gaps=gaps), TWO[1]]
-    first, _ = held(tmp_path, job, hole, looks, [mend])
+    first, _ = compared(tmp_path, job, hole, looks, [mend])
     assert (first["agree"], first["mended"]) == (False, True)
-    assert first["held"] == "look: mended; scan: missing"
+    assert first["words"] == "look: mended; scan: missing"
 
 
 def test_what_lies_where_the_look_did_not_judge_is_told_as_that(tmp_path, job):
-    first, _ = held(tmp_path, job, hole, [look(1, 12, seen=0.8), TWO[1]])
+    first, _ = compared(tmp_path, job, hole, [look(1, 12, seen=0.8), TWO[1]])
     assert first["agree"] is None
-    assert first["held"] == "look: whole; scan: missing, perhaps unjudged"
-    thin, _ = held(tmp_path, job, hole, [look(1, 12, seen=0.8, ink=0.85), TWO[1]])
-    assert thin["held"] == "look: whole; its own ink 85%; scan: missing, perhaps unjudged"
+    assert first["words"] == "look: whole; scan: missing, perhaps unjudged"
+    thin, _ = compared(tmp_path, job, hole, [look(1, 12, seen=0.8, ink=0.85), TWO[1]])
+    assert thin["words"] == "look: whole; its own ink 85%; scan: missing, perhaps unjudged"
 
 
 def test_gaps_that_were_left_and_are_not_in_the_scan_are_a_disagreement(tmp_path, job):
     gaps = [{"from_mm": 4.0, "to_mm": 7.0}]
     looks = [look(1, 12, ink=0.85, decision="pause", gaps=gaps), TWO[1]]
-    first, _ = held(tmp_path, job, whole, looks)
+    first, _ = compared(tmp_path, job, whole, looks)
     assert first["agree"] is False
-    assert first["held"] == "look: 3.00 mm left; scan: whole"
-    both, _ = held(tmp_path, job, hole, looks)
+    assert first["words"] == "look: 3.00 mm left; scan: whole"
+    both, _ = compared(tmp_path, job, hole, looks)
     assert both["agree"] is True
 
 
 def test_neither_is_claimed_of_what_scan_or_look_did_not_see(tmp_path, job):
-    dark = held(tmp_path, job, lambda x, y, z: np.nan if z < 0.1 else 1.0, TWO)
+    dark = compared(tmp_path, job, lambda x, y, z: np.nan if z < 0.1 else 1.0, TWO)
     assert dark[0]["agree"] is None
-    assert dark[0]["held"] == "scan tells too little"
+    assert dark[0]["words"] == "scan tells too little"
     assert dark[0]["scan_ink"] is None
-    blind = held(tmp_path, job, hole, [look(1, 12, seen=0.2), TWO[1]])
-    assert blind[0]["held"] == "look saw too little; scan: missing"
+    blind = compared(tmp_path, job, hole, [look(1, 12, seen=0.2), TWO[1]])
+    assert blind[0]["words"] == "look saw too little; scan: missing"
 
 
 def test_of_two_looks_at_one_place_the_second_counts(tmp_path, job):
-    rows = held(tmp_path, job, whole, [look(1, 12), look(2, 12), look(3, 14)])
+    rows = compared(tmp_path, job, whole, [look(1, 12), look(2, 12), look(3, 14)])
     assert [row["look"] for row in rows] == [2, 3]
 
 
