@@ -249,3 +249,27 @@ def test_vendored_scripts_are_the_files_their_readme_names() -> None:
     for path in sorted((ROOT / "vendor").glob("*.js")):
         assert f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" in readme
     assert "MIT" in (ROOT / "vendor" / "LICENSE-three").read_text(encoding="utf-8")
+
+
+LOOK = {
+    "look": 5, "mark": "end of layer 4", "way_mm": 162.8, "judged": 0.7, "ink": 0.858,
+    "mended": True, "gaps_mm": 0.9, "scan_known": 1.0, "scan_ink": 0.885, "scan_missing_mm": 16.3,
+    "agree": False, "words": "look: mended; scan: missing",
+}  # fmt: skip
+
+
+def test_looks_stand_beside_the_final_scan_and_those_that_disagree_first(tmp_path: Path) -> None:
+    fine = LOOK | {"look": 1, "agree": True, "words": "look: whole; scan: whole"}
+    page = written(tmp_path, sample_data() | {"looks": [fine, LOOK]})
+    (table,) = page.xpath("//table[@id='looks-table']")
+    first, second = (
+        [cell.text_content().strip() for cell in row] for row in table.xpath("./tbody/tr")
+    )
+    assert (first[0], first[-2:]) == ("5", ["no", "look: mended; scan: missing"])
+    assert (second[0], second[-2:]) == ("1", ["yes", "look: whole; scan: whole"])
+    assert "16.3" in first
+    assert "Looks held against the final scan" in words(page)
+
+
+def test_a_print_without_looks_has_no_such_table(whole: str) -> None:
+    assert "Looks held" not in whole

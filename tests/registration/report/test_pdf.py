@@ -207,3 +207,13 @@ def test_many_doubts_of_the_pose_go_on_over_pages() -> None:
 def test_a_translucent_area_stays_so_where_it_is_used() -> None:
     used = styled({"style": "fill: #1b5e9e; fill-opacity: 0.12"}, START)
     assert styled({}, used)["fill-opacity"].strip() == "0.12"
+
+
+def test_looks_and_the_final_scan_have_a_table() -> None:
+    row = {"look": 5, "mark": "end of layer 4", "way_mm": 162.8, "agree": False,
+           "scan_missing_mm": 16.3, "words": "look: mended; scan: missing"}  # fmt: skip
+    text = " ".join(pages(sample_data() | {"looks": [row]}))
+    assert "Looks at the print" in text
+    assert "look: mended" in text
+    assert "16.3" in text
+    assert "Looks at the print" not in " ".join(pages(sample_data()))
