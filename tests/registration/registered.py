@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from design.network import VesselNetwork
@@ -31,6 +32,10 @@ from tests.registration.parts import (
 FAST = RegistrationOptions(
     alignment=AlignmentOptions(coarse_points=700, fine_points=6000, contest_points=20_000)
 )
+_GEL = [(x, y, 2.6) for x in (2.0, 5.0, 8.0, 11.0, 14.0) for y in (0.8, 4.0, 7.2)]
+_LUMENS = [planar_network().polyline(vessel)[0].mean(axis=0) for vessel in range(4)]
+PLANAR_PLACES = np.array([*_GEL, *_LUMENS, (8.0, 4.0, 20.0)])
+"""In the gel (15), on the axes of four vessels, and far outside (1)."""
 COARSE_OCT = OctOptions(voxel_mm=(0.050, 0.050, 0.050))
 
 
@@ -39,7 +44,10 @@ def planar_part(factory: pytest.TempPathFactory) -> tuple[ScannerOutput, Registr
 
     def make() -> tuple[ScannerOutput, RegistrationReport]:
         scanned = simulate_oct(planar_deposit(0.04), COARSE_OCT, seed=4)
-        return scanned, register_scan(as_scan(scanned), planar_construct(), planar_network())
+        options = RegistrationOptions(places_mm=PLANAR_PLACES)
+        return scanned, register_scan(
+            as_scan(scanned), planar_construct(), planar_network(), options
+        )
 
     return made_once(factory, "planar_part", make)
 

@@ -85,6 +85,14 @@ def test_only_a_seen_surface_has_a_deviation(
     np.testing.assert_array_equal(np.isfinite(report.scaled_deviation_um), report.seen)
 
 
+def test_places_in_gel_and_lumens_are_told_apart(
+    planar: tuple[ScannerOutput, RegistrationReport],
+) -> None:
+    told = planar[1].gel_at
+    assert told is not None
+    np.testing.assert_array_equal(told, [1.0] * 15 + [0.0] * 4 + [np.nan])
+
+
 def test_report_is_json_with_the_promised_keys(
     planar: tuple[ScannerOutput, RegistrationReport],
 ) -> None:
