@@ -107,7 +107,7 @@ def grow_heart(
 
 
 def _grown(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:
-    """Grow the trees; where vessels of the published radii don't fit, with ``options`` as they are."""
+    """Grow the trees; with ``options`` as they are where the published radii don't fit."""
     try:
         return grow_fitted(tissue, plan, options)
     except CrowdedError:
