@@ -25,6 +25,8 @@ ATTEMPTS = 5
 
 _MORE_ROOM = 0.15
 _MOST_SPARE = 1.4
+_LEAST_SPARE = 0.01
+"""More terminals to spare with each attempt, of those asked for, though few didn't fit."""
 _CLEARER, _CLEARER_RATIO = 1.15, 1.3
 """Clearance to grow with, over that kept once vessels are curved."""
 
@@ -173,7 +175,8 @@ def _attempts(
     for attempt in range(ATTEMPTS):
         wider = WIDER * (1.0 + _MORE_ROOM * attempt)
         # As many again as didn't fit last time.
-        spare = min(_MOST_SPARE, best.asked / max(1, best.fit)) if best else 1.0
+        lacking = best.asked / max(1, best.fit) + _LEAST_SPARE * attempt if best else 1.0
+        spare = min(_MOST_SPARE, lacking)
         each = tuple(_more(one, spare) for one in plan.each)
         settings = _more(options, spare)
         try:

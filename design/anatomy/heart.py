@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from design.anatomy.from_trunks import TrunkPlan
 from design.anatomy.graph_trunk import LayerForest
-from design.anatomy.grown import AnatomicTrees, grow_fitted
+from design.anatomy.grown import AnatomicTrees, Trees, grow_fitted
 from design.anatomy.heart_places import FEWEST, HeartPlaces, find_heart_places
 from design.anatomy.heart_trunk import LEFT, RIGHT, heart_forest, heart_layer, ostium_above
 from design.anatomy.network import curved_network
 from design.anatomy.openness import SurfaceSamples, sample_surface
 from design.anatomy.trunk_lines import lines_of
-from design.errors import GrowthError
+from design.errors import CrowdedError, GrowthError
 from design.measures.published_radii import published_radius_factor
 from design.network import VesselKind
 from design.tissue import Tissue
@@ -101,9 +101,19 @@ def grow_heart(
     volume, _ = demand_points(tissue, _VOLUME, options.seed)
     fit = _published_factor if anatomy.published_radii else None
     plan = TrunkPlan(lines_of(forest, ostia, volume), anatomy.trunk_depth_mm, radius_factor=fit)
-    trees = grow_fitted(tissue, plan, options)
+    trees = _grown(tissue, plan, options)
     notes = (*_notes(samples, places, ostia), *_drop_note(trees[0], options))
     return AnatomicTrees(trees, (VesselKind.ARTERY,) * 2, NAMES, notes)
+
+
+def _grown(tissue: Tissue, plan: TrunkPlan, options: GrowthOptions) -> Trees:
+    """Grow the trees; with ``options`` as they are where the published radii don't fit."""
+    try:
+        return grow_fitted(tissue, plan, options)
+    except CrowdedError:
+        if plan.radius_factor is None:
+            raise
+        return grow_fitted(tissue, replace(plan, radius_factor=None), options)
 
 
 def _published_factor(trees: Sequence[VesselTree]) -> float:
