@@ -161,7 +161,7 @@ def _crossed(
     ink = laid_ink(paths, gaps)
     if held.style == "embedded":
         rows = needle_rows(inserted, held, paths)
-        return len(shaft_contacts(rows, ink, paths, held.needle, 0.0))
+        return len(shaft_contacts(rows, ink, paths, held.needle, 0.0, held.at_mm))
     start, end = inserted.tips()
     ink, crossed = _but_held(ink, held), np.zeros(len(start), dtype=bool)
     for share in np.linspace(0.0, 1.0, _SHARES):
