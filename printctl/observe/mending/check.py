@@ -129,7 +129,7 @@ def check_mend(
     options, voids = options or MendOptions(), voids or Voids.none()
     paths = written_paths(held)
     inserted, sound = run_insert(held, lines), laid_ink(paths)
-    depth = _depths(inserted, voids, sound, held, laid_ink(paths, _wider(gaps)))
+    depth = _depths(inserted, voids, sound, held, _own_sound(paths, gaps))
     feed = modal_state([*held.lines[: held.done], *lines], held.done + len(lines)).f
     start, end = inserted.written()
     return MendCheck(
@@ -147,15 +147,19 @@ def check_mend(
     )
 
 
-def _wider(gaps: Sequence[Gap]) -> list[Gap]:
-    """Gaps without ink and a little longer, so that what ends at sound ink isn't taken for on it.
+def _own_sound(paths: Sequence[WrittenPath], gaps: Sequence[Gap]) -> LaidInk:
+    """Sound ink of the paths that have gaps: what patches overlap with. Without gaps, all ink.
 
-    Of a thin stretch the second pass alone counts: with what is there it is as wide as the job's.
+    What other paths lay there the job itself writes onto. Gaps count a little longer, so that what
+    ends at sound ink isn't taken for lying on it. Of a thin stretch the second pass alone counts:
+    with what is there it is as wide as the job's.
     """
-    return [
+    wider = [
         replace(gap, missing=1.0, from_mm=gap.from_mm - 2 * _ON_MM, to_mm=gap.to_mm + 2 * _ON_MM)
         for gap in gaps
     ]
+    ink = laid_ink(paths, wider)
+    return ink.where(np.isin(ink.path, [gap.path for gap in gaps])) if gaps else ink
 
 
 def _depths(

@@ -104,3 +104,12 @@ def test_a_check_sees_a_shaft_through_ink_below_where_the_print_is_held():
     held = bath_job(*paths).held()
     down = [b"G0 Z12 F300", b"G0 Z5", b"G0 Z11"]
     assert check_mend(held, down).ink_crossed > 0
+
+
+def test_sound_ink_between_two_near_gaps_is_in_the_way_too():
+    held = bath_job([(100, 100, 4), (100, 100, 9)]).held()
+    gaps = [Gap(0, 4.2, 4.5), Gap(0, 4.85, 5.0)]
+    mend = plan_mend(held, gaps)
+    assert check_mend(held, mend.lines, gaps).passed
+    assert [patch.gap.to_mm for patch in mend.patches] == [pytest.approx(5.0)]
+    assert any("same path" in one.reason for one in mend.left)
