@@ -129,7 +129,7 @@ def check_mend(
     options, voids = options or MendOptions(), voids or Voids.none()
     paths = written_paths(held)
     inserted, sound = run_insert(held, lines), laid_ink(paths)
-    depth = _depths(inserted, voids, sound, held, _own_sound(paths, gaps))
+    depth = _depths(inserted, voids, sound, held, _sound(paths, gaps))
     feed = modal_state([*held.lines[: held.done], *lines], held.done + len(lines)).f
     start, end = inserted.written()
     return MendCheck(
@@ -147,44 +147,47 @@ def check_mend(
     )
 
 
-def _own_sound(paths: Sequence[WrittenPath], gaps: Sequence[Gap]) -> LaidInk:
-    """Sound ink of the paths that have gaps: what patches overlap with. Without gaps, all ink.
+def _sound(paths: Sequence[WrittenPath], gaps: Sequence[Gap]) -> LaidInk:
+    """Ink that patches overlap with.
 
-    What other paths lay there the job itself writes onto. Gaps count a little longer, so that what
-    ends at sound ink isn't taken for lying on it. Of a thin stretch the second pass alone counts:
-    with what is there it is as wide as the job's.
+    Gaps count a little longer, so that what ends at sound ink isn't taken for lying on it. Of a
+    thin stretch the second pass alone counts: with what is there it is as wide as the job's.
     """
     wider = [
         replace(gap, missing=1.0, from_mm=gap.from_mm - 2 * _ON_MM, to_mm=gap.to_mm + 2 * _ON_MM)
         for gap in gaps
     ]
-    ink = laid_ink(paths, wider)
-    return ink.where(np.isin(ink.path, [gap.path for gap in gaps])) if gaps else ink
+    return laid_ink(paths, wider)
 
 
 def _depths(
     inserted: InsertRun, voids: Voids, planned: LaidInk, held: HeldPrint, sound: LaidInk
 ) -> FloatArray:
-    """How deep each written block reaches into a void, (k,), mm; with the sound ink it lies on."""
+    """How deep each written block reaches into a void, (k,), mm.
+
+    With the sound ink of its own path that it lies on; what other paths lay, the job, too, writes
+    onto.
+    """
     start, end = inserted.written()
     if not len(start) or not len(voids):
         return np.full(len(start), -np.inf)
     wide = float(planned.width_mm.max(initial=0.0))
     voids = open_voids(voids, held, np.concatenate([start, end]), wide)
     height = np.ones(len(inserted.block))
-    height[inserted.writes] = planned.height_mm[nearest_pieces((start + end) / 2, planned)[0]]
+    nearest = nearest_pieces((start + end) / 2, planned)[0]
+    height[inserted.writes] = planned.height_mm[nearest]
     width, high = (each[inserted.writes] for each in sections(inserted, held, height))
     layered, found = held.style == "layered", np.full(len(start), -np.inf)
-    below = section_mm2(sound.width_mm, sound.height_mm, held)
     area = inserted.area_mm2[inserted.writes]
     for k, (a, b) in enumerate(zip(start, end, strict=True)):
         count = max(2, int(np.ceil(np.linalg.norm(b - a) / _STATION_MM)) + 1)
         places = np.linspace(a, b, count)
         alone, tall = np.full(count, width[k]), np.full(count, high[k])
-        piece, away = nearest_pieces(places, sound)
+        own = sound.where(sound.path == planned.path[nearest[k]])
+        piece, away = nearest_pieces(places, own)
         times = np.ones(count)
         on = away < _ON_MM
-        times[on] += below[piece[on]] / area[k]
+        times[on] += section_mm2(own.width_mm, own.height_mm, held)[piece[on]] / area[k]
         both = width_with_more(alone, tall, times, held)
         found[k] = ink_in_voids_mm(voids, places, both, tall, layered=layered).max()
     return found
