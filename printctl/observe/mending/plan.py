@@ -59,7 +59,7 @@ def plan_mend(
     around = np.vstack([np.zeros((0, 3)), *(paths[gap.path].points for gap in joined)])
     wide = float(ink.width_mm.max(initial=0.0))
     kept_open = open_voids(voids or Voids.none(), held, around, wide)
-    site = Site(held, paths, ink, kept_open, options)
+    site = Site(held, paths, ink, kept_open, options, gaps)
     patches: list[Patch] = []
     left: list[NotMended] = []
     for gap in joined:

@@ -37,6 +37,8 @@ class Site:
         What lies there: paths without their gaps.
     voids : Voids
     options : MendOptions
+    gaps : sequence of Gap
+        As they were seen, not joined: what lies between them is sound.
     """
 
     held: HeldPrint
@@ -44,6 +46,7 @@ class Site:
     ink: LaidInk
     voids: Voids
     options: MendOptions
+    gaps: Sequence[Gap]
 
     @property
     def layered(self) -> bool:
@@ -61,7 +64,7 @@ def patches_of(gap: Gap, site: Site) -> tuple[list[Patch], list[NotMended]]:
     low, high = path.clear_of_corners(
         max(0.0, gap.from_mm - overlap), min(path.length_mm, gap.to_mm + overlap)
     )
-    along = _stations(path, low, high, gap)
+    along = _stations(path, low, high, site)
     in_void = _in_voids(along, gap, path, site)
     blocked, backwards, reach = _out_of_reach(along, path, site)
     free = ~in_void & ~blocked
@@ -125,11 +128,12 @@ def _second_pass(gap: Gap, path: WrittenPath, site: Site) -> tuple[float, str]:
     return gap.missing, ""
 
 
-def _stations(path: WrittenPath, low: float, high: float, gap: Gap) -> FloatArray:
-    """Ways along a stretch, those where a gap in it begins and ends among them, (m,), mm."""
+def _stations(path: WrittenPath, low: float, high: float, site: Site) -> FloatArray:
+    """Ways along a stretch, those where gaps in it begin and end among them, (m,), mm."""
     step = min(_STATION_MM, path.usual_width(low, high) / 2)
     even = np.linspace(low, high, max(2, int(np.ceil((high - low) / step)) + 1))
-    return np.unique(np.concatenate([even, np.clip([gap.from_mm, gap.to_mm], low, high)]))
+    ends = [(one.from_mm, one.to_mm) for one in site.gaps if one.path == path.number]
+    return np.unique(np.concatenate([even, np.clip(np.ravel(ends), low, high)]))
 
 
 def _in_voids(
@@ -138,7 +142,10 @@ def _in_voids(
     """Stations where ink would reach too far into a void, (m,); sound ink there counts, too."""
     piece = path.piece(along)
     width, height = path.width_mm[piece], path.height_mm[piece]
-    sound = (along < gap.from_mm) | (along > gap.to_mm)
+    sound = np.ones(len(along), dtype=bool)
+    for one in site.gaps:
+        if one.path == path.number:
+            sound &= (along < one.from_mm) | (along > one.to_mm)
     width = width_with_more(width, height, flow + sound, site.held)
     depth = ink_in_voids_mm(site.voids, path.at(along), width, height, layered=site.layered)
     shift = gap.shift_mm + site.options.shift_mm
@@ -181,7 +188,7 @@ def _patch(gap: Gap, path: WrittenPath, low: float, high: float, site: Site) -> 
     """A patch of a free stretch; None where its whole motor steps would reach into a void."""
     found = Patch(gap, path, float(low), float(high))
     for one in in_whole_steps(found, site.held.printer.steps_per_mm.e, _room(found, site)):
-        along = _stations(path, float(one.cuts[0]), float(one.cuts[-1]), gap)
+        along = _stations(path, float(one.cuts[0]), float(one.cuts[-1]), site)
         if not _in_voids(along, gap, path, site, one.flow).any():
             return one
     return None
@@ -192,7 +199,7 @@ def _room(patch: Patch, site: Site) -> tuple[float, float]:
     path, more = patch.path, site.options.overlap_widths * patch.path.width_mm.max()
     low = max(0.0, patch.from_mm - more) if patch.before_mm else patch.from_mm
     high = min(path.length_mm, patch.to_mm + more) if patch.beyond_mm else patch.to_mm
-    along = _stations(path, low, high, patch.gap) if high > low else np.array([low, high])
+    along = _stations(path, low, high, site) if high > low else np.array([low, high])
     bad = _in_voids(along, patch.gap, path, site)
     if site.layered:
         bad |= _out_of_reach(along, path, site)[0]

@@ -314,3 +314,18 @@ def test_a_check_counts_the_sound_ink_that_an_insert_is_written_onto(held):
     insert = plan_mend(held, [gap]).lines
     assert not check_mend(held, insert, [Gap(path.number, 2.0, 4.0)], voids).lumens_entered
     assert check_mend(held, insert, [gap], voids).lumens_entered
+
+
+def test_sound_ink_between_near_gaps_beside_a_lumen_is_left_alone(held):
+    path = written_paths(held)[-1]
+    x, y, z = path.at(np.array([3.0]))[0]
+    ahead = path.at(np.array([4.0]))[0] - path.at(np.array([3.0]))[0]
+    beside = np.array([-ahead[1], ahead[0], 0.0]) * (WIDTH_MM / 2 + 0.52)
+    axis = np.array([x, y, z - LAYER_MM / 2]) + beside
+    voids = tube(axis - 2 * ahead, axis + 2 * ahead, 0.5)
+    gaps = [Gap(path.number, 2.2, 2.8), Gap(path.number, 3.0, 3.6)]
+    mend = plan_mend(held, gaps, voids)
+    assert len(mend.patches) == 2
+    checked = check_mend(held, mend.lines, gaps, voids)
+    assert checked.passed
+    assert checked.covered == 1.0
