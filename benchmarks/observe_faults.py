@@ -34,6 +34,7 @@ from benchmarks.link_printers import profile, simulated
 from benchmarks.machine import commit, machine, row
 from printctl.link import LinkError, LinkState, PrintClient, resume_print, start_print
 from printctl.link.care import Care
+from printctl.link.errors import Refused
 from printctl.link.look_book import LookDecision
 from printctl.link.marks import MarkKind
 from sim.motion.executed import ExecutedMotion
@@ -192,7 +193,10 @@ class Run:
                 said = {"look": look, "lines": lines, "why": "a gap", "flow": flow}
                 client.looks.connection.send("insert", **said)
                 return "insert sent"
-            client.looks.insert(look, lines, "a gap", flow)
+            try:
+                client.looks.insert(look, lines, "a gap", flow)
+            except Refused:  # a flow at which a short move would push too fast for the drive
+                self.flows.pop(look)
             if self._dies(look, "inserted"):
                 return "inserted"
         if self._dies(look, "decision sent"):

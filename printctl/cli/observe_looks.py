@@ -11,14 +11,17 @@ from printctl.cli.options import JsonFlag, print_json, print_lines
 from printctl.cli.run_folder import RunArg, print_folder
 from printctl.errors import UsageError
 from printctl.link.record import JOURNAL
+from printctl.link.states import Status
 from printctl.observe.look_words import proposal_words, seen_words
 from printctl.observe.records import (
     LookRecord,
     answer_look,
+    held_for,
     look_folder,
     read_looks,
     refuse_unheard,
 )
+from printctl.print_state.state import read_print
 from printctl.printing.journal_facts import read_journal_facts
 
 
@@ -64,11 +67,26 @@ def answer(
     try:
         if not found:
             raise ValueError(f"nobody has looked at the print in {folder}")
+        _refuse_unheld(read_print(folder).status, found[-1])
         refuse_unheard(folder)
         answer_look(folder, found[-1].number, word)
     except ValueError as exc:
         raise UsageError(str(exc)) from exc
     print_lines(f"look {found[-1].number}: {word}; `printctl status` tells what the print does")
+
+
+def _refuse_unheld(status: Status, look: LookRecord) -> None:
+    """Refuse an answer that the print doesn't wait for.
+
+    Raises
+    ------
+    ValueError
+    """
+    if not held_for(status, look.number):
+        raise ValueError(
+            f"the print doesn't wait for a word on look {look.number} (it is "
+            f"{status.state.value}); nothing was done"
+        )
 
 
 def _words(look: LookRecord) -> str:

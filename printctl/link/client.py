@@ -164,20 +164,25 @@ class PrintClient:
         return connection.keep(read_outcome(self.folder))
 
     def events(self) -> Iterator[Status]:
-        """Give each status as it comes; the last one has ended."""
-        connection = self._connection
-        if connection.last is not None and connection.last.ended:
-            connection.detach()
-            yield connection.last
-            return
-        while connection.reach():
+        """Give the status as it is known, if it is, then each as it comes; the last one has ended.
+
+        What `start_print` took last is given again, and what came while another call waited for
+        its answer: a print may stand still in it, as in a look, until somebody decides.
+        """
+        connection, told = self._connection, None
+        while True:
+            while connection.last is not None and connection.last is not told:
+                told = connection.last
+                yield told
+                if told.ended:
+                    connection.detach()
+                    return
+            if not connection.reach():
+                yield connection.keep(read_outcome(self.folder))
+                return
             for message in connection.messages(None):
-                status = self._take(message)
-                if status is not None:
-                    yield status
-                    if status.ended:
-                        return
-        yield connection.keep(read_outcome(self.folder))
+                if self._take(message) is not None:
+                    break
 
     def _take(self, message: dict[str, Any]) -> Status | None:
         """Return the status that a message tells; let go of the connection at the end."""

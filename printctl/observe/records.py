@@ -15,6 +15,7 @@ from typing import Any, Final, Literal
 
 from design.files import write_text
 from printctl.link.find_link import alive
+from printctl.link.states import LinkState, Status
 
 Answer = Literal["approve", "go_on", "stop"]
 ANSWERS: Final[tuple[Answer, ...]] = ("approve", "go_on", "stop")
@@ -137,7 +138,7 @@ def answer_look(print_folder: Path, number: int, answer: str) -> None:
     Raises
     ------
     ValueError
-        When there is no such answer, or that look asks for none.
+        When there is no such answer, that look asks for none, or it was answered otherwise.
     """
     if answer not in ANSWERS:
         raise ValueError(f"{answer!r} is no answer; say {', '.join(ANSWERS)}")
@@ -145,7 +146,25 @@ def answer_look(print_folder: Path, number: int, answer: str) -> None:
     if not asking:
         raise ValueError(f"look {number} asks for nothing; `printctl observe looks` lists them")
     path = look_folder(print_folder, number) / _ANSWER
-    write_text(path, json.dumps({"answer": answer}) + "\n")
+    text = json.dumps({"answer": answer}) + "\n"
+    try:
+        with path.open("x", encoding="utf-8") as file:  # of two at once one is refused
+            file.write(text)
+    except FileExistsError:
+        given = answer_of(print_folder, number)
+        if given is None:  # cut by a full disk
+            write_text(path, text)
+        elif given != answer:
+            raise ValueError(
+                f"look {number} was answered before: {given}; `printctl stop` and `resume` work "
+                "as ever"
+            ) from None
+
+
+def held_for(status: Status, number: int) -> bool:
+    """Whether a print is paused by a look."""
+    look = status.look
+    return status.state is LinkState.PAUSED and look is not None and look["number"] == number
 
 
 def refuse_unheard(print_folder: Path) -> None:

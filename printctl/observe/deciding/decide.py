@@ -190,6 +190,8 @@ class Decider:
             if found is not None:
                 return found
         seen = "as expected, within tolerance" if evidence.seen_share > 0 else "nothing was seen"
+        if 0 < evidence.seen_share < self.limits.least_seen * (1.0 - evidence.over_old_share):
+            seen = f"only {evidence.seen_share:.0%} was seen; that is {seen}"
         if evidence.stretches:
             percent = self.limits.width_percent
             seen = f"{evidence.stretches} stretches beyond {percent:g} % of their width, told alone"

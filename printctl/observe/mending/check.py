@@ -6,7 +6,7 @@ The grown job is run dry, and what its inserted lines do is taken from there, no
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,13 @@ from printctl.link.modal import modal_state
 from printctl.observe.mending.gap import Gap
 from printctl.observe.mending.held_print import HeldPrint
 from printctl.observe.mending.insert_run import InsertRun, needle_rows, run_insert, sections
-from printctl.observe.mending.laid_ink import LaidInk, laid_ink, nearest_pieces
+from printctl.observe.mending.laid_ink import (
+    LaidInk,
+    laid_ink,
+    nearest_pieces,
+    section_mm2,
+    width_with_more,
+)
 from printctl.observe.mending.needle_way import shaft_contacts, under_higher_ink
 from printctl.observe.mending.open_voids import open_voids
 from printctl.observe.mending.options import MendOptions
@@ -30,6 +36,10 @@ FloatArray = NDArray[np.float64]
 
 _SAME_MM = 1e-4
 """Places that the text gives alike."""
+_ON_MM = 0.015
+"""Beside an axis, rounding of text and motor steps included, that counts as on it."""
+_STATION_MM = 0.05
+"""Between places of a block at which its ink is held against voids."""
 _SHARES = 5
 """Places of a block that are looked at."""
 
@@ -119,7 +129,7 @@ def check_mend(
     options, voids = options or MendOptions(), voids or Voids.none()
     paths = written_paths(held)
     inserted, sound = run_insert(held, lines), laid_ink(paths)
-    depth = _depths(inserted, voids, sound, held)
+    depth = _depths(inserted, voids, sound, held, _sound(paths, gaps))
     feed = modal_state([*held.lines[: held.done], *lines], held.done + len(lines)).f
     start, end = inserted.written()
     return MendCheck(
@@ -137,21 +147,50 @@ def check_mend(
     )
 
 
-def _depths(inserted: InsertRun, voids: Voids, sound: LaidInk, held: HeldPrint) -> FloatArray:
-    """How deep each written block reaches into a void, (k,), mm."""
+def _sound(paths: Sequence[WrittenPath], gaps: Sequence[Gap]) -> LaidInk:
+    """Ink that patches overlap with.
+
+    Gaps count a little longer, so that what ends at sound ink isn't taken for lying on it. Of a
+    thin stretch the second pass alone counts: with what is there it is as wide as the job's.
+    """
+    wider = [
+        replace(gap, missing=1.0, from_mm=gap.from_mm - 2 * _ON_MM, to_mm=gap.to_mm + 2 * _ON_MM)
+        for gap in gaps
+    ]
+    return laid_ink(paths, wider)
+
+
+def _depths(
+    inserted: InsertRun, voids: Voids, planned: LaidInk, held: HeldPrint, sound: LaidInk
+) -> FloatArray:
+    """How deep each written block reaches into a void, (k,), mm.
+
+    With the sound ink of its own path that it lies on; what other paths lay, the job, too, writes
+    onto.
+    """
     start, end = inserted.written()
     if not len(start) or not len(voids):
         return np.full(len(start), -np.inf)
-    wide = float(sound.width_mm.max(initial=0.0))
+    wide = float(planned.width_mm.max(initial=0.0))
     voids = open_voids(voids, held, np.concatenate([start, end]), wide)
     height = np.ones(len(inserted.block))
-    height[inserted.writes] = sound.height_mm[nearest_pieces((start + end) / 2, sound)[0]]
+    nearest = nearest_pieces((start + end) / 2, planned)[0]
+    height[inserted.writes] = planned.height_mm[nearest]
     width, high = (each[inserted.writes] for each in sections(inserted, held, height))
-    shares = np.linspace(0.0, 1.0, _SHARES)
-    places = [start + share * (end - start) for share in shares]
-    layered = held.style == "layered"
-    found = [ink_in_voids_mm(voids, each, width, high, layered=layered) for each in places]
-    return np.asarray(np.max(found, axis=0))
+    layered, found = held.style == "layered", np.full(len(start), -np.inf)
+    area = inserted.area_mm2[inserted.writes]
+    for k, (a, b) in enumerate(zip(start, end, strict=True)):
+        count = max(2, int(np.ceil(np.linalg.norm(b - a) / _STATION_MM)) + 1)
+        places = np.linspace(a, b, count)
+        alone, tall = np.full(count, width[k]), np.full(count, high[k])
+        own = sound.where(sound.path == planned.path[nearest[k]])
+        piece, away = nearest_pieces(places, own)
+        times = np.ones(count)
+        on = away < _ON_MM
+        times[on] += section_mm2(own.width_mm, own.height_mm, held)[piece[on]] / area[k]
+        both = width_with_more(alone, tall, times, held)
+        found[k] = ink_in_voids_mm(voids, places, both, tall, layered=layered).max()
+    return found
 
 
 def _crossed(
@@ -161,7 +200,7 @@ def _crossed(
     ink = laid_ink(paths, gaps)
     if held.style == "embedded":
         rows = needle_rows(inserted, held, paths)
-        return len(shaft_contacts(rows, ink, paths, held.needle, 0.0))
+        return len(shaft_contacts(rows, ink, paths, held.needle, 0.0, held.at_mm))
     start, end = inserted.tips()
     ink, crossed = _but_held(ink, held), np.zeros(len(start), dtype=bool)
     for share in np.linspace(0.0, 1.0, _SHARES):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from printctl.observe.mending.gap import Gap
+from printctl.observe.mending.held_print import HeldPrint
 from printctl.observe.mending.written_paths import WrittenPath
 
 FloatArray = NDArray[np.float64]
@@ -79,11 +80,38 @@ def nearest_pieces(places: FloatArray, ink: LaidInk) -> tuple[IntArray, FloatArr
 
 def stretch_of(path: WrittenPath, from_mm: float, to_mm: float) -> LaidInk:
     """Ink of a stretch of one path, if it is sound."""
-    cuts = path.cuts(from_mm, to_mm, least_mm=0.0)
+    cuts = path.cuts(from_mm, to_mm)
     middle = (cuts[:-1] + cuts[1:]) / 2
     piece, points = path.piece(middle), path.at(cuts)
     number = np.full(len(piece), path.number, dtype=np.int64)
     return LaidInk(points[:-1], points[1:], path.width_mm[piece], path.height_mm[piece], number)
+
+
+def width_with_more(
+    width_mm: FloatArray, height_mm: FloatArray, times: FloatArray, held: HeldPrint
+) -> FloatArray:
+    """Return the width of lines with so many times their ink, (m,), mm.
+
+    A line of a layer stands no higher under the needle, so more ink goes to its sides, as the bead
+    model says of it.
+
+    Parameters
+    ----------
+    width_mm, height_mm : (m,) float64, mm
+    times : (m,) float64
+        2 where a line is written onto a sound one.
+    held : HeldPrint
+    """
+    if held.style == "embedded":
+        return width_mm * np.sqrt(times)
+    return held.ink.bead_section.width(times * section_mm2(width_mm, height_mm, held), height_mm)
+
+
+def section_mm2(width_mm: FloatArray, height_mm: FloatArray, held: HeldPrint) -> FloatArray:
+    """Return the cross-section of lines as they are dosed, (m,), mm²."""
+    if held.style == "embedded":
+        return np.pi / 4 * (width_mm / (held.ink.swell_factor or 1.0)) ** 2
+    return held.ink.bead_section.area(width_mm, height_mm)
 
 
 def laid_ink(paths: Sequence[WrittenPath], gaps: Sequence[Gap] = ()) -> LaidInk:

@@ -95,6 +95,7 @@ def shaft_contacts(
     paths: Sequence[WrittenPath],
     needle: Needle,
     clearance_mm: float,
+    stood_mm: FloatArray | None = None,
 ) -> tuple[tuple[int, ShaftContact], ...]:
     """Return crossings of the shaft with written ink: the row of each, from 0, and the contact.
 
@@ -107,8 +108,9 @@ def shaft_contacts(
     needle : Needle
     clearance_mm : float, mm
         Kept in planning; nearer alone is no crossing.
-
-    What the shaft stands in where the rows begin it doesn't meet anew there: the job came so.
+    stood_mm : (3,) float64, mm, or None
+        Where the tip stands before the first row by the job's own way: ink that the shaft stands
+        in there isn't met anew straight above that place.
     """
     if not len(rows.path):
         return ()
@@ -136,14 +138,15 @@ def shaft_contacts(
     return tuple(
         (row, one)
         for row, one in contacts
-        if not (_stands(rows, row) and _known(one, rows.tips[0], first, joint))
+        if stood_mm is None
+        or not (_stands(rows, row, stood_mm) and _known(one, stood_mm, first, joint))
     )
 
 
-def _stands(rows: NeedleRows, row: int) -> bool:
-    """Whether a row only rises from, or comes back to, where the print is held."""
-    both = rows.tips[row : row + 2, :2]
-    return bool(np.abs(both - rows.tips[0, :2]).max() < _SAME_MM)
+def _stands(rows: NeedleRows, row: int, stood_mm: FloatArray) -> bool:
+    """Whether a row only rises from where the print is held, or comes back to it from above."""
+    off = rows.tips[row : row + 2] - stood_mm
+    return bool(np.abs(off[:, :2]).max() < _SAME_MM and off[:, 2].min() > -_SAME_MM)
 
 
 def _known(contact: ShaftContact, held_mm: FloatArray, first: int, joint_mm: float) -> bool:

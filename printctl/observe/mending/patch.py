@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from printctl.observe.mending.gap import Gap
 from printctl.observe.mending.laid_ink import LaidInk, stretch_of
-from printctl.observe.mending.written_paths import WrittenPath
+from printctl.observe.mending.written_paths import LEAST_MM, WrittenPath
 
 FloatArray = NDArray[np.float64]
 
@@ -46,17 +46,18 @@ class Patch:
     @property
     def before_mm(self) -> float:
         """Overlap on sound ink before the gap, mm."""
-        return max(0.0, self.gap.from_mm - self.from_mm)
+        return max(0.0, self.gap.from_mm - float(self.cuts[0]))
 
     @property
     def beyond_mm(self) -> float:
         """Overlap on sound ink behind the gap, mm."""
-        return max(0.0, self.to_mm - self.gap.to_mm)
+        return max(0.0, float(self.cuts[-1]) - self.gap.to_mm)
 
     @property
     def cuts(self) -> FloatArray:
         """Ways along the path of its points, in the path's direction, mm."""
-        return self.path.cuts(self.from_mm, self.to_mm)
+        spare = max(0.0, self.gap.from_mm - self.from_mm), max(0.0, self.to_mm - self.gap.to_mm)
+        return self.path.cuts(self.from_mm, self.to_mm, LEAST_MM, spare)
 
     def moves(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Points (m + 1, 3) mm, E (m,) mm and feed (m,) mm/s, in the order of writing."""
@@ -81,18 +82,30 @@ class Patch:
         return float(self.path.at(self.cuts)[:, 2].min())
 
 
-def in_whole_steps(patch: Patch, steps_per_mm: float, room: tuple[float, float]) -> Patch:
-    """Return a short patch that takes a whole number of the plunger's motor steps.
+def in_whole_steps(
+    patch: Patch, steps_per_mm: float, room: tuple[float, float]
+) -> tuple[Patch, ...]:
+    """Return short patches that take a whole number of the plunger's motor steps, the best first.
 
     A gap of 0.2 mm is about one step of a usual plunger: between two patches of equal E the motor
     makes one step more or less. Overlaps are made longer up to ``room`` (mm along the path), and
-    what is left over is added to the flow.
+    what is left over is added to the flow; without room for it a step less comes nearer.
     """
     _, e, _ = patch.moves()
     steps = float(e.sum()) * steps_per_mm
     if not 0 < steps < _FEW_STEPS:
-        return patch
+        return (patch,)
     whole = max(1.0, np.ceil(steps - _SPARE))
+    more = _longer(patch, steps_per_mm, room, steps, whole)
+    less = replace(patch, flow=patch.flow * max(1.0, whole - 1.0) / steps)
+    found = (more,) if whole == 1.0 else (more, less)
+    return tuple(sorted(found, key=lambda one: abs(np.log(one.flow / patch.flow))))
+
+
+def _longer(
+    patch: Patch, steps_per_mm: float, room: tuple[float, float], steps: float, whole: float
+) -> Patch:
+    """The patch with overlaps for so many steps, as far as there is room, and flow for the rest."""
     low, high = room
     last = float(patch.path.e_per_mm[patch.path.piece(np.array([patch.to_mm]))[0]])
     wanted = max(0.0, (whole - steps) / steps_per_mm / (last * patch.flow * patch.gap.flow))

@@ -55,11 +55,11 @@ def plan_mend(
     paths = written_paths(held)
     check_gaps(gaps, paths)
     joined = merged(gaps, paths, options.merge_widths)
-    ink = laid_ink(paths, joined)
+    ink = laid_ink(paths, gaps)  # what lies between joined gaps is in the needle's way
     around = np.vstack([np.zeros((0, 3)), *(paths[gap.path].points for gap in joined)])
     wide = float(ink.width_mm.max(initial=0.0))
     kept_open = open_voids(voids or Voids.none(), held, around, wide)
-    site = Site(held, paths, ink, kept_open, options)
+    site = Site(held, paths, ink, kept_open, options, gaps)
     patches: list[Patch] = []
     left: list[NotMended] = []
     for gap in joined:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from printctl.observe.mending.gap import Gap, NotMended
 from printctl.observe.mending.held_print import HeldPrint
-from printctl.observe.mending.laid_ink import LaidInk
+from printctl.observe.mending.laid_ink import LaidInk, width_with_more
 from printctl.observe.mending.needle_way import NeedleRows, shaft_contacts, under_higher_ink
 from printctl.observe.mending.options import MendOptions
 from printctl.observe.mending.patch import Patch, in_whole_steps
@@ -37,6 +37,8 @@ class Site:
         What lies there: paths without their gaps.
     voids : Voids
     options : MendOptions
+    gaps : sequence of Gap
+        As they were seen, not joined: what lies between them is sound.
     """
 
     held: HeldPrint
@@ -44,6 +46,7 @@ class Site:
     ink: LaidInk
     voids: Voids
     options: MendOptions
+    gaps: Sequence[Gap]
 
     @property
     def layered(self) -> bool:
@@ -61,16 +64,23 @@ def patches_of(gap: Gap, site: Site) -> tuple[list[Patch], list[NotMended]]:
     low, high = path.clear_of_corners(
         max(0.0, gap.from_mm - overlap), min(path.length_mm, gap.to_mm + overlap)
     )
-    along = _stations(path, low, high)
+    along = _stations(path, low, high, site)
     in_void = _in_voids(along, gap, path, site)
     blocked, backwards, reach = _out_of_reach(along, path, site)
     free = ~in_void & ~blocked
+    left = [*_left(gap, along, in_void, _VOID), *_left(gap, along, blocked & ~in_void, reach)]
     patches = []
     for begin, end in _runs(free):
-        one = _patch(gap, path, along[begin], along[end], site)
-        if one is not None:
+        inner = replace(
+            gap, from_mm=max(along[begin], gap.from_mm), to_mm=min(along[end], gap.to_mm)
+        )
+        if inner.length_mm < min(options.least_mm, gap.length_mm) * (1 - 1e-9):
+            continue
+        one = _patch(inner, path, along[begin], along[end], site)
+        if one is None:
+            left.append(NotMended(gap.path, inner.from_mm, inner.to_mm, _VOID))
+        else:
             patches.append(replace(one, flow=one.flow * flow, backwards=backwards))
-    left = [*_left(gap, along, in_void, _VOID), *_left(gap, along, blocked & ~in_void, reach)]
     if not patches and not left:
         left = [NotMended(gap.path, gap.from_mm, gap.to_mm, _SHORT)]
     return patches, left
@@ -118,15 +128,25 @@ def _second_pass(gap: Gap, path: WrittenPath, site: Site) -> tuple[float, str]:
     return gap.missing, ""
 
 
-def _stations(path: WrittenPath, low: float, high: float) -> FloatArray:
+def _stations(path: WrittenPath, low: float, high: float, site: Site) -> FloatArray:
+    """Ways along a stretch, those where gaps in it begin and end among them, (m,), mm."""
     step = min(_STATION_MM, path.usual_width(low, high) / 2)
-    return np.linspace(low, high, max(2, int(np.ceil((high - low) / step)) + 1))
+    even = np.linspace(low, high, max(2, int(np.ceil((high - low) / step)) + 1))
+    ends = [(one.from_mm, one.to_mm) for one in site.gaps if one.path == path.number]
+    return np.unique(np.concatenate([even, np.clip(np.ravel(ends), low, high)]))
 
 
-def _in_voids(along: FloatArray, gap: Gap, path: WrittenPath, site: Site) -> BoolArray:
-    """Stations where ink would reach too far into a void, (m,)."""
+def _in_voids(
+    along: FloatArray, gap: Gap, path: WrittenPath, site: Site, flow: float = 1.0
+) -> BoolArray:
+    """Stations where ink would reach too far into a void, (m,); sound ink there counts, too."""
     piece = path.piece(along)
     width, height = path.width_mm[piece], path.height_mm[piece]
+    sound = np.ones(len(along), dtype=bool)
+    for one in site.gaps:
+        if one.path == path.number:
+            sound &= (along < one.from_mm) | (along > one.to_mm)
+    width = width_with_more(width, height, flow + sound, site.held)
     depth = ink_in_voids_mm(site.voids, path.at(along), width, height, layered=site.layered)
     shift = gap.shift_mm + site.options.shift_mm
     return np.asarray(depth + shift > site.options.void_tolerance_mm)
@@ -165,13 +185,13 @@ def _crossed(along: FloatArray, path: WrittenPath, site: Site) -> tuple[BoolArra
 
 
 def _patch(gap: Gap, path: WrittenPath, low: float, high: float, site: Site) -> Patch | None:
-    """A patch of a free stretch; None where it holds too little of the gap."""
-    inner = replace(gap, from_mm=max(low, gap.from_mm), to_mm=min(high, gap.to_mm))
-    least = min(site.options.least_mm, gap.length_mm)
-    if inner.length_mm < least * (1 - 1e-9):
-        return None
-    found = Patch(inner, path, float(low), float(high))
-    return in_whole_steps(found, site.held.printer.steps_per_mm.e, _room(found, site))
+    """A patch of a free stretch; None where its whole motor steps would reach into a void."""
+    found = Patch(gap, path, float(low), float(high))
+    for one in in_whole_steps(found, site.held.printer.steps_per_mm.e, _room(found, site)):
+        along = _stations(path, float(one.cuts[0]), float(one.cuts[-1]), site)
+        if not _in_voids(along, gap, path, site, one.flow).any():
+            return one
+    return None
 
 
 def _room(patch: Patch, site: Site) -> tuple[float, float]:
@@ -179,7 +199,7 @@ def _room(patch: Patch, site: Site) -> tuple[float, float]:
     path, more = patch.path, site.options.overlap_widths * patch.path.width_mm.max()
     low = max(0.0, patch.from_mm - more) if patch.before_mm else patch.from_mm
     high = min(path.length_mm, patch.to_mm + more) if patch.beyond_mm else patch.to_mm
-    along = _stations(path, low, high) if high > low else np.array([low, high])
+    along = _stations(path, low, high, site) if high > low else np.array([low, high])
     bad = _in_voids(along, patch.gap, path, site)
     if site.layered:
         bad |= _out_of_reach(along, path, site)[0]
@@ -193,10 +213,11 @@ def _room(patch: Patch, site: Site) -> tuple[float, float]:
 
 def _left(gap: Gap, along: FloatArray, bad: BoolArray, reason: str) -> list[NotMended]:
     """Stretches of the gap itself that stay, each to the middle between its stations."""
-    found, half = [], float(along[1] - along[0]) / 2
+    found = []
+    edges = np.concatenate([along[:1], (along[1:] + along[:-1]) / 2, along[-1:]])
     for begin, end in _runs(bad):
-        low = max(gap.from_mm, along[begin] - half)
-        high = min(gap.to_mm, along[end] + half)
+        low = max(gap.from_mm, edges[begin])
+        high = min(gap.to_mm, edges[end + 1])
         if high > low:
             found.append(NotMended(gap.path, float(low), float(high), reason))
     return found

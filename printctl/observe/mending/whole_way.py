@@ -74,7 +74,7 @@ def first_crossing(
     held = site.held
     rows = insert_rows(held, lines, patches, spans)
     clearance = site.options.clearance_mm
-    contacts = shaft_contacts(rows, site.ink, site.paths, held.needle, clearance)
+    contacts = shaft_contacts(rows, site.ink, site.paths, held.needle, clearance, held.at_mm)
     if not contacts:
         return None
     row, contact = min(contacts, key=lambda one: one[0])

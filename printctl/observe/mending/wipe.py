@@ -40,4 +40,4 @@ def wipe_way(patch: Patch, others: Sequence[Patch], site: Site) -> FloatArray:
     held, clearance = site.held, site.options.clearance_mm
     if under_higher_ink(path.at(along), site.ink, held.needle, clearance).any():
         return none
-    return path.at(path.cuts(begin, end, least_mm=0.0)[1:])
+    return path.at(path.cuts(begin, end)[1:])

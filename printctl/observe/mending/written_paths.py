@@ -19,6 +19,7 @@ IntArray = NDArray[np.int64]
 
 LEAST_MM: Final = 0.1
 """Shorter moves at a patch's ends aren't made: firmware adds them to the next one."""
+_NO: Final = (0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,15 +76,18 @@ class WrittenPath:
         middle = np.linspace(from_mm, to_mm, 9)
         return float(self.width_mm[self.piece(middle)].mean())
 
-    def cuts(self, from_mm: float, to_mm: float, least_mm: float = LEAST_MM) -> FloatArray:
+    def cuts(
+        self, from_mm: float, to_mm: float, least_mm: float = 0.0, spare: tuple[float, float] = _NO
+    ) -> FloatArray:
         """Ways at which a stretch begins, turns and ends, (m + 1,), mm; corners are kept.
 
-        An end nearer than ``least_mm`` to a corner within the stretch is moved to that corner.
+        Where a corner within the stretch is nearer than ``least_mm`` to an end, that end is moved
+        to it by up to ``spare`` (mm at the begin, at the end); else the corner is left out.
         """
         corners = self.arc[(self.arc > from_mm) & (self.arc < to_mm)]
         inner = corners[(corners > from_mm + least_mm) & (corners < to_mm - least_mm)]
-        first = corners[corners <= from_mm + least_mm].max(initial=from_mm)
-        last = corners[corners >= to_mm - least_mm].min(initial=to_mm)
+        first = corners[corners <= from_mm + min(least_mm, spare[0])].max(initial=from_mm)
+        last = corners[corners >= to_mm - min(least_mm, spare[1])].min(initial=to_mm)
         if first >= last:
             return np.array([from_mm, to_mm])
         return np.concatenate([[first], inner[(inner > first) & (inner < last)], [last]])

@@ -70,6 +70,19 @@ def test_insert_outlives_the_process_that_took_it(tmp_path):
     assert with_x(served.printer.numbered) == with_x(line.decode() for line in grown.lines)
 
 
+def test_a_look_that_was_heard_before_is_told_again(tmp_path):
+    """`start_print` waits for the first lines, and may hear of the first look in doing so."""
+    job, run = tmp_path / "job.gcode", tmp_path / "run"
+    job.write_bytes(layered(1, 6))
+    care = Care(checkpoint_s=None, look_after=MarkKind.LAYER, look_limit_s=5)
+    with pty_printer(FakeMarlin()) as served:
+        client = start_print(job, profile(tmp_path), served.name, run, care=care)
+        look(client, 1)
+        assert next(client.events()).state is LinkState.LOOKING  # paused by the link in 5 s
+        client.stop()
+        client.wait(30)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 12])
 def test_simulated_printer_makes_each_stroke_of_the_grown_job_once(tmp_path, seed, monkeypatch):

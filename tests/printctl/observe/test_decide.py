@@ -37,6 +37,13 @@ def test_a_sound_layer_goes_on():
     assert decided().kind is DecisionKind.GO_ON
 
 
+def test_a_layer_of_which_little_was_seen_is_not_called_sound():
+    assert (
+        decided(seen_share=0.25).why == "only 25% was seen; that is as expected, within tolerance"
+    )
+    assert decided(seen_share=0.25, over_old_share=0.6).why.startswith("as expected")
+
+
 def test_gaps_are_mended_and_flow_with_them():
     found = decided(gaps=(GAP,), flow=flow(0.8))
     assert found.kind is DecisionKind.MEND

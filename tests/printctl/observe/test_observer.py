@@ -20,7 +20,7 @@ from printctl.observe.deciding import (
 )
 from printctl.observe.devices import DeviceError
 from printctl.observe.observer import Judged, Look, Observer
-from printctl.observe.records import answer_look, read_looks
+from printctl.observe.records import answer_look, answer_of, read_looks
 from registration.layer_images.values import Gap
 
 GAP = Gap(2, 0.0, 1.0, (0.0, 0.0), (1.0, 0.0), 0.01, 1e-12)
@@ -158,6 +158,24 @@ def _answering(bench, word):
         answer_look(bench.folder, look, word)
 
     return look_done
+
+
+def test_a_look_has_one_answer(tmp_path):
+    Bench(tmp_path, mode="ask", gaps=(GAP,), over=True).observer.look(LOOK)
+    answer_look(tmp_path, 1, "approve")
+    answer_look(tmp_path, 1, "approve")
+    with pytest.raises(ValueError, match="answered before: approve"):
+        answer_look(tmp_path, 1, "stop")
+    assert answer_of(tmp_path, 1) == "approve"
+
+
+def test_an_answer_that_a_full_disk_cut_is_written_again(tmp_path):
+    Bench(tmp_path, mode="ask", gaps=(GAP,), over=True).observer.look(LOOK)
+    answer_look(tmp_path, 1, "approve")
+    (cut,) = tmp_path.glob("looks/*/answer.json")
+    cut.write_text("")
+    answer_look(tmp_path, 1, "go_on")
+    assert answer_of(tmp_path, 1) == "go_on"
 
 
 def test_a_print_that_went_on_by_itself_is_let_be(tmp_path):

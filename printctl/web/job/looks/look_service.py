@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from printctl.link.states import LinkState, Status
 from printctl.observe.look_words import outcome_words, proposal_words, seen_words
 from printctl.observe.records import (
     ANSWERS,
@@ -14,6 +13,7 @@ from printctl.observe.records import (
     LookRecord,
     answer_look,
     answer_of,
+    held_for,
     look_picture,
     read_looks,
     refuse_unheard,
@@ -142,12 +142,6 @@ class LookService:
         picture = look_picture(heard.folder, record.number)
         at = 0.0 if picture is None else picture.stat().st_mtime
         return LookTold(record, answer, waits, at)
-
-
-def held_for(status: Status, number: int) -> bool:
-    """Whether a print is paused by a look."""
-    look = status.look
-    return status.state is LinkState.PAUSED and look is not None and look["number"] == number
 
 
 def _refuse_unheard(heard: PrintReport, found: LookTold) -> None:

@@ -79,3 +79,37 @@ def test_vessels_that_the_job_writes_are_no_voids_and_others_are():
     assert len(mend.patches) == 2
     assert ["lumen" in one.reason for one in mend.left] == [True]
     assert check_mend(held, mend.lines, [gap], voids).passed
+
+
+@pytest.mark.parametrize("upwards", [True, False])
+def test_a_needle_never_comes_down_through_the_upright_ink_that_it_mends(upwards):
+    upright = [(100, 100, 4), (100, 100, 9)]
+    held = bath_job(upright if upwards else upright[::-1]).held()  # held straight above it
+    gap = Gap(0, 2.0, 2.5)
+    mend = plan_mend(held, [gap])
+    assert not mend.lines
+    assert "same path" in mend.left[0].reason
+
+
+def test_an_upright_filaments_upper_end_is_written_again():
+    held = bath_job([(100, 100, 4), (100, 100, 9)]).held()
+    gap = Gap(0, 4.0, 5.0)
+    mend = plan_mend(held, [gap])
+    assert mend.left == ()
+    assert check_mend(held, mend.lines, [gap]).passed
+
+
+def test_a_check_sees_a_shaft_through_ink_below_where_the_print_is_held():
+    paths = [(96, 100, 5), (100, 100, 5.2)], [(96, 100, 8), (100, 100, 8.2)]
+    held = bath_job(*paths).held()
+    down = [b"G0 Z12 F300", b"G0 Z5", b"G0 Z11"]
+    assert check_mend(held, down).ink_crossed > 0
+
+
+def test_sound_ink_between_two_near_gaps_is_in_the_way_too():
+    held = bath_job([(100, 100, 4), (100, 100, 9)]).held()
+    gaps = [Gap(0, 4.2, 4.5), Gap(0, 4.85, 5.0)]
+    mend = plan_mend(held, gaps)
+    assert check_mend(held, mend.lines, gaps).passed
+    assert [patch.gap.to_mm for patch in mend.patches] == [pytest.approx(5.0)]
+    assert any("same path" in one.reason for one in mend.left)

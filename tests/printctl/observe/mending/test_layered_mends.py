@@ -20,7 +20,13 @@ from printctl.observe.mending import (
     plan_mend,
     written_paths,
 )
-from tests.printctl.observe.mending.small_jobs import LAYER_MM, WIDTH_MM, layered_job
+from tests.printctl.observe.mending.small_jobs import (
+    LAYER_MM,
+    WIDTH_MM,
+    JobText,
+    layered_job,
+    line_area_mm2,
+)
 
 
 @pytest.fixture(scope="module")
@@ -247,3 +253,79 @@ def test_a_closed_path_has_gaps_on_either_side_of_its_begin(low, high):
 def test_gaps_that_cannot_be_are_refused(held, gap):
     with pytest.raises(MendError):
         plan_mend(held, [gap])
+
+
+@pytest.mark.parametrize("at_end", [False, True])
+def test_a_gap_at_the_end_of_a_finely_cut_stroke_is_written_to_that_end(at_end):
+    job = JobText(line_area_mm2())
+    turn = np.linspace(0, 1.9 * np.pi, 200)  # pieces of 0.06 mm
+    for layer in range(2):
+        z = np.full(len(turn), 5 + LAYER_MM * (layer + 1))
+        job.stroke(
+            np.column_stack([100 + 2 * np.cos(turn), 100 + 2 * np.sin(turn), z]), "LAYER_END"
+        )
+    held = job.held()
+    path = written_paths(held)[-1]
+    gap = Gap(path.number, 0.0, 0.3)
+    if at_end:
+        gap = replace(gap, from_mm=path.length_mm - 0.3, to_mm=path.length_mm)
+    mend = plan_mend(held, [gap])
+    (patch,) = mend.patches
+    points, _, _ = patch.moves()
+    assert np.allclose(points[-1 if at_end else 0], path.points[-1 if at_end else 0])
+    assert check_mend(held, mend.lines, [gap]).covered == 1.0
+    stated, sound = (patch.before_mm, 0) if at_end else (patch.beyond_mm, -1)
+    edge = gap.from_mm if at_end else gap.to_mm
+    assert abs(path.nearest_mm(points[sound])[0] - edge) == pytest.approx(stated, abs=1e-6)
+
+
+@pytest.mark.parametrize("away_mm", [0.0, 0.02, 0.06])
+def test_ink_on_sound_ink_beside_a_lumen_is_counted_as_wide_as_it_gets(away_mm):
+    """What a second line adds can only go to the sides (section over layer height)."""
+    held = layered_job().held()
+    path = written_paths(held)[-1]
+    x, y, z = path.at(np.array([3.0]))[0]  # on the first line, along Y or X
+    ahead = path.at(np.array([4.0]))[0] - path.at(np.array([3.0]))[0]
+    aside = np.array([-ahead[1], ahead[0], 0.0])
+    radius = 0.5
+    axis = np.array([x, y, z - LAYER_MM / 2]) + aside * (WIDTH_MM / 2 + away_mm + radius)
+    voids = tube(axis - 2 * ahead, axis + 2 * ahead, radius)
+    gap = Gap(path.number, 2.5, 3.5)
+    mend = plan_mend(held, [gap], voids)
+    (patch,) = mend.patches
+    lies = held.ink.bead_section
+    points, e, _ = patch.moves()
+    section = e.sum() * held.ul_per_e / np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    overlaps = max(patch.before_mm, patch.beyond_mm) > 0
+    both = section + (lies.area(WIDTH_MM, LAYER_MM) if overlaps else 0.0)
+    reach = float(lies.width(both, LAYER_MM)) / 2 - WIDTH_MM / 2 - away_mm
+    assert reach <= MendOptions().void_tolerance_mm + 1e-3
+    assert check_mend(held, mend.lines, [gap], voids).passed
+
+
+def test_a_check_counts_the_sound_ink_that_an_insert_is_written_onto(held):
+    path = written_paths(held)[-1]
+    x, y, z = path.at(np.array([3.0]))[0]
+    ahead = path.at(np.array([4.0]))[0] - path.at(np.array([3.0]))[0]
+    beside = np.array([-ahead[1], ahead[0], 0.0]) * (WIDTH_MM / 2 + 0.52)
+    axis = np.array([x, y, z - LAYER_MM / 2]) + beside
+    voids = tube(axis - 2 * ahead, axis + 2 * ahead, 0.5)
+    gap = Gap(path.number, 2.8, 3.2)
+    insert = plan_mend(held, [gap]).lines
+    assert not check_mend(held, insert, [Gap(path.number, 2.0, 4.0)], voids).lumens_entered
+    assert check_mend(held, insert, [gap], voids).lumens_entered
+
+
+def test_sound_ink_between_near_gaps_beside_a_lumen_is_left_alone(held):
+    path = written_paths(held)[-1]
+    x, y, z = path.at(np.array([3.0]))[0]
+    ahead = path.at(np.array([4.0]))[0] - path.at(np.array([3.0]))[0]
+    beside = np.array([-ahead[1], ahead[0], 0.0]) * (WIDTH_MM / 2 + 0.52)
+    axis = np.array([x, y, z - LAYER_MM / 2]) + beside
+    voids = tube(axis - 2 * ahead, axis + 2 * ahead, 0.5)
+    gaps = [Gap(path.number, 2.2, 2.8), Gap(path.number, 3.0, 3.6)]
+    mend = plan_mend(held, gaps, voids)
+    assert len(mend.patches) == 2
+    checked = check_mend(held, mend.lines, gaps, voids)
+    assert checked.passed
+    assert checked.covered == 1.0

@@ -1,0 +1,31 @@
+"""`printctl observe answer`: taken while the print waits for it, refused otherwise."""
+
+import os
+
+import pytest
+
+from printctl.cli.observe_looks import answer
+from printctl.errors import UsageError
+from printctl.observe.records import answer_of, look_folder
+from printctl.web.workspace import Workspace
+from tests.printctl.web.job.looks.held import JOB, print_held_for_a_look
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+
+
+def test_an_answer_is_taken_once_and_none_when_the_print_went_on(tmp_path):
+    workspace = Workspace(tmp_path).make()
+    with print_held_for_a_look(workspace) as client:
+        folder = workspace.print_folder(JOB)
+        for word in ("yes", "APPROVE", ""):
+            with pytest.raises(UsageError, match="is no answer"):
+                answer(folder, word)
+        answer(folder, "go_on")
+        with pytest.raises(UsageError, match="answered before: go_on"):
+            answer(folder, "approve")
+        (look_folder(folder, 1) / "answer.json").unlink()
+        client.stop()
+        client.wait(30)
+        with pytest.raises(UsageError, match="doesn't wait for a word on look 1"):
+            answer(folder, "approve")
+        assert answer_of(folder, 1) is None
