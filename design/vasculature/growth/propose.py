@@ -13,7 +13,7 @@ from design.vasculature.growth.fit import fits
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.options import Law
 from design.vasculature.penalty import PenaltyArrays, weigh_rise
-from kernels import jit
+from kernels import jit, scalar_jit
 
 TRIED = 4
 """Of the segments considered the cheapest, for which other places than the best are tried."""
@@ -28,7 +28,7 @@ HALVINGS = 8
 """Steps in which a place is refined."""
 
 
-@jit
+@scalar_jit
 def trial(
     segments: Any,
     i: int,
@@ -63,7 +63,7 @@ def trial(
     return fork, rise
 
 
-@jit
+@scalar_jit
 def not_too_thin(segments: Any, fork: Any, limit: float) -> bool:
     """Whether the new terminal, and the parted segment if it is one, are wide enough."""
     if fork.new < limit:
@@ -71,7 +71,7 @@ def not_too_thin(segments: Any, fork: Any, limit: float) -> bool:
     return bool(segments[fork.segment].left >= 0 or fork.low >= limit)
 
 
-@jit
+@scalar_jit
 def estimate(
     segments: Any,
     i: int,
@@ -112,7 +112,7 @@ def estimate(
     return model(s, place_out, t, slopes, sprout, law)
 
 
-@jit
+@scalar_jit
 def value_at(
     segments: Any,
     s: Any,
@@ -128,7 +128,7 @@ def value_at(
     return weigh_rise(penalty, b, segments[0].spend, rise)
 
 
-@jit
+@scalar_jit
 def best_on_axis(
     segments: Any,
     s: Any,
@@ -168,7 +168,7 @@ def along_axis(s: Any, part: float) -> tuple[float, float, float]:
     )
 
 
-@jit
+@scalar_jit
 def other_place(s: Any, t: Any, kind: int, at: Any) -> None:
     """Write the place of a kind (0 to 5) into ``at`` (3,): on the axis, or towards the terminal."""
     along, pull = 0.25 + 0.25 * (kind % 3), 0.3 * (kind // 3)
@@ -217,7 +217,7 @@ def best_penalised(
     return best
 
 
-@jit
+@scalar_jit
 def model(s: Any, b: Any, t: Any, slopes: Any, sprout: Sprout, law: Law) -> float:
     """Cost of place ``b`` by the linear model."""
     load, spend, _, _, _, _, _, _, _, _ = split_value(
