@@ -26,7 +26,7 @@ def seven_integers(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any) -> Se
     return (wide(a), wide(b), wide(c), wide(d), wide(e), wide(f), wide(g))
 
 
-@jit
+@scalar_jit
 def pair_growth_factor(room: Clearances, away: float, one: float, two: float) -> float:
     """Factor by which vessels ``away`` (mm) from each other could both widen until they collide."""
     both = one + two
@@ -37,7 +37,7 @@ def pair_growth_factor(room: Clearances, away: float, one: float, two: float) ->
     return factor
 
 
-@jit
+@scalar_jit
 def away_from_trunk(
     s: Any,
     ax: float,

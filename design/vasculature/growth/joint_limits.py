@@ -120,7 +120,7 @@ def joint_within_limits(segments: Any, limits: Limits, i: Any) -> bool:
     return shares_fit(limits, segments[s.left].flow, segments[s.right].flow)
 
 
-@jit
+@scalar_jit
 def node_within_limits(segments: Any, limits: Limits, i: Any, b: Any) -> bool:
     """Whether the joints around the far end of segment ``i`` keep the angles with it at ``b``."""
     s = segments[i]
@@ -131,7 +131,7 @@ def node_within_limits(segments: Any, limits: Limits, i: Any, b: Any) -> bool:
     return end_fits(segments, limits, s.left, b) and end_fits(segments, limits, s.right, b)
 
 
-@jit
+@scalar_jit
 def losing_fits(segments: Any, limits: Limits, i: Any) -> bool:
     """Whether all joints from segment ``i`` to the root part their flows as they must, as is."""
     if limits.share <= 0.0:

@@ -13,13 +13,13 @@ from design.vasculature.growth.clearances import (
     neighbours_of,
 )
 from design.vasculature.growth.joint_limits import fork_within_limits, joint_within_limits
-from kernels import jit, scalar_jit
+from kernels import scalar_jit
 
 GOES = -1.0
 """Allowed radius of a branch that must go as a whole."""
 
 
-@jit
+@scalar_jit
 def ends_clear(
     room: Clearances, tip: Any, radius: float, begin: Any, end: Any, other: float
 ) -> bool:
@@ -130,7 +130,7 @@ def limit_children(segments: Any, room: Clearances, left: Any, right: Any, paren
             c.allowed = min(c.allowed, c.length / room.length_to_radius)
 
 
-@jit
+@scalar_jit
 def away_from(tip: Any, other: Any) -> float:
     """Distance of a vessel's far end from another's axis, mm."""
     o = other
@@ -138,7 +138,7 @@ def away_from(tip: Any, other: Any) -> float:
     return away
 
 
-@jit
+@scalar_jit
 def largest_radius_beside(room: Clearances, away: float, other: float) -> float:
     """Largest radius of a vessel ``away`` from another of radius ``other``, all in mm."""
     free = away - other

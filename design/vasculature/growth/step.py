@@ -12,7 +12,7 @@ from design.vasculature.growth.clearances import Clearances, neighbours_of
 from design.vasculature.growth.cost import Sprout
 from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import REACH, CellIndex, insert, nearest_segments
-from design.vasculature.growth.propose import propose
+from design.vasculature.growth.propose import propose, trials_for
 from design.vasculature.growth.sample import Samples
 from design.vasculature.growth.settling import follow_radii
 from design.vasculature.growth.state import place, refresh, refresh_upwards, spread_down
@@ -262,6 +262,7 @@ def grow(
     s = progress[0]
     found = np.empty(s.candidates, np.int32)
     away = np.empty(s.candidates)
+    work = trials_for(s.candidates)
     points = samples.at
     spacing = mean_spacing(s.terminals, scale)
     for n in range(first, len(points)):
@@ -289,7 +290,9 @@ def grow(
         if shallow and samples.near[n] > 0.0:
             continue
         sprout = Sprout(samples.flow[n], s.thick)
-        good, fork = propose(segments, index, room, penalty, law, limit, t, sprout, found, size)
+        good, fork = propose(
+            segments, index, room, penalty, law, limit, t, sprout, found, size, work
+        )
         if not good:
             continue
         listed = commit(segments, s.count, index, room, law, fork)
