@@ -12,9 +12,9 @@ import numpy as np
 from design.errors import NetworkError
 from design.files import atomic_replacement
 from design.network import FloatArray, IntArray, VesselKind, VesselNetwork
+from design.network_files.csv_format.float_text import powers_of_ten
 from design.network_files.csv_format.pieces import COLUMNS, GAP_MM
 from design.network_files.csv_format.row_text import LONGEST_ROW, Columns, put_rows, texts
-from design.network_files.csv_format.float_text import powers_of_ten
 
 _ROWS = 20_000
 """Rows made at a time."""

@@ -106,7 +106,14 @@ def insert(index: CellIndex, i: int, s: Any, reach: float) -> bool:
 
 @scalar_jit
 def nearest_segments(
-    index: CellIndex, segments: Any, x: float, y: float, z: float, least: float, found: Any, away: Any
+    index: CellIndex,
+    segments: Any,
+    x: float,
+    y: float,
+    z: float,
+    least: float,
+    found: Any,
+    away: Any,
 ) -> int:
     """The segments nearest to a point by their axes, nearest first; those of others left out.
 
