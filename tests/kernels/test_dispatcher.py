@@ -74,18 +74,18 @@ def test_a_form_for_kernels_is_read_by_those_compiled_after(store: Path) -> None
 
 @compiled
 def _longest_gap(x: np.ndarray) -> float:
-    return np.diff(np.sort(x)).max()
+    return float(np.diff(np.sort(x)).max())
 
 
 @partial(compiled, _nrt=False)
 def _gap_or_none(x: np.ndarray, y: np.ndarray, one: bool) -> float:
     chosen = x if one else y
-    return _longest_gap(chosen) if len(chosen) > 1 else -1.0
+    return float(_longest_gap(chosen)) if len(chosen) > 1 else -1.0
 
 
 @partial(compiled, _nrt=False)
 def _copied(x: np.ndarray) -> float:
-    return x.copy().sum()
+    return float(x.copy().sum())
 
 
 def test_a_kernel_of_numbers_alone_counts_no_references(store: Path) -> None:
