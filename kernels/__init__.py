@@ -4,7 +4,7 @@ Goes in: a Python function of arrays and numbers. Comes out: its machine code, k
 with `compile.py`.
 """
 
-from kernels.compile import jit, pjit
+from kernels.compile import jit, pjit, scalar_jit
 from kernels.folder import cache_dir
 from kernels.helper import helper_thread
 from kernels.memory import freed_memory_returned, keep_freed_memory
@@ -17,5 +17,6 @@ __all__ = [
     "jit",
     "keep_freed_memory",
     "pjit",
+    "scalar_jit",
     "without_numba",
 ]

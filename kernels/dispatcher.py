@@ -30,7 +30,7 @@ class KernelDispatcher(CPUDispatcher):
     def __init__(self, *args: Any, **named: Any) -> None:
         super().__init__(*args, **named)
         self.for_kernels = False
-        self._compiler._customize_flags = self._without_needless_wrappers
+        self._compiler._customize_flags = self._with_own_flags
         # Numba has no public seam for another cache; tests/kernels holds this one.
         self._cache = KernelStore(self)
 
@@ -69,9 +69,11 @@ class KernelDispatcher(CPUDispatcher):
         """Refuse to be a value of a function type: that needs the wrapper for C."""
         raise TypingError(f"kernel {self.py_func.__name__} can't be a value of a function type")
 
-    def _without_needless_wrappers(self, flags: Any) -> Any:
+    def _with_own_flags(self, flags: Any) -> Any:
         flags.no_cfunc_wrapper = True
         flags.no_cpython_wrapper = self.for_kernels
+        # Else numba takes this flag from the kernel whose compiling asked for this one.
+        flags.nrt = self.targetoptions.get("_nrt", True)
         return flags
 
 

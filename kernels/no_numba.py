@@ -60,11 +60,14 @@ class BareKernel:
     Parameters
     ----------
     function : callable
+    flags : dict
+        Of the compiler, beside the usual ones.
     """
 
-    def __init__(self, function: Any) -> None:
+    def __init__(self, function: Any, flags: dict[str, bool]) -> None:
         self.py_func = function
-        self.targetoptions = _FLAGS
+        self.targetoptions = _FLAGS | flags
+        self._more = flags
         self.__doc__ = function.__doc__
         self.__name__ = function.__name__
         self._runs: dict[tuple[Any, ...], Run] = {}
@@ -83,7 +86,7 @@ class BareKernel:
     @cached_property
     def dispatcher(self) -> Any:
         """Numba's own kernel."""
-        return import_module("kernels.with_numba").compiled(self.py_func)
+        return import_module("kernels.with_numba").compiled(self.py_func, **self._more)
 
     @property
     def _numba_type_(self) -> Any:

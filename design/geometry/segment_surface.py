@@ -10,10 +10,10 @@ import numpy as np
 from design.geometry.hierarchy import DEPTH
 from design.geometry.segments import segment_segment
 from design.geometry.triangles import SLIVER, point_triangle_squared
-from kernels import jit
+from kernels import jit, scalar_jit
 
 
-@jit
+@scalar_jit
 def pierces(ax: float, ay: float, az: float, bx: float, by: float, bz: float, tri: Any) -> bool:
     """Whether segment ab passes through the triangle ``tri`` (9,), its rim not counted.
 
@@ -45,7 +45,7 @@ def pierces(ax: float, ay: float, az: float, bx: float, by: float, bz: float, tr
     return bool(s >= 0.0 and r >= 0.0 and s + r <= area2)
 
 
-@jit
+@scalar_jit
 def segment_triangle(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float, tri: Any
 ) -> float:
@@ -110,7 +110,7 @@ def segment_distance(
     return best
 
 
-@jit
+@scalar_jit
 def _apart(
     tree: Any, node: int, x: float, y: float, z: float, ex: float, ey: float, ez: float
 ) -> float:

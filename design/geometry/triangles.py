@@ -7,14 +7,14 @@ from typing import Any, Final
 import numpy as np
 
 from design.geometry.segments import point_segment
-from kernels import jit
+from kernels import scalar_jit
 
 SLIVER: Final = 1e-14
 """Squared sine of a triangle's angle below which it counts as its edges: what it is beside them
 is lost in rounding."""
 
 
-@jit
+@scalar_jit
 def point_triangle_squared(px: float, py: float, pz: float, tri: Any) -> float:
     """Squared distance of point p from the triangle whose nine coordinates are ``tri`` (9,).
 
@@ -61,7 +61,7 @@ def point_triangle_squared(px: float, py: float, pz: float, tri: Any) -> float:
     return gx * gx + gy * gy + gz * gz
 
 
-@jit
+@scalar_jit
 def _edges_squared(px: float, py: float, pz: float, tri: Any) -> float:
     best = np.inf
     for edge in range(3):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.errors import TissueError
-from kernels import jit
+from kernels import jit, scalar_jit
 
 # Lines pass beside vertices and edges that lie on round coordinates, by a hair of the spacing.
 _SHIFTS = ((1.7320508e-5, 2.2360680e-5), (-3.1622777e-5, 2.6457513e-5), (4.1231056e-5, -3.6e-5))
@@ -93,7 +93,7 @@ def _side(av: float, aw: float, bv: float, bw: float, v: float, w: float) -> boo
     return bool((bv - av) * (w - aw) - (bw - aw) * (v - av) >= 0.0)
 
 
-@jit
+@scalar_jit
 def crossing(c: Any, v: float, w: float) -> int:
     """Return +1 where a line going up enters through triangle ``c``, -1 where it leaves, else 0."""
     ab = _side(c[0, 1], c[0, 2], c[1, 1], c[1, 2], v, w)
@@ -106,7 +106,7 @@ def crossing(c: Any, v: float, w: float) -> int:
     return 0
 
 
-@jit
+@scalar_jit
 def crossing_place(c: Any, v: float, w: float) -> float:
     """Where the line (v, w) meets the triangle's plane, held within the triangle's extent."""
     abv, abw = c[1, 1] - c[0, 1], c[1, 2] - c[0, 2]

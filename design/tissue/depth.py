@@ -16,7 +16,7 @@ from design.geometry.hierarchy import DEPTH
 from design.geometry.segment_surface import segment_distance
 from design.tissue.arrays import BAND_CELLS, BRICK, GridArrays
 from design.tissue.columns import crossing, crossing_place
-from kernels import jit
+from kernels import jit, scalar_jit
 
 SLACK_CELLS = 1e-4
 """Taken off each bound, in fine cells: a sample's sign is that of a place beside it (see
@@ -27,7 +27,7 @@ PIECE_CELLS = 1.5
 too many."""
 
 
-@jit
+@scalar_jit
 def depth_bounds(grid: GridArrays, x: float, y: float, z: float) -> tuple[float, float]:
     """Proven bounds of the depth below the surface at a point, mm; negative outside."""
     h = grid.spacing
@@ -102,7 +102,7 @@ def enclosed(surface: Any, points: Any) -> Any:
     return inside
 
 
-@jit
+@scalar_jit
 def least_depth_along(
     grid: GridArrays,
     ax: float,
@@ -175,7 +175,7 @@ def least_depth_along(
     return least
 
 
-@jit
+@scalar_jit
 def depth_along(
     grid: GridArrays,
     ax: float,

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from design.tissue.arrays import BRICK, GridArrays
 from design.tissue.depth import depth_along
-from kernels import jit, pjit
+from kernels import pjit, scalar_jit
 from kernels.arrays import FloatArray
 
 
-@jit
+@scalar_jit
 def read(grid: GridArrays, x: float, y: float, z: float) -> float:
     """Signed distance at a point by trilinear interpolation, mm; negative inside.
 
@@ -42,7 +42,7 @@ def read(grid: GridArrays, x: float, y: float, z: float) -> float:
     return beyond + mix(grid.coarse, a, b, c, uc / BRICK, vc / BRICK, wc / BRICK)
 
 
-@jit
+@scalar_jit
 def mix(values: Any, i: int, j: int, k: int, u: float, v: float, w: float) -> float:
     """Trilinear mix of the eight samples around a cell's inner coordinates (0 to 1)."""
     c00 = values[i, j, k] * (1.0 - w) + values[i, j, k + 1] * w

@@ -11,7 +11,7 @@ import numpy as np
 from design.errors import GrowthError
 from design.tissue import Tissue
 from design.tissue.grid import mix
-from kernels import jit
+from kernels import scalar_jit
 from kernels.arrays import FloatArray
 
 SAMPLES_AT_MOST = 2_000_000
@@ -108,7 +108,7 @@ def _check(values: FloatArray) -> None:
         raise GrowthError(f"penalty has a factor of {bad[0]:g}; give finite factors above 0")
 
 
-@jit
+@scalar_jit
 def read_penalty(penalty: PenaltyArrays, x: float, y: float, z: float) -> float:
     """The factor at a point."""
     h = penalty.spacing
@@ -120,7 +120,7 @@ def read_penalty(penalty: PenaltyArrays, x: float, y: float, z: float) -> float:
     return float(mix(penalty.values, i, j, k, u - i, v - j, w - k))
 
 
-@jit
+@scalar_jit
 def weigh_rise(penalty: PenaltyArrays, b: Any, base: float, rise: float) -> float:
     """What trial places are compared by: the rise, or with a penalty w (cost before + rise)."""
     if not penalty.on:

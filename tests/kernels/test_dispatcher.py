@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numba.core import types
+from numba.core.errors import NumbaError
 
 from kernels.folder import FOR_KERNELS
 from kernels.with_numba import compiled
@@ -66,3 +70,43 @@ def test_a_form_for_kernels_is_read_by_those_compiled_after(store: Path) -> None
     assert _forms(store) == {"_twice": [True]}
     assert _four_times(np.array([1.0, 3.0])).tolist() == [12.0, 4.0]
     assert _twice(np.array([1.0, 3.0])).tolist() == [6.0, 2.0]
+
+
+@compiled
+def _longest_gap(x: np.ndarray) -> float:
+    return float(np.diff(np.sort(x)).max())
+
+
+@partial(compiled, _nrt=False)
+def _gap_or_none(x: np.ndarray, y: np.ndarray, one: bool) -> float:
+    chosen = x if one else y
+    return float(_longest_gap(chosen)) if len(chosen) > 1 else -1.0
+
+
+@partial(compiled, _nrt=False)
+def _copied(x: np.ndarray) -> float:
+    return float(x.copy().sum())
+
+
+def test_a_kernel_of_numbers_alone_counts_no_references(store: Path) -> None:
+    """But what it calls does, though it is compiled for it."""
+    x = np.array([4.0, 1.0, 2.0])
+    assert _gap_or_none(x, x[:1], True) == 2.0
+    assert _gap_or_none(x, x[:1], False) == -1.0
+    assert _counts("_gap_or_none", _gap_or_none) == (False, True)
+
+
+def test_a_kernel_that_makes_an_array_must_count_references(store: Path) -> None:
+    with pytest.raises(NumbaError, match="NRT required"):
+        _copied(np.ones(2))
+
+
+def _counts(name: str, kernel: Any) -> tuple[bool, bool]:
+    """Whether a kernel's own code counts references, and whether any that it calls does."""
+    (made,) = kernel.overloads.values()
+    code = made.library.get_llvm_str()
+    parts = re.split(r"^define ", code, flags=re.MULTILINE)[1:]
+    counting = [part for part in parts if "@NRT_incref(" in part or "@NRT_decref(" in part]
+    kernels = [part for part in counting if not re.match(r"[^@]*@(NRT|_ZN7cpython)", part)]
+    own = [part for part in kernels if name in part.partition("(")[0]]
+    return bool(own), len(kernels) > len(own)

@@ -5,10 +5,11 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from kernels import jit
+from kernels import jit, scalar_jit
 from kernels.no_numba import BareKernel
 from tests.slower import first_of
 
@@ -20,7 +21,7 @@ pytestmark = pytest.mark.skipif(
 KINDS = """
 from typing import NamedTuple
 import numpy as np
-from kernels import jit
+from kernels import jit, scalar_jit
 class Law(NamedTuple):
     {fields}
 @jit
@@ -168,4 +169,6 @@ def test_flags_are_those_of_the_kernels_that_numba_makes() -> None:
     def same(n: float) -> float:
         return n
 
-    assert BareKernel(same).targetoptions == jit(same).targetoptions  # type: ignore[attr-defined]
+    for decorate, flags in ((jit, {}), (scalar_jit, {"_nrt": False})):
+        kernel: Any = decorate(same)
+        assert BareKernel(same, flags).targetoptions == kernel.targetoptions

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any
 
-from design.vasculature.growth.cost import Sprout, from_gamma, to_gamma, to_lambda, to_u
+from design.vasculature.growth.cost import Sprout, from_gamma, to_gamma, to_lambda
 from design.vasculature.options import Law
 from kernels import jit
 
@@ -37,27 +37,31 @@ def split_value(
     n, above, own = s.flow, s.flow + sprout.flow, sprout.flow
     if law.haematocrit >= 0.0:
         n, above, own = n * s.thick, above * s.thick, own * sprout.thick
+    # Both cases here in one: LLVM would work out the powers of `to_u` in any case, to choose then.
+    if law.u == 1.0:
+        u_old, u_up, u_low, u_new = s.length, up, low, new
+        slope_up, slope_low, slope_new = 1.0, 1.0, 1.0
+    else:
+        u_old, u_up, u_low, u_new = s.length**law.u, up**law.u, low**law.u, new**law.u
+        slope_up, slope_low, slope_new = law.u * u_up / up, law.u * u_low / low, law.u * u_new / new
     # C* of the lower part: the old one with the length exchanged.
-    reduced = s.spend / to_lambda(s.load, law) - to_u(s.length, law) + to_u(low, law)
+    reduced = s.spend / to_lambda(s.load, law) - u_old + u_low
     low_load = s.load + n * law.k * (low - s.length)
     low_e = to_lambda(low_load, law)
     low_spend = low_e * reduced
     new_load = own * law.k * new
     new_e = to_lambda(new_load, law)
-    new_spend = new_e * to_u(new, law)
+    new_spend = new_e * u_new
     a_low, a_new = to_gamma(low_load, law), to_gamma(new_load, law)
     total = a_low + a_new
     m = from_gamma(total, law)
     load = above * law.k * up + m
     m_e, up_e = to_lambda(m, law), to_lambda(load, law)
     both = low_spend + new_spend
-    spend = up_e * (to_u(up, law) + both / m_e)
+    spend = up_e * (u_up + both / m_e)
 
     m_by_low = (m / total) * (a_low / low_load) * n * law.k
     m_by_new = (m / total) * (a_new / new_load) * own * law.k
-    slope_low = law.u * to_u(low, law) / low
-    slope_new = law.u * to_u(new, law) / new
-    slope_up = law.u * to_u(up, law) / up
     low_spend_by = e * low_spend / low_load * n * law.k + low_e * slope_low
     new_spend_by = e * new_spend / new + new_e * slope_new
     by_load = e * spend / load

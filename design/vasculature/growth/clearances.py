@@ -8,7 +8,7 @@ import numpy as np
 
 from design.tissue.arrays import GridArrays
 from design.vasculature.limits import Limits
-from kernels import jit
+from kernels import scalar_jit
 
 MARGIN, MARGIN_LEFT, MARGIN_AT_MOST = 1.02, 0.03, 1.15
 """Trial forks must fit with larger radii, because every later terminal widens its path: by the
@@ -63,13 +63,13 @@ class TrialBifurcation(NamedTuple):
     thick: float
 
 
-@jit
+@scalar_jit
 def kept_apart(room: Clearances, one: float, two: float) -> float:
     """Clearance between vessels of radii ``one`` and ``two``, mm."""
     return max(room.clearance, room.ratio * min(one, two))
 
 
-@jit
+@scalar_jit
 def neighbours_of(segments: Any, index: Any) -> tuple[np.int64, np.int64, np.int64, np.int64]:
     """Parent, sibling and children of a segment, -1 for none."""
     s = segments[index]

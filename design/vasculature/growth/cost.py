@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from design.vasculature.options import Law
-from kernels import jit
+from kernels import jit, scalar_jit
 
 
 @jit
@@ -99,7 +99,7 @@ ENOUGH = 64
 linear model serves."""
 
 
-@jit
+@scalar_jit
 def climb(
     segments: Any, index: int, load: float, spend: float, flow: float, enough: int, law: Law
 ) -> tuple[float, float, float, float]:

@@ -11,7 +11,7 @@ from design.tissue.depth import depth_along
 from design.vasculature.growth.clearances import Clearances, TrialBifurcation, neighbours_of
 from design.vasculature.growth.index import REACH, CellIndex, cell_range
 from design.vasculature.growth.joints import joint_fits
-from kernels import jit
+from kernels import jit, scalar_jit
 
 LEAVES = 1.5
 """Way along a branch, over its radius and its trunk's, within which it is still leaving that."""
@@ -26,7 +26,7 @@ def seven_integers(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any) -> Se
     return (wide(a), wide(b), wide(c), wide(d), wide(e), wide(f), wide(g))
 
 
-@jit
+@scalar_jit
 def pair_growth_factor(room: Clearances, away: float, one: float, two: float) -> float:
     """Factor by which vessels ``away`` (mm) from each other could both widen until they collide."""
     both = one + two
@@ -37,7 +37,7 @@ def pair_growth_factor(room: Clearances, away: float, one: float, two: float) ->
     return factor
 
 
-@jit
+@scalar_jit
 def away_from_trunk(
     s: Any,
     ax: float,
@@ -65,7 +65,7 @@ def away_from_trunk(
     return float(segment_segment(x, y, z, bx, by, bz, s.px, s.py, s.pz, s.dx, s.dy, s.dz)[0])
 
 
-@jit
+@scalar_jit
 def growth_factor(
     index: CellIndex,
     segments: Any,
@@ -141,7 +141,7 @@ def growth_factor(
     return least
 
 
-@jit
+@scalar_jit
 def in_tissue(
     room: Clearances,
     ax: float,
@@ -157,7 +157,7 @@ def in_tissue(
     return bool(depth_along(room.grid, ax, ay, az, bx, by, bz, need) >= need)
 
 
-@jit
+@scalar_jit
 def fits(index: CellIndex, segments: Any, room: Clearances, fork: TrialBifurcation) -> bool:
     """Whether a fork fits everywhere; the cheap tests first."""
     if not joint_fits(segments, room, fork):

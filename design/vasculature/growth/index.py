@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.geometry import point_segment
-from kernels import jit
+from kernels import scalar_jit
 
 REACH = 1.3
 """Capsules are listed with this much larger radii: they may grow before the next rebuild."""
@@ -65,7 +65,7 @@ def empty_index(bounds: NDArray[np.float64], cell_mm: float, room: int, segments
     )
 
 
-@jit
+@scalar_jit
 def cell_range(index: CellIndex, axis: int, low: float, high: float) -> tuple[int, int]:
     """First and last cell along an axis that an interval touches, held within the grid."""
     last = index.shape[axis] - 1
@@ -74,7 +74,7 @@ def cell_range(index: CellIndex, axis: int, low: float, high: float) -> tuple[in
     return min(max(first, 0), last), min(max(end, 0), last)
 
 
-@jit
+@scalar_jit
 def insert(index: CellIndex, i: int, s: Any, reach: float) -> bool:
     """List segment ``i`` in all cells within ``reach`` of its axis; False when out of room."""
     i0, i1 = cell_range(index, 0, min(s.px, s.dx) - reach, max(s.px, s.dx) + reach)
@@ -104,14 +104,23 @@ def insert(index: CellIndex, i: int, s: Any, reach: float) -> bool:
     return True
 
 
-@jit
+@scalar_jit
 def nearest_segments(
-    index: CellIndex, segments: Any, x: float, y: float, z: float, found: Any, away: Any
+    index: CellIndex,
+    segments: Any,
+    x: float,
+    y: float,
+    z: float,
+    least: float,
+    found: Any,
+    away: Any,
 ) -> int:
     """The segments nearest to a point by their axes, nearest first; those of others left out.
 
     Parameters
     ----------
+    least : float, mm
+        The search ends at a segment that is nearer, which is then the only one found.
     found, away : (k,)
         Receive segments and distances, mm.
 
@@ -152,6 +161,9 @@ def nearest_segments(
                             continue
                         if s.terminals == 0:
                             continue
+                        if d < least:
+                            found[0], away[0] = i, d
+                            return 1
                         at = size if size < room else room - 1
                         while at > 0 and away[at - 1] > d:
                             away[at] = away[at - 1]

@@ -7,7 +7,7 @@ from typing import Any
 
 from design.vasculature.growth.clearances import neighbours_of
 from design.vasculature.limits import Limits
-from kernels import jit
+from kernels import jit, scalar_jit
 
 _ROUNDING = 1e-12
 
@@ -50,7 +50,7 @@ def shares_fit(limits: Limits, one: float, two: float) -> bool:
     return bool(min(one, two) >= (limits.share - _ROUNDING) * max(one, two))
 
 
-@jit
+@scalar_jit
 def flows_fit(segments: Any, limits: Limits, i: Any, flow: float) -> bool:
     """Whether a fork on segment ``i`` for a branch of ``flow`` parts the flow as it must.
 
@@ -72,7 +72,7 @@ def flows_fit(segments: Any, limits: Limits, i: Any, flow: float) -> bool:
     return True
 
 
-@jit
+@scalar_jit
 def fork_within_limits(segments: Any, limits: Limits, fork: Any) -> bool:
     """Whether a fork's joint, and those at either end of the parted segment, keep the limits."""
     i = int(fork.segment)
@@ -89,7 +89,7 @@ def fork_within_limits(segments: Any, limits: Limits, fork: Any) -> bool:
     return flows_fit(segments, limits, i, fork.flow)
 
 
-@jit
+@scalar_jit
 def start_fits(segments: Any, limits: Limits, i: Any, end: Any) -> bool:
     """Whether the joint at the near end of segment ``i`` keeps the limits if it ends at ``end``."""
     parent, sibling, _, _ = neighbours_of(segments, i)
@@ -99,7 +99,7 @@ def start_fits(segments: Any, limits: Limits, i: Any, end: Any) -> bool:
     return angles_fit(limits, (up.px, up.py, up.pz), (s.px, s.py, s.pz), end, (o.dx, o.dy, o.dz))
 
 
-@jit
+@scalar_jit
 def end_fits(segments: Any, limits: Limits, i: Any, begin: Any) -> bool:
     """Whether the joint at its far end keeps the limits if segment ``i`` begins at ``begin``."""
     s = segments[i]
@@ -109,7 +109,7 @@ def end_fits(segments: Any, limits: Limits, i: Any, begin: Any) -> bool:
     return angles_fit(limits, begin, (s.dx, s.dy, s.dz), (a.dx, a.dy, a.dz), (b.dx, b.dy, b.dz))
 
 
-@jit
+@scalar_jit
 def joint_within_limits(segments: Any, limits: Limits, i: Any) -> bool:
     """Whether the joint at the far end of segment ``i`` keeps all limits."""
     s = segments[i]
@@ -120,7 +120,7 @@ def joint_within_limits(segments: Any, limits: Limits, i: Any) -> bool:
     return shares_fit(limits, segments[s.left].flow, segments[s.right].flow)
 
 
-@jit
+@scalar_jit
 def node_within_limits(segments: Any, limits: Limits, i: Any, b: Any) -> bool:
     """Whether the joints around the far end of segment ``i`` keep the angles with it at ``b``."""
     s = segments[i]
@@ -131,7 +131,7 @@ def node_within_limits(segments: Any, limits: Limits, i: Any, b: Any) -> bool:
     return end_fits(segments, limits, s.left, b) and end_fits(segments, limits, s.right, b)
 
 
-@jit
+@scalar_jit
 def losing_fits(segments: Any, limits: Limits, i: Any) -> bool:
     """Whether all joints from segment ``i`` to the root part their flows as they must, as is."""
     if limits.share <= 0.0:

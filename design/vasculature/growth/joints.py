@@ -13,13 +13,13 @@ from design.vasculature.growth.clearances import (
     neighbours_of,
 )
 from design.vasculature.growth.joint_limits import fork_within_limits, joint_within_limits
-from kernels import jit
+from kernels import scalar_jit
 
 GOES = -1.0
 """Allowed radius of a branch that must go as a whole."""
 
 
-@jit
+@scalar_jit
 def ends_clear(
     room: Clearances, tip: Any, radius: float, begin: Any, end: Any, other: float
 ) -> bool:
@@ -41,7 +41,7 @@ def ends_clear(
     return bool(away >= room.reserve * (radius + other) + kept_apart(room, radius, other))
 
 
-@jit
+@scalar_jit
 def joint_fits(segments: Any, room: Clearances, fork: TrialBifurcation) -> bool:
     """Whether a fork's three pieces are long enough, and part from each other and at their ends."""
     s = segments[fork.segment]
@@ -67,7 +67,7 @@ def joint_fits(segments: Any, room: Clearances, fork: TrialBifurcation) -> bool:
     return not room.limits.on or fork_within_limits(segments, room.limits, fork)
 
 
-@jit
+@scalar_jit
 def _still_parted(
     segments: Any, room: Clearances, fork: TrialBifurcation, p: Any, b: Any, d: Any
 ) -> bool:
@@ -93,7 +93,7 @@ def _still_parted(
     return True
 
 
-@jit
+@scalar_jit
 def limit_smaller_child(segments: Any, room: Clearances, i: int) -> None:
     """Allow the smaller child of a joint that breaks the room's limits nothing: it must go."""
     if not room.limits.on or joint_within_limits(segments, room.limits, i):
@@ -107,7 +107,7 @@ def limit_smaller_child(segments: Any, room: Clearances, i: int) -> None:
     small.allowed = GOES
 
 
-@jit
+@scalar_jit
 def limit_children(segments: Any, room: Clearances, left: Any, right: Any, parent: Any) -> None:
     """Lower the ``allowed`` radii of a segment's children to where they still part.
 
@@ -130,7 +130,7 @@ def limit_children(segments: Any, room: Clearances, left: Any, right: Any, paren
             c.allowed = min(c.allowed, c.length / room.length_to_radius)
 
 
-@jit
+@scalar_jit
 def away_from(tip: Any, other: Any) -> float:
     """Distance of a vessel's far end from another's axis, mm."""
     o = other
@@ -138,7 +138,7 @@ def away_from(tip: Any, other: Any) -> float:
     return away
 
 
-@jit
+@scalar_jit
 def largest_radius_beside(room: Clearances, away: float, other: float) -> float:
     """Largest radius of a vessel ``away`` from another of radius ``other``, all in mm."""
     free = away - other

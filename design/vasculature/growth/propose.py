@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.vasculature.growth.bifurcation import best_place, distance, split_value
 from design.vasculature.growth.clearances import Clearances, TrialBifurcation
@@ -13,7 +14,7 @@ from design.vasculature.growth.fit import fits
 from design.vasculature.growth.index import CellIndex
 from design.vasculature.options import Law
 from design.vasculature.penalty import PenaltyArrays, weigh_rise
-from kernels import jit
+from kernels import jit, scalar_jit
 
 TRIED = 4
 """Of the segments considered the cheapest, for which other places than the best are tried."""
@@ -28,7 +29,58 @@ HALVINGS = 8
 """Steps in which a place is refined."""
 
 
+class Trials(NamedTuple):
+    """Scratch of `propose`, for up to k segments.
+
+    Attributes
+    ----------
+    costs, places, slopes, order : (k,), (k, 3), (k, 3) float64, (k,) int64
+        Of the best place on each segment; the segments from the cheapest on.
+    values, others, rank : (m,), (m, 3) float64, (m,) int64
+        The same of other places.
+    """
+
+    costs: NDArray[np.float64]
+    places: NDArray[np.float64]
+    slopes: NDArray[np.float64]
+    order: NDArray[np.int64]
+    values: NDArray[np.float64]
+    others: NDArray[np.float64]
+    rank: NDArray[np.int64]
+
+
 @jit
+def trials_for(k: int) -> Trials:
+    """Make the scratch for up to ``k`` segments."""
+    m = TRIED * 6
+    return Trials(
+        np.empty(k),
+        np.empty((k, 3)),
+        np.empty((k, 3)),
+        np.empty(k, np.int64),
+        np.empty(m),
+        np.empty((m, 3)),
+        np.empty(m, np.int64),
+    )
+
+
+@scalar_jit
+def sort_by(values: Any, size: int, order: Any) -> None:
+    """Write the numbers of ``values[:size]`` into ``order``, least first, equal ones as they stand.
+
+    NaN becomes inf, and so stands last.
+    """
+    for n in range(size):
+        if not values[n] < np.inf:
+            values[n] = np.inf
+        at = n
+        while at > 0 and values[order[at - 1]] > values[n]:
+            order[at] = order[at - 1]
+            at -= 1
+        order[at] = n
+
+
+@scalar_jit
 def trial(
     segments: Any,
     i: int,
@@ -63,7 +115,7 @@ def trial(
     return fork, rise
 
 
-@jit
+@scalar_jit
 def not_too_thin(segments: Any, fork: Any, limit: float) -> bool:
     """Whether the new terminal, and the parted segment if it is one, are wide enough."""
     if fork.new < limit:
@@ -71,7 +123,7 @@ def not_too_thin(segments: Any, fork: Any, limit: float) -> bool:
     return bool(segments[fork.segment].left >= 0 or fork.low >= limit)
 
 
-@jit
+@scalar_jit
 def estimate(
     segments: Any,
     i: int,
@@ -112,7 +164,7 @@ def estimate(
     return model(s, place_out, t, slopes, sprout, law)
 
 
-@jit
+@scalar_jit
 def value_at(
     segments: Any,
     s: Any,
@@ -128,7 +180,7 @@ def value_at(
     return weigh_rise(penalty, b, segments[0].spend, rise)
 
 
-@jit
+@scalar_jit
 def best_on_axis(
     segments: Any,
     s: Any,
@@ -168,16 +220,18 @@ def along_axis(s: Any, part: float) -> tuple[float, float, float]:
     )
 
 
-@jit
-def other_place(s: Any, t: Any, kind: int, at: Any) -> None:
-    """Write the place of a kind (0 to 5) into ``at`` (3,): on the axis, or towards the terminal."""
+@scalar_jit
+def other_place(s: Any, t: Any, kind: int) -> tuple[float, float, float]:
+    """Return the place of a kind (0 to 5): on the axis, or towards the terminal."""
     along, pull = 0.25 + 0.25 * (kind % 3), 0.3 * (kind // 3)
-    at[0] = (1.0 - pull) * (s.px + along * (s.dx - s.px)) + pull * t[0]
-    at[1] = (1.0 - pull) * (s.py + along * (s.dy - s.py)) + pull * t[1]
-    at[2] = (1.0 - pull) * (s.pz + along * (s.dz - s.pz)) + pull * t[2]
+    return (
+        (1.0 - pull) * (s.px + along * (s.dx - s.px)) + pull * t[0],
+        (1.0 - pull) * (s.py + along * (s.dy - s.py)) + pull * t[1],
+        (1.0 - pull) * (s.pz + along * (s.dz - s.pz)) + pull * t[2],
+    )
 
 
-@jit
+@scalar_jit
 def best_penalised(
     segments: Any,
     s: Any,
@@ -193,31 +247,31 @@ def best_penalised(
     The better of that and six others, then steps along the axes that halve where none helps.
     """
     best = value_at(segments, s, place_out, t, sprout, penalty, slopes, law)
-    at = np.empty(3)
     for kind in range(6):
-        other_place(s, t, kind, at)
+        at = other_place(s, t, kind)
         value = value_at(segments, s, at, t, sprout, penalty, slopes, law)
         if value < best:
             best = value
-            place_out[:] = at
+            place_out[0], place_out[1], place_out[2] = at
     step = 0.25 * (s.length + distance(place_out[0], place_out[1], place_out[2], t[0], t[1], t[2]))
     for _ in range(HALVINGS):
         better = False
         for axis in range(3):
             for sign in (-1.0, 1.0):
-                at[:] = place_out
-                at[axis] += sign * step
-                value = value_at(segments, s, at, t, sprout, penalty, slopes, law)
+                before = place_out[axis]
+                place_out[axis] = before + sign * step
+                value = value_at(segments, s, place_out, t, sprout, penalty, slopes, law)
                 if value < best:
                     best = value
-                    place_out[:] = at
                     better = True
+                else:
+                    place_out[axis] = before
         if not better:
             step *= 0.5
     return best
 
 
-@jit
+@scalar_jit
 def model(s: Any, b: Any, t: Any, slopes: Any, sprout: Sprout, law: Law) -> float:
     """Cost of place ``b`` by the linear model."""
     load, spend, _, _, _, _, _, _, _, _ = split_value(
@@ -231,7 +285,7 @@ def model(s: Any, b: Any, t: Any, slopes: Any, sprout: Sprout, law: Law) -> floa
     return slopes[0] + slopes[1] * load + slopes[2] * spend
 
 
-@jit
+@scalar_jit
 def propose(
     segments: Any,
     index: CellIndex,
@@ -243,25 +297,27 @@ def propose(
     sprout: Sprout,
     found: Any,
     size: int,
+    work: Trials,
 ) -> tuple[bool, Any]:
-    """The cheapest fork that fits, of the segments ``found[:size]``."""
+    """The cheapest fork that fits, of the segments ``found[:size]``; ``work`` is overwritten."""
     fork = TrialBifurcation(np.int64(-1), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    costs = np.full(size, np.inf)
-    places = np.empty((size, 3))
-    slopes = np.empty((size, 3))
+    costs, places, slopes, order = work.costs, work.places, work.slopes, work.order
     for n in range(size):
+        costs[n] = np.inf
         # The root's own segment is the stem: it stays as the user placed it.
         free = found[n] > 0 or segments[0].given != 0
         if free and segments[found[n]].full == 0:
             costs[n] = estimate(segments, found[n], t, sprout, penalty, places[n], slopes[n], law)
-    order = np.argsort(costs, kind="mergesort")
-    for n in order:
-        if costs[n] < np.inf:
-            fork, _ = trial(segments, found[n], places[n], t, sprout, law)
-            if not_too_thin(segments, fork, limit) and fits(index, segments, room, fork):
-                return True, fork
-    others = np.empty((TRIED * 6, 3))
-    values = np.full(TRIED * 6, np.inf)
+    sort_by(costs, size, order)
+    for rank in range(size):
+        n = order[rank]
+        if costs[n] == np.inf:
+            break
+        fork, _ = trial(segments, found[n], places[n], t, sprout, law)
+        if not_too_thin(segments, fork, limit) and fits(index, segments, room, fork):
+            return True, fork
+    others, values = work.others, work.values
+    values[:] = np.inf
     for rank in range(min(TRIED, size)):
         n = order[rank]
         if costs[n] == np.inf:
@@ -270,10 +326,13 @@ def propose(
         for kind in range(6):
             if s.given != 0 and kind > 2:
                 continue
-            at = others[rank * 6 + kind]
-            other_place(s, t, kind, at)
+            at = other_place(s, t, kind)
+            others[rank * 6 + kind, 0] = at[0]
+            others[rank * 6 + kind, 1] = at[1]
+            others[rank * 6 + kind, 2] = at[2]
             values[rank * 6 + kind] = value_at(segments, s, at, t, sprout, penalty, slopes[n], law)
-    for n in np.argsort(values, kind="mergesort"):
+    sort_by(values, len(values), work.rank)
+    for n in work.rank:
         if values[n] == np.inf:
             break
         i = found[order[n // 6]]

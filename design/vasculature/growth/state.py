@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from design.vasculature.growth.cost import from_gamma, joined_load, leaf, to_gamma, to_lambda
 from design.vasculature.options import Law
-from kernels import jit
+from kernels import jit, scalar_jit
 
 SEGMENT = np.dtype(
     [
@@ -53,7 +53,7 @@ where it hasn't been (`growth.regions.audit`).
 Segments = NDArray[np.void]
 
 
-@jit
+@scalar_jit
 def place(segments: Any, i: int, p: Any, d: Any) -> None:
     """Set a segment's ends, and its length."""
     s = segments[i]
@@ -71,7 +71,7 @@ def weight_of(s: Any, law: Law) -> float:
     return s.flow * s.thick
 
 
-@jit
+@scalar_jit
 def refresh(segments: Any, i: int, law: Law) -> None:
     """Recompute a segment's load, spend, flow and terminals from its children's.
 
@@ -94,7 +94,7 @@ def refresh(segments: Any, i: int, law: Law) -> None:
     s.load, s.spend = load, spend
 
 
-@jit
+@scalar_jit
 def refresh_upwards(segments: Any, i: int, law: Law) -> None:
     """Recompute segment ``i`` and all above it."""
     while i >= 0:

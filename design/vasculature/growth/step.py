@@ -12,13 +12,13 @@ from design.vasculature.growth.clearances import Clearances, neighbours_of
 from design.vasculature.growth.cost import Sprout
 from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import REACH, CellIndex, insert, nearest_segments
-from design.vasculature.growth.propose import propose
+from design.vasculature.growth.propose import propose, trials_for
 from design.vasculature.growth.sample import Samples
 from design.vasculature.growth.settling import follow_radii
 from design.vasculature.growth.state import place, refresh, refresh_upwards, spread_down
 from design.vasculature.options import Law
 from design.vasculature.penalty import PenaltyArrays
-from kernels import jit
+from kernels import jit, scalar_jit
 
 CANDIDATES = 10
 """Nearest segments considered for a new terminal."""
@@ -103,7 +103,7 @@ _RELAX, _TIGHTEN = 0.93, 1.01
 _APART = 0.9
 
 
-@jit
+@scalar_jit
 def predicted_root_radius(segments: Any, law: Law, scale: Scale) -> float:
     """Root radius of the finished tree, mm."""
     if scale.root_radius > 0.0:
@@ -123,6 +123,12 @@ def thinnest(terminals: int, root_radius: float, law: Law, scale: Scale) -> floa
 
 
 @jit
+def mean_spacing(terminals: int, scale: Scale) -> float:
+    """Mean distance of terminals when there is one more, mm."""
+    return float((scale.volume / (terminals + 1)) ** (1.0 / 3.0))
+
+
+@scalar_jit
 def set_allowed_radius(segments: Any, index: CellIndex, room: Clearances, i: int) -> bool:
     """Derive how wide segment ``i`` may grow and list it; False when the index is full."""
     s = segments[i]
@@ -140,7 +146,7 @@ def set_allowed_radius(segments: Any, index: CellIndex, room: Clearances, i: int
     return insert(index, i, s, REACH * s.radius + room.clearance)
 
 
-@jit
+@scalar_jit
 def commit(
     segments: Any, count: int, index: CellIndex, room: Clearances, law: Law, fork: Any
 ) -> bool:
@@ -179,7 +185,7 @@ def commit(
     return set_allowed_radius(segments, index, room, tip) and done
 
 
-@jit
+@scalar_jit
 def drop_held(found: Any, size: int, held: int, count: int) -> int:
     """Keep those of ``found[:size]`` that are numbered from ``held`` to below ``count``."""
     kept = 0
@@ -190,7 +196,7 @@ def drop_held(found: Any, size: int, held: int, count: int) -> int:
     return kept
 
 
-@jit
+@scalar_jit
 def drop_full(segments: Any, found: Any, size: int, flow: float, law: Law) -> int:
     """Keep those of ``found[:size]`` on whose way to the root no vessel becomes too wide."""
     kept = 0
@@ -208,7 +214,7 @@ def drop_full(segments: Any, found: Any, size: int, flow: float, law: Law) -> in
     return kept
 
 
-@jit
+@scalar_jit
 def widen_above(segments: Any, i: int, flow: float, law: Law) -> None:
     """Widen the vessels above segment ``i``, which have just received so much more flow."""
     above = segments[i].parent
@@ -256,7 +262,9 @@ def grow(
     s = progress[0]
     found = np.empty(s.candidates, np.int32)
     away = np.empty(s.candidates)
+    work = trials_for(s.candidates)
     points = samples.at
+    spacing = mean_spacing(s.terminals, scale)
     for n in range(first, len(points)):
         if s.terminals >= scale.goal:
             return DONE, n
@@ -267,9 +275,9 @@ def grow(
         s.since += 1
         if s.since % scale.patience == 0:
             s.apart *= _RELAX
-        spacing = (scale.volume / (s.terminals + 1)) ** (1.0 / 3.0)
-        size = nearest_segments(index, segments, t[0], t[1], t[2], found, away)
-        if away[0] < s.apart * (spacing * samples.near[n]):
+        least = s.apart * (spacing * samples.near[n])
+        size = nearest_segments(index, segments, t[0], t[1], t[2], least, found, away)
+        if away[0] < least:
             continue
         if s.held > 0:
             size = drop_held(found, size, s.held, s.count)
@@ -282,7 +290,9 @@ def grow(
         if shallow and samples.near[n] > 0.0:
             continue
         sprout = Sprout(samples.flow[n], s.thick)
-        good, fork = propose(segments, index, room, penalty, law, limit, t, sprout, found, size)
+        good, fork = propose(
+            segments, index, room, penalty, law, limit, t, sprout, found, size, work
+        )
         if not good:
             continue
         listed = commit(segments, s.count, index, room, law, fork)
@@ -290,6 +300,7 @@ def grow(
             widen_above(segments, fork.segment, fork.flow, law)
         s.count += 2
         s.terminals += 1
+        spacing = mean_spacing(s.terminals, scale)
         s.since = 0
         s.apart = min(_APART, s.apart * _TIGHTEN)
         if s.terminals >= s.refresh_at:

@@ -122,7 +122,7 @@ def _candidates(segments: Any, index: CellIndex, c: Any, p: Any, a: Any, found: 
         x = s.px + part * (s.dx - s.px)
         y = s.py + part * (s.dy - s.py)
         z = s.pz + part * (s.dz - s.pz)
-        got = nearest_segments(index, segments, x, y, z, near, away)
+        got = nearest_segments(index, segments, x, y, z, 0.0, near, away)
         for n in range(got):
             i = near[n]
             # Another tree's segment has no parent.

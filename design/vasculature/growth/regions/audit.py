@@ -13,7 +13,7 @@ from design.vasculature.growth.clearances import Clearances, neighbours_of
 from design.vasculature.growth.fit import growth_factor, seven_integers
 from design.vasculature.growth.index import REACH, CellIndex
 from design.vasculature.growth.joints import limit_children, limit_smaller_child
-from kernels import jit
+from kernels import scalar_jit
 
 _AT_A_TIME = 50_000
 """Segments that a thread measures before it takes more."""
@@ -47,7 +47,7 @@ def measure_again(
     return int(too_wide(segments, count))
 
 
-@jit
+@scalar_jit
 def mark_changed(segments: Any, count: int) -> None:
     """Allow any radius to what must be measured anew: that is what `measure_changed` looks for."""
     for i in range(count):
@@ -83,7 +83,7 @@ def measure_in_parallel(
     return int(too_wide(segments, count))
 
 
-@jit
+@scalar_jit
 def measure_alone(
     segments: Any, begin: int, end: int, index: CellIndex, room: Clearances, smallest: float
 ) -> None:
@@ -107,7 +107,7 @@ def measure_alone(
             s.allowed = min(s.allowed, 0.0)
 
 
-@jit
+@scalar_jit
 def limit_joints(segments: Any, count: int, room: Clearances) -> None:
     """Lower the allowed radii of children that don't part, as `growth.audit` does."""
     for i in range(count):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise, product
 from threading import Lock
 from typing import Any
@@ -115,12 +116,16 @@ class RegionSampler(Sampler):
     corners: FloatArray
     edge_mm: float
 
+    @cached_property
+    def box(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest corner of all cells, mm."""
+        return self.corners.min(axis=0), self.corners.max(axis=0) + self.edge_mm
+
     def draw(self, random: np.random.Generator, tries: int, in_order: bool) -> Samples:
         """Those of so many points in the cells that lie in the tissue and are wanted."""
         cell = random.integers(len(self.corners), size=tries)
         points = self.corners[cell] + self.edge_mm * random.uniform(size=(tries, 3))
-        low, high = self.corners.min(axis=0), self.corners.max(axis=0) + self.edge_mm
-        points = inside(self.tissue.grid.arrays, points, low, high, True)
+        points = inside(self.tissue.grid.arrays, points, *self.box, True)
         if not (self.dense or self.flows):
             return self.weighed(random, points)
         with _ONE_AT_A_TIME:

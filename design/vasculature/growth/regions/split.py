@@ -102,10 +102,11 @@ def split_tree(
     count = int(of_branch.max()) + 1
     has = np.bincount(region[tips], minlength=count)
     goal = share_terminals(_demand(tissue, cells, count, dense, seed), has, terminals)
-    colour = _colours(cells.neighbours(count))
+    neighbours = cells.neighbours(count)
+    colour = _colours(neighbours)
     after = [
         {other for other in touching if colour[other] < colour[own]}
-        for own, touching in enumerate(cells.neighbours(count))
+        for own, touching in enumerate(neighbours)
     ]
     return Split(
         early,
