@@ -1,8 +1,9 @@
 """Take uneven light and the bath's own colour out of a working picture.
 
 In logarithms light adds. It is a polynomial of fourth order, fitted to the bath and, one step away
-from it, to the ink (so that a large filled area has light of its own), and what the bath shows of
-it beyond that over some millimetres.
+from it, to the ink (so that a large filled area has light of its own), straight soft shadows that
+the bath shows from one end to the other (`shadow_bars`), and what it shows of light beyond that
+over some millimetres.
 """
 
 from __future__ import annotations
@@ -10,10 +11,15 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from registration.layer_images.shadow_bars import shadow_bars
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage
 from registration.layer_images.working import Mask, shrunk
 
 _CELL_MM = 0.5
+_FINE_MM = 0.2
+"""Cells for shadows, whose edges may be half a millimetre wide."""
+_ROUNDS = 2
+"""Polynomial and shadows in turn."""
 _ORDER = 4
 _SECOND = 6
 """Terms up to the second order."""
@@ -40,25 +46,64 @@ def flattened(
     local : bool
         Whether light is followed beyond a polynomial.
     """
-    high, wide, count = channels.shape
-    n = max(4.0, _CELL_MM * px_per_mm)
-    size = (max(2, round(wide / n)), max(2, round(high / n)))
+    high, wide = channels.shape[:2]
+    size = _size(channels, _CELL_MM * px_per_mm)
+    fine = _size(channels, _FINE_MM * px_per_mm)
+    bath, share = _cells(channels, free, fine)
+    bars = np.zeros_like(bath)
+    own, out = channels, np.empty_like(channels)
+    for _ in range(_ROUNDS):
+        light = _light(own, free, core, size, local=False)
+        rest = bath - np.column_stack([_resized(one, size, fine).ravel() for one in light.T])
+        found = shadow_bars(rest, share * (share > _LEAST), _places(fine), 1.5)
+        if not found.any():
+            break
+        bars = found
+        shade = [_resized(one, fine, (wide, high)) for one in bars.T]
+        own = channels - np.stack(shade, axis=2)
+    light = _light(own, free, core, size, local)
+    for c in range(own.shape[2]):
+        out[:, :, c] = own[:, :, c] - _resized(light[:, c], size, (wide, high))
+    return out
+
+
+def _size(channels: FloatImage, cell_px: float) -> tuple[int, int]:
+    """Cells across and down."""
+    n = max(4.0, cell_px)
+    high, wide = channels.shape[:2]
+    return max(2, round(wide / n)), max(2, round(high / n))
+
+
+def _resized(values: FloatArray, size: tuple[int, int], to: tuple[int, int]) -> FloatImage:
+    """Cells (columns, rows) as a raster of another size, (rows, columns)."""
+    raster = values.reshape(size[1], size[0]).astype(np.float32)
+    return np.asarray(cv2.resize(raster, to, interpolation=cv2.INTER_LINEAR))
+
+
+def _places(size: tuple[int, int]) -> FloatArray:
+    """Column and row of each cell, (cells, 2)."""
+    x, y = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    return np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+
+
+def _light(
+    channels: FloatImage, free: Mask, core: Mask, size: tuple[int, int], local: bool
+) -> FloatArray:
+    """Light of each cell and channel, (cells, c)."""
     bath, bath_share = _cells(channels, free, size)
     ink, ink_share = _cells(channels, core, size)
     basis = _basis(size)
-    out = np.empty_like(channels)
     is_bath = bath_share > _LEAST
     is_ink = _ink_cells(bath, ink, bath_share, ink_share, basis[:, :_SECOND])
     if is_bath.sum() < _ENOUGH:
         basis = basis[:, :_SECOND]
-    for c in range(count):
+    out = np.empty_like(bath)
+    for c in range(out.shape[1]):
         light = _fit(basis, bath[:, c], bath_share * is_bath, ink[:, c], ink_share * is_ink)
-        light = light.reshape(size[1], size[0])
         if local:
-            light = light + _local(bath[:, c].reshape(light.shape) - light, bath_share, is_bath)
-        out[:, :, c] = channels[:, :, c] - cv2.resize(
-            light.astype(np.float32), (wide, high), interpolation=cv2.INTER_LINEAR
-        )
+            rest = (bath[:, c] - light).reshape(size[1], size[0])
+            light = light + _local(rest, bath_share, is_bath).ravel()
+        out[:, c] = light
     return out
 
 

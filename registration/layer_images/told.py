@@ -50,6 +50,8 @@ _ALONE = 0.8
 """Widths to the next ink: nearer, and edges by which ink is told may be missing."""
 ASIDE = 0.1
 """Slant from which on each direction must show ink of its own."""
+_FEW_ALONE, _LEAST_ALONE = 60, 0.05
+"""Places without another line over them, and their share, to learn from them alone."""
 _SECTORS = 12
 _LEAST_INK = 0.7
 _WEAK = 0.4
@@ -143,8 +145,9 @@ def tell_ink(
     if bath is None or not use.any():
         return None
     known = ground.known if _fits(ground.known, ground.flat.shape[2]) else None
-    mixes = [known.mix] if known else mixes_of(ground.smooth, bath, seen, ways.width, use)
-    ink = _ink_levels(ground.smooth, bath, seen, use)
+    alone = _alone(ways, use)
+    mixes = [known.mix] if known else mixes_of(ground.smooth, bath, seen, ways.width, alone)
+    ink = _ink_levels(ground.smooth, bath, seen, alone)
     best: Told | None = None
     for mix in mixes:
         told = _by_mix(mix, ink, bath, known, ground, ways, seen, sides, use, rng)
@@ -172,7 +175,7 @@ def _by_mix(
     strange = _strange(ground, bath, ink, width_px)
     profiles = seen.profiles(mixed, ways.width[:, None] * ACROSS)
     why, angle = reasons(ground.work, seen, ways, strange), angle_of(seen)
-    learn = use & (why == Unseen.SEEN)
+    learn = _alone(ways, use & (why == Unseen.SEEN))
     if learn.sum() < _FEWEST and known is None:
         return None
     if known:
@@ -203,9 +206,12 @@ def _by_mix(
         why[(why == Unseen.SEEN) & _unlearned(angle, present)] = int(Unseen.FAINT)
     good = use & (why == Unseen.SEEN)
     noise, contrast = (
-        window_noise(present, good, ways, fake_present, ground.gap_mm, known is not None),
+        window_noise(
+            present, _alone(ways, good), ways, fake_present, ground.gap_mm, known is not None,
+            template.by_edges,
+        ),
         0.0,
-    )
+    )  # fmt: skip
     faint = True
     if noise is not None:
         contrast = noise.contrast(ground.gap_mm)
@@ -219,6 +225,12 @@ def _by_mix(
         image, profiles, present, plain, why, template, noise, contrast, strange, look, bath_spread,
         _log_step(mix, ink, ground.work.is_log), ink, faint,
     )  # fmt: skip
+
+
+def _alone(ways: Ways, use: BoolArray) -> BoolArray:
+    """Places over which no other line lies; all where too few of them are left."""
+    alone = use & ~ways.crossed
+    return alone if alone.sum() > max(_FEW_ALONE, _LEAST_ALONE * use.sum()) else use
 
 
 def _unlearned(angle: FloatArray, present: FloatArray) -> BoolArray:
