@@ -2,7 +2,7 @@
 
 In logarithms light adds. It is a polynomial of fourth order, fitted to the bath and, one step away
 from it, to the ink (so that a large filled area has light of its own), straight soft shadows that
-the bath shows from one end to the other (`shadow_bars`), and what it shows of light beyond that
+the bath shows from one end to the other (`bar_light`), and what it shows of light beyond that
 over some millimetres.
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from registration.layer_images.shadow_bars import shadow_bars
+from registration.layer_images.shadow_bars import bar_directions, bar_light
 from registration.layer_images.values import BoolArray, FloatArray, FloatImage
 from registration.layer_images.working import Mask, shrunk
 
@@ -20,6 +20,8 @@ _FINE_MM = 0.2
 """Cells for shadows, whose edges may be half a millimetre wide."""
 _ROUNDS = 2
 """Polynomial and shadows in turn."""
+_BIN = 1.5
+"""Cells to a place across a shadow."""
 _ORDER = 4
 _SECOND = 6
 """Terms up to the second order."""
@@ -48,23 +50,37 @@ def flattened(
     """
     high, wide = channels.shape[:2]
     size = _size(channels, _CELL_MM * px_per_mm)
-    fine = _size(channels, _FINE_MM * px_per_mm)
-    bath, share = _cells(channels, free, fine)
-    bars = np.zeros_like(bath)
-    own, out = channels, np.empty_like(channels)
-    for _ in range(_ROUNDS):
-        light = _light(own, free, core, size, local=False)
-        rest = bath - np.column_stack([_resized(one, size, fine).ravel() for one in light.T])
-        found = shadow_bars(rest, share * (share > _LEAST), _places(fine), 1.5)
-        if not found.any():
-            break
-        bars = found
-        shade = [_resized(one, fine, (wide, high)) for one in bars.T]
-        own = channels - np.stack(shade, axis=2)
-    light = _light(own, free, core, size, local)
-    for c in range(own.shape[2]):
+    own, light = _without_bars(channels, free, core, size, _size(channels, _FINE_MM * px_per_mm))
+    if local:
+        bath, share = _cells(own, free, size)
+        for c in range(light.shape[1]):
+            rest = (bath[:, c] - light[:, c]).reshape(size[1], size[0])
+            light[:, c] += _local(rest, share, share > _LEAST).ravel()
+    out = np.empty_like(channels)
+    for c in range(out.shape[2]):
         out[:, :, c] = own[:, :, c] - _resized(light[:, c], size, (wide, high))
     return out
+
+
+def _without_bars(
+    channels: FloatImage, free: Mask, core: Mask, size: tuple[int, int], fine: tuple[int, int]
+) -> tuple[FloatImage, FloatArray]:
+    """Channels less straight shadows, and the polynomial of the rest at cells (cells, c)."""
+    bath, share = _cells(channels, free, fine)
+    weight, at = share * (share > _LEAST), _places(fine)
+    own, light = channels, _light(channels, free, core, size)
+    angles: list[float] = []
+    for number in range(_ROUNDS):
+        rest = bath - np.column_stack([_resized(one, size, fine).ravel() for one in light.T])
+        if number == 0:
+            angles = bar_directions(rest, weight, at, _BIN)
+        if not angles:
+            break
+        bars = bar_light(rest, weight, at, _BIN, angles)
+        shade = [_resized(one, fine, channels.shape[1::-1]) for one in bars.T]
+        own = channels - np.stack(shade, axis=2)
+        light = _light(own, free, core, size)
+    return own, light
 
 
 def _size(channels: FloatImage, cell_px: float) -> tuple[int, int]:
@@ -86,10 +102,8 @@ def _places(size: tuple[int, int]) -> FloatArray:
     return np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
 
 
-def _light(
-    channels: FloatImage, free: Mask, core: Mask, size: tuple[int, int], local: bool
-) -> FloatArray:
-    """Light of each cell and channel, (cells, c)."""
+def _light(channels: FloatImage, free: Mask, core: Mask, size: tuple[int, int]) -> FloatArray:
+    """Polynomial of the light of each channel, (cells, c)."""
     bath, bath_share = _cells(channels, free, size)
     ink, ink_share = _cells(channels, core, size)
     basis = _basis(size)
@@ -99,11 +113,7 @@ def _light(
         basis = basis[:, :_SECOND]
     out = np.empty_like(bath)
     for c in range(out.shape[1]):
-        light = _fit(basis, bath[:, c], bath_share * is_bath, ink[:, c], ink_share * is_ink)
-        if local:
-            rest = (bath[:, c] - light).reshape(size[1], size[0])
-            light = light + _local(rest, bath_share, is_bath).ravel()
-        out[:, c] = light
+        out[:, c] = _fit(basis, bath[:, c], bath_share * is_bath, ink[:, c], ink_share * is_ink)
     return out
 
 

@@ -25,7 +25,7 @@ _SIDE = 0.15
 """Of a width: nearer than that to an edge a side isn't clear bath."""
 _TAILS: Final = (0.02, 0.005)
 _PILED: Final = 1.5
-"""Times the rest of the scatter, that an upper tail counts for at most."""
+"""Times the scatter below the middle, that the one above counts for at most."""
 _FEWEST = 16
 _FEW: Final = 5.0
 """Spreads of n windows are widened by 1 + 5 / n."""
@@ -167,9 +167,9 @@ def window_noise(
     """Measure scatter; None where there is too little ink, unless ink's look is known.
 
     Missing ink lowers presence, so that the upper half of all values is that of ink; the lower half
-    counts as far as it is ink at all. The tails are measured, not taken for normal. An upper tail far
-    beyond the rest is more ink or debris, unless ink is told ``by_edges``, whose strength means
-    nothing.
+    counts as far as it is ink at all. The tails are measured, not taken for normal. What scatters
+    far more above the middle than below is more ink or debris, unless ink is told ``by_edges``,
+    whose strength means nothing.
     """
     step = float(np.median(ways.step))
     ink_values = values[good & (values > INK)]
@@ -203,13 +203,13 @@ def _bath_spread(values: FloatArray, step: float, gap_mm: float) -> float:
 def _spread(values: FloatArray, most_above: float = np.inf) -> float:
     """Standard deviation by the wider half, or by the tails where those are wider.
 
-    The upper tail counts up to ``most_above`` times the rest.
+    What lies above the median counts up to ``most_above`` times what lies below.
     """
     middle = float(np.median(values))
     low, high = np.percentile(values, [15.87, 84.13])
-    found, above = max(middle - low, high - middle), 0.0
+    below, above = middle - low, high - middle
     for tail in _TAILS:
         if tail * len(values) >= 5:
             lower, upper = (np.quantile(values, [tail, 1 - tail]) - middle) / norm.isf(tail)
-            found, above = max(found, -lower), max(above, upper)
-    return float(max(found, min(above, most_above * found)))
+            below, above = max(below, -lower), max(above, upper)
+    return float(max(below, min(above, most_above * below)))

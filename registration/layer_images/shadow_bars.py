@@ -35,10 +35,10 @@ class _Bins:
     count: int
 
 
-def shadow_bars(
+def bar_directions(
     rest: FloatArray, weight: FloatArray, at: FloatArray, bin_width: float
-) -> FloatArray:
-    """Return what straight bars add to each cell's light, (n, c).
+) -> list[float]:
+    """Return the directions across straight bars in the bath's light, radians.
 
     Parameters
     ----------
@@ -51,12 +51,27 @@ def shadow_bars(
     bin_width : float
         In the unit of ``at``.
     """
-    total = np.zeros_like(rest)
-    for _ in range(_MOST):
-        angle = _direction(rest - total, weight, at, bin_width)
+    use = weight > 0
+    if use.sum() < _FEWEST * _FEWEST_BINS:
+        return []
+    grey, own, place = rest[use].mean(axis=1), weight[use], at[use]
+    found: list[float] = []
+    while len(found) < _MOST:
+        angle = _direction(grey, own, place, bin_width)
         if angle is None:
             break
-        total = total + _profile(rest - total, weight, at, angle, bin_width)
+        found.append(angle)
+        grey = grey - _profile(grey[:, None], own, place, angle, bin_width)[:, 0]
+    return found
+
+
+def bar_light(
+    rest: FloatArray, weight: FloatArray, at: FloatArray, bin_width: float, angles: list[float]
+) -> FloatArray:
+    """Return what bars across ``angles`` add to each cell's light, (n, c)."""
+    total = np.zeros_like(rest)
+    for angle in angles:
+        total += _profile(rest - total, weight, at, angle, bin_width)
     return total
 
 
@@ -64,19 +79,15 @@ def _direction(
     rest: FloatArray, weight: FloatArray, at: FloatArray, bin_width: float
 ) -> float | None:
     """Direction across the strongest bar, radians; None where there is none."""
-    use = weight > 0
-    if use.sum() < _FEWEST * _FEWEST_BINS:
-        return None
-    own, w, place = rest[use], weight[use], at[use]
-    own = own - (w @ own) / w.sum()
-    variance = float((w[:, None] * own**2).sum())
+    rest = rest - (weight @ rest) / weight.sum()
+    variance = float(weight @ rest**2)
     step = np.pi / _ANGLES
-    tried = [(*_score(own, w, place, k * step, bin_width), k * step) for k in range(_ANGLES)]
+    tried = [(*_score(rest, weight, at, k * step, bin_width), k * step) for k in range(_ANGLES)]
     best = max(tried)
     for _ in range(3):
         step /= 2
         near = (best[2] - step, best[2] + step)
-        best = max(best, *((*_score(own, w, place, a, bin_width), a) for a in near))
+        best = max(best, *((*_score(rest, weight, at, a, bin_width), a) for a in near))
     score, alike, angle = best
     return angle if score > _EXPLAINED * variance and alike > _ALIKE else None
 
@@ -93,14 +104,12 @@ def _score(
     known = (cells >= _FEWEST).all(axis=0)
     if known.sum() < _FEWEST_BINS:
         return 0.0, 0.0
-    both, power = 0.0, np.zeros(2)
     shared = total[:, known].sum(axis=0)
-    for c in range(rest.shape[1]):
-        sums = np.bincount(index, weights=weight * rest[:, c], minlength=size).reshape(2, -1)
-        mean = sums[:, known] / total[:, known]
-        mean -= (mean @ shared / shared.sum())[:, None]
-        both += float(shared @ (mean[0] * mean[1]))
-        power += (mean**2) @ shared
+    sums = np.bincount(index, weights=weight * rest, minlength=size).reshape(2, -1)
+    mean = sums[:, known] / total[:, known]
+    mean -= (mean @ shared / shared.sum())[:, None]
+    both = float(shared @ (mean[0] * mean[1]))
+    power = (mean**2) @ shared
     return both, both / max(float(np.sqrt(power[0] * power[1])), 1e-12)
 
 
@@ -117,13 +126,17 @@ def _profile(
     across = at @ (np.cos(angle), np.sin(angle))
     of = np.floor((across - across.min()) / bin_width).astype(np.int64)
     use = np.flatnonzero(weight > 0)
-    use = use[np.argsort(of[use], kind="stable")]
-    number, first = np.unique(of[use], return_index=True)
-    groups = [g for g in np.split(use, first[1:]) if len(g) >= _FEWEST]
-    places = np.array([across[g].mean() for g in groups])
+    own = of[use]
+    _, first, count = np.unique(np.sort(own), return_index=True, return_counts=True)
+    enough = count >= _FEWEST
+    middle = (first + count // 2)[enough]
+    if len(middle) < 2:
+        return np.zeros_like(rest)
     out = np.empty_like(rest)
+    places = across[use][np.lexsort((across[use], own))][middle]
     for c in range(rest.shape[1]):
-        level = np.array([np.median(rest[g, c]) for g in groups])
+        values = rest[use, c]
+        level = values[np.lexsort((values, own))][middle]
         padded = np.concatenate([level[:1], level, level[-1:]])
         smooth = 0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:]
         out[:, c] = np.interp(across, places, smooth)

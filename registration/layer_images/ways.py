@@ -27,7 +27,7 @@ _STRAIGHT = 0.9
 """Cosine of the turn, above which a way goes on straight."""
 _OVER = 0.85
 """Of the mean width: lines whose middles are nearer lie over each other."""
-_DETOUR = 1.3
+_DETOUR = 1.25
 """Way along a line over the distance of two of its places, from which on it has turned back."""
 _CHUNK = 20_000
 """OpenCV takes pictures of at most 2^15 samples a side."""
@@ -88,9 +88,8 @@ class Ways:
         reach = _OVER * float(self.width.max())
         one, other = cKDTree(at).query_pairs(reach, output_type="ndarray").T
         apart = np.linalg.norm(at[one] - at[other], axis=1)
-        slack = 0.5 * (self.step[one] + self.step[other])
         along = np.abs(self.along[one] - self.along[other])
-        same = (self.run[one] == self.run[other]) & (along < _DETOUR * apart + slack)
+        same = (self.run[one] == self.run[other]) & (along < _DETOUR * apart)
         over = (apart < _OVER * 0.5 * (self.width[one] + self.width[other])) & ~same
         out[one[over]] = out[other[over]] = True
         return out
