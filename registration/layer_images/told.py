@@ -23,7 +23,7 @@ from registration.layer_images.presence import (
     presence,
     window_noise,
 )
-from registration.layer_images.strange import grown, strange_places
+from registration.layer_images.strange import grown, strange_places, strangeness, unlike_bath
 from registration.layer_images.values import (
     Appearance,
     BoolArray,
@@ -82,6 +82,8 @@ class Told:
     contrast : float
         Ink over background, in standard deviations of a place as long as a tolerated gap.
     strange : (h, w) bool
+    unlike_bath : (h, w) float32
+        Above 1 where it surely is neither bath nor on the way to ink.
     appearance : Appearance
     bath_spread : float
         Of a place's level in the image, at a single place across.
@@ -102,6 +104,7 @@ class Told:
     noise: WindowNoise | None
     contrast: float
     strange: BoolArray
+    unlike_bath: FloatImage
     appearance: Appearance
     bath_spread: float
     log_step: float
@@ -172,7 +175,8 @@ def _by_mix(
 ) -> Told | None:
     mixed = np.asarray(ground.flat @ mix.astype(np.float32) - np.float32(bath.mean @ mix))
     width_px = float(np.median(ways.width)) * ground.work.px_per_mm
-    strange = _strange(ground, bath, ink, width_px)
+    away = strangeness(ground.smooth, bath, ink)
+    strange = _strange(ground, away, width_px)
     profiles = seen.profiles(mixed, ways.width[:, None] * ACROSS)
     why, angle = reasons(ground.work, seen, ways, strange), angle_of(seen)
     learn = _alone(ways, use & (why == Unseen.SEEN))
@@ -222,7 +226,8 @@ def _by_mix(
             noise = None
     look = Appearance(mix, template.terms * template.scale, template.filled)
     return Told(
-        image, profiles, present, plain, why, template, noise, contrast, strange, look, bath_spread,
+        image, profiles, present, plain, why, template, noise, contrast, strange,
+        unlike_bath(away, ground.free), look, bath_spread,
         _log_step(mix, ink, ground.work.is_log), ink, faint,
     )  # fmt: skip
 
@@ -284,8 +289,8 @@ def _log_step(mix: FloatArray, ink: FloatArray, is_log: bool) -> float:
     return float(np.clip(weight @ ink / weight.sum(), -3.0, 3.0))
 
 
-def _strange(ground: Ground, bath: BathNoise, ink: FloatArray, width_px: float) -> BoolArray:
-    found = strange_places(ground.smooth, bath, ink, ground.free, ground.fresh, width_px)
+def _strange(ground: Ground, away: FloatImage, width_px: float) -> BoolArray:
+    found = strange_places(away, ground.free, ground.fresh, width_px)
     saturated = ground.work.bad
     lines = ground.fresh > 0
     on, off = (_share(saturated, mask) for mask in (lines, ~lines))

@@ -1,0 +1,56 @@
+"""Tell missing ink from debris on a line that is about as bright as the bath."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from registration.layer_images.ink_image import ACROSS, CORE
+from registration.layer_images.told import Told
+from registration.layer_images.values import FloatImage, Gap, IntArray, Unseen
+from registration.layer_images.ways import Seen, Ways
+
+_LEFT: Final = np.abs(ACROSS - 0.325) < 0.075
+"""A line's flank: bare as well where ink is missing, not beside a crumb on the line."""
+_MIDDLE: Final = np.abs(ACROSS) < 0.25
+_FLANK_INK: Final = 0.4
+"""Of the flank's usual level, from which on ink is seen there."""
+_MOST_UNLIKE: Final = 90
+"""Percentile of a gap's core that must look like bath."""
+
+
+def is_bare(gap: Gap, ways: Ways, seen: Seen, told: Told, why: IntArray) -> bool:
+    """Whether a gap surely shows bath, over the line's whole width; marks others as unclear.
+
+    Parameters
+    ----------
+    gap : Gap
+    ways : Ways
+    seen : Seen
+        Of the places of ``ways``.
+    told : Told
+        Ink told by its level; by its edges alone a line has no flanks to look at.
+    why : (n,) int64
+        `Unseen`, changed where it isn't clear.
+    """
+    rows = np.flatnonzero(
+        (ways.stroke == gap.stroke) & (ways.along > gap.from_mm) & (ways.along < gap.to_mm)
+    )
+    if not len(rows) or told.noise is None:
+        return True
+    here = Seen(seen.at[rows], seen.across[rows], seen.along[rows])
+    core = here.profiles(told.unlike_bath, ways.width[rows, None] * ACROSS[CORE])
+    alike = float(np.percentile(core, _MOST_UNLIKE)) < 1.0
+    if alike and (told.template.by_edges or not _flanked(told, told.profiles[rows])):
+        return True
+    why[rows] = int(Unseen.UNCLEAR)
+    return False
+
+
+def _flanked(told: Told, profiles: FloatImage) -> bool:
+    """Whether ink is seen to a side where least of it is seen in the middle."""
+    depth = profiles[:, _MIDDLE].mean(axis=1)
+    deepest = profiles[np.argsort(depth)[: max(1, len(depth) // 2)]].mean(axis=0)
+    usual = told.template.values
+    return any(deepest[z].mean() > _FLANK_INK * usual[z].mean() for z in (_LEFT, _LEFT[::-1]))
